@@ -1,0 +1,1 @@
+"""Comparison of measured and simulated trajectories: alignment, scores, cubes."""

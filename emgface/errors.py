@@ -1,0 +1,40 @@
+"""Typed failures of the study chain.
+
+Each message is one sentence: what was found, what was expected, what to try.
+"""
+
+
+class EmgfaceError(Exception):
+    """Base of all failures that emgface itself raises."""
+
+
+class DataError(EmgfaceError, ValueError):
+    """A recording, face model or stored result cannot be used as it is."""
+
+
+class SchemaError(DataError):
+    """Names, dims or ranges of a dataset differ from its declared schema."""
+
+
+class UnitsError(DataError):
+    """A variable carries no unit, or one that is not the declared one."""
+
+
+class SignalError(DataError):
+    """A signal cannot be processed: gap, constant, too short, rate too low."""
+
+
+class MarkerError(DataError):
+    """Markers are absent or have gaps that cannot be bridged."""
+
+
+class FaceError(DataError):
+    """A face model is unusable: inverted element, muscle with no element."""
+
+
+class ActivationError(DataError):
+    """An activation lies outside 0-1 or is not finite."""
+
+
+class ConfigurationError(EmgfaceError, ValueError):
+    """A study file holds an unknown parameter or a value out of range."""

@@ -1,0 +1,1 @@
+"""The face model: geometry, muscles and markers as one labelled dataset."""

@@ -1,0 +1,78 @@
+"""The muscle, channel and marker names of the study and its relevance table.
+
+Source: Eskes et al. 2017 (doi:10.1007/s11548-017-1671-5), Methods and Table 1. Muscle index 1-10 is
+the left side, 11-20 the right.
+"""
+
+from typing import Final
+
+SIDES: Final = ("L", "R")
+
+MEASURED: Final = ("OOS", "OOI", "RIS", "ZYG", "LLSAN", "DAO", "MEN")
+"""The seven muscles per side that carry electrodes."""
+
+MODELLED: Final = ("ZYG", "RIS", "LLSAN", "LAO", "BUC", "OOP", "OOM", "DLI", "DAO", "MEN")
+"""The ten muscles per side of the face model, in the paper's order of Fig. 1."""
+
+MUSCLE_NAMES: Final = {
+    "ZYG": "zygomaticus major",
+    "RIS": "risorius",
+    "LLSAN": "levator labii superioris alaeque nasi",
+    "LAO": "levator anguli oris",
+    "BUC": "buccinator",
+    "OOP": "orbicularis oris peripheralis",
+    "OOM": "orbicularis oris marginalis",
+    "DLI": "depressor labii inferioris",
+    "DAO": "depressor anguli oris",
+    "MEN": "mentalis",
+    "OOS": "orbicularis oris superior",
+    "OOI": "orbicularis oris inferior",
+}
+
+CHANNELS: Final = tuple(f"{name}_{side}" for side in SIDES for name in MEASURED)
+MUSCLES: Final = tuple(f"{name}_{side}" for side in SIDES for name in MODELLED)
+
+INSTRUCTIONS: Final = {
+    "A": "purse lips",
+    "B": "raise upper lip",
+    "C": "depress mouth corners",
+    "D": "voluntary smile",
+    "E": "left-right-left with closed mouth",
+    "F": "purse lips, closed mouth smile, purse lips",
+}
+
+RELEVANT: Final = {
+    "A": ("OOP", "OOM", "BUC"),
+    "B": ("LLSAN",),
+    "C": ("DAO", "MEN"),
+    "D": ("LLSAN", "RIS", "ZYG", "LAO", "DAO", "DLI"),
+    "E": ("OOP", "OOM", "LLSAN", "RIS", "ZYG", "LAO", "BUC"),
+    "F": ("OOP", "OOM", "LLSAN", "RIS", "ZYG", "LAO", "BUC"),
+}
+"""Table 1: muscles of the strategy act_rel per instruction, both sides."""
+
+LIP_MARKERS: Final = (
+    "corner_left",
+    "upper_lateral_left",
+    "upper_paramedian_left",
+    "upper_paramedian_right",
+    "upper_lateral_right",
+    "corner_right",
+    "lower_lateral_left",
+    "lower_paramedian_left",
+    "lower_paramedian_right",
+    "lower_lateral_right",
+)
+
+FACE_MARKERS: Final = (
+    "forehead_left",
+    "forehead_right",
+    "temple_left",
+    "temple_right",
+    "nasion",
+    "rhinion",
+)
+"""Six markers on skin that moves with the skull, for the head frame."""
+
+AXES: Final = ("x", "y", "z")
+"""Frame of the face: x lateral (+x is the subject's right), y anterior, z superior."""

@@ -1,0 +1,65 @@
+"""Typed failures of the mechanics.
+
+Each message is one sentence: what was found, what was expected, what to try.
+"""
+
+
+class SimulationError(Exception):
+    """Base of all failures that the mechanics raises."""
+
+
+class MeshError(SimulationError, ValueError):
+    """A mesh is unusable at rest: inverted element, node out of range, unused node."""
+
+
+class ControlError(SimulationError, ValueError):
+    """An activation is not finite, lies outside 0-1 or has the wrong length."""
+
+
+class SceneError(SimulationError, ValueError):
+    """Parts of a scene do not fit together."""
+
+
+class InvertedElement(SimulationError):
+    """A Gauss point of an element has det F <= 0.
+
+    Attributes
+    ----------
+    element : int
+        Index of the element in its block order (the mesh's element numbering).
+    det_F : float
+        Determinant found there.
+    time : float
+        Simulated time in seconds.
+    """
+
+    def __init__(self, element: int, det_F: float, time: float) -> None:
+        self.element, self.det_F, self.time = element, det_F, time
+        super().__init__(
+            f"element {element} inverted at t = {time:.4g} s (det F = {det_F:.3g}, expected > 0): "
+            "try a smaller step, a lower sigma_max, or the converged solver"
+        )
+
+
+class NotConverged(SimulationError):
+    """A step ended without meeting its tolerances.
+
+    Attributes
+    ----------
+    residuals : tuple of float
+        Residual norm in newtons at every iteration.
+    time : float
+        Simulated time in seconds.
+    """
+
+    def __init__(self, residuals: tuple[float, ...], time: float, why: str) -> None:
+        self.residuals, self.time = residuals, time
+        last = f"{residuals[-1]:.3g} N" if residuals else "unknown"
+        super().__init__(
+            f"the step to t = {time:.4g} s did not converge ({why}; residual {last} after "
+            f"{len(residuals)} iterations): try a smaller step or a lower activation"
+        )
+
+
+class SingularSystem(SimulationError):
+    """A matrix could not be factorised or solved."""
