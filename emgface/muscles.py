@@ -1,7 +1,7 @@
 """The muscle, channel and marker names of the study and its relevance table.
 
-Source: Eskes et al. 2017 (doi:10.1007/s11548-017-1671-5), Methods and Table 1. Muscle index 1-10 is
-the left side, 11-20 the right.
+Source: Eskes et al. 2017, Methods and Table 1 (data: doi:10.17605/OSF.IO/DUX3W). Muscle index
+1-10 is the left side, 11-20 the right.
 """
 
 from typing import Final
