@@ -38,3 +38,7 @@ class ActivationError(DataError):
 
 class ConfigurationError(EmgfaceError, ValueError):
     """A study file holds an unknown parameter or a value out of range."""
+
+
+class StoreError(EmgfaceError):
+    """Results cannot be written or their parameters not expressed as plain data."""

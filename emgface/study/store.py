@@ -1,0 +1,318 @@
+"""Results of stages, kept as netCDF under a digest of all they depend on.
+
+A result lies in ``<folder>/<stage>/<digest>.nc`` with ``<digest>.json`` beside it, which says in
+plain words what it came from. The digest covers the stage's name, the digests of its inputs, its
+parameters and the source text of the modules that computed it: a changed parameter, recording or
+line of code gives another digest, so that nothing stale is ever served and a study that was
+interrupted computes only what is absent.
+"""
+
+import hashlib
+import importlib.util
+import json
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import StoreError
+
+SCHEMA_VERSION = 1
+DIGEST_LENGTH = 32
+
+Outcome = Literal["computed", "reused", "recomputed"]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A step of the study whose results are kept.
+
+    Attributes
+    ----------
+    name : str
+        Folder of its results, one word.
+    modules : tuple of str
+        Dotted names of the modules and packages whose source decides the result.
+    """
+
+    name: str
+    modules: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happened to one result: computed, reused, or recomputed because it was damaged."""
+
+    stage: str
+    digest: str
+    label: str
+    outcome: Outcome
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """A stored dataset, its digest (the input of later stages) and how it came about."""
+
+    dataset: xr.Dataset
+    digest: str
+    outcome: Outcome
+    path: Path
+
+
+def canonical_json(value: Any) -> str:
+    """One text per value: keys sorted, no blanks, NaN refused.
+
+    Raises
+    ------
+    StoreError
+        If the value holds something JSON cannot express, such as NaN or an array.
+    """
+    try:
+        return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise StoreError(
+            f"parameters of a stage cannot be written as JSON ({error}): expected finite numbers, "
+            "text, true or false, lists and tables of these"
+        ) from error
+
+
+def text_digest(text: str) -> str:
+    """SHA-256 of a text, shortened to 128 bits, as hexadecimal digits."""
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGEST_LENGTH]
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file, all 64 hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def dataset_digest(dataset: xr.Dataset) -> str:
+    """Digest of the content of a dataset: names, dims, values and attributes, in a fixed order.
+
+    Two files with the same content have the same digest although their bytes may differ.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(dataset.variables, key=str):
+        variable = dataset.variables[name]
+        values = np.ascontiguousarray(variable.values)
+        if values.dtype.kind in "OUS":
+            data = "\0".join(map(str, values.ravel().tolist())).encode()
+            kind = "text"
+        else:
+            data, kind = values.tobytes(), values.dtype.str
+        head = [str(name), list(map(str, variable.dims)), list(values.shape), kind]
+        digest.update(canonical_json(head).encode())
+        digest.update(data)
+        digest.update(canonical_json(_plain(variable.attrs)).encode())
+    digest.update(canonical_json(_plain(dataset.attrs)).encode())
+    return digest.hexdigest()[:DIGEST_LENGTH]
+
+
+def _plain(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    return {
+        str(key): value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+        for key, value in attrs.items()
+    }
+
+
+@cache
+def code_version(modules: tuple[str, ...]) -> str:
+    """Digest of the source text of modules; a package counts with all modules below it.
+
+    Raises
+    ------
+    StoreError
+        If a name is no importable module with source.
+    """
+    digest = hashlib.sha256()
+    for module in sorted(modules):
+        spec = importlib.util.find_spec(module)
+        if spec is None or spec.origin is None:
+            raise StoreError(f"no source found for {module!r}, expected an importable module")
+        origin = Path(spec.origin)
+        files = sorted(origin.parent.rglob("*.py")) if origin.stem == "__init__" else [origin]
+        for file in files:
+            digest.update(f"{module}:{file.relative_to(origin.parent).as_posix()}\0".encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:DIGEST_LENGTH]
+
+
+@dataclass
+class Store:
+    """A folder of stage results.
+
+    Attributes
+    ----------
+    folder : Path
+        Created when missing.
+    report : callable
+        Receives one sentence when a stored file is found damaged and computed anew.
+    events : list of Event
+        What this process computed and reused, in order.
+    """
+
+    folder: Path
+    report: Callable[[str], None] = print
+    events: list[Event] = field(default_factory=list)
+
+    def __post_init__(self) -> None:  # noqa: D105
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StoreError(
+                f"the folder {self.folder} cannot be created ({error.strerror}): "
+                "choose a folder you may write to"
+            ) from error
+
+    def key(
+        self, stage: Stage, inputs: Mapping[str, str], parameters: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """All that a result depends on, as plain data."""
+        return {
+            "stage": stage.name,
+            "inputs": dict(inputs),
+            "parameters": json.loads(canonical_json(dict(parameters))),
+            "code": {"modules": list(stage.modules), "version": code_version(stage.modules)},
+        }
+
+    def path(self, key: Mapping[str, Any]) -> Path:
+        """File of the result with this key."""
+        return self.folder / str(key["stage"]) / f"{text_digest(canonical_json(key))}.nc"
+
+    def get_or_compute(
+        self,
+        stage: Stage,
+        inputs: Mapping[str, str],
+        parameters: Mapping[str, Any],
+        compute: Callable[[], xr.Dataset],
+        *,
+        label: str = "",
+    ) -> Result:
+        """Return the stored result, computing and storing it when absent or damaged.
+
+        Parameters
+        ----------
+        stage : Stage
+            Which step of the study.
+        inputs : mapping of str to str
+            Digest of each input, by its name.
+        parameters : mapping
+            All parameters the result depends on; JSON-expressible.
+        compute : callable
+            Takes nothing, returns the dataset. What it raises passes through; nothing is stored.
+        label : str
+            Words for a reader of the index; not part of the digest.
+
+        Returns
+        -------
+        Result
+
+        Raises
+        ------
+        StoreError
+            If parameters are not JSON-expressible or the folder cannot be written.
+        """
+        key = self.key(stage, inputs, parameters)
+        path = self.path(key)
+        started = time.perf_counter()
+        damage = self._damage(path, key)
+        if damage is None:
+            dataset: xr.Dataset | None
+            try:
+                dataset = xr.load_dataset(path, engine="netcdf4")
+            except (OSError, ValueError, RuntimeError) as error:
+                dataset, damage = None, f"cannot be read ({error})"
+            if dataset is not None:
+                self._log(stage, path, label, "reused", started)
+                return Result(dataset, path.stem, "reused", path)
+        if damage:
+            self.report(f"Stored result {path.name} of stage {stage.name} {damage}; computing it.")
+        dataset = compute()
+        self._write(dataset, path, key, label, time.perf_counter() - started)
+        outcome: Outcome = "recomputed" if damage else "computed"
+        self._log(stage, path, label, outcome, started)
+        return Result(dataset, path.stem, outcome, path)
+
+    def _log(self, stage: Stage, path: Path, label: str, outcome: Outcome, started: float) -> None:
+        seconds = time.perf_counter() - started
+        self.events.append(Event(stage.name, path.stem, label, outcome, seconds))
+
+    def _damage(self, path: Path, key: Mapping[str, Any]) -> str | None:
+        """Why the stored file cannot serve: None when it can, empty when it is just absent."""
+        index = path.with_suffix(".json")
+        if not path.exists() and not index.exists():
+            return ""
+        if not path.exists():
+            return "is missing beside its index"
+        if not index.exists():
+            return "has no index beside it, so its origin is unknown"
+        try:
+            known = json.loads(index.read_text())
+            digest, size, recorded = known["sha256"], known["bytes"], known["key"]
+        except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError):
+            return "has an index that cannot be read"
+        if recorded != key:
+            return "was made from something else"
+        if path.stat().st_size != size:
+            return f"has {path.stat().st_size} bytes where {size} were written"
+        if file_digest(path) != digest:
+            return "differs from what was written"
+        return None
+
+    def _write(
+        self, dataset: xr.Dataset, path: Path, key: Mapping[str, Any], label: str, seconds: float
+    ) -> None:
+        write_netcdf(dataset, path)
+        index = {
+            "label": label,
+            "written": datetime.now(UTC).isoformat(timespec="seconds"),
+            "seconds": round(seconds, 3),
+            "schema_version": SCHEMA_VERSION,
+            "bytes": path.stat().st_size,
+            "sha256": file_digest(path),
+            "key": key,
+        }
+        write_text(json.dumps(index, indent=2) + "\n", path.with_suffix(".json"))
+
+
+def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
+    """Write a dataset in one piece: a reader finds the old file or the whole new one.
+
+    Raises
+    ------
+    StoreError
+        If the folder cannot be written or the dataset cannot be expressed as netCDF.
+    """
+    _replace(path, lambda temporary: dataset.to_netcdf(temporary, engine="netcdf4"))
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a text file in one piece.
+
+    Raises
+    ------
+    StoreError
+        If the folder cannot be written.
+    """
+    _replace(path, lambda temporary: temporary.write_text(text))
+
+
+def _replace(path: Path, write: Callable[[Path], Any]) -> None:
+    temporary = path.with_name(f".{path.stem}-{uuid.uuid4().hex}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(temporary)
+        temporary.replace(path)
+    except (OSError, TypeError, ValueError) as error:
+        raise StoreError(f"{path} cannot be written: {error}") from error
+    finally:  # also when interrupted: nothing half-written stays behind
+        temporary.unlink(missing_ok=True)
