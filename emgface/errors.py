@@ -42,3 +42,7 @@ class ConfigurationError(EmgfaceError, ValueError):
 
 class StoreError(EmgfaceError):
     """Results cannot be written or their parameters not expressed as plain data."""
+
+
+class FeatureWarning(UserWarning):
+    """A feature was computed but says nothing: zero or saturated in every window."""
