@@ -1,0 +1,212 @@
+"""Surface EMG synthesised from known activations.
+
+Each channel is ``gain * drive(t) * noise(t)``: stationary Gaussian noise with the power spectrum of
+surface EMG, its amplitude proportional to what the muscles under the electrode do; then cross-talk
+between neighbouring channels, baseline noise of the amplifier and a little mains hum.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import SignalError
+from emgface.muscles import CHANNELS, MUSCLES
+
+BAND: Final = (15.0, 500.0)
+"""Hertz; nothing is synthesised outside the recording band of the study."""
+
+PICKUP: Final[Mapping[str, Mapping[str, float]]] = {
+    "OOS": {"OOP": 0.8, "OOM": 1.0},
+    "OOI": {"OOP": 0.8, "OOM": 1.0},
+    "RIS": {"RIS": 1.0},
+    "ZYG": {"ZYG": 1.0},
+    "LLSAN": {"LLSAN": 0.8, "LAO": 0.2 / 0.75},
+    "DAO": {"DAO": 0.8, "DLI": 0.2 / 0.75},
+    "MEN": {"MEN": 1.0},
+}
+"""What the electrode pair over a muscle hears of the ten muscles of its side.
+
+With the mapping M of Eqs 2-6 (ten muscles from seven channels) this pick-up P is a generalised
+inverse, M P M = M: activations that obey the mapping are drive that the mapping returns exactly.
+"""
+
+NEIGHBOURS: Final = (
+    ("OOS", "OOI"),
+    ("OOS", "LLSAN"),
+    ("OOS", "ZYG"),
+    ("OOI", "DAO"),
+    ("OOI", "MEN"),
+    ("DAO", "MEN"),
+    ("DAO", "RIS"),
+    ("RIS", "ZYG"),
+    ("ZYG", "LLSAN"),
+)
+"""Pairs of channels of one side that lie next to each other (Eskes et al. 2017, Fig. 1)."""
+
+ACROSS: Final = ("OOS", "OOI", "MEN")
+"""Channels whose left and right electrodes are neighbours across the midline."""
+
+
+def power_spectrum(frequency: np.ndarray, *, low: float = 60.0, high: float = 120.0) -> np.ndarray:
+    """Power spectral density of surface EMG, up to a factor.
+
+    ``S(f) = high^4 f^2 / ((f^2 + low^2) (f^2 + high^2)^2)``
+
+    Parameters
+    ----------
+    frequency : array
+        Hertz.
+    low, high : float
+        Corner frequencies in hertz; 60 and 120 put most power between 50 and 200 Hz.
+
+    Returns
+    -------
+    array
+        Same shape [1/Hz^2 up to a factor].
+
+    Notes
+    -----
+    Source: Shwedyk, Balasubramanian and Scott 1977, IEEE Trans Biomed Eng 24:417-424. Facial
+    muscles: significant power from 15 to 500 Hz, van Boxtel 2001, Psychophysiology 38:22-34.
+    """
+    square = np.square(frequency)
+    return high**4 * square / ((square + low**2) * np.square(square + high**2))
+
+
+def band_limited_noise(
+    n_signals: int, n_samples: int, sampling_rate: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Gaussian noise of unit variance with `power_spectrum` within `BAND` and nothing outside.
+
+    Parameters
+    ----------
+    n_signals, n_samples : int
+        Number of independent signals and of their samples.
+    sampling_rate : float
+        Hertz, above twice the upper edge of the band.
+    rng : Generator
+        Source of randomness.
+
+    Returns
+    -------
+    array, shape (n_signals, n_samples)
+        Dimensionless.
+
+    Raises
+    ------
+    SignalError
+        If the sampling rate is too low for the band or the signal too short for its lower edge.
+    """
+    if sampling_rate <= 2.0 * BAND[1]:
+        raise SignalError(
+            f"a sampling rate of {sampling_rate:g} Hz cannot hold sEMG up to {BAND[1]:g} Hz: "
+            f"choose more than {2 * BAND[1]:g} Hz"
+        )
+    frequency = np.fft.rfftfreq(n_samples, 1.0 / sampling_rate)
+    inside = (frequency >= BAND[0]) & (frequency <= BAND[1])
+    if n_samples < sampling_rate / BAND[0]:
+        raise SignalError(
+            f"{n_samples} samples at {sampling_rate:g} Hz are shorter than one period of "
+            f"{BAND[0]:g} Hz: make the trial longer"
+        )
+    density = np.where(inside, power_spectrum(frequency), 0.0)
+    shape = (n_signals, frequency.size)
+    spectrum = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    # Parseval for a real signal: variance = (2 / n^2) sum |X_k|^2, and here E|X_k|^2 = 2 density
+    spectrum *= np.sqrt(density) * n_samples / np.sqrt(4.0 * density.sum())
+    return np.fft.irfft(spectrum, n_samples)
+
+
+def pickup_matrix() -> np.ndarray:
+    """Matrix of `PICKUP` for both sides, shape (14 channels, 20 muscles)."""
+    matrix = np.zeros((len(CHANNELS), len(MUSCLES)))
+    for row, channel in enumerate(CHANNELS):
+        name, side = channel.split("_")
+        for muscle, weight in PICKUP[name].items():
+            matrix[row, MUSCLES.index(f"{muscle}_{side}")] = weight
+    return matrix
+
+
+def cross_talk_matrix(share: float) -> np.ndarray:
+    """Symmetric mixing of neighbouring channels: 1 on the diagonal, `share` between neighbours.
+
+    Parameters
+    ----------
+    share : float
+        Amplitude of a neighbour's signal relative to its own electrode, 0 to less than 1.
+
+    Returns
+    -------
+    array, shape (14, 14)
+    """
+    matrix = np.eye(len(CHANNELS))
+    pairs = [(f"{a}_{side}", f"{b}_{side}") for a, b in NEIGHBOURS for side in ("L", "R")]
+    pairs += [(f"{name}_L", f"{name}_R") for name in ACROSS]
+    for a, b in pairs:
+        i, j = CHANNELS.index(a), CHANNELS.index(b)
+        matrix[i, j] = matrix[j, i] = share
+    return matrix
+
+
+def synthesise_emg(
+    activation: xr.DataArray,
+    *,
+    gain: Sequence[float] | np.ndarray,
+    cross_talk: float,
+    baseline_noise: float,
+    mains_hum: float,
+    rng: np.random.Generator,
+    sampling_rate: float = 2048.0,
+    mains_frequency: float = 50.0,
+) -> xr.DataArray:
+    """Bipolar sEMG of the fourteen channels during one trial.
+
+    Parameters
+    ----------
+    activation : DataArray
+        ``(muscle, time_true)`` [1].
+    gain : array, shape (14,)
+        Root-mean-square amplitude of each channel at full activation [V].
+    cross_talk : float
+        Share of a neighbour's amplitude, see `cross_talk_matrix`.
+    baseline_noise : float
+        Root-mean-square white noise of the amplifier [V].
+    mains_hum : float
+        Amplitude of the sinusoidal hum [V].
+    rng : Generator
+        Source of randomness.
+    sampling_rate, mains_frequency : float
+        Hertz.
+
+    Returns
+    -------
+    DataArray
+        ``(channel, time_emg)`` [V].
+
+    Raises
+    ------
+    SignalError
+        If the sampling rate is too low for the band of sEMG.
+    """
+    true_time = activation["time_true"].values
+    duration = float(true_time[-1] - true_time[0])
+    time = np.arange(round(duration * sampling_rate) + 1) / sampling_rate
+    drive = pickup_matrix() @ activation.sel(muscle=list(MUSCLES)).values
+    envelope = np.stack([np.interp(time, true_time - true_time[0], row) for row in drive])
+    noise = band_limited_noise(len(CHANNELS), time.size, sampling_rate, rng)
+    source = np.asarray(gain)[:, None] * envelope * noise
+    emg = cross_talk_matrix(cross_talk) @ source
+    emg += baseline_noise * rng.standard_normal(emg.shape)
+    phase = rng.uniform(0.0, 2.0 * np.pi, size=(len(CHANNELS), 1))
+    emg += mains_hum * np.sin(2.0 * np.pi * mains_frequency * time + phase)
+    return xr.DataArray(
+        emg,
+        coords={
+            "channel": list(CHANNELS),
+            "time_emg": ("time_emg", time, {"units": "s"}),
+        },
+        dims=("channel", "time_emg"),
+        attrs={"units": "V", "long_name": "bipolar surface EMG, simulated"},
+    )

@@ -1,0 +1,201 @@
+"""Known activations of the six instructions, as smooth bursts of the relevant muscles.
+
+The muscles of an instruction are those of Table 1 of Eskes et al. 2017; all other muscles
+contract a little with them. Levels and timing are plausible choices, not measurements.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import ConfigurationError
+from emgface.muscles import INSTRUCTIONS, MUSCLES
+
+TRIAL_DURATION: Final = 1.8
+"""Seconds of one trial: 160 steps of 10 ms and half a 200 ms window at either end."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One burst of an instruction.
+
+    Attributes
+    ----------
+    start, end : float
+        Onset and end of the burst as fractions of the trial.
+    levels : mapping of str to float
+        Peak activation by muscle name without side; 0-1.
+    sides : mapping of str to float
+        Factor of each side, ``{"L": 1.0, "R": 1.0}`` for a symmetric burst.
+    """
+
+    start: float
+    end: float
+    levels: Mapping[str, float]
+    sides: Mapping[str, float]
+
+
+_BOTH: Final = {"L": 1.0, "R": 1.0}
+_LEFT: Final = {"L": 1.0, "R": 0.1}
+_RIGHT: Final = {"L": 0.1, "R": 1.0}
+_PURSE: Final = {"OOP": 0.60, "OOM": 0.12, "BUC": 0.20}
+_ASIDE: Final = {
+    "OOP": 0.15,
+    "OOM": 0.03,
+    "LLSAN": 0.15,
+    "RIS": 0.45,
+    "ZYG": 0.50,
+    "LAO": 0.15,
+    "BUC": 0.45,
+}
+_CLOSED_SMILE: Final = {
+    "OOP": 0.15,
+    "OOM": 0.03,
+    "LLSAN": 0.10,
+    "RIS": 0.40,
+    "ZYG": 0.50,
+    "LAO": 0.10,
+    "BUC": 0.40,
+}
+
+PHASES: Final[Mapping[str, tuple[Phase, ...]]] = {
+    "A": (Phase(0.18, 0.82, _PURSE, _BOTH),),
+    "B": (Phase(0.18, 0.82, {"LLSAN": 0.60}, _BOTH),),
+    "C": (Phase(0.18, 0.82, {"DAO": 0.60, "MEN": 0.40}, _BOTH),),
+    "D": (
+        Phase(
+            0.18,
+            0.82,
+            {"LLSAN": 0.20, "RIS": 0.45, "ZYG": 0.60, "LAO": 0.15, "DAO": 0.10, "DLI": 0.08},
+            _BOTH,
+        ),
+    ),
+    "E": (
+        Phase(0.10, 0.40, _ASIDE, _LEFT),
+        Phase(0.36, 0.66, _ASIDE, _RIGHT),
+        Phase(0.62, 0.92, _ASIDE, _LEFT),
+    ),
+    "F": (
+        Phase(0.10, 0.40, _PURSE, _BOTH),
+        Phase(0.36, 0.66, _CLOSED_SMILE, _BOTH),
+        Phase(0.62, 0.92, _PURSE, _BOTH),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How one repetition differs from the table of phases.
+
+    Attributes
+    ----------
+    shift : float
+        Seconds by which all bursts come later.
+    pace : float
+        Factor on burst times about the middle of the trial.
+    effort : float
+        Factor on all levels.
+    """
+
+    shift: float = 0.0
+    pace: float = 1.0
+    effort: float = 1.0
+
+
+def draw_timing(rng: np.random.Generator) -> Timing:
+    """Draw a repetition: shift N(0, 0.03 s), pace U(0.92, 1.08), effort U(0.9, 1.1)."""
+    shift = float(np.clip(rng.normal(0.0, 0.03), -0.06, 0.06))
+    return Timing(shift, float(rng.uniform(0.92, 1.08)), float(rng.uniform(0.9, 1.1)))
+
+
+def burst(time: np.ndarray, start: float, end: float) -> np.ndarray:
+    """Rise from 0 to 1 in the first third of a burst, hold, fall in the last third.
+
+    The flanks are ``6 s^5 - 15 s^4 + 10 s^3``, so that value, rate and curvature are continuous.
+
+    Parameters
+    ----------
+    time : array, shape (n_times,)
+        Seconds.
+    start, end : float
+        Seconds, start < end.
+
+    Returns
+    -------
+    array, shape (n_times,)
+        Values from 0 to 1.
+    """
+    third = (end - start) / 3.0
+
+    def flank(s: np.ndarray) -> np.ndarray:
+        s = np.clip(s, 0.0, 1.0)
+        return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+    return flank((time - start) / third) * flank((end - time) / third)
+
+
+def true_activation(
+    instruction: str,
+    *,
+    timing: Timing | None = None,
+    levels: Mapping[str, float] | None = None,
+    co_contraction: float = 0.03,
+    duration: float = TRIAL_DURATION,
+    sampling_rate: float = 1000.0,
+) -> xr.DataArray:
+    """Activation of the twenty muscles during one instruction.
+
+    Parameters
+    ----------
+    instruction : str
+        "A" to "F".
+    timing : Timing, optional
+        Deviation of this repetition; the table of phases when absent.
+    levels : mapping of str to float, optional
+        Factor of each muscle with side, e.g. ``{"ZYG_L": 1.1}``; 1 when absent.
+    co_contraction : float
+        Peak activation of the muscles that are not of the instruction.
+    duration : float
+        Length of the trial in seconds.
+    sampling_rate : float
+        Samples per second.
+
+    Returns
+    -------
+    DataArray
+        ``(muscle, time_true)`` [1], values within 0-1.
+
+    Raises
+    ------
+    ConfigurationError
+        If the instruction is unknown.
+    """
+    if instruction not in PHASES:
+        raise ConfigurationError(
+            f"instruction {instruction!r} is unknown, expected one of {', '.join(INSTRUCTIONS)}"
+        )
+    timing, levels = timing or Timing(), levels or {}
+    time = np.arange(round(duration * sampling_rate) + 1) / sampling_rate
+    values = np.zeros((len(MUSCLES), time.size))
+    for phase in PHASES[instruction]:
+        start, end = (
+            duration * (0.5 + timing.pace * (fraction - 0.5)) + timing.shift
+            for fraction in (phase.start, phase.end)
+        )
+        shape = timing.effort * burst(time, start, end)
+        for index, muscle in enumerate(MUSCLES):
+            name, side = muscle.split("_")
+            level = phase.levels.get(name, co_contraction)
+            values[index] += level * phase.sides[side] * levels.get(muscle, 1.0) * shape
+    return xr.DataArray(
+        np.clip(values, 0.0, 1.0),
+        coords={
+            "muscle": list(MUSCLES),
+            "time_true": ("time_true", time, {"units": "s"}),
+        },
+        dims=("muscle", "time_true"),
+        attrs={"units": "1", "long_name": "activation that drives the simulated volunteer"},
+    )

@@ -1,0 +1,112 @@
+"""What distinguishes one simulated volunteer from the next, drawn from stated distributions."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
+
+
+@dataclass(frozen=True)
+class SimulatedVolunteer:
+    """A person of the simulated set.
+
+    Attributes
+    ----------
+    name : str
+        "S01", "S02", ...
+    seed, index : int
+        From which everything was drawn.
+    geometry_scale : float
+        Factor on all positions of the face model.
+    sigma_max : float
+        Largest active muscle stress [Pa].
+    stiffness : float
+        Factor on C10, C20 and kappa of the tissue.
+    levels : mapping of str to float
+        Factor on the activation of each muscle.
+    co_contraction : float
+        Peak activation of muscles that are not of an instruction.
+    gain : mapping of str to float
+        Root-mean-square sEMG of each channel at full activation [V].
+    cross_talk : float
+        Share of a neighbour's amplitude.
+    baseline_noise, mains_hum : float
+        Volts.
+    marker_noise : float
+        Standard deviation per coordinate [m].
+    head_rotation, head_shift : float
+        Amplitudes of the head's motion [rad], [m].
+    """
+
+    name: str
+    seed: int
+    index: int
+    geometry_scale: float
+    sigma_max: float
+    stiffness: float
+    levels: Mapping[str, float]
+    co_contraction: float
+    gain: Mapping[str, float]
+    cross_talk: float
+    baseline_noise: float
+    mains_hum: float
+    marker_noise: float
+    head_rotation: float
+    head_shift: float
+
+    def rng(self, instruction: str, repetition: int) -> np.random.Generator:
+        """Return the generator of one trial, independent of other trials and of their order."""
+        position = list(INSTRUCTIONS).index(instruction)
+        return np.random.default_rng([self.seed, self.index, 1 + position, repetition])
+
+    def as_parameters(self) -> dict[str, Any]:
+        """All drawn values as plain data, for the digest of stored results."""
+        return asdict(self)
+
+
+def draw_volunteer(index: int, seed: int) -> SimulatedVolunteer:
+    """Draw a volunteer.
+
+    Parameters
+    ----------
+    index : int
+        1 for the first volunteer.
+    seed : int
+        Seed of the whole set; the same seed and index give the same person.
+
+    Returns
+    -------
+    SimulatedVolunteer
+
+    Notes
+    -----
+    geometry scale U(0.92, 1.08); sigma_max U(80, 150) kPa; tissue stiffness log-normal, sigma
+    0.15; level of each muscle log-normal, sigma 0.10; co-contraction U(0.01, 0.05); gain of each
+    channel log-uniform in 100-400 uV (so bursts have tens to hundreds of microvolts); cross-talk
+    U(0.03, 0.10); baseline noise U(0.8, 1.5) uV; hum U(0.2, 1) uV; marker noise 0.1 mm; head
+    rotation U(1, 3) degrees; head shift U(1, 4) mm.
+    """
+    rng = np.random.default_rng([seed, index, 0])
+    return SimulatedVolunteer(
+        name=f"S{index:02d}",
+        seed=seed,
+        index=index,
+        geometry_scale=float(rng.uniform(0.92, 1.08)),
+        sigma_max=float(rng.uniform(80e3, 150e3)),
+        stiffness=float(np.exp(rng.normal(0.0, 0.15))),
+        levels={muscle: float(np.exp(rng.normal(0.0, 0.10))) for muscle in MUSCLES},
+        co_contraction=float(rng.uniform(0.01, 0.05)),
+        gain={
+            channel: float(np.exp(rng.uniform(np.log(100e-6), np.log(400e-6))))
+            for channel in CHANNELS
+        },
+        cross_talk=float(rng.uniform(0.03, 0.10)),
+        baseline_noise=float(rng.uniform(0.8e-6, 1.5e-6)),
+        mains_hum=float(rng.uniform(0.2e-6, 1.0e-6)),
+        marker_noise=0.1e-3,
+        head_rotation=float(np.deg2rad(rng.uniform(1.0, 3.0))),
+        head_shift=float(rng.uniform(1e-3, 4e-3)),
+    )
