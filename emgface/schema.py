@@ -1,0 +1,389 @@
+"""Names, dims, units and ranges of every dataset, checked where one enters or leaves a stage.
+
+The declarations lie in ``data_schema/*.json``, one file per kind of dataset, and are read here
+alone: a new kind is a new file.
+"""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandera.errors
+import pandera.xarray as pa
+import xarray as xr
+
+from emgface._rules import Rule, hint, index_rule, listed, nearest, rules_of, type_rule
+from emgface.declaration import ArrayDeclaration, AttributeDeclaration, ObjectDeclaration
+from emgface.errors import DataError, SchemaError, UnitsError
+
+CONVENTIONS = "CF-1.11"
+
+
+def schema_folder() -> Path:
+    """Return the folder of declarations: shipped in the package, or beside it in a checkout.
+
+    Returns
+    -------
+    pathlib.Path
+        Folder that holds one JSON file per kind.
+
+    Raises
+    ------
+    DataError
+        If neither is there.
+    """
+    here = Path(__file__).resolve().parent
+    for folder in (here / "_data_schema", here.parent / "data_schema"):
+        if folder.is_dir():
+            return folder
+    raise DataError(
+        f"No declarations found in {here / '_data_schema'} or {here.parent / 'data_schema'}; "
+        "expected one JSON file per kind of dataset: reinstall the package."
+    )
+
+
+def kinds() -> tuple[str, ...]:
+    """Return the kinds of dataset that are declared.
+
+    Returns
+    -------
+    tuple of str
+        Names, sorted.
+
+    Examples
+    --------
+    >>> "recording" in kinds()
+    True
+    """
+    return tuple(sorted(path.stem for path in schema_folder().glob("*.json")))
+
+
+@cache
+def declaration(kind: str) -> ObjectDeclaration:
+    """Return the declaration of one kind of dataset.
+
+    Parameters
+    ----------
+    kind : str
+        One of `kinds`.
+
+    Returns
+    -------
+    ObjectDeclaration
+        Coordinates, variables and attributes with their dims, units and ranges.
+
+    Raises
+    ------
+    SchemaError
+        If no such kind is declared.
+
+    Examples
+    --------
+    >>> declaration("recording").variables["emg"].units
+    'V'
+    """
+    path = schema_folder() / f"{kind}.json"
+    if kind not in kinds():
+        raise SchemaError(
+            f"No kind of dataset is called {kind!r}{hint(kind, kinds())}; "
+            f"expected one of {', '.join(kinds())}."
+        )
+    return ObjectDeclaration.model_validate(json.loads(path.read_text(encoding="utf-8")))
+
+
+def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Dataset:
+    """Check a dataset against its declaration and return it in canonical form.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Dataset to check; it is not changed.
+    kind : str
+        One of `kinds`.
+    study : bool
+        Also demand what a study needs: for a recording EMG and positions, all channels and
+        markers by name, and the attributes that identify the trial.
+
+    Returns
+    -------
+    xarray.Dataset
+        The same values, integers in their declared width and strings as NumPy strings, with
+        ``long_name`` and the attributes ``schema``, ``schema_version``, ``Conventions`` set.
+
+    Raises
+    ------
+    UnitsError
+        If units are missing or differ, and nothing else is wrong.
+    SchemaError
+        If anything else is wrong; the message has one sentence for each problem.
+
+    Examples
+    --------
+    >>> time = xr.DataArray([0.0, 0.5], dims="time", attrs={"units": "s"})
+    >>> values = xr.DataArray([[0.0, 1.0]], dims=("muscle", "time"), attrs={"units": "1"})
+    >>> coords = {"muscle": ["ZYG_L"], "time": time}
+    >>> given = xr.Dataset({"activation": values}, coords=coords)
+    >>> validate(given, "activation").attrs["schema_version"]
+    1
+    """
+    declared = declaration(kind)
+    problems = _identity(dataset, declared)
+    if not problems:
+        problems = _structure(dataset, declared) + _values(dataset, declared)
+        problems += _attributes(dataset, declared)
+        if study:
+            problems += _study(dataset, declared, " ".join(text for _, text in problems))
+    if problems:
+        units_only = all(units for units, _ in problems)
+        sentences = [text for _, text in problems]
+        message = sentences[0]
+        if len(sentences) > 1:
+            message = f"The {kind} has {len(sentences)} problems:\n" + "\n".join(
+                f"- {text}" for text in sentences
+            )
+        raise (UnitsError if units_only else SchemaError)(message)
+    return _canonical(dataset, declared)
+
+
+_Problem = tuple[bool, str]
+"""Whether it concerns a unit, and the sentence."""
+
+
+def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
+    """Refuse a dataset that says it is another kind, or of another version."""
+    found = dataset.attrs.get("schema", declared.kind)
+    if found != declared.kind:
+        text = f"The dataset is a {found}; expected a {declared.kind}: give the other file."
+        return [(False, text)]
+    version = dataset.attrs.get("schema_version", declared.version)
+    if version != declared.version:
+        text = (
+            f"The {declared.kind} follows version {version} of its schema; expected version "
+            f"{declared.version}: write it again with this version of the package."
+        )
+        return [(False, text)]
+    return []
+
+
+def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
+    """Misspelt, unknown and missing variables and coordinates that pandera cannot explain."""
+    arrays = declared.arrays()
+    absent = [name for name in arrays if name not in dataset.variables]
+    problems: list[_Problem] = []
+    for name in map(str, dataset.variables):
+        if name in arrays:
+            continue
+        near = nearest(name, absent, cutoff=0.75)
+        if near:
+            text = (
+                f"Variable {name!r} is unknown to a {declared.kind}; expected {near!r}: rename it."
+            )
+        elif not declared.extra_variables:
+            text = (
+                f"Variable {name!r} is unknown to a {declared.kind}{hint(name, arrays)}; "
+                f"expected only {', '.join(arrays)}: rename or drop it."
+            )
+        elif dataset[name].dtype.kind in "iuf" and not dataset[name].attrs.get("units"):
+            problems.append(
+                (True, f"{name} carries no unit; expected the attribute units: set it.")
+            )
+            continue
+        else:
+            continue
+        problems.append((False, text))
+    if declared.any_of and not any(name in dataset for name in declared.any_of):
+        text = (
+            f"The {declared.kind} holds none of {', '.join(declared.any_of)}; expected at least "
+            "one: see whether the reader found the signals."
+        )
+        problems.append((False, text))
+    return problems
+
+
+def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
+    """Presence, dims, units and values of every array, found by pandera."""
+    rules: dict[tuple[str, str], Rule] = {}
+    arrays = declared.arrays()
+    # An optional variable brings its dims with it: their coordinates are required then.
+    used = {dim for name in declared.variables if name in dataset for dim in dataset[name].dims}
+    schema = pa.DatasetSchema(
+        data_vars={
+            name: pa.DataVar(
+                required=array.required,
+                dims=array.dims,
+                nullable=True,
+                checks=_checks(name, array, dataset, rules),
+            )
+            for name, array in declared.variables.items()
+        },
+        coords={
+            name: pa.Coordinate(
+                dims=array.dims,
+                required=array.required or bool(set(array.dims) & used),
+                nullable=True,
+                checks=_checks(name, array, dataset, rules),
+            )
+            for name, array in declared.coords.items()
+        },
+    )
+    try:
+        schema.validate(dataset.copy(), lazy=True)
+    except pandera.errors.SchemaErrors as error:
+        found = [_explain(one, dataset, arrays, rules) for one in error.schema_errors]
+        return list(dict.fromkeys(found))
+    return []
+
+
+def _checks(
+    name: str,
+    array: ArrayDeclaration,
+    dataset: xr.Dataset,
+    rules: dict[tuple[str, str], Rule],
+) -> list[pa.Check]:
+    """Build the pandera checks of one array, and remember the rule behind each."""
+    chosen: list[tuple[str, Rule]] = [("type", type_rule(array))]
+    if array.units is not None:
+        chosen.append(("units", _units_rule(array)))
+    # Values in a wrong type or unit say nothing about their range.
+    if name in dataset.variables and all(rule(dataset[name]) is None for _, rule in chosen):
+        chosen += rules_of(array)
+        if array.index_into in dataset.sizes:
+            chosen.append(("index", index_rule(array, dataset.sizes[array.index_into])))
+    checks = []
+    for label, rule in chosen:
+        rules[name, label] = rule
+        checks.append(pa.Check(lambda array, rule=rule: rule(array) is None, name=label))
+    return checks
+
+
+def _units_rule(declared: ArrayDeclaration) -> Rule:
+    """Demand that the attribute ``units`` names the declared unit."""
+
+    def rule(array: xr.DataArray) -> str | None:
+        found = array.attrs.get("units")
+        if found == declared.units:
+            return None
+        state = f"is in {found!r}" if found else "carries no unit"
+        return f"{state}; expected {declared.units!r}: convert it to SI and set the attribute units"
+
+    return rule
+
+
+def _explain(
+    error: pandera.errors.SchemaError,
+    dataset: xr.Dataset,
+    arrays: dict[str, ArrayDeclaration],
+    rules: dict[tuple[str, str], Rule],
+) -> _Problem:
+    """Turn one pandera failure into a sentence of ours."""
+    check = error.check
+    if isinstance(check, pa.Check):
+        name = str(getattr(error.schema, "name", ""))
+        sentence = rules[name, str(check.name)](dataset[name])
+        return check.name == "units", f"{name} {sentence}."
+    if check in ("data_var_presence", "coords"):
+        name = str(error.failure_cases)
+        what = "coordinate" if check == "coords" else "variable"
+        held = listed(map(str, dataset.variables), 10) or "nothing"
+        text = f"The {what} {name!r} is missing, found {held}; expected {arrays[name].long_name}"
+        return False, f"{text}, dims ({', '.join(arrays[name].dims)})."
+    name = str(getattr(error.schema, "name", ""))
+    if check == "dims" and name in arrays:
+        got, wanted = dataset[name].dims, arrays[name].dims
+        advice = "transpose it" if set(got) == set(wanted) else "rename or select dims"
+        text = f"{name} has dims ({', '.join(map(str, got))}); expected ({', '.join(wanted)})"
+        return False, f"{text}: {advice}."
+    return False, f"{name or 'The dataset'}: {error}."
+
+
+def _attributes(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
+    """Presence, type and value of the attributes of the dataset."""
+    problems: list[_Problem] = []
+    for name, wanted in declared.attrs.items():
+        if name not in dataset.attrs:
+            if wanted.required:
+                text = f"The attribute {name!r} is missing; expected {wanted.meaning}"
+                end = f", one of {', '.join(wanted.values)}" if wanted.values else ""
+                problems.append((False, f"{text}{end}: set it on the dataset."))
+            continue
+        wrong = _attribute(dataset.attrs[name], wanted)
+        if wrong:
+            problems.append((False, f"The attribute {name!r} is {wrong}."))
+    return problems
+
+
+def _attribute(value: object, wanted: AttributeDeclaration) -> str | None:
+    """Return what is wrong with the value of an attribute."""
+    types: dict[str, tuple[type, ...]] = {
+        "string": (str,),
+        "integer": (int, np.integer),
+        "number": (int, float, np.integer, np.floating),
+        "any": (str, int, float, np.integer, np.floating),
+    }
+    if not isinstance(value, types[wanted.dtype]) or isinstance(value, bool):
+        kind = "text or number" if wanted.dtype == "any" else wanted.dtype
+        return f"{value!r}; expected {wanted.meaning}, a {kind}"
+    if wanted.values and value not in wanted.values:
+        options = ", ".join(wanted.values)
+        return f"{value!r}{hint(str(value), wanted.values)}; expected one of {options}"
+    if wanted.range and isinstance(value, (int, float, np.number)):
+        low, high = wanted.range
+        if (low is not None and value < low) or (high is not None and value > high):
+            return f"{value!r}; expected {low} to {high}, {wanted.meaning}"
+    return None
+
+
+def _study(dataset: xr.Dataset, declared: ObjectDeclaration, told: str) -> list[_Problem]:
+    """Find what a study demands and the dataset lacks, unless `told` names it already."""
+    demand = declared.study
+    if demand is None:
+        return []
+    problems: list[_Problem] = []
+    for name in demand.required:
+        if name in dataset.variables or name in dataset.attrs:
+            continue
+        if repr(name) not in told and not (name in declared.any_of and "none of" in told):
+            what = "attribute" if name in declared.attrs else "variable"
+            problems.append(
+                (False, f"The {what} {name!r} is missing; a study needs {demand.meaning}.")
+            )
+    for coord, names in demand.names.items():
+        if coord not in dataset.coords:
+            continue
+        found = [str(v) for v in dataset.coords[coord].values]
+        missing = [name for name in names if name not in found]
+        if missing:
+            unknown = [name for name in found if name not in names]
+            guess = {m: nearest(m, unknown, cutoff=0.75) for m in missing}
+            near = [f"{there!r} looks like {want!r}" for want, there in guess.items() if there]
+            advice = listed(near, 3) if near else "map the labels of the file to these names"
+            text = f"{coord} lacks {listed(missing, 20)}; a study needs {demand.meaning}: {advice}."
+            problems.append((False, text))
+    return problems
+
+
+def _canonical(dataset: xr.Dataset, declared: ObjectDeclaration) -> xr.Dataset:
+    """Cast to the declared types, describe every array, and stamp the dataset."""
+    result = dataset.copy()
+    for name, array in declared.arrays().items():
+        if name not in result.variables:
+            continue
+        current = result[name]
+        target = current.dtype
+        if array.dtype == "string":
+            target = np.dtype(str)
+        elif array.dtype != "number":
+            target = np.dtype(array.dtype)
+        attrs = {**current.attrs, "long_name": current.attrs.get("long_name", array.long_name)}
+        if target.kind != current.dtype.kind or (target.kind != "U" and target != current.dtype):
+            result[name] = current.astype(target).assign_attrs(attrs)
+        else:
+            result[name].attrs.update(attrs)
+    result.attrs = {
+        **dataset.attrs,
+        "Conventions": CONVENTIONS,
+        "schema": declared.kind,
+        "schema_version": declared.version,
+    }
+    return result

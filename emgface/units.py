@@ -1,0 +1,134 @@
+"""Units at the border: known spellings, and their conversion to SI.
+
+Inside the package every array is in SI; only readers of foreign files convert.
+"""
+
+import difflib
+
+import xarray as xr
+
+from emgface.errors import UnitsError
+
+# Divisors, not factors: 1000 is exact in binary and 0.001 is not, so a value in millimetres
+# divided by 1000 is the double closest to the value in metres.
+DIVISORS: dict[str, dict[str, float]] = {
+    "V": {"V": 1.0, "mV": 1e3, "uV": 1e6, "nV": 1e9},
+    "m": {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6},
+    "s": {"s": 1.0, "ms": 1e3, "us": 1e6},
+}
+"""SI unit to the units that convert to it, each with the divisor."""
+
+QUANTITIES = {"voltage": "V", "length": "m", "time": "s"}
+"""The quantities that cross the border, and their SI units."""
+
+_WORDS = {
+    "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV",
+    "microvolt": "uV", "microvolts": "uV",
+    "metre": "m", "metres": "m", "meter": "m", "meters": "m",
+    "millimetre": "mm", "millimetres": "mm", "millimeter": "mm", "millimeters": "mm",
+    "centimetre": "cm", "centimetres": "cm", "centimeter": "cm", "centimeters": "cm",
+    "second": "s", "seconds": "s", "sec": "s", "millisecond": "ms", "milliseconds": "ms",
+}  # fmt: skip
+# The micro sign, the Greek letter mu, and micro signs whose bytes were read as another code page.
+_MICRO = ("\u00b5", "\u03bc", "\u00c2\u00b5", "\u00ce\u00bc")
+
+
+def spelling(unit: str) -> str:
+    """Return the package's spelling of a unit, e.g. ``uV`` for ``microvolts``.
+
+    Parameters
+    ----------
+    unit : str
+        Unit as a file spells it.
+
+    Returns
+    -------
+    str
+        The known spelling; the stripped input where the unit is unknown.
+
+    Examples
+    --------
+    >>> spelling(" Millimeters ")
+    'mm'
+    >>> spelling("µV")
+    'uV'
+    """
+    unit = unit.strip()
+    for sign in sorted(_MICRO, key=len, reverse=True):
+        if unit.startswith(sign):
+            unit = "u" + unit[len(sign) :]
+    if unit.lower() in _WORDS:
+        return _WORDS[unit.lower()]
+    # Case carries meaning in prefixes (mV, MV), so only what cannot be mistaken is folded.
+    return {"MM": "mm", "CM": "cm", "uv": "uV", "UV": "uV", "mv": "mV", "v": "V"}.get(unit, unit)
+
+
+def quantity_of(unit: str) -> str | None:
+    """Name the quantity that a unit measures.
+
+    Parameters
+    ----------
+    unit : str
+        Unit in any known spelling.
+
+    Returns
+    -------
+    str or None
+        ``voltage``, ``length`` or ``time``; None for any other unit.
+    """
+    known = spelling(unit)
+    for quantity, si in QUANTITIES.items():
+        if known in DIVISORS[si]:
+            return quantity
+    return None
+
+
+def to_si(array: xr.DataArray, quantity: str) -> xr.DataArray:
+    """Convert an array from the unit it names to SI.
+
+    Parameters
+    ----------
+    array : xarray.DataArray
+        Values with the attribute ``units``.
+    quantity : str
+        ``voltage`` (to V), ``length`` (to m) or ``time`` (to s).
+
+    Returns
+    -------
+    xarray.DataArray
+        The values in SI as float64, with ``units`` set; coordinates and other attributes kept.
+
+    Raises
+    ------
+    UnitsError
+        If the unit is absent, unknown, or measures another quantity.
+
+    Examples
+    --------
+    >>> to_si(xr.DataArray([25.0], dims="sample", attrs={"units": "mm"}), "length").item()
+    0.025
+    """
+    if quantity not in QUANTITIES:
+        near = difflib.get_close_matches(quantity, QUANTITIES, n=1, cutoff=0.0)[0]
+        raise UnitsError(
+            f"Unknown quantity {quantity!r}; expected one of {', '.join(QUANTITIES)}, "
+            f"nearest is {near!r}."
+        )
+    si = QUANTITIES[quantity]
+    accepted = DIVISORS[si]
+    label = array.name or quantity
+    unit = array.attrs.get("units")
+    if not isinstance(unit, str) or not unit.strip():
+        raise UnitsError(
+            f"{label} carries no unit; expected {' or '.join(accepted)}: name the unit in the "
+            "source or in its sidecar."
+        )
+    divisor = accepted.get(spelling(unit))
+    if divisor is None:
+        raise UnitsError(
+            f"{label} is in {unit!r}, which is no {quantity}; expected {' or '.join(accepted)}: "
+            "name the unit that the values are in."
+        )
+    values = array.astype("float64")
+    converted = values if divisor == 1.0 else values / divisor
+    return converted.assign_attrs({**array.attrs, "units": si})
