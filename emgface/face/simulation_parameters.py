@@ -1,0 +1,130 @@
+"""Every choice of the mechanics of one simulation, with default, unit and source."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from emgface.parameters import ESKES, OWN, Parameters, parameter
+
+STAVNESS = "Stavness et al., Coupled biomechanical modeling of the face"
+BLEMKER = "Blemker et al. 2005, J Biomech 38:657-665"
+
+
+class SigmaMaxPolicy(Parameters):
+    """What happens to sigma_max when a trial cannot be simulated with it.
+
+    The published rule: start high and lower by 10 % each time an element inverts.
+    """
+
+    factor: float = parameter(
+        0.9,
+        "Factor on sigma_max after an inverted element or a step that did not converge.",
+        unit="1",
+        source=f"{ESKES}, Finite element face model",
+        gt=0,
+        lt=1,
+    )
+    minimum: float = parameter(
+        30e3,
+        "Smallest sigma_max that is tried; below it the trial has failed.",
+        unit="Pa",
+        source=OWN,
+        note="a tenth of the published start",
+        gt=0,
+    )
+
+
+class SimulationParameters(Parameters):
+    """Tissue, muscles, loads and solver of the face."""
+
+    solver: Literal["converged", "linearly_implicit"] = parameter(
+        "converged",
+        "Implicit Euler, iterated to its tolerance or with a single linear solution per step.",
+        unit="-",
+        source=OWN,
+        note="'linearly_implicit' is what the published simulator does",
+    )
+    step: float = parameter(0.01, "Time step.", unit="s", source=OWN, gt=0, le=0.1)
+    timing: Literal["recorded", "normalised"] = parameter(
+        "recorded",
+        "Simulated time: that of the recording, or one step per sample of the activation.",
+        unit="-",
+        source=f"{ESKES}, Discussion (each instruction was normalised to 160 time steps)",
+        note="'normalised' changes the speed of a movement when a trial is not steps x step long",
+    )
+    linear_solver: Literal["auto", "pardiso", "superlu"] = parameter(
+        "auto",
+        "Factorisation: PARDISO where it is installed, else SciPy's SuperLU.",
+        unit="-",
+        source=OWN,
+    )
+    sigma_max: float = parameter(
+        300e3,
+        "Largest active muscle stress at the start.",
+        unit="Pa",
+        source=f"{ESKES}, Finite element face model",
+        gt=0,
+    )
+    sigma_max_policy: SigmaMaxPolicy = Field(
+        default=SigmaMaxPolicy(), description="When a trial cannot be simulated with sigma_max."
+    )
+    fibre_law: Literal["blemker", "generic"] = parameter(
+        "blemker",
+        "Stress of the muscle fibres.",
+        unit="-",
+        source=f"{ESKES} (Blemker); the published model's source (generic)",
+        note="'generic' has no dependence of the active stress on length",
+    )
+    bulk_potential: Literal["logarithmic", "quadratic"] = parameter(
+        "logarithmic",
+        "kappa/2 (ln J)^2 or kappa/2 (J - 1)^2.",
+        unit="-",
+        source=f"{ESKES}, Eq. 1 (logarithmic); its text says quadratic",
+    )
+    C10: float = parameter(
+        2500.0, "First Mooney-Rivlin coefficient.", unit="Pa", source=f"{ESKES}, Eq. 1", gt=0
+    )
+    C20: float = parameter(
+        1175.0, "Second Mooney-Rivlin coefficient.", unit="Pa", source=f"{ESKES}, Eq. 1", ge=0
+    )
+    kappa: float = parameter(25e3, "Bulk modulus.", unit="Pa", source=f"{ESKES}, Eq. 1", gt=0)
+    lambda_star: float = parameter(
+        1.4,
+        "Fibre stretch above which the passive stress is linear.",
+        unit="1",
+        source=f"{ESKES}, Finite element face model",
+        gt=1,
+    )
+    P1: float = parameter(
+        0.05,
+        "Exponential stress coefficient of the passive fibre.",
+        unit="1",
+        source=f"{ESKES}; {BLEMKER}",
+        note="in pascal for the generic law",
+        ge=0,
+    )
+    P2: float = parameter(
+        6.6, "Uncrimping factor of the passive fibre.", unit="1", source=f"{ESKES}; {BLEMKER}", ge=0
+    )
+    density: float = parameter(
+        1040.0, "Tissue density.", unit="kg/m^3", source=f"{ESKES}, Methods", gt=0
+    )
+    alpha: float = parameter(19.0, "Rayleigh damping by mass.", unit="1/s", source=STAVNESS, ge=0)
+    beta: float = parameter(
+        0.055, "Rayleigh damping by stiffness.", unit="s", source=STAVNESS, ge=0
+    )
+    gravity: bool = parameter(
+        True,
+        "Whether gravity of 9.8 m/s^2 acts along -z; the face then starts at its equilibrium.",
+        unit="-",
+        source=f"{ESKES}, Finite element face model",
+    )
+
+    @model_validator(mode="after")
+    def _startable(self) -> "SimulationParameters":
+        if self.sigma_max < self.sigma_max_policy.minimum:
+            raise ValueError(
+                f"sigma_max = {self.sigma_max:g} Pa is below sigma_max_policy.minimum = "
+                f"{self.sigma_max_policy.minimum:g} Pa: lower the minimum"
+            )
+        return self

@@ -1,0 +1,226 @@
+"""A study as one frozen, checked configuration, read from a TOML file."""
+
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from emgface.errors import ConfigurationError
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import INSTRUCTIONS
+from emgface.parameters import (
+    ESKES,
+    OWN,
+    Parameters,
+    SignalChain,
+    StrategyName,
+    configure,
+    parameter,
+)
+
+TRUE_STRATEGY = "true"
+"""Name under which trials driven by the true activation stand in the cube."""
+
+
+class RecordingsConfiguration(Parameters):
+    """Where the recordings are and which of them take part."""
+
+    folder: Path = parameter(
+        Path("recordings"), "Folder of the recordings; relative to this file.", unit="-", source=OWN
+    )
+    pattern: str = parameter(
+        "**/*.nc", "Files of that folder that are recordings (glob).", unit="-", source=OWN
+    )
+    volunteers: tuple[str, ...] | None = parameter(
+        None, "Volunteers that take part; all when absent.", unit="-", source=OWN
+    )
+    instructions: tuple[str, ...] = parameter(
+        tuple(INSTRUCTIONS), "Instructions that take part.", unit="-", source=f"{ESKES}, Methods"
+    )
+    repetitions: tuple[int, ...] | None = parameter(
+        None, "Repetitions that take part; all when absent.", unit="-", source=OWN
+    )
+
+    @field_validator("instructions")
+    @classmethod
+    def _known(cls, values: tuple[str, ...]) -> tuple[str, ...]:
+        unknown = [value for value in values if value not in INSTRUCTIONS]
+        if unknown:
+            raise ValueError(
+                f"instruction {', '.join(unknown)} is unknown, expected some of "
+                f"{', '.join(INSTRUCTIONS)}"
+            )
+        return values
+
+
+class FaceConfiguration(Parameters):
+    """Which face model is simulated."""
+
+    path: Path | None = parameter(
+        None,
+        "Face model as written by 'emgface face import'; relative to this file. Without it a "
+        "block of lip tissue is generated.",
+        unit="-",
+        source=OWN,
+    )
+
+
+class AlignmentParameters(Parameters):
+    """Synchronisation of measured with simulated motion (Eqs 9-10)."""
+
+    scaling: Literal["length", "search", "none"] = parameter(
+        "length",
+        "Stretch of measured time: to the simulated duration, searched besides, or none.",
+        unit="-",
+        source=f"{ESKES}, Synchronisation",
+    )
+    scale_range: tuple[float, float] = parameter(
+        (0.8, 1.25), "Least and greatest factor of the search.", unit="1", source=OWN
+    )
+    scale_step: float = parameter(
+        0.01, "Relative step of the search.", unit="1", source=OWN, gt=0, lt=0.5
+    )
+    max_shift: float | None = parameter(
+        None,
+        "Greatest shift in either direction; bounded by least_overlap when absent.",
+        unit="s",
+        source=OWN,
+        ge=0,
+    )
+    least_overlap: float = parameter(
+        0.75,
+        "Fraction of the shorter trajectory that must overlap.",
+        unit="1",
+        source=OWN,
+        gt=0,
+        le=1,
+    )
+    least_gain: float = parameter(
+        0.1,
+        "Fraction of unexplained variance a larger shift or a stretch must remove.",
+        unit="1",
+        source=OWN,
+        ge=0,
+        lt=1,
+    )
+    sign: Literal["correlation", "direction"] = parameter(
+        "correlation",
+        "What decides the arbitrary sign of a principal component: the larger correlation "
+        "maximum, or the direction of the component.",
+        unit="-",
+        source="the paper does not say",
+    )
+    centred: bool = parameter(
+        True,
+        "Whether positions are centred before the singular value decomposition.",
+        unit="-",
+        source="the paper does not say",
+        note="uncentred, the first component is the mean posture",
+    )
+    subsample: bool = parameter(
+        True, "Whether the shift is refined between samples.", unit="-", source=OWN
+    )
+
+    @model_validator(mode="after")
+    def _spanning(self) -> "AlignmentParameters":
+        if not 0 < self.scale_range[0] <= 1 <= self.scale_range[1]:
+            raise ValueError(
+                f"scale_range = {list(self.scale_range)} does not span 1: expected 0 < least <= 1 "
+                "<= greatest"
+            )
+        return self
+
+
+class ScoreParameters(Parameters):
+    """The 3D correlation (Eqs 11-13)."""
+
+    normalisation: Literal["consistent", "as_printed"] = parameter(
+        "consistent",
+        "Divisors: the same in numerator and standard deviations, so that rho(v, v) = 1, or n and "
+        "n - 1 as printed.",
+        unit="-",
+        source=f"{ESKES}, Eqs 12-13",
+    )
+
+
+class StudyConfiguration(Parameters):
+    """All choices of a study, as study.toml holds them."""
+
+    name: str = parameter("study", "Name of the study.", unit="-", source=OWN)
+    strategies: tuple[StrategyName, ...] = parameter(
+        ("act_all", "act_3", "act_rel"),
+        "Activation strategies that are compared.",
+        unit="-",
+        source=f"{ESKES}, Methods",
+    )
+    activation_source: Literal["estimated", "true"] = parameter(
+        "estimated",
+        "Activation from sEMG, or the true one that simulated recordings carry.",
+        unit="-",
+        source=OWN,
+        note="'true' tests the chain behind the activation; its only strategy is 'true'",
+    )
+    seed: int = parameter(
+        0, "Seed of everything drawn at random (simulated volunteers).", unit="1", source=OWN, ge=0
+    )
+    recordings: RecordingsConfiguration = Field(
+        default=RecordingsConfiguration(), description="Recordings that take part."
+    )
+    face: FaceConfiguration = Field(default=FaceConfiguration(), description="Face model.")
+    signals: SignalChain = Field(default=SignalChain(), description="From recording to activation.")
+    simulation: SimulationParameters = Field(
+        default=SimulationParameters(), description="Mechanics of the face."
+    )
+    alignment: AlignmentParameters = Field(
+        default=AlignmentParameters(), description="Synchronisation, Eqs 9-10."
+    )
+    score: ScoreParameters = Field(default=ScoreParameters(), description="Scores, Eqs 11-13.")
+
+    @field_validator("strategies")
+    @classmethod
+    def _some(cls, values: tuple[str, ...]) -> tuple[str, ...]:
+        if not values or len(set(values)) < len(values):
+            raise ValueError("strategies must name at least one strategy, and each only once")
+        return values
+
+    @property
+    def strategy_names(self) -> tuple[str, ...]:
+        """Strategies along the dim of the cube."""
+        return (TRUE_STRATEGY,) if self.activation_source == "true" else self.strategies
+
+
+def load_study(path: Path) -> StudyConfiguration:
+    """Read study.toml.
+
+    Parameters
+    ----------
+    path : Path
+        The file; paths in it are relative to its folder.
+
+    Returns
+    -------
+    StudyConfiguration
+        With absolute paths.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is missing or no TOML, a parameter is unknown (with the nearest valid name)
+        or a value is out of range.
+    """
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(
+            f"{path} cannot be read ({error.strerror}): write one with 'emgface study template'"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path} is not valid TOML: {error}") from error
+    study = configure(StudyConfiguration, values, where=path.name)
+    base = path.resolve().parent
+    recordings = study.recordings.model_copy(update={"folder": base / study.recordings.folder})
+    face = study.face
+    if face.path is not None:
+        face = face.model_copy(update={"path": base / face.path})
+    return study.model_copy(update={"recordings": recordings, "face": face})

@@ -1,0 +1,58 @@
+"""A commented study.toml, generated from the descriptions of the parameters themselves."""
+
+import json
+import textwrap
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from emgface.study.configuration import StudyConfiguration
+
+
+def study_template(study: StudyConfiguration | None = None) -> str:
+    """Text of a study file that holds every parameter with its description.
+
+    Parameters
+    ----------
+    study : StudyConfiguration, optional
+        Values to write; the defaults when absent.
+
+    Returns
+    -------
+    str
+        TOML. Parameters without a value stand as comments.
+    """
+    head = (
+        "# A study: every parameter with its default, unit and source.\n"
+        "# Lines may be deleted where the default is wanted.\n"
+    )
+    return head + "\n".join(_table(study or StudyConfiguration(), "")) + "\n"
+
+
+def _table(model: BaseModel, name: str) -> list[str]:
+    lines: list[str] = []
+    fields = type(model).model_fields
+    tables = {key for key in fields if isinstance(getattr(model, key), BaseModel)}
+    if name:
+        lines += [f"[{name}]"]
+    for key, field in fields.items():
+        if key in tables:
+            continue
+        value = getattr(model, key)
+        comment = textwrap.wrap(field.description or "", 96)
+        lines += [f"# {line}" for line in comment]
+        lines += [f"# {key} =" if value is None else f"{key} = {_value(value)}", ""]
+    for key in fields:
+        if key in tables:
+            nested = getattr(model, key)
+            path = f"{name}.{key}" if name else key
+            title = textwrap.wrap(fields[key].description or "", 96)
+            lines += ["", *(f"# {line}" for line in title), *_table(nested, path)]
+    return lines
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Path):
+        value = value.as_posix()
+    return json.dumps(list(value) if isinstance(value, tuple) else value)

@@ -1,0 +1,103 @@
+"""The study file: what it accepts, and what it says about what it does not."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from emgface.errors import ConfigurationError
+from emgface.parameters import configure
+from emgface.study.configuration import StudyConfiguration, load_study
+from emgface.study.template import study_template
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "study.toml"
+    path.write_text(text)
+    return path
+
+
+def test_an_empty_file_is_the_published_study(tmp_path: Path) -> None:
+    study = load_study(written(tmp_path, ""))
+    assert study.strategies == ("act_all", "act_3", "act_rel")
+    assert study.simulation.sigma_max == 300e3
+    assert study.simulation.sigma_max_policy.factor == 0.9
+    assert (study.simulation.C10, study.simulation.C20, study.simulation.kappa) == (
+        2500.0, 1175.0, 25e3,
+    )  # fmt: skip
+    assert study.signals.resampling.steps == 160
+    assert study.score.normalisation == "consistent"
+
+
+def test_the_template_holds_every_parameter_and_reads_back_as_the_defaults() -> None:
+    text = study_template()
+    assert configure(StudyConfiguration, tomllib.loads(text)) == StudyConfiguration()
+
+    def names(model: type[BaseModel]) -> set[str]:
+        found = set()
+        for name, field in model.model_fields.items():
+            nested = field.annotation
+            if isinstance(nested, type) and issubclass(nested, BaseModel):
+                found |= names(nested)
+            else:
+                found.add(name)
+        return found
+
+    for name in names(StudyConfiguration):
+        assert f"\n{name} =" in text or f"\n# {name} =" in text, name
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_the_template_writes_the_values_of_a_study() -> None:
+    study = configure(
+        StudyConfiguration,
+        {"strategies": ["act_rel"], "simulation": {"sigma_max": 123e3, "gravity": False},
+         "recordings": {"repetitions": [1, 3]}},
+    )  # fmt: skip
+    assert configure(StudyConfiguration, tomllib.loads(study_template(study))) == study
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[simulation]\nsigma_mx = 1e5\n", "'simulation.sigma_mx', did you mean 'sigma_max'"),
+        ("[alignmnt]\n", "'alignmnt', did you mean 'alignment'"),
+        ("[signals.filter]\nhgh = 400.0\n", "'signals.filter.hgh', did you mean 'high'"),
+        ("strategies = ['act_5']\n", "'strategies.0' = 'act_5'.*act_all.*act_rel"),
+        ("[simulation]\nstep = -0.01\n", "'simulation.step' = -0.01.*greater than 0"),
+        ("[simulation]\nstep = nan\n", "simulation.step.*finite"),
+        ("[simulation]\nsolver = 'newton'\n", "'newton'.*converged.*linearly_implicit"),
+        ("[simulation]\nsigma_max = 1e3\n", "sigma_max = 1000 Pa is below"),
+        ("[alignment]\nscale_range = [1.1, 1.2]\n", "does not span 1"),
+        ("[recordings]\ninstructions = ['A', 'G']\n", "instruction G is unknown.*A, B, C, D, E, F"),
+        ("strategies = ['act_3', 'act_3']\n", "each only once"),
+        ("name = 'a'\nseed 3\n", "not valid TOML.*line 2"),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_sentence(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(ConfigurationError, match=said) as caught:
+        load_study(written(tmp_path, text))
+    assert "study.toml" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_missing_file_names_the_command_that_writes_one(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="emgface study template"):
+        load_study(tmp_path / "study.toml")
+
+
+def test_paths_are_relative_to_the_file_and_not_to_the_shell(tmp_path: Path, monkeypatch) -> None:
+    path = written(tmp_path, "[recordings]\nfolder = 'data'\n[face]\npath = 'face.nc'\n")
+    monkeypatch.chdir("/")
+    study = load_study(path)
+    assert study.recordings.folder == tmp_path / "data"
+    assert study.face.path == tmp_path / "face.nc"
+
+
+def test_a_study_cannot_be_changed_after_it_was_read() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        StudyConfiguration().seed = 3
+
+
+def test_true_activations_are_one_strategy_of_their_own() -> None:
+    assert StudyConfiguration(activation_source="true").strategy_names == ("true",)
