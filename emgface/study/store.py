@@ -228,7 +228,7 @@ class Store:
         if damage is None:
             dataset: xr.Dataset | None
             try:
-                dataset = xr.load_dataset(path, engine="netcdf4")
+                dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False)
             except (OSError, ValueError, RuntimeError) as error:
                 dataset, damage = None, f"cannot be read ({error})"
             if dataset is not None:

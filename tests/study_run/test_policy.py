@@ -1,0 +1,63 @@
+"""Lowering of sigma_max: the published 10 % rule as a policy outside the solver."""
+
+import pytest
+import xarray as xr
+
+from emgface.face.simulation_parameters import SigmaMaxPolicy, SimulationParameters
+from emgface.study.policy import lower_sigma_max
+from sim.errors import InvertedElement, NotConverged, SingularSystem
+
+PARAMETERS = SimulationParameters()
+
+
+def fails_above(limit: float, tried: list[float]):
+    def simulate(parameters: SimulationParameters) -> xr.Dataset:
+        tried.append(parameters.sigma_max)
+        if parameters.sigma_max > limit:
+            raise InvertedElement(3, -0.1, 0.2)
+        return xr.Dataset(attrs={"sigma_max": parameters.sigma_max})
+
+    return simulate
+
+
+def test_sigma_max_falls_by_ten_per_cent_until_the_trial_succeeds() -> None:
+    tried: list[float] = []
+    lowered = lower_sigma_max(fails_above(220e3, tried), PARAMETERS)
+    assert tried == pytest.approx([300e3, 270e3, 243e3, 218.7e3])
+    assert lowered.sigma_max == tried[-1] == lowered.trajectory.attrs["sigma_max"]
+    assert [a.error for a in lowered.attempts] == ["InvertedElement"] * 3
+
+
+def test_a_trial_that_runs_at_once_is_not_touched() -> None:
+    tried: list[float] = []
+    assert lower_sigma_max(fails_above(1e9, tried), PARAMETERS).attempts == ()
+    assert tried == [300e3]
+
+
+def test_below_the_minimum_the_last_failure_is_raised_with_what_was_tried() -> None:
+    tried: list[float] = []
+    parameters = SimulationParameters(sigma_max_policy=SigmaMaxPolicy(minimum=200e3))
+    with pytest.raises(InvertedElement) as caught:
+        lower_sigma_max(fails_above(0.0, tried), parameters)
+    assert tried == pytest.approx([300e3, 270e3, 243e3, 218.7e3])
+    assert "lowered 3 times from 300 to 218.7 kPa" in caught.value.__notes__[0]
+
+
+def test_a_step_that_does_not_converge_also_lowers_but_a_singular_matrix_does_not() -> None:
+    calls: list[float] = []
+
+    def once(parameters: SimulationParameters) -> xr.Dataset:
+        calls.append(parameters.sigma_max)
+        if len(calls) == 1:
+            raise NotConverged((1.0, 0.5), 0.1, "iterations exhausted")
+        return xr.Dataset()
+
+    said: list[str] = []
+    assert lower_sigma_max(once, PARAMETERS, report=said.append).sigma_max == pytest.approx(270e3)
+    assert said == ["NotConverged at sigma_max = 300 kPa, trying 270 kPa"]
+
+    def singular(parameters: SimulationParameters) -> xr.Dataset:
+        raise SingularSystem("zero pivot")
+
+    with pytest.raises(SingularSystem):
+        lower_sigma_max(singular, PARAMETERS)
