@@ -1,0 +1,67 @@
+"""sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
+
+from sim.damping import Rayleigh
+from sim.errors import (
+    ControlError,
+    InvertedElement,
+    MeshError,
+    NotConverged,
+    SceneError,
+    SimulationError,
+    SingularSystem,
+)
+from sim.integrators import ConvergedEuler, LinearlyImplicitEuler, Workspace
+from sim.laws import Blemker, Constant, Generic, LogarithmicBulk, MooneyRivlin, QuadraticBulk
+from sim.mesh import Mesh, mesh_from_arrays
+from sim.probes import Energies, Iterations, Markers, Opening, Positions, SmallestJ
+from sim.reductions import Fixed
+from sim.scene import Scene
+from sim.simulate import Activation, resting, simulate
+from sim.state import Control, State, StepReport
+from sim.steps import FixedStep, HalvingStep
+from sim.system import System, compile_scene
+from sim.terms import Gravity, Material, Muscles, Solid
+
+__all__ = [
+    "Activation",
+    "Blemker",
+    "Constant",
+    "Control",
+    "ControlError",
+    "ConvergedEuler",
+    "Energies",
+    "Fixed",
+    "FixedStep",
+    "Generic",
+    "Gravity",
+    "HalvingStep",
+    "InvertedElement",
+    "Iterations",
+    "LinearlyImplicitEuler",
+    "LogarithmicBulk",
+    "Markers",
+    "Material",
+    "Mesh",
+    "MeshError",
+    "MooneyRivlin",
+    "Muscles",
+    "NotConverged",
+    "Opening",
+    "Positions",
+    "QuadraticBulk",
+    "Rayleigh",
+    "Scene",
+    "SceneError",
+    "SimulationError",
+    "SingularSystem",
+    "SmallestJ",
+    "Solid",
+    "State",
+    "StepReport",
+    "System",
+    "Workspace",
+    "compile_scene",
+    "mesh_from_arrays",
+    "resting",
+    "simulate",
+]

@@ -1,0 +1,14 @@
+"""All numba code of the mechanics, compiled once into a cache of its own.
+
+A kernel takes contiguous arrays and scalars, writes into buffers of the caller, knows no classes and
+reports trouble by value; the Python around it raises.
+"""
+
+from pathlib import Path
+
+from sim._kernels.cache import kernel_cache
+
+with kernel_cache(Path(__file__).parent):
+    from sim._kernels import laws, scatter, solid
+
+__all__ = ["kernel_cache", "laws", "scatter", "solid"]

@@ -1,0 +1,88 @@
+"""Where compiled kernels are kept, and why they can never be stale.
+
+numba keys its cache by the file of the kernel alone, so editing a law in another file would go on
+returning the old numbers. The folder is therefore named by a digest of all kernel sources together
+with the versions of Python and numba.
+"""
+
+import atexit
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numba
+import platformdirs
+from numba.core import config
+
+
+class KernelCacheWarning(UserWarning):
+    """The cache folder cannot be written, so kernels are compiled again in every process."""
+
+
+def cache_root() -> Path:
+    """Folder of everything that can be computed again: EMGFACE_CACHE, else the user's cache."""
+    named = os.environ.get("EMGFACE_CACHE")
+    return Path(named) if named else Path(platformdirs.user_cache_dir("emgface", appauthor=False))
+
+
+def source_digest(folder: Path) -> str:
+    """Digest of the kernel sources below a folder, with the versions that compile them."""
+    digest = hashlib.sha256(f"{sys.version}|{numba.__version__}".encode())
+    for path in sorted(folder.glob("**/*.py")) if folder.is_dir() else [folder]:
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def cache_folder(sources: Path) -> Path:
+    """Writable folder for the kernels compiled from these sources; temporary if none is."""
+    folder = cache_root() / "kernels" / source_digest(sources)
+    if _writable(folder):
+        return folder
+    temporary = Path(tempfile.mkdtemp(prefix="emgface-kernels-"))
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    warnings.warn(
+        f"cannot write compiled kernels to {folder}: they are compiled again in every process; "
+        "set EMGFACE_CACHE to a writable folder",
+        KernelCacheWarning,
+        stacklevel=2,
+    )
+    return temporary
+
+
+@contextmanager
+def kernel_cache(sources: Path) -> Iterator[None]:
+    """Let the kernels decorated inside the block be cached under the digest of their sources.
+
+    Parameters
+    ----------
+    sources : Path
+        Folder (or single file) whose Python files together make up the kernels.
+    """
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(cache_folder(sources))
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
+
+
+def kernels_are_compiled(sources: Path = Path(__file__).parent) -> bool:
+    """Whether an earlier process left compiled kernels for these very sources."""
+    folder = cache_root() / "kernels" / source_digest(sources)
+    return any(folder.glob("**/*.nbc"))

@@ -1,0 +1,164 @@
+"""Scalar forms of the constitutive laws: energy and its first two derivatives.
+
+Every law of the invariant family is a function of one scalar, so a law is three closed forms:
+
+    isochoric  w(I1bar)          I1bar  = J^(-2/3) tr C
+    bulk       U(J)              J      = det F
+    fibre      w(stretch, a)     stretch = J^(-1/3) |F a0|
+
+The element loop turns them into stress and tangent by the chain rule. Laws are chosen by integer code
+because kernels built as closures over laws miss the disk cache in every process. A new law is one
+function and one line in its dispatcher; its class in `sim.laws` carries the code.
+"""
+
+import math
+
+import numba as nb
+import numpy as np
+
+FLAGS = {"contract", "reassoc", "nsz", "arcp"}  # never all of fastmath: it assumes NaN away
+
+MOONEY_RIVLIN = 0
+NEO_HOOKE = 1
+
+QUADRATIC = 0
+LOGARITHMIC = 1
+
+BLEMKER = 0
+GENERIC = 1
+CONSTANT = 2
+
+# Gauss-Legendre points and weights on (0, 1): the generic passive energy has no elementary form.
+_GAUSS = np.polynomial.legendre.leggauss(16)
+GAUSS_X = 0.5 * (_GAUSS[0] + 1.0)
+GAUSS_W = 0.5 * _GAUSS[1]
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def mooney_rivlin(p, I1bar):
+    """C10 (I1bar - 3) + C20 (I1bar - 3)^2."""
+    x = I1bar - 3.0
+    return p[0] * x + p[1] * x * x, p[0] + 2.0 * p[1] * x, 2.0 * p[1]
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def neo_hooke(p, I1bar):
+    """mu/2 (I1bar - 3)."""
+    return 0.5 * p[0] * (I1bar - 3.0), 0.5 * p[0], 0.0
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def isochoric(code, p, I1bar):
+    """Energy, slope and curvature of the isochoric law with this code."""
+    if code == MOONEY_RIVLIN:
+        return mooney_rivlin(p, I1bar)
+    if code == NEO_HOOKE:
+        return neo_hooke(p, I1bar)
+    return math.nan, math.nan, math.nan
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def quadratic_bulk(kappa, J):
+    """kappa/2 (J - 1)^2."""
+    return 0.5 * kappa * (J - 1.0) ** 2, kappa * (J - 1.0), kappa
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def logarithmic_bulk(kappa, J):
+    """kappa/2 (ln J)^2."""
+    log_J = math.log(J)
+    return 0.5 * kappa * log_J * log_J, kappa * log_J / J, kappa * (1.0 - log_J) / (J * J)
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def bulk(code, kappa, J):
+    """Energy, slope and curvature of the bulk law with this code."""
+    if code == QUADRATIC:
+        return quadratic_bulk(kappa, J)
+    if code == LOGARITHMIC:
+        return logarithmic_bulk(kappa, J)
+    return math.nan, math.nan, math.nan
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def blemker_active(r):
+    """Active force-length curve f_act(r), its integral from 0 and its slope."""
+    if r <= 0.4 or r >= 1.6:
+        return (0.0 if r <= 0.4 else 508.0 / 750.0), 0.0, 0.0
+    if r <= 0.6:
+        x = r - 0.4
+        return 3.0 * x * x * x, 9.0 * x * x, 18.0 * x
+    if r < 1.4:
+        x = r - 1.0
+        return 0.024 + (x + 0.4) - 4.0 / 3.0 * (x * x * x + 0.064), 1.0 - 4.0 * x * x, -8.0 * x
+    x = r - 1.6
+    return 508.0 / 750.0 + 3.0 * x * x * x, 9.0 * x * x, 18.0 * x
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def exponential_then_linear(P1, P2, r_star, r):
+    """Passive curve f_pas(r): 0, then P1 (exp(P2 (r - 1)) - 1), then its tangent line beyond r*."""
+    if r <= 1.0:  # at rest the stretch sits on this kink: the zero-slope side is taken
+        return 0.0, 0.0, 0.0
+    if r <= r_star:
+        e = math.exp(P2 * (r - 1.0))
+        return P1 * ((e - 1.0) / P2 - (r - 1.0)), P1 * (e - 1.0), P1 * P2 * e
+    e = math.exp(P2 * (r_star - 1.0))
+    P3 = P1 * P2 * e
+    f_star = P1 * (e - 1.0)
+    w_star = P1 * ((e - 1.0) / P2 - (r_star - 1.0))
+    x = r - r_star
+    return w_star + f_star * x + 0.5 * P3 * x * x, f_star + P3 * x, P3
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def blemker(p, stretch, activation):
+    """dw/dstretch = (sigma_max / stretch_opt)(f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
+    r = stretch / p[1]
+    w_pas, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2] / p[1], r)
+    w, f, k = p[0] * w_pas, p[0] / p[1] * f_pas, p[0] / (p[1] * p[1]) * k_pas
+    if activation != 0.0:
+        w_act, f_act, k_act = blemker_active(r)
+        w += p[0] * activation * w_act
+        f += p[0] / p[1] * activation * f_act
+        k += p[0] / (p[1] * p[1]) * activation * k_act
+    return w, f, k
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def generic(p, stretch, activation):
+    """dw/dstretch = f_pas(stretch)/stretch + a sigma_max; p as for blemker, P1 in pascals."""
+    w, f, k = p[0] * activation * (stretch - 1.0), p[0] * activation, 0.0
+    _, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2], stretch)
+    if stretch > 1.0:
+        f += f_pas / stretch
+        k += (k_pas - f_pas / stretch) / stretch
+        # smooth on either side of r*, so the quadrature is split there
+        inner = min(stretch, p[2]) - 1.0
+        for i in range(GAUSS_X.size):
+            r = 1.0 + inner * GAUSS_X[i]
+            w += inner * GAUSS_W[i] * exponential_then_linear(p[3], p[4], p[2], r)[1] / r
+        if stretch > p[2]:
+            e = math.exp(p[4] * (p[2] - 1.0))
+            P3 = p[3] * p[4] * e
+            P4 = p[3] * (e - 1.0) - P3 * p[2]
+            w += P3 * (stretch - p[2]) + P4 * math.log(stretch / p[2])
+    return w, f, k
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def constant(p, stretch, activation):
+    """dw/dstretch = a sigma_max: no length dependence, no passive part."""
+    return p[0] * activation * (stretch - 1.0), p[0] * activation, 0.0
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def fibre(code, p, stretch, activation):
+    """Energy, slope and curvature of the fibre law with this code."""
+    if code == BLEMKER:
+        return blemker(p, stretch, activation)
+    if code == GENERIC:
+        return generic(p, stretch, activation)
+    if code == CONSTANT:
+        return constant(p, stretch, activation)
+    return math.nan, math.nan, math.nan

@@ -1,0 +1,103 @@
+"""The contract of an integrator, and the memory that it may keep between steps."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from sim._kernels import scatter
+from sim.errors import InvertedElement
+from sim.linear import LinearSolver, NotPositiveDefinite, linear_solver
+from sim.state import Array, Control, State, StepReport
+from sim.system import System
+
+
+class Workspace:
+    """Solver memory of one simulation: the analysed linear solver, its latest factor, run times.
+
+    Nothing here changes a result beyond the tolerance of the iteration that uses it.
+
+    Parameters
+    ----------
+    system : System
+    linear : str
+        Name of the linear solver, or "auto".
+    """
+
+    def __init__(self, system: System, linear: str = "auto") -> None:
+        self.linear: LinearSolver = linear_solver(linear)
+        self.linear.analyse(system.pattern)
+        self.seconds: dict[str, float] = {}
+        self.calls: dict[str, int] = {}
+
+    @contextmanager
+    def timed(self, phase: str) -> Iterator[None]:
+        """Add the wall time of a block to a phase."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - start
+            self.calls[phase] = self.calls.get(phase, 0) + 1
+
+    def factorise(self, values: Array, mass: Array, diagonal: Array, max_shifts: int = 12) -> int:
+        """Factorise; while the matrix is not positive definite, add multiples of the mass.
+
+        Adding tau M acts as a shorter step would. Returns the number of shifts.
+
+        Raises
+        ------
+        NotPositiveDefinite
+            Not even the largest shift helped.
+        """
+        shifted, tau = values, 1.0
+        for shifts in range(max_shifts + 1):
+            try:
+                with self.timed("factorisation"):
+                    self.linear.factorise(shifted)
+                return shifts
+            except NotPositiveDefinite:
+                if shifts == max_shifts:
+                    raise
+                shifted = values.copy()
+                shifted[diagonal] += tau * mass
+                tau *= 4.0
+        raise AssertionError("unreachable: the loop returns or raises")
+
+    def solve(self, rhs: Array) -> Array:
+        """Solve with the latest factor."""
+        with self.timed("solution"):
+            return self.linear.solve(rhs)
+
+
+class Integrator(Protocol):
+    """Advances a state by one step."""
+
+    order: ClassVar[int]
+
+    def step(
+        self, system: System, state: State, control: Control, h: float, work: Workspace
+    ) -> tuple[State, StepReport]:
+        """State at t + h under a control held over the step, and how the step went.
+
+        Raises
+        ------
+        InvertedElement, NotConverged, SingularSystem
+            The step failed; the given state is untouched.
+        """
+        ...
+
+
+def symmetric_product(system: System, values: Array, x: Array) -> Array:
+    """A x (n_free,) for the symmetric matrix with these values on the system's pattern."""
+    out = np.empty_like(x)
+    scatter.symmetric_product(system.pattern.indptr, system.pattern.indices, values, x, out)
+    return out
+
+
+def require_upright(element: int, smallest_J: float, t: float) -> None:
+    """Raise InvertedElement unless the smallest det F is positive (NaN is not)."""
+    if not smallest_J > 0.0:
+        raise InvertedElement(element, smallest_J, t)

@@ -1,0 +1,55 @@
+"""Implicit Euler with one linear solution per step."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sim.integrators.contract import Workspace, require_upright
+from sim.state import Control, State, StepReport
+from sim.system import System
+
+
+@dataclass(frozen=True)
+class LinearlyImplicitEuler:
+    """One Newton step of implicit Euler, (M + h D + h^2 K) v1 = M v0 + h f(q0), q1 = q0 + h v1.
+
+    K, D and f are taken at q0 with the control of the step's end. First order; it follows the
+    published simulator, and like it can invert elements when forces are large.
+
+    Notes
+    -----
+    A matrix that is not positive definite is shifted by multiples of M; the report says how often.
+    """
+
+    order: ClassVar[int] = 1
+
+    def step(
+        self, system: System, state: State, control: Control, h: float, work: Workspace
+    ) -> tuple[State, StepReport]:
+        """Advance by h.
+
+        Raises
+        ------
+        InvertedElement
+            det F <= 0 somewhere at the start or at the end of the step.
+        SingularSystem
+            The matrix could not be factorised.
+        """
+        with work.timed("tangent"):
+            at_start, K, D = system.tangent(state.q, control)
+        require_upright(at_start.element, at_start.smallest_J, state.t)
+        mass, diagonal = system.mass, system.pattern.diagonal
+        A = h * D
+        A += h * h * K
+        A[diagonal] += mass
+        shifts = work.factorise(A, mass, diagonal)
+        v0 = system.reduce(state.v)
+        v1 = work.solve(mass * v0 + h * system.reduce(at_start.f))
+        q1 = system.expand(system.reduce(state.q) + h * v1, state.q)
+        t1 = state.t + h
+        with work.timed("force"):
+            least, element = system.smallest_J(q1)
+        require_upright(element, least, t1)
+        new = State(t1, q1, system.expand(v1, state.v), state.memory)
+        return new, StepReport(
+            h=h, smallest_J=least, factorisations=1 + shifts, shifts=shifts
+        )

@@ -1,0 +1,27 @@
+"""The one check that all laws share: a parameter is a finite number in its range."""
+
+import math
+
+from sim.errors import SceneError
+
+
+def require(law: object, name: str, value: float, *, at_least: float, strictly: bool) -> None:
+    """Raise SceneError unless value is finite and above its lower bound.
+
+    Parameters
+    ----------
+    law : object
+        The law, named in the message.
+    name, value : str, float
+        Parameter and its value.
+    at_least : float
+        Lower bound.
+    strictly : bool
+        Whether the bound itself is refused.
+    """
+    fits = value > at_least if strictly else value >= at_least
+    if not (math.isfinite(value) and fits):
+        sign = ">" if strictly else ">="
+        raise SceneError(
+            f"{type(law).__name__}: {name} = {value!r}, expected a finite number {sign} {at_least:g}"
+        )

@@ -1,0 +1,102 @@
+"""MKL PARDISO through pypardiso: Cholesky factors of the upper triangle."""
+
+import importlib.util
+import weakref
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sim.errors import SingularSystem
+from sim.linear.contract import NotPositiveDefinite
+from sim.pattern import SymmetricPattern
+from sim.state import Array
+
+SYMMETRIC_POSITIVE_DEFINITE = 2
+ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
+
+
+def pardiso_is_available() -> bool:
+    """Whether pypardiso and its MKL can be loaded on this machine."""
+    if importlib.util.find_spec("pypardiso") is None:
+        return False
+    try:
+        import pypardiso  # noqa: F401  (loads MKL, which may be absent)
+    except (ImportError, OSError):
+        return False
+    return True
+
+
+class Pardiso:
+    """PARDISO for symmetric positive definite matrices; one symbolic analysis per pattern."""
+
+    name = "pardiso"
+
+    def __init__(self) -> None:
+        from pypardiso import PyPardisoSolver
+
+        self._solver: Any = PyPardisoSolver(mtype=SYMMETRIC_POSITIVE_DEFINITE)
+        self._factorised = False
+
+    def _call(self, phase: int, rhs: Array) -> Array:
+        from pypardiso.pardiso_wrapper import PyPardisoError
+
+        self._solver.set_phase(phase)
+        try:
+            # solve() and factorize() of the wrapper copy and compare the whole matrix at every call
+            return self._solver._call_pardiso(self._matrix, rhs)
+        except PyPardisoError as error:
+            code = int(getattr(error, "value", 0))
+            if code == -4:
+                raise NotPositiveDefinite(
+                    "PARDISO met a non-positive pivot, expected a positive definite matrix"
+                ) from error
+            raise SingularSystem(f"PARDISO failed in phase {phase}: {error}") from error
+
+    def analyse(self, pattern: SymmetricPattern) -> None:
+        """Order the unknowns and find the structure of the factor."""
+        self._matrix = csr_array(
+            (np.zeros(pattern.nnz), pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n)
+        )
+        self._matrix.data[pattern.diagonal] = 1.0
+        self._none = np.zeros(pattern.n)
+        self._call(ANALYSE, self._none)
+        # MKL keeps the factor outside Python's sight until it is told to release it
+        weakref.finalize(self, _release, self._solver, self._matrix, self._none)
+
+    def factorise(self, values: Array) -> None:
+        """Cholesky factorisation.
+
+        Raises
+        ------
+        NotPositiveDefinite
+            A pivot is not positive.
+        SingularSystem
+            The matrix holds NaN, or PARDISO failed otherwise.
+        """
+        self._factorised = False
+        if not np.isfinite(values).all():
+            raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
+        self._matrix.data[:] = values
+        self._call(FACTORISE, self._none)
+        self._factorised = True
+
+    def solve(self, rhs: Array) -> Array:
+        """Solve with the latest factor.
+
+        Raises
+        ------
+        SingularSystem
+            There is no factor, or the solution is not finite.
+        """
+        if not self._factorised:
+            raise SingularSystem("no factor at hand: the last factorisation failed")
+        x = self._call(SOLVE, np.ascontiguousarray(rhs))
+        if not np.isfinite(x).all():
+            raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
+        return x
+
+
+def _release(solver: Any, matrix: csr_array, none: Array) -> None:
+    solver.set_phase(RELEASE)
+    solver._call_pardiso(matrix, none)

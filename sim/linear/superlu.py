@@ -1,0 +1,68 @@
+"""SciPy's SuperLU: everywhere available, unsymmetric, reorders at every factorisation."""
+
+import numpy as np
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from sim.errors import SingularSystem
+from sim.pattern import SymmetricPattern
+from sim.state import Array
+
+
+class SuperLU:
+    """Direct solver of `scipy.sparse.linalg.splu` on the full symmetric matrix."""
+
+    name = "superlu"
+
+    def analyse(self, pattern: SymmetricPattern) -> None:
+        """Lay out the full matrix; a value's place in it is looked up from then on."""
+        n = pattern.n
+        row = np.repeat(np.arange(n), np.diff(pattern.indptr))
+        column = pattern.indices.astype(np.int64)
+        off = row != column
+        rows = np.concatenate([row, column[off]])
+        columns = np.concatenate([column, row[off]])
+        source = np.concatenate([np.arange(len(row)), np.flatnonzero(off)])
+        order = np.lexsort((rows, columns))
+        self._source = source[order]
+        self._indices = rows[order].astype(np.int32)
+        self._indptr = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=n))]).astype(
+            np.int32
+        )
+        self._n = n
+
+    def factorise(self, values: Array) -> None:
+        """LU with a symmetric minimum-degree ordering.
+
+        Raises
+        ------
+        SingularSystem
+            The matrix is singular or holds NaN.
+        """
+        if not np.isfinite(values).all():
+            raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
+        full = csc_array(
+            (values[self._source], self._indices, self._indptr), shape=(self._n, self._n)
+        )
+        try:
+            self._factor = splu(
+                full,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise SingularSystem(f"SuperLU could not factorise the matrix ({error})") from error
+
+    def solve(self, rhs: Array) -> Array:
+        """Solve with the latest factor.
+
+        Raises
+        ------
+        SingularSystem
+            The solution is not finite.
+        """
+        x = self._factor.solve(rhs)
+        if not np.isfinite(x).all():
+            raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
+        return x

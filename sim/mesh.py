@@ -1,0 +1,138 @@
+"""A mesh: nodes at rest and blocks of elements of one type each."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.elements import ELEMENT_TYPES, ElementType
+from sim.errors import MeshError
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Elements of one type.
+
+    Attributes
+    ----------
+    kind : ElementType
+    nodes : (n_elements, kind.n_nodes) indices into the nodes of the mesh.
+    """
+
+    kind: ElementType
+    nodes: Index
+
+    def gradients(self, X: Array, *, at_corners: bool = False) -> tuple[Array, Array]:
+        """Material gradients dN/dX and det(dX/dxi) at the quadrature points or the corners.
+
+        Returns
+        -------
+        gradient : (n_elements, n_points, n_nodes, 3) [1/m]
+        det : (n_elements, n_points) [m^3]
+        """
+        dN = self.kind.dN_corners if at_corners else self.kind.dN
+        jacobian = np.einsum("eai,paj->epij", X[self.nodes], dN)
+        det = np.linalg.det(jacobian)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = np.where(
+                (det != 0.0)[..., None, None],
+                np.linalg.inv(np.where((det != 0.0)[..., None, None], jacobian, np.eye(3))),
+                np.nan,
+            )
+        return np.einsum("paj,epji->epai", dN, inverse), det
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Nodes at rest and element blocks, checked when made.
+
+    Elements are numbered through the blocks in their order.
+
+    Attributes
+    ----------
+    X : (n_nodes, 3) rest positions [m].
+    blocks : tuple of Block
+
+    Raises
+    ------
+    MeshError
+        A node index is out of range, a position is not finite, an element is inverted or has no
+        volume at a quadrature point, or a node belongs to no element.
+    """
+
+    X: Array
+    blocks: tuple[Block, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what could only fail later and elsewhere."""
+        n = len(self.X)
+        if self.X.ndim != 2 or self.X.shape[1] != 3 or not np.isfinite(self.X).all():
+            raise MeshError(
+                f"node positions have shape {self.X.shape} or hold NaN, expected finite (n, 3)"
+            )
+        used = np.zeros(n, dtype=bool)
+        first = 0
+        for block in self.blocks:
+            if block.nodes.size and (block.nodes.min() < 0 or block.nodes.max() >= n):
+                bad = int(np.argmax((block.nodes < 0) | (block.nodes >= n)) // block.nodes.shape[1])
+                raise MeshError(
+                    f"element {first + bad} names node {block.nodes[bad].max()}, expected 0..{n - 1}"
+                )
+            used[block.nodes] = True
+            _, det = block.gradients(self.X)
+            if block.nodes.size and not (det > 0.0).all():
+                bad, point = np.argwhere(~(det > 0.0))[0]
+                raise MeshError(
+                    f"element {first + bad} ({block.kind.name}) is inverted or flat at rest "
+                    f"(det dX/dxi = {det[bad, point]:.3g} m^3 at quadrature point {point}, expected "
+                    "> 0): check the node order or repair the element"
+                )
+            first += len(block.nodes)
+        if not used.all():
+            raise MeshError(
+                f"{int((~used).sum())} nodes belong to no element (first: {int(np.argmin(used))}): "
+                "remove them, they would have no mass"
+            )
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.X)
+
+    @property
+    def n_elements(self) -> int:
+        """Number of elements over all blocks."""
+        return sum(len(block.nodes) for block in self.blocks)
+
+    def volumes(self) -> Array:
+        """Rest volume of every element [m^3], shape (n_elements,), by quadrature."""
+        return np.concatenate([b.gradients(self.X)[1] @ b.kind.weights for b in self.blocks])
+
+
+def mesh_from_arrays(X: ArrayLike, **connectivity: Iterable[Iterable[int]]) -> Mesh:
+    """Mesh from node positions and one connectivity array per element type.
+
+    Parameters
+    ----------
+    X : array_like, shape (n_nodes, 3)
+        Rest positions [m].
+    **connectivity : array_like of int
+        ``hex8=...``, ``wedge6=...``: node indices, 0-based, in VTK order.
+
+    Raises
+    ------
+    MeshError
+        As `Mesh`, or an unknown element type.
+    """
+    blocks: list[Block] = []
+    for name, nodes in connectivity.items():
+        if name not in ELEMENT_TYPES:
+            raise MeshError(f"unknown element type {name!r}, expected one of {[*ELEMENT_TYPES]}")
+        kind = ELEMENT_TYPES[name]
+        array = np.asarray(nodes, dtype=np.int64).reshape(-1, kind.n_nodes)
+        blocks.append(Block(kind, array))
+    return Mesh(np.ascontiguousarray(X, dtype=np.float64), tuple(blocks))

@@ -1,0 +1,84 @@
+"""Fixed sparsity: which unknowns are free and where a 3 x 3 block of a node pair goes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class SymmetricPattern:
+    """Upper triangle, by rows, of a symmetric matrix over the free unknowns.
+
+    Attributes
+    ----------
+    free : (n_free,) indices of the free unknowns among 3 n_nodes.
+    indptr, indices : rows of the upper triangle, columns ascending, the diagonal always present
+        and first.
+    diagonal : (n_free,) positions of the diagonal in the values.
+    pairs : (n_pairs,) keys ``a * n_nodes + b`` of the node pairs a <= b, ascending.
+    target : (n_pairs, 9) position of each block entry in the values, -1 where it is not stored.
+    n_nodes : int
+    """
+
+    free: Index
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    diagonal: Index
+    pairs: Index
+    target: NDArray[np.int32]
+    n_nodes: int
+
+    @property
+    def n(self) -> int:
+        """Number of free unknowns."""
+        return len(self.free)
+
+    @property
+    def nnz(self) -> int:
+        """Number of stored entries (upper triangle)."""
+        return len(self.indices)
+
+    def pair_index(self, keys: Index) -> Index:
+        """Rows of `target` for node-pair keys that are part of the pattern."""
+        return np.searchsorted(self.pairs, keys).astype(np.int64)
+
+
+def symmetric_pattern(n_nodes: int, keys: Index, held: Index) -> SymmetricPattern:
+    """Pattern over all unknowns that are not held, from the node pairs of all terms.
+
+    Parameters
+    ----------
+    n_nodes : int
+    keys : (m,) array of int
+        ``a * n_nodes + b`` with a <= b, in any order, repeats allowed.
+    held : array of int
+        Indices of held unknowns among 3 n_nodes.
+    """
+    number = np.zeros(3 * n_nodes, dtype=np.int64)
+    number[held] = -1
+    free = np.flatnonzero(number == 0)
+    number[free] = np.arange(len(free))
+
+    own = np.arange(n_nodes, dtype=np.int64) * (n_nodes + 1)
+    pairs = np.unique(np.concatenate([keys, own]))
+    a, b = np.divmod(pairs, n_nodes)
+    i, j = np.divmod(np.arange(9), 3)
+    row = number[3 * a[:, None] + i]
+    column = number[3 * b[:, None] + j]
+    # free numbers ascend with the node number, so only blocks (a, a) reach below the diagonal
+    stored = (row >= 0) & (column >= row)
+    order = np.argsort(row[stored] * (len(free) + 1) + column[stored], kind="stable")
+    position = np.empty(len(order), dtype=np.int32)
+    position[order] = np.arange(len(order), dtype=np.int32)
+    target = np.full(stored.shape, -1, dtype=np.int32)
+    target[stored] = position
+    indices = column[stored][order].astype(np.int32)
+    counts = np.bincount(row[stored], minlength=len(free))
+    indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    return SymmetricPattern(
+        free, indptr, indices, indptr[:-1].astype(np.int64), pairs, target, n_nodes
+    )

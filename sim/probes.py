@@ -1,0 +1,160 @@
+"""Probes: what is recorded at every output time; a scene without a probe pays nothing for it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from sim.scene import Index
+from sim.state import Array, Control, State, StepReport
+from sim.system import System
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """Name, dims after time, unit and coordinates of what a probe records."""
+
+    name: str
+    units: str
+    dims: tuple[str, ...] = ()
+    coords: Mapping[str, Sequence[str]] | None = None
+
+
+class Probe(Protocol):
+    """Records variables at every output time."""
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Describe what `record` returns, in its order."""
+        ...
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Values at one time; the report is None for the initial state."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """Positions of named nodes, (marker, axis) [m].
+
+    Attributes
+    ----------
+    nodes : (n_markers,) node indices.
+    names : marker names.
+    """
+
+    nodes: Index
+    names: tuple[str, ...]
+
+    def variables(self) -> tuple[Variable, ...]:
+        """One variable ``position``."""
+        coords = {"marker": self.names, "axis": AXES}
+        return (Variable("position", "m", ("marker", "axis"), coords),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Copy the marker positions."""
+        return (state.q[self.nodes],)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Distance between two nodes, as the lip opening in the midline [m].
+
+    Attributes
+    ----------
+    upper, lower : int
+        Node indices.
+    name : str
+        Name of the variable.
+    """
+
+    upper: int
+    lower: int
+    name: str = "lip_opening"
+
+    def variables(self) -> tuple[Variable, ...]:
+        """One variable."""
+        return (Variable(self.name, "m"),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Distance of the two nodes."""
+        return (float(np.linalg.norm(state.q[self.upper] - state.q[self.lower])),)
+
+
+@dataclass(frozen=True)
+class SmallestJ:
+    """Smallest det F over all Gauss points [1]."""
+
+    def variables(self) -> tuple[Variable, ...]:
+        """One variable."""
+        return (Variable("smallest_J", "1"),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Taken from the report of the step, computed only for the initial state."""
+        return (report.smallest_J if report else system.smallest_J(state.q)[0],)
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Kinetic and potential energy [J]; the potential is that of all terms at the current control."""
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Two variables."""
+        return Variable("kinetic_energy", "J"), Variable("potential_energy", "J")
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """v' M v / 2 and the sum of the terms' energies."""
+        kinetic = 0.5 * float(system.node_mass @ (state.v**2).sum(axis=1))
+        return kinetic, system.force(state.q, control).energy
+
+
+@dataclass(frozen=True)
+class Iterations:
+    """How every interval was solved: iterations, factorisations, steps, rejected attempts, residual."""
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Five counts and the residual."""
+        counts = ("iterations", "factorisations", "steps", "rejected", "shifts")
+        return (*(Variable(name, "1") for name in counts), Variable("residual", "N"))
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Copy the report; zeros for the initial state."""
+        if report is None:
+            return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return (
+            report.iterations,
+            report.factorisations,
+            report.steps,
+            report.rejected,
+            report.shifts,
+            report.residual,
+        )
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Positions of all nodes, (node, axis) [m]: large, for pictures and comparisons."""
+
+    def variables(self) -> tuple[Variable, ...]:
+        """One variable."""
+        return (Variable("node_position", "m", ("node", "axis"), {"axis": AXES}),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Copy all positions."""
+        return (state.q.copy(),)

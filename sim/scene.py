@@ -1,0 +1,129 @@
+"""A scene is a sum of parts, declared and frozen; compiling it gives a `sim.system.System`.
+
+The contracts that parts fulfil are written here. A new term, damping or reduction is a new class in a
+new file; nothing in the centre changes.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.mesh import Mesh
+from sim.pattern import SymmetricPattern
+from sim.state import Array, Control
+
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a term may know about the scene that it is compiled into.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    node_mass : (n_nodes,) lumped mass of all terms [kg].
+    pattern : SymmetricPattern
+    muscles : names of all muscles of the scene, the order of `Control.activation`.
+    """
+
+    mesh: Mesh
+    node_mass: Array
+    pattern: SymmetricPattern
+    muscles: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """Energy [J] and smallest det F (with its element) that one term reports with its forces."""
+
+    energy: float
+    smallest_J: float = float("inf")
+    element: int = -1
+
+
+class CompiledTerm(Protocol):
+    """A term laid out for one scene."""
+
+    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
+        """f += force [N], shape (n_nodes, 3), at positions q (n_nodes, 3) [m]."""
+        ...
+
+    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
+        """As `add_force`, and K += -df/dq [N/m] in the values of the pattern."""
+        ...
+
+
+class Term(Protocol):
+    """A declared source of force."""
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """Node pairs ``a * n_nodes + b``, a <= b, that the stiffness couples (may be empty)."""
+        ...
+
+    def compile(self, layout: Layout) -> CompiledTerm:
+        """Lay the term out for a scene."""
+        ...
+
+
+@runtime_checkable
+class HasMass(Protocol):
+    """A term that carries mass."""
+
+    def node_mass(self, mesh: Mesh) -> Array:
+        """Lumped mass (n_nodes,) [kg]."""
+        ...
+
+
+@runtime_checkable
+class HasMuscles(Protocol):
+    """A term with muscles that an activation drives."""
+
+    def muscle_names(self) -> tuple[str, ...]:
+        """Names of the muscles, unique within the scene."""
+        ...
+
+
+@runtime_checkable
+class Deforms(Protocol):
+    """A compiled term with Gauss points that can invert."""
+
+    def smallest_J(self, q: Array) -> tuple[float, int]:
+        """Smallest det F at positions q, and its element."""
+        ...
+
+
+class Damping(Protocol):
+    """Damping formed from the assembled mass and stiffness."""
+
+    def add_damping(self, mass: Array, K: Array, diagonal: Index, D: Array) -> None:
+        """D += damping matrix [N s/m] in the values of the pattern; mass is per free unknown."""
+        ...
+
+
+class Reduction(Protocol):
+    """A kinematic condition that removes unknowns."""
+
+    def held(self, mesh: Mesh) -> Index:
+        """Indices of the held unknowns among 3 n_nodes."""
+        ...
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is simulated.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    terms : tuple of Term
+    reductions : tuple of Reduction
+    damping : Damping or None
+    """
+
+    mesh: Mesh
+    terms: tuple[Term, ...]
+    reductions: tuple[Reduction, ...] = ()
+    damping: Damping | None = None

@@ -1,0 +1,174 @@
+"""The loop: from a compiled scene and an activation to a labelled trajectory."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sim.errors import ControlError
+from sim.integrators import ConvergedEuler, Integrator, Workspace
+from sim.probes import Probe, SmallestJ
+from sim.state import Array, Control, State, StepReport
+from sim.steps import FixedStep, StepControl
+from sim.system import System
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Activation:
+    """Activation of all muscles over time, linear between samples, held outside them.
+
+    Attributes
+    ----------
+    time : (n,) ascending [s].
+    values : (n, n_muscles) in 0-1.
+
+    Raises
+    ------
+    ControlError
+        Shapes disagree or times do not ascend.
+    """
+
+    time: Array
+    values: Array
+
+    def __post_init__(self) -> None:
+        """Check shapes and times."""
+        if self.values.ndim != 2 or len(self.values) != len(self.time) or len(self.time) == 0:
+            raise ControlError(
+                f"activation has shape {self.values.shape} for {len(self.time)} times, expected "
+                "(time, muscle)"
+            )
+        if not (np.diff(self.time) > 0.0).all():
+            raise ControlError("the times of the activation do not ascend")
+
+    def at(self, t: float) -> Array:
+        """Activation (n_muscles,) at time t [s]."""
+        i = int(np.clip(np.searchsorted(self.time, t) - 1, 0, max(len(self.time) - 2, 0)))
+        if len(self.time) == 1 or t <= self.time[0]:
+            return self.values[0]
+        if t >= self.time[-1]:
+            return self.values[-1]
+        s = (t - self.time[i]) / (self.time[i + 1] - self.time[i])
+        return (1.0 - s) * self.values[i] + s * self.values[i + 1]
+
+
+def resting(n_muscles: int) -> Activation:
+    """All muscles at zero, for ever."""
+    return Activation(np.zeros(1), np.zeros((1, n_muscles)))
+
+
+def simulate(
+    system: System,
+    activation: Activation,
+    *,
+    duration: float,
+    integrator: Integrator | None = None,
+    steps: StepControl | None = None,
+    probes: Sequence[Probe] = (SmallestJ(),),
+    initial: State | None = None,
+    work: Workspace | None = None,
+    progress: Progress | None = None,
+) -> tuple[xr.Dataset, State]:
+    """Simulate and record.
+
+    Parameters
+    ----------
+    system : System
+    activation : Activation
+        One column per muscle in the order of `System.muscles`.
+    duration : float
+        Simulated time [s], a whole number of output intervals ``steps.h``.
+    integrator : Integrator, optional
+        `ConvergedEuler` by default.
+    steps : StepControl, optional
+        `FixedStep` of 10 ms by default; its h is the output interval.
+    probes : sequence of Probe
+    initial : State, optional
+        Rest by default.
+    work : Workspace, optional
+        Solver memory to go on with, so that several simulations of a system analyse once.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after every interval.
+
+    Returns
+    -------
+    trajectory : xarray.Dataset
+        One variable per probe variable over ``time`` [s]; attrs say solver, step and run time.
+    final : State
+
+    Raises
+    ------
+    ControlError
+        The activation leaves 0-1, is not finite or does not fit the muscles.
+    InvertedElement, NotConverged, SingularSystem
+        A step failed and the step control could not help.
+    """
+    integrator = integrator or ConvergedEuler()
+    steps = steps or FixedStep()
+    state = initial or system.rest_state()
+    work = work or Workspace(system)
+    intervals = round(duration / steps.h)
+    if intervals < 1 or abs(intervals * steps.h - duration) > 1e-9 * max(duration, steps.h):
+        raise ControlError(
+            f"duration {duration:g} s is not a whole number of steps of {steps.h:g} s"
+        )
+
+    def control(t: float) -> Control:
+        return system.control(activation.at(t))
+
+    for values in activation.values:  # all of it now, not one by one hours later
+        system.control(values)
+    start, t0 = time.perf_counter(), state.t
+    records = [_record(probes, system, state, control(t0), None)]
+    times = [t0]
+    for i in range(1, intervals + 1):
+        until = t0 + i * steps.h
+        state, report = steps.advance(integrator, system, state, control, until, work)
+        records.append(_record(probes, system, state, control(until), report))
+        times.append(until)
+        if progress is not None:
+            progress(i, intervals)
+    attrs = {
+        "integrator": type(integrator).__name__,
+        "step_control": type(steps).__name__,
+        "step_s": steps.h,
+        "linear_solver": work.linear.name,
+        "run_time_s": time.perf_counter() - start,
+        "n_unknowns": system.pattern.n,
+    }
+    return _dataset(probes, times, records, attrs), state
+
+
+def _record(
+    probes: Sequence[Probe],
+    system: System,
+    state: State,
+    control: Control,
+    report: StepReport | None,
+) -> list[Array | float]:
+    return [value for p in probes for value in p.record(system, state, control, report)]
+
+
+def _dataset(
+    probes: Sequence[Probe],
+    times: list[float],
+    records: list[list[Array | float]],
+    attrs: dict[str, object],
+) -> xr.Dataset:
+    variables = [v for p in probes for v in p.variables()]
+    data: dict[str, xr.DataArray] = {}
+    for i, variable in enumerate(variables):
+        values = np.array([record[i] for record in records], dtype=np.float64)
+        coords = {name: list(labels) for name, labels in (variable.coords or {}).items()}
+        data[variable.name] = xr.DataArray(
+            np.moveaxis(values, 0, -1),
+            dims=(*variable.dims, "time"),
+            coords=coords,
+            attrs={"units": variable.units},
+        )
+    time_axis = xr.DataArray(np.array(times), dims="time", attrs={"units": "s"})
+    return xr.Dataset(data, coords={"time": time_axis}, attrs=attrs)

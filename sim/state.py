@@ -1,0 +1,100 @@
+"""What changes in time: state, control, and the report of a step."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything needed to go on from here: copied, saved and restarted without asking any object.
+
+    Attributes
+    ----------
+    t : float
+        Time [s].
+    q : (n_nodes, 3) positions [m].
+    v : (n_nodes, 3) velocities [m/s].
+    memory : mapping of str to array
+        Variables of terms that remember (none of the present terms does).
+    """
+
+    t: float
+    q: Array
+    v: Array
+    memory: Mapping[str, Array] = field(default_factory=dict[str, Array])
+
+
+@dataclass(frozen=True)
+class Control:
+    """What drives the scene from outside during one step.
+
+    Attributes
+    ----------
+    activation : (n_muscles,) in 0-1, in the order of `System.muscles`.
+    """
+
+    activation: Array
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Forces and energy at one configuration.
+
+    Attributes
+    ----------
+    f : (n_nodes, 3) sum of all forces of the terms [N], without inertia and Rayleigh damping.
+    energy : float
+        Sum of the potentials of the terms [J].
+    smallest_J : float
+        Smallest det F over all Gauss points (inf if no term deforms).
+    element : int
+        Element in which it occurs, -1 if none.
+    """
+
+    f: Array
+    energy: float
+    smallest_J: float
+    element: int
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """How one accepted step went.
+
+    Attributes
+    ----------
+    h : float
+        Step [s]; the smallest one if the interval was divided.
+    steps : int
+        Steps that made up the interval.
+    rejected : int
+        Attempts thrown away.
+    iterations, factorisations : int
+        Linear solutions and numerical factorisations.
+    residual : float
+        Largest nodal residual force at the end [N]; NaN for a method that does not iterate.
+    increment : float
+        Estimated error of the largest nodal position left by the iteration [m]; NaN likewise.
+    smallest_J : float
+        Smallest det F at the end.
+    line_search : float
+        Smallest accepted fraction of a Newton step.
+    shifts : int
+        Times the matrix had to be made positive definite.
+    """
+
+    h: float
+    smallest_J: float
+    steps: int = 1
+    rejected: int = 0
+    iterations: int = 1
+    factorisations: int = 1
+    residual: float = float("nan")
+    increment: float = float("nan")
+    line_search: float = 1.0
+    shifts: int = 0

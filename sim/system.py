@@ -1,0 +1,144 @@
+"""The compiled scene: layout, sparsity, mass, and the sums of forces and tangents of all terms."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.errors import ControlError, SceneError
+from sim.pattern import SymmetricPattern, symmetric_pattern
+from sim.scene import CompiledTerm, Contribution, Deforms, HasMass, HasMuscles, Index, Layout, Scene
+from sim.state import Array, Control, Evaluation, State
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A scene ready to be stepped.
+
+    Attributes
+    ----------
+    scene : Scene
+    node_mass : (n_nodes,) [kg]
+    pattern : SymmetricPattern
+    terms : compiled terms
+    muscles : names, the order of every activation
+    """
+
+    scene: Scene
+    node_mass: Array
+    pattern: SymmetricPattern
+    terms: tuple[CompiledTerm, ...]
+    muscles: tuple[str, ...]
+
+    @property
+    def free(self) -> Index:
+        """Indices of the free unknowns among 3 n_nodes."""
+        return self.pattern.free
+
+    @property
+    def mass(self) -> Array:
+        """Lumped mass per free unknown (n_free,) [kg]."""
+        return self.node_mass[self.free // 3]
+
+    def rest_state(self) -> State:
+        """Rest positions, no velocity, t = 0."""
+        X = self.scene.mesh.X
+        return State(0.0, X.copy(), np.zeros_like(X))
+
+    def force(self, q: Array, control: Control) -> Evaluation:
+        """Forces and energy at positions q (n_nodes, 3) [m]."""
+        f = np.zeros_like(q)
+        return _total(f, [term.add_force(q, control, f) for term in self.terms])
+
+    def tangent(self, q: Array, control: Control) -> tuple[Evaluation, Array, Array]:
+        """Forces, stiffness K = -df/dq and damping D at positions q.
+
+        Returns
+        -------
+        evaluation : Evaluation
+        K, D : (pattern.nnz,) values of the upper triangle [N/m], [N s/m].
+        """
+        f, K, D = np.zeros_like(q), np.zeros(self.pattern.nnz), np.zeros(self.pattern.nnz)
+        evaluation = _total(f, [term.add_tangent(q, control, f, K) for term in self.terms])
+        if self.scene.damping is not None:
+            self.scene.damping.add_damping(self.mass, K, self.pattern.diagonal, D)
+        return evaluation, K, D
+
+    def smallest_J(self, q: Array) -> tuple[float, int]:
+        """Smallest det F over all terms that deform (inf if none does), and its element."""
+        found = [term.smallest_J(q) for term in self.terms if isinstance(term, Deforms)]
+        return min(found, key=_nan_is_worst, default=(float("inf"), -1))
+
+    def reduce(self, f: Array) -> Array:
+        """Free components (n_free,) of a nodal vector (n_nodes, 3)."""
+        return f.reshape(-1)[self.free]
+
+    def expand(self, w: Array, onto: Array) -> Array:
+        """Copy of a nodal vector with its free components replaced by w."""
+        out = onto.copy()
+        out.reshape(-1)[self.free] = w
+        return out
+
+    def control(self, activation: Array) -> Control:
+        """Checked control.
+
+        Raises
+        ------
+        ControlError
+            Wrong length, not finite, or outside 0-1.
+        """
+        a = np.ascontiguousarray(activation, dtype=np.float64)
+        if a.shape != (len(self.muscles),):
+            raise ControlError(
+                f"activation has shape {a.shape}, expected ({len(self.muscles)},), one per muscle"
+            )
+        bad = ~((a >= 0.0) & (a <= 1.0))
+        if bad.any():
+            i = int(np.argmax(bad))
+            raise ControlError(
+                f"activation of {self.muscles[i]} is {a[i]:g}, expected a value in 0-1: normalise it"
+            )
+        return Control(a)
+
+
+def _nan_is_worst(item: tuple[float, int]) -> float:
+    return item[0] if item[0] == item[0] else -np.inf
+
+
+def _total(f: Array, parts: list[Contribution]) -> Evaluation:
+    worst = min(
+        ((p.smallest_J, p.element) for p in parts), key=_nan_is_worst, default=(np.inf, -1)
+    )
+    return Evaluation(f, sum(p.energy for p in parts), *worst)
+
+
+def compile_scene(scene: Scene) -> System:
+    """Unite the parts of a scene: masses, free unknowns, sparsity, muscles.
+
+    Raises
+    ------
+    SceneError
+        A free node has no mass, two muscles share a name, or nothing is free.
+    """
+    mesh = scene.mesh
+    mass = np.zeros(mesh.n_nodes)
+    names: list[str] = []
+    for term in scene.terms:
+        if isinstance(term, HasMass):
+            mass += term.node_mass(mesh)
+        if isinstance(term, HasMuscles):
+            names.extend(term.muscle_names())
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise SceneError(f"muscle name {sorted(repeated)[0]!r} occurs twice, expected unique names")
+    empty = [np.empty(0, dtype=np.int64)]
+    held = np.unique(np.concatenate(empty + [r.held(mesh) for r in scene.reductions]))
+    keys = np.concatenate(empty + [term.pair_keys(mesh) for term in scene.terms])
+    pattern = symmetric_pattern(mesh.n_nodes, keys, held)
+    if pattern.n == 0:
+        raise SceneError("every node is fixed, expected at least one free unknown")
+    if not (mass[pattern.free // 3] > 0.0).all():
+        node = int(pattern.free[np.argmin(mass[pattern.free // 3] > 0.0)] // 3)
+        raise SceneError(f"free node {node} has no mass: add a solid or fix the node")
+    layout = Layout(mesh, mass, pattern, tuple(names))
+    terms = tuple(term.compile(layout) for term in scene.terms)
+    return System(scene, mass, pattern, terms, layout.muscles)

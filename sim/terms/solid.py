@@ -1,0 +1,309 @@
+"""The deformable solid: passive tissue and muscle fibres in one element loop."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels import scatter
+from sim._kernels import solid as kernel
+from sim.errors import SceneError
+from sim.laws import Blemker, BulkLaw, FibreLaw, IsochoricLaw, MooneyRivlin, QuadraticBulk
+from sim.laws.fibre import N_FIBRE
+from sim.laws.isochoric import N_ISOCHORIC
+from sim.mesh import Mesh
+from sim.scene import Contribution, Index, Layout
+from sim.state import Array, Control
+
+_A, _B = np.triu_indices(kernel.NODES)  # slots of the stored node pairs, row by row
+
+
+@dataclass(frozen=True)
+class Material:
+    """Passive tissue.
+
+    Attributes
+    ----------
+    isochoric : IsochoricLaw
+    bulk : BulkLaw
+    density : float
+        Rest density [kg/m^3].
+    """
+
+    isochoric: IsochoricLaw = field(default_factory=MooneyRivlin)
+    bulk: BulkLaw = field(default_factory=QuadraticBulk)
+    density: float = 1040.0
+
+    def __post_init__(self) -> None:
+        """Check the density."""
+        if not self.density > 0.0:
+            raise SceneError(f"Material: density = {self.density!r}, expected a number > 0")
+
+
+@dataclass(frozen=True, eq=False)
+class Muscles:
+    """Fibres in elements: one row per element of a muscle; an element may have several.
+
+    Attributes
+    ----------
+    names : tuple of str
+    element : (k,) element index of the row.
+    muscle : (k,) index into names.
+    direction : (k, 3) rest direction a0; normalised on compiling.
+    law : FibreLaw, or one per name.
+
+    Raises
+    ------
+    SceneError
+        Arrays disagree, an index is out of range, a direction is zero, or a muscle has no element.
+    """
+
+    names: tuple[str, ...]
+    element: Index
+    muscle: Index
+    direction: Array
+    law: FibreLaw | Sequence[FibreLaw] = field(default_factory=Blemker)
+
+    def __post_init__(self) -> None:
+        """Refuse rows that cannot act."""
+        k = len(self.element)
+        if self.muscle.shape != (k,) or self.direction.shape != (k, 3):
+            raise SceneError(
+                f"muscle rows disagree: {k} elements, {self.muscle.shape} muscles, "
+                f"{self.direction.shape} directions, expected ({k},) and ({k}, 3)"
+            )
+        empty = np.setdiff1d(np.arange(len(self.names)), self.muscle)
+        if empty.size:
+            raise SceneError(f"muscle {self.names[empty[0]]} has no element")
+        if k and (self.muscle.min() < 0 or self.muscle.max() >= len(self.names)):
+            raise SceneError(f"muscle index out of range, expected 0..{len(self.names) - 1}")
+        norm = np.linalg.norm(self.direction, axis=1)
+        if not (norm > 0.0).all():
+            row = int(np.argmin(norm > 0.0))
+            raise SceneError(
+                f"muscle {self.names[self.muscle[row]]} has no fibre direction in element "
+                f"{self.element[row]}"
+            )
+        if isinstance(self.law, Sequence) and len(self.law) != len(self.names):
+            raise SceneError(f"{len(self.law)} fibre laws for {len(self.names)} muscles")
+
+    def laws(self) -> tuple[FibreLaw, ...]:
+        """One law per name."""
+        if isinstance(self.law, Sequence):
+            return tuple(self.law)
+        return (self.law,) * len(self.names)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Total-Lagrangian solid, energy sum over Gauss points of w(I1bar) + U(J) + sum of fibre energies.
+
+    Attributes
+    ----------
+    materials : tuple of Material
+    region : (n_elements,) index into materials, or None if there is one material only.
+    muscles : Muscles or None
+    """
+
+    materials: tuple[Material, ...] = (Material(),)
+    region: Index | None = None
+    muscles: Muscles | None = None
+
+    def muscle_names(self) -> tuple[str, ...]:
+        """Names of the muscles."""
+        return self.muscles.names if self.muscles else ()
+
+    def _region(self, mesh: Mesh) -> Index:
+        if self.region is None:
+            if len(self.materials) != 1:
+                raise SceneError(f"{len(self.materials)} materials but no region per element")
+            return np.zeros(mesh.n_elements, dtype=np.int64)
+        region = np.asarray(self.region, dtype=np.int64)
+        if region.shape != (mesh.n_elements,) or not (
+            (region >= 0) & (region < len(self.materials))
+        ).all():
+            raise SceneError(
+                f"region has shape {region.shape} and range {region.min()}..{region.max()}, expected "
+                f"({mesh.n_elements},) and 0..{len(self.materials) - 1}"
+            )
+        return region
+
+    def node_mass(self, mesh: Mesh) -> Array:
+        """Lumped mass: each element shares rho V equally among its nodes (n_nodes,) [kg]."""
+        density = np.array([m.density for m in self.materials])[self._region(mesh)]
+        share = mesh.volumes() * density
+        mass = np.zeros(mesh.n_nodes)
+        first = 0
+        for block in mesh.blocks:
+            n, k = block.nodes.shape
+            np.add.at(mass, block.nodes, (share[first : first + n] / k)[:, None])
+            first += n
+        return mass
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """All pairs of nodes within an element."""
+        nodes, used = _slots(mesh)
+        a, b = nodes[:, _A], nodes[:, _B]
+        keys = np.minimum(a, b) * mesh.n_nodes + np.maximum(a, b)
+        return np.unique(keys[used[:, _A] & used[:, _B]])
+
+    def compile(self, layout: Layout) -> "CompiledSolid":
+        """Lay out gradients, parameters, fibres and sums."""
+        return CompiledSolid(self, layout, self._region(layout.mesh))
+
+
+def _slots(mesh: Mesh) -> tuple[Index, NDArray[np.bool_]]:
+    """Nodes (n_elements, 8) with unused slots repeating the first node, and which slots are used."""
+    nodes = np.empty((mesh.n_elements, kernel.NODES), dtype=np.int64)
+    used = np.zeros_like(nodes, dtype=bool)
+    first = 0
+    for block in mesh.blocks:
+        n, k = block.nodes.shape
+        nodes[first : first + n] = block.nodes[:, :1]
+        nodes[first : first + n, :k] = block.nodes
+        used[first : first + n, :k] = True
+        first += n
+    return nodes, used
+
+
+def _grouped(keys: Index, n_groups: int) -> tuple[Index, Index]:
+    """Stable order that groups keys 0..n_groups-1, and the start of every group."""
+    order = np.argsort(keys, kind="stable")
+    start = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=n_groups))])
+    return order.astype(np.int64), start.astype(np.int64)
+
+
+class CompiledSolid:
+    """A solid laid out for its scene; the buffers are scratch and carry nothing between calls."""
+
+    def __init__(self, solid: Solid, layout: Layout, region: Index) -> None:
+        mesh, n = layout.mesh, layout.mesh.n_elements
+        self._nodes, used = _slots(mesh)
+        self._blocks: list[tuple[slice, Array, Array]] = []
+        first = 0
+        for block in mesh.blocks:
+            gradient, det = block.gradients(mesh.X)
+            slots = np.zeros((*det.shape, 3, kernel.NODES))
+            slots[..., : block.kind.n_nodes] = gradient.transpose(0, 1, 3, 2)
+            rows = slice(first, first + len(det))
+            self._blocks.append((rows, slots, np.ascontiguousarray(det * block.kind.weights)))
+            first += len(det)
+
+        self._region = region
+        materials = solid.materials
+        self._isochoric_code = np.array([m.isochoric.code for m in materials])
+        self._isochoric_p = np.zeros((len(materials), N_ISOCHORIC))
+        for row, m in zip(self._isochoric_p, materials, strict=True):
+            row[: len(m.isochoric.parameters())] = m.isochoric.parameters()
+        self._bulk_code = np.array([m.bulk.code for m in materials])
+        self._kappa = np.array([m.bulk.kappa for m in materials], dtype=np.float64)
+        self._lay_out_fibres(solid.muscles, layout)
+
+        element, slot = np.nonzero(used)
+        order, self._node_start = _grouped(self._nodes[element, slot], mesh.n_nodes)
+        self._node_element, self._node_slot = element[order], slot[order]
+
+        a, b = self._nodes[:, _A], self._nodes[:, _B]
+        element, pair = np.nonzero(used[:, _A] & used[:, _B])
+        keys = np.minimum(a, b) * mesh.n_nodes + np.maximum(a, b)
+        own, group = np.unique(keys[element, pair], return_inverse=True)
+        target = layout.pattern.target[layout.pattern.pair_index(own)]
+        order, self._pair_start = _grouped(group.astype(np.int64), len(own))
+        self._pair_element, self._pair = element[order], pair[order]
+        self._transposed = (a > b)[self._pair_element, self._pair]
+        self._target = np.ascontiguousarray(target)
+
+        self._force = np.zeros((n, 3, kernel.NODES))
+        self._energy = np.zeros(n)
+        self._least_J = np.zeros(n)
+        self._tangent: Array | None = None
+        self._no_tangent = np.zeros((1, 1, 1))
+
+    def _lay_out_fibres(self, muscles: Muscles | None, layout: Layout) -> None:
+        n = layout.mesh.n_elements
+        if muscles is None:
+            self._fibre_start = np.zeros(n + 1, dtype=np.int64)
+            self._fibre_muscle = np.zeros(0, dtype=np.int64)
+            self._fibre_direction = np.zeros((0, 3))
+            self._muscle_code = np.zeros(0, dtype=np.int64)
+            self._muscle_p = np.zeros((0, N_FIBRE))
+            return
+        if muscles.element.size and not (
+            0 <= muscles.element.min() and muscles.element.max() < n
+        ):
+            raise SceneError(f"a muscle names element {muscles.element.max()}, expected 0..{n - 1}")
+        order, self._fibre_start = _grouped(np.asarray(muscles.element, dtype=np.int64), n)
+        scene_index = np.array([layout.muscles.index(name) for name in muscles.names])
+        self._fibre_muscle = scene_index[muscles.muscle[order]]
+        direction = muscles.direction[order]
+        self._fibre_direction = np.ascontiguousarray(
+            direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        )
+        self._muscle_code = np.zeros(len(layout.muscles), dtype=np.int64)
+        self._muscle_p = np.zeros((len(layout.muscles), N_FIBRE))
+        for index, law in zip(scene_index, muscles.laws(), strict=True):
+            self._muscle_code[index] = law.code
+            self._muscle_p[index, : len(law.parameters())] = law.parameters()
+
+    def _evaluate(self, q: Array, control: Control, tangent: Array | None) -> Contribution:
+        for rows, gradient, volume in self._blocks:
+            kernel.evaluate(
+                q,
+                self._nodes[rows],
+                gradient,
+                volume,
+                self._region[rows],
+                self._isochoric_code,
+                self._isochoric_p,
+                self._bulk_code,
+                self._kappa,
+                self._fibre_start[rows.start : rows.stop + 1],
+                self._fibre_muscle,
+                self._fibre_direction,
+                self._muscle_code,
+                self._muscle_p,
+                control.activation,
+                tangent is not None,
+                self._force[rows],
+                self._energy[rows],
+                self._least_J[rows],
+                self._no_tangent if tangent is None else tangent[rows],
+            )
+        worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
+        return Contribution(float(self._energy.sum()), float(self._least_J[worst]), worst)
+
+    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
+        """f -= dE/dq, shape (n_nodes, 3) [N]."""
+        contribution = self._evaluate(q, control, None)
+        self._sum_force(f)
+        return contribution
+
+    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
+        """f -= dE/dq and K += d2E/dq2 in the values of the pattern."""
+        if self._tangent is None:
+            self._tangent = np.zeros((len(self._nodes), kernel.PAIRS, 9))
+        contribution = self._evaluate(q, control, self._tangent)
+        self._sum_force(f)
+        scatter.add_to_matrix(
+            self._tangent,
+            self._pair_start,
+            self._pair_element,
+            self._pair,
+            self._transposed,
+            self._target,
+            K,
+        )
+        return contribution
+
+    def _sum_force(self, f: Array) -> None:
+        scatter.add_to_nodes(
+            self._force, self._node_start, self._node_element, self._node_slot, -1.0, f
+        )
+
+    def smallest_J(self, q: Array) -> tuple[float, int]:
+        """Smallest det F over all Gauss points at positions q, and its element."""
+        for rows, gradient, _ in self._blocks:
+            kernel.smallest_J(q, self._nodes[rows], gradient, self._least_J[rows])
+        worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
+        return float(self._least_J[worst]), worst
