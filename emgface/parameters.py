@@ -1,0 +1,459 @@
+"""Every named choice between a recording and an activation, with default, unit and source.
+
+Where the publication is silent or contradicts itself, the choice is a parameter here. A study file
+holds one `SignalChain`; `configure` turns a mapping into a model and names what is wrong with it.
+"""
+
+import difflib
+from collections.abc import Mapping
+from typing import Any, Literal, TypeVar
+
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from emgface.errors import ConfigurationError
+
+ESKES = "Eskes et al. 2017"
+BUCHANAN = "Buchanan et al. 2004, J Appl Biomech 20:367-395"
+OWN = "this package"
+
+StrategyName = Literal["act_all", "act_3", "act_rel", "act_threshold"]
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+def parameter(
+    default: Any, text: str, *, unit: str, source: str, note: str = "", **bounds: Any
+) -> Any:
+    """Field of a parameter model whose description states unit, source and note.
+
+    Parameters
+    ----------
+    default : Any
+        Default value.
+    text : str
+        What the parameter is, one sentence.
+    unit : str
+        SI unit, ``"1"`` for numbers, ``"-"`` for names.
+    source : str
+        Paper and place the default is taken from.
+    note : str
+        What an experienced user should know.
+    **bounds : Any
+        Constraints of `pydantic.Field` (``gt``, ``le`` ...).
+
+    Returns
+    -------
+    Any
+        The field.
+    """
+    description = f"{text} Unit: {unit}. Source: {source}." + (f" Note: {note}" if note else "")
+    extra: dict[str, Any] = {"unit": unit, "source": source, "note": note}
+    return Field(default, description=description, json_schema_extra=extra, **bounds)
+
+
+class Parameters(BaseModel):
+    """Base of all parameter models: frozen, and an unknown name is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _give_way(values: Any, default_name: str, alternative: str) -> Any:
+    """Drop the default of one of two alternatives when the other is given."""
+    if isinstance(values, Mapping) and values.get(alternative) is not None:
+        return {default_name: None, **values}
+    return values
+
+
+class FilterParameters(Parameters):
+    """Butterworth band-pass of the sEMG signals."""
+
+    order: int = parameter(
+        4,
+        "Design order of the Butterworth band-pass.",
+        unit="1",
+        source=f"{ESKES}, Methods",
+        note="a band-pass of design order n has 2 n poles, passed twice when phase is 'zero'",
+        ge=1,
+        le=12,
+    )
+    low: float = parameter(
+        15.0, "Lower edge of the pass-band.", unit="Hz", source=f"{ESKES}, Methods", gt=0
+    )
+    high: float = parameter(
+        500.0, "Upper edge of the pass-band.", unit="Hz", source=f"{ESKES}, Methods", gt=0
+    )
+    phase: Literal["zero", "causal"] = parameter(
+        "zero",
+        "Forward and backward (zero) or forward only (causal).",
+        unit="-",
+        source="the paper does not say",
+        note="the gain at the edges is -6 dB for 'zero' and -3 dB for 'causal'",
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "FilterParameters":
+        if self.low >= self.high:
+            raise ValueError(
+                f"low = {self.low:g} Hz is not below high = {self.high:g} Hz: exchange them"
+            )
+        return self
+
+
+class FeatureParameters(Parameters):
+    """Amplitude feature of the filtered signals."""
+
+    kind: Literal["wamp", "rms", "mav", "envelope"] = parameter(
+        "wamp",
+        "Willison amplitude, root mean square, mean absolute value, or linear envelope with the "
+        "neural transfer function of Buchanan.",
+        unit="-",
+        source=f"{ESKES}, Methods and Eq. 7; {BUCHANAN}",
+    )
+    window: float = parameter(
+        0.2,
+        "Length of the sliding window of wamp, rms and mav; hop one sample.",
+        unit="s",
+        source=f"{ESKES}, Methods",
+        note="rounded to whole samples (0.2 s at 2048 Hz is 409.6); the rounding is recorded",
+        gt=0,
+    )
+    label: Literal["centre", "start", "end"] = parameter(
+        "centre",
+        "Instant of the window at which its feature is placed.",
+        unit="-",
+        source=f"{ESKES}, Eq. 7 prints 'start'",
+        note="'start' looks one window ahead, 'end' uses the past only, 'centre' has no lag",
+    )
+    threshold: float | None = parameter(
+        10e-6,
+        "Threshold s_lim of the Willison amplitude.",
+        unit="V",
+        source=f"{ESKES}, Methods",
+        note="printed as 10 mV, some 1000 times a facial sEMG amplitude; 10 uV is plausible",
+        gt=0,
+    )
+    threshold_baseline: float | None = parameter(
+        None,
+        "Threshold as a multiple of the baseline RMS of each channel, instead of `threshold`.",
+        unit="1",
+        source=OWN,
+        gt=0,
+    )
+    baseline_start: float | None = parameter(
+        None, "Start of the rest interval for the baseline RMS.", unit="s", source=OWN
+    )
+    baseline_stop: float | None = parameter(
+        None, "End of the rest interval for the baseline RMS.", unit="s", source=OWN
+    )
+    comparison: Literal[">=", ">"] = parameter(
+        ">=",
+        "Comparison of |s(t+n-1) - s(t+n)| with the threshold.",
+        unit="-",
+        source=f"{ESKES}, Eq. 7",
+        note="other implementations use '>'; they differ where steps equal the threshold exactly",
+    )
+    envelope_cutoff: float = parameter(
+        6.0,
+        "Low-pass edge of the linear envelope.",
+        unit="Hz",
+        source=f"{BUCHANAN} (3-10 Hz)",
+        gt=0,
+    )
+    envelope_order: int = parameter(
+        2, "Design order of the envelope's Butterworth low-pass.", unit="1", source=OWN, ge=1, le=8
+    )
+    delay: float = parameter(
+        0.04,
+        "Electromechanical delay d of the neural transfer function.",
+        unit="s",
+        source=f"{BUCHANAN} (0.01-0.1 s)",
+        note="not calibrated for facial muscles; rounded to whole samples",
+        ge=0,
+        le=0.5,
+    )
+    C1: float = parameter(
+        -0.97,
+        "First recursive coefficient; |C1| < 1 for stability.",
+        unit="1",
+        source=f"{BUCHANAN} gives the form, not a value",
+        note="per sample: -0.97 is a time constant of 16 ms at 2048 Hz; not calibrated",
+        gt=-1,
+        lt=1,
+    )
+    C2: float = parameter(
+        -0.97,
+        "Second recursive coefficient; |C2| < 1 for stability.",
+        unit="1",
+        source=f"{BUCHANAN} gives the form, not a value",
+        note="per sample: -0.97 is a time constant of 16 ms at 2048 Hz; not calibrated",
+        gt=-1,
+        lt=1,
+    )
+    A: float = parameter(
+        -1.5,
+        "Nonlinear shape from neural to muscle activation, 0 is linear.",
+        unit="1",
+        source=f"{BUCHANAN} (-3 to 0)",
+        note="middle of the published range; acts after normalisation, where it maps 0-1 to 0-1",
+        ge=-3,
+        le=0,
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_threshold(cls, values: Any) -> Any:
+        return _give_way(values, "threshold", "threshold_baseline")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "FeatureParameters":
+        if (self.threshold is None) == (self.threshold_baseline is None):
+            raise ValueError(
+                "exactly one of threshold [V] and threshold_baseline [1] is needed: remove one"
+            )
+        interval = (self.baseline_start, self.baseline_stop)
+        if self.threshold_baseline is not None and None in interval:
+            raise ValueError(
+                "threshold_baseline needs a rest interval: give baseline_start and baseline_stop"
+            )
+        if interval[0] is not None and interval[1] is not None and interval[0] >= interval[1]:
+            raise ValueError(
+                f"baseline_start = {interval[0]:g} s is not before baseline_stop = "
+                f"{interval[1]:g} s: exchange them"
+            )
+        return self
+
+
+class MappingParameters(Parameters):
+    """From seven measured to ten modelled muscles per side (Eqs 2-6)."""
+
+    mapping_stage: Literal["signal", "feature", "activation"] = parameter(
+        "signal",
+        "Quantity that Eqs 2-6 combine: filtered signals, features, or normalised features.",
+        unit="-",
+        source=f"{ESKES}, Eqs 2-6 are printed for the signals s",
+        note="Eq. 8 removes any factor applied before it, so at 'feature' LAO equals LLSAN, DLI "
+        "equals DAO and OOM equals OOP; at 'activation' the factors keep their meaning",
+    )
+    oom: Literal["text", "as_printed"] = parameter(
+        "text",
+        "OOM = 0.10 (OOS + OOI), a fifth of OOP (text), or 0.10 (OOP + OOI) (as printed).",
+        unit="-",
+        source=f"{ESKES}, text after Eq. 6; Eq. 3",
+    )
+
+
+class NormalisationParameters(Parameters):
+    """Min-max normalisation to 0-1 (Eq. 8)."""
+
+    reach: Literal["trial", "session", "reference"] = parameter(
+        "trial",
+        "Data over which minimum and maximum are taken: the trial, all trials of the volunteer, "
+        "or a maximum-effort recording.",
+        unit="-",
+        source=f"{ESKES}, Eq. 8 (over the time index of each trial)",
+        note="'trial' stretches the noise of a silent muscle to 0-1",
+    )
+    silent: Literal["error", "zero"] = parameter(
+        "error",
+        "What to do with a constant channel or feature, where Eq. 8 is 0/0.",
+        unit="-",
+        source=OWN,
+        note="'zero' gives activation 0 and records the names",
+    )
+    outside: Literal["error", "clip"] = parameter(
+        "error",
+        "What to do where a trial exceeds the session's or the reference's range.",
+        unit="-",
+        source=OWN,
+        note="'clip' limits to 0-1 and records the fraction of clipped samples",
+    )
+
+
+class StrategyParameters(Parameters):
+    """Which muscles of the model are activated."""
+
+    name: StrategyName = parameter(
+        "act_all",
+        "Strategy used where a call or a study names none.",
+        unit="-",
+        source=f"{ESKES}, Methods, Table 1 and Discussion (act_threshold)",
+    )
+    n: int = parameter(
+        3,
+        "Number of muscles per side that act_3 selects.",
+        unit="1",
+        source=f"{ESKES}, Methods",
+        note="largest variance of the bilateral mean; ties in the order of emgface.muscles",
+        ge=1,
+        le=10,
+    )
+    threshold: float = parameter(
+        0.5,
+        "act_threshold selects muscles whose standard deviation of the bilateral mean feature "
+        "exceeds this fraction of the most active muscle's.",
+        unit="1",
+        source=f"{ESKES}, Discussion proposes a threshold, without a value",
+        ge=0,
+        lt=1,
+    )
+
+
+class HeadFrameParameters(Parameters):
+    """Removal of the head's rigid motion with the six face markers."""
+
+    max_gap: float = parameter(
+        0.1,
+        "Longest dropout of a marker that is interpolated.",
+        unit="s",
+        source=OWN,
+        note="10 frames at 100 frames per second",
+        ge=0,
+    )
+    own_reference: Literal["first", "mean"] = parameter(
+        "first",
+        "Configuration taken as reference where none is given: the first frame with most face "
+        "markers, or the mean of all frames aligned to it.",
+        unit="-",
+        source=OWN,
+    )
+
+
+class ResamplingParameters(Parameters):
+    """Sampling of activation and positions at the times of the simulation."""
+
+    steps: int | None = parameter(
+        160,
+        "Number of equal simulation steps per instruction.",
+        unit="1",
+        source=f"{ESKES}, Discussion",
+        note="gives steps + 1 samples, the first at the start of the simulation",
+        ge=1,
+    )
+    period: float | None = parameter(
+        None, "Sampling period, instead of `steps`.", unit="s", source=OWN, gt=0
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_rule(cls, values: Any) -> Any:
+        return _give_way(values, "steps", "period")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "ResamplingParameters":
+        if (self.steps is None) == (self.period is None):
+            raise ValueError("exactly one of steps [1] and period [s] is needed: remove one")
+        return self
+
+
+class SignalChain(Parameters):
+    """All choices from recording to activation, as a study file holds them."""
+
+    filter: FilterParameters = Field(default=FilterParameters(), description="Band-pass.")
+    feature: FeatureParameters = Field(default=FeatureParameters(), description="Feature.")
+    mapping: MappingParameters = Field(default=MappingParameters(), description="Eqs 2-6.")
+    normalisation: NormalisationParameters = Field(
+        default=NormalisationParameters(), description="Eq. 8."
+    )
+    strategy: StrategyParameters = Field(default=StrategyParameters(), description="Muscles used.")
+    head_frame: HeadFrameParameters = Field(
+        default=HeadFrameParameters(), description="Head motion."
+    )
+    resampling: ResamplingParameters = Field(
+        default=ResamplingParameters(), description="Times of the simulation."
+    )
+
+
+def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = "") -> ModelT:
+    """Validate a mapping (a table of a study file) against a parameter model.
+
+    Parameters
+    ----------
+    model : type
+        Parameter model, for example `SignalChain`.
+    values : Mapping
+        Names and values.
+    where : str
+        Place to name in messages, for example ``"study.toml [signals]"``.
+
+    Returns
+    -------
+    BaseModel
+        The validated, frozen parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        If a name is unknown (with the nearest valid one) or a value is refused.
+    """
+    try:
+        return model.model_validate(dict(values))
+    except ValidationError as error:
+        complaints = [_complaint(model, detail) for detail in error.errors()]
+        place = f"{where}: " if where else ""
+        raise ConfigurationError(place + "; ".join(complaints)) from error
+
+
+def _complaint(model: type[BaseModel], detail: Any) -> str:
+    """One clause on one rejected value."""
+    path = [str(part) for part in detail["loc"]]
+    name = ".".join(path) or model.__name__
+    if detail["type"] == "extra_forbidden":
+        valid = sorted(_names_at(model, path[:-1]))
+        near = difflib.get_close_matches(path[-1], valid, n=1, cutoff=0.4)
+        hint = f"did you mean '{near[0]}'?" if near else f"valid names are {', '.join(valid)}"
+        return f"unknown parameter '{name}', {hint}"
+    message = str(detail["msg"]).removeprefix("Value error, ")
+    if detail["type"] == "value_error":
+        return f"{name}: {message}"
+    return f"parameter '{name}' = {detail['input']!r}: {message[:1].lower()}{message[1:]}"
+
+
+def _names_at(model: type[BaseModel], path: list[str]) -> list[str]:
+    """Names of the fields of the (nested) model at a path."""
+    for part in path:
+        field = model.model_fields.get(part)
+        if field is None or not isinstance(field.annotation, type):
+            return []
+        if not issubclass(field.annotation, BaseModel):
+            return []
+        model = field.annotation
+    return list(model.model_fields)
+
+
+def parameter_table(parameters: BaseModel) -> pd.DataFrame:
+    """Every parameter of a model with value, default, unit, source and note.
+
+    Parameters
+    ----------
+    parameters : BaseModel
+        A parameter model; nested models are walked.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns parameter, value, default, unit, source, note; one row per parameter.
+    """
+    rows: list[dict[str, Any]] = []
+
+    def walk(model: BaseModel, prefix: str) -> None:
+        for name, field in type(model).model_fields.items():
+            value = getattr(model, name)
+            if isinstance(value, BaseModel):
+                walk(value, f"{prefix}{name}.")
+                continue
+            extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+            rows.append(
+                {
+                    "parameter": prefix + name,
+                    "value": value,
+                    "default": field.default,
+                    "unit": extra.get("unit", ""),
+                    "source": extra.get("source", ""),
+                    "note": extra.get("note", ""),
+                }
+            )
+
+    walk(parameters, "")
+    columns = ["parameter", "value", "default", "unit", "source", "note"]
+    return pd.DataFrame(rows, columns=columns)
