@@ -1,0 +1,240 @@
+"""Filter and resampling against frequency responses and closed forms."""
+
+import numpy as np
+import pytest
+import scipy.signal
+import xarray as xr
+from scipy.special import expit
+
+from emgface.errors import SignalError
+from emgface.parameters import FilterParameters, ResamplingParameters
+from emgface.signals import (
+    bandpass,
+    constant_rows,
+    resample,
+    row_dim,
+    sampling_rate,
+    simulation_times,
+)
+
+RATE = 2048.0
+
+
+def signal_of(values, rate=RATE, start=0.0) -> xr.DataArray:
+    values = np.atleast_2d(np.asarray(values, dtype=float))
+    time = start + np.arange(values.shape[1]) / rate
+    return xr.DataArray(
+        values,
+        dims=("channel", "time_emg"),
+        coords={"channel": [f"M{k}" for k in range(values.shape[0])], "time_emg": time},
+        attrs={"units": "V"},
+    )
+
+
+def measured_gain(frequency, parameters) -> float:
+    """Gain in dB of the middle of a long sine, by projection on sine and cosine."""
+    t = np.arange(int(8 * RATE)) / RATE
+    filtered = bandpass(signal_of(np.sin(2 * np.pi * frequency * t)), parameters).values[0]
+    middle = slice(int(2 * RATE), int(6 * RATE))  # whole periods for every whole frequency
+    projection = np.mean(filtered[middle] * np.exp(-2j * np.pi * frequency * t[middle]))
+    return 20 * np.log10(2 * abs(projection))
+
+
+@pytest.mark.parametrize("phase, gain", [("causal", -3.0103), ("zero", -6.0206)])
+def test_gain_at_the_edges(phase, gain):
+    """A Butterworth edge has |H|^2 = 1/2: -3 dB in one pass, -6 dB in two."""
+    parameters = FilterParameters(phase=phase)
+    filtered = bandpass(signal_of(np.random.default_rng(0).standard_normal(4096)), parameters)
+    assert filtered.attrs["edge_gain"] == pytest.approx([gain, gain], abs=1e-4)
+    for edge in (15.0, 500.0):
+        assert measured_gain(edge, parameters) == pytest.approx(gain, abs=1e-3)
+
+
+@pytest.mark.parametrize("phase, passes", [("causal", 1), ("zero", 2)])
+def test_gain_over_the_band_is_the_butterworth_response(phase, passes):
+    """|H|^2 = 1 / (1 + W^(2n)), W = (w^2 - w1 w2) / (w (w2 - w1)), w = tan(pi f / rate)."""
+    for frequency in (8.0, 30.0, 100.0, 400.0, 700.0):
+        w, w1, w2 = np.tan(np.pi * np.array([frequency, 15.0, 500.0]) / RATE)
+        W = (w**2 - w1 * w2) / (w * (w2 - w1))
+        expected = -10 * passes * np.log10(1 + W**8)
+        assert measured_gain(frequency, FilterParameters(phase=phase)) == pytest.approx(
+            expected, abs=1e-3
+        )
+
+
+def test_design_order_four_has_eight_poles():
+    filtered = bandpass(
+        signal_of(np.random.default_rng(0).standard_normal(4096)),
+        (FilterParameters(phase="causal")),
+    )
+    b, a = scipy.signal.butter(4, (15, 500), "bandpass", fs=RATE)
+    assert a.size - 1 == 8
+    raw = signal_of(np.random.default_rng(0).standard_normal(4096)).values[0]
+    start = scipy.signal.lfilter_zi(b, a) * raw[0]
+    expected, _ = scipy.signal.lfilter(b, a, raw, zi=start)
+    # The direct form loses digits that second-order sections keep.
+    np.testing.assert_allclose(filtered.values[0], expected, atol=1e-6)
+
+
+def test_zero_phase_keeps_a_burst_in_place_and_causal_delays_it():
+    """The centre of energy moves by the group delay, averaged with |Y(f)|^2."""
+    t = np.arange(4096) / RATE
+    burst = np.exp(-(((t - 1.0) / 0.02) ** 2)) * np.cos(2 * np.pi * 80 * (t - 1.0))
+    zero = bandpass(signal_of(burst), FilterParameters(phase="zero")).values[0]
+    causal = bandpass(signal_of(burst), FilterParameters(phase="causal")).values[0]
+    centre = [np.sum(t * y**2) / np.sum(y**2) for y in (zero, causal)]
+    assert centre[0] == pytest.approx(1.0, abs=1e-6)
+    frequency = np.fft.rfftfreq(t.size, 1 / RATE)[10:-1]  # 5 Hz up, all of its energy
+    b, a = scipy.signal.butter(4, (15, 500), "bandpass", fs=RATE)
+    _, delay = scipy.signal.group_delay((b, a), w=frequency, fs=RATE)
+    power = np.abs(np.fft.rfft(causal)[10:-1]) ** 2
+    assert centre[1] - 1.0 == pytest.approx(np.sum(delay * power) / np.sum(power) / RATE, rel=1e-3)
+    assert centre[1] - 1.0 > 1 / RATE
+    # The causal output before a change does not depend on what comes after it.
+    later = burst.copy()
+    later[3000:] += 1.0
+    again = bandpass(signal_of(later), FilterParameters(phase="causal")).values[0]
+    np.testing.assert_array_equal(again[:3000], causal[:3000])
+
+
+@pytest.mark.parametrize("phase", ["zero", "causal"])
+def test_offset_of_the_amplifier_leaves_no_transient(phase):
+    s = signal_of(np.full((1, 2048), 0.3))
+    filtered = bandpass(s, FilterParameters(phase=phase))
+    np.testing.assert_allclose(filtered.values, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rate", [100.0, 999.0, 1000.0])
+def test_edge_at_or_above_half_the_rate(rate):
+    s = signal_of(np.random.default_rng(0).standard_normal(5000), rate=rate)
+    with pytest.raises(SignalError, match=rf"high = 500 Hz .* sampling rate of {rate:g} Hz: lower"):
+        bandpass(s, FilterParameters())
+
+
+def test_rate_below_the_whole_band():
+    s = signal_of(np.random.default_rng(0).standard_normal(5000), rate=20.0)
+    with pytest.raises(SignalError, match=r"low = 15 Hz .* record faster than 1000 Hz"):
+        bandpass(s, FilterParameters())
+
+
+def test_gap_names_channel_start_and_length():
+    values = np.random.default_rng(0).standard_normal((3, 4096))
+    values[2, 2048:2068] = np.nan
+    with pytest.raises(SignalError, match=r"channel M2 has a gap of 0.009766 s .* t = 1 s"):
+        bandpass(signal_of(values), FilterParameters())
+    values[0, 5] = np.inf
+    with pytest.raises(SignalError, match=r"channel M0 has a gap .*1 samples"):
+        bandpass(signal_of(values), FilterParameters())
+
+
+def test_gap_up_to_the_end():
+    values = np.random.default_rng(0).standard_normal((1, 4096))
+    values[0, 4000:] = np.nan
+    with pytest.raises(SignalError, match="96 samples without"):
+        bandpass(signal_of(values), FilterParameters())
+
+
+def test_recording_shorter_than_the_extension():
+    s = signal_of(np.random.default_rng(0).standard_normal(400))
+    with pytest.raises(SignalError, match=r"400 samples\) is shorter than the filter's extension"):
+        bandpass(s, FilterParameters())
+    assert bandpass(s, FilterParameters(phase="causal")).sizes["time_emg"] == 400
+
+
+def test_sampling_that_is_not_uniform():
+    time = np.arange(100) / 1000.0
+    time[50:] += 0.001  # one sample lost
+    with pytest.raises(SignalError, match=r"not uniform at t = 0.049 s"):
+        sampling_rate(time)
+    with pytest.raises(SignalError, match="not uniform"):
+        sampling_rate(time[::-1])
+    with pytest.raises(SignalError, match="at least 2"):
+        sampling_rate(np.array([0.0]))
+    assert sampling_rate(np.round(np.arange(2048) / 2048, 6)) == pytest.approx(2048, rel=1e-5)
+
+
+def test_wrong_dims():
+    with pytest.raises(SignalError, match="found dims"):
+        row_dim(xr.DataArray(np.zeros((2, 2)), dims=("channel", "sample")))
+
+
+def test_constant_rows():
+    values = np.random.default_rng(0).standard_normal((4, 100))
+    values[1] = 0.0
+    values[3] = 0.1 + 0.2
+    assert constant_rows(signal_of(values)) == ("M1", "M3")
+
+
+def moving(rate, duration, function) -> xr.DataArray:
+    time = 0.25 + np.arange(int(duration * rate) + 1) / rate
+    return xr.DataArray(
+        function(time)[None], dims=("row", "time"), coords={"row": ["a"], "time": time}
+    )
+
+
+def test_flat_decimation_passes_slow_motion_and_removes_what_would_alias():
+    """New rate 40 Hz from 2000 Hz: 3 Hz stays, 37 Hz (its alias is 3 Hz) goes."""
+    times = np.linspace(0.5, 3.5, 121)
+    slow = moving(2000.0, 4.0, lambda t: np.sin(2 * np.pi * 3 * t))
+    fast = moving(2000.0, 4.0, lambda t: np.sin(2 * np.pi * 37 * t))
+    # The stop-band of a Blackman window is 74 dB down, a factor of 2e-4.
+    got = resample(slow, times).values[0]
+    np.testing.assert_allclose(got, np.sin(2 * np.pi * 3 * times), atol=2e-4)
+    assert np.abs(resample(fast, times).values[0]).max() < 2e-4
+
+
+@pytest.mark.parametrize("frequency", [3.0, 20.0, 37.0])
+def test_bounded_decimation_has_the_response_of_a_hann_window(frequency):
+    """H(f) = sinc(2 f P) / (1 - (2 f P)^2) for half width P, 1/2 at 1/(2P)."""
+    times = np.linspace(0.5, 3.5, 121)
+    x = 2 * frequency / 40.0
+    gain = 0.5 if x == 1.0 else np.sinc(x) / (1 - x**2)
+    data = moving(2000.0, 4.0, lambda t: np.cos(2 * np.pi * frequency * (t - 0.5)))
+    got = resample(data, times, bounded=True).values[0]
+    np.testing.assert_allclose(got, gain * np.cos(2 * np.pi * frequency * (times - 0.5)), atol=1e-6)
+
+
+def test_bounded_decimation_cannot_leave_the_range():
+    step = moving(2000.0, 4.0, lambda t: (np.sin(40 * t) > 0).astype(float))
+    times = np.linspace(0.25, 4.25, 161)
+    got = resample(step, times, bounded=True)
+    assert got.min() >= 0 and got.max() <= 1
+    assert resample(step, times).max() > 1.001  # the flat kernel rings
+    assert "hann" in got.attrs["antialias"]
+
+
+def test_refinement_interpolates():
+    smooth = moving(100.0, 2.0, lambda t: expit(10 * (t - 1)))
+    times = np.linspace(0.25, 2.25, 999)
+    np.testing.assert_allclose(
+        resample(smooth, times).values[0], expit(10 * (times - 1)), atol=1e-5
+    )
+    linear = resample(smooth, times, bounded=True).values[0]
+    assert linear.max() <= smooth.max() and np.abs(linear - expit(10 * (times - 1))).max() < 2e-3
+
+
+def test_same_instants_give_the_same_data():
+    data = moving(100.0, 1.0, np.cos)
+    for bounded in (True, False):
+        again = resample(data, data.time.values, bounded=bounded)
+        np.testing.assert_allclose(again.values, data.values, atol=1e-14)
+
+
+def test_resample_refuses_gaps_and_times_outside():
+    data = moving(100.0, 1.0, np.cos)
+    with pytest.raises(SignalError, match="not covered by data"):
+        resample(data, np.linspace(0.0, 1.0, 11))
+    with pytest.raises(SignalError, match="not finite"):
+        resample(data.where(data.time != data.time[3]), np.linspace(0.3, 1.0, 11))
+
+
+def test_simulation_times():
+    times = simulation_times(0.1, 4.1, ResamplingParameters())
+    assert times.size == 161 and times[0] == 0.1 and times[-1] == 4.1
+    np.testing.assert_allclose(np.diff(times), 0.025, rtol=1e-12)
+    times = simulation_times(0.0, 1.0, ResamplingParameters(period=0.3))
+    np.testing.assert_allclose(times, [0.0, 0.3, 0.6, 0.9])
+    with pytest.raises(SignalError, match="no data between"):
+        simulation_times(1.0, 1.0, ResamplingParameters())
+    with pytest.raises(SignalError, match="shorter than the sampling period"):
+        simulation_times(0.0, 0.2, ResamplingParameters(period=0.3))
