@@ -1,0 +1,179 @@
+"""Datasets as netCDF files: written whole or not at all, read back identical."""
+
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.schema import validate
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
+
+
+def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
+    """Check a dataset and write it as netCDF-4, compressed.
+
+    The file appears under its name only when it is complete: it is written beside and renamed.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Dataset to write. Attributes that netCDF cannot hold (lists, dicts, booleans, None) are
+        written as JSON text.
+    path : str or Path
+        File to write; its folder is made if need be, an existing file is replaced.
+    kind : str
+        Kind of dataset, one of `emgface.schema.kinds`.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    SchemaError, UnitsError
+        If the dataset does not follow its declaration; nothing is written then.
+    DataError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    ready = validate(dataset, kind).drop_encoding()
+    ready.attrs = {str(name): _storable(value) for name, value in ready.attrs.items()}
+    for variable in ready.variables.values():
+        variable.attrs = {str(name): _storable(value) for name, value in variable.attrs.items()}
+    encoding = {
+        name: dict(_COMPRESSION)
+        for name, variable in ready.variables.items()
+        if variable.dtype.kind in "iuf" and variable.ndim
+    }
+    _replace(path, lambda target: ready.to_netcdf(target, engine="netcdf4", encoding=encoding))
+    return path
+
+
+def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
+    """Read a netCDF file into memory and check it.
+
+    Parameters
+    ----------
+    path : str or Path
+        File written by `write_netcdf`, or another one that follows the declaration.
+    kind : str
+        Kind of dataset that is expected.
+
+    Returns
+    -------
+    xarray.Dataset
+        What `emgface.schema.validate` returned when the file was written.
+
+    Raises
+    ------
+    DataError
+        If the file is absent, truncated or no netCDF.
+    SchemaError, UnitsError
+        If its content does not follow the declaration.
+    """
+    path = Path(path)
+    with open_netcdf(path):
+        pass
+    try:
+        dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise DataError(_damaged(path)) from error
+    dataset = dataset.drop_encoding()
+    dataset.attrs = {name: _plain(value) for name, value in dataset.attrs.items()}
+    for name, variable in dataset.variables.items():
+        variable.attrs = {key: _plain(value) for key, value in variable.attrs.items()}
+        if variable.dtype.kind in "OT":
+            dataset[name] = dataset[name].astype(str)
+    try:
+        return validate(dataset, kind)
+    except DataError as error:
+        raise type(error)(f"{path.name}: {error}") from error
+
+
+def open_netcdf(path: Path) -> netCDF4.Dataset:
+    """Open a netCDF file for reading, or say in one sentence why it is none.
+
+    Parameters
+    ----------
+    path : Path
+        File to open; the caller closes it.
+
+    Returns
+    -------
+    netCDF4.Dataset
+        The open file.
+
+    Raises
+    ------
+    DataError
+        If the file is absent, truncated or no netCDF.
+    """
+    if not path.is_file():
+        raise DataError(f"No file {path}; expected a netCDF file: see the spelling of the path.")
+    with path.open("rb") as stream:
+        start = stream.read(8)
+    if start != _HDF5 and not start.startswith(b"CDF"):
+        raise DataError(
+            f"{path.name} is no netCDF file, it begins with {start[:8]!r}; expected a file "
+            "written by this package: give the right file, or its own suffix."
+        )
+    try:
+        return netCDF4.Dataset(path)
+    except (OSError, RuntimeError) as error:
+        raise DataError(_damaged(path)) from error
+
+
+def _damaged(path: Path) -> str:
+    return (
+        f"{path.name} begins like a netCDF file but cannot be read, {path.stat().st_size} bytes; "
+        "expected a complete file: it is truncated or damaged, copy or write it again."
+    )
+
+
+def _storable(value: object) -> str | int | float:
+    """Return an attribute in a form that netCDF holds and gives back."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, (str, int, float)) and not isinstance(value, bool):
+        return value
+    return json.dumps(value.tolist() if isinstance(value, np.ndarray) else value, default=str)
+
+
+def _plain(value: object) -> object:
+    """Return an attribute as a Python number or string."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _replace(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a file beside `path`, then rename it; on failure leave nothing behind."""
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        write(temporary)
+        with temporary.open("rb") as stream:
+            os.fsync(stream.fileno())
+        # mkstemp makes the file private; the result has the mode of any newly made file.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        temporary.replace(path)
+    except OSError as error:
+        raise DataError(
+            f"Cannot write {path}: {error.strerror or error}; expected a folder with room that "
+            "may be written: choose another one."
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
