@@ -1,0 +1,141 @@
+"""What a marker trajectory must look like before it is compared with another."""
+
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from analysis.errors import TrajectoryError
+
+SMALLEST_MOTION: Final = 1e-9
+"""Root-mean-square displacement [m] below which a trajectory is said not to move.
+
+A nanometre lies far below what a camera resolves and above the tolerance of a converged solver,
+whose residual motion would otherwise be scored as if it were movement.
+"""
+
+
+def names(found: list[str], most: int = 4) -> str:
+    """Join labels for a message, the first few of them."""
+    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
+
+
+def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
+    """Check a trajectory and return it as float64 `position(marker, axis, time)`.
+
+    Parameters
+    ----------
+    data : xarray.Dataset or xarray.DataArray
+        Positions [m] with dims marker, axis (3) and one time dim of any name; in a Dataset the
+        variable ``position``.
+    role : str
+        How messages call it, such as ``"measured"``.
+
+    Returns
+    -------
+    xarray.DataArray
+        Dims (marker, axis, time) [m]; the time dim is renamed ``time``, its values kept.
+
+    Raises
+    ------
+    TrajectoryError
+        No ``position``, other dims, no labels, repeated markers, unit other than metre, time not
+        strictly increasing.
+    """
+    if isinstance(data, xr.Dataset):
+        if "position" not in data:
+            raise TrajectoryError(
+                f"the {role} dataset has no variable 'position' (found: "
+                f"{names([str(name) for name in data.data_vars]) or 'none'}): "
+                "name the marker positions 'position'"
+            )
+        position = data["position"]
+    else:
+        position = data
+    others = [str(dim) for dim in position.dims if dim not in ("marker", "axis")]
+    if len(others) != 1 or position.ndim != 3:
+        raise TrajectoryError(
+            f"the {role} positions have dims {tuple(map(str, position.dims))}, expected "
+            "(marker, axis, time): select one trial first"
+        )
+    time_dim = others[0]
+    for dim in ("marker", time_dim):
+        if dim not in position.coords:
+            raise TrajectoryError(
+                f"the {role} positions carry no coordinate '{dim}': add its labels"
+            )
+    if position.sizes["axis"] != 3:
+        raise TrajectoryError(
+            f"the {role} positions have {position.sizes['axis']} axes, expected x, y and z"
+        )
+    units = position.attrs.get("units")
+    if units != "m":
+        raise TrajectoryError(
+            f"the {role} positions are in {units!r}, expected units 'm': convert them and set "
+            "attrs['units']"
+        )
+    markers = [str(marker) for marker in position["marker"].values]
+    repeated = sorted({marker for marker in markers if markers.count(marker) > 1})
+    if repeated:
+        raise TrajectoryError(f"the {role} positions name a marker twice: {names(repeated)}")
+    time = np.asarray(position[time_dim].values, dtype=np.float64)
+    if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+        raise TrajectoryError(
+            f"the {role} time is not strictly increasing: sort it and drop repeated samples"
+        )
+    if time_dim != "time":
+        # A stray scalar called "time" would collide with the new name.
+        position = position.drop_vars("time", errors="ignore").rename({time_dim: "time"})
+    return position.transpose("marker", "axis", "time").astype(np.float64)
+
+
+def same_markers(measured: xr.DataArray, simulated: xr.DataArray) -> xr.DataArray:
+    """Return the measured positions with markers (and axes) in the order of the simulated ones.
+
+    Raises
+    ------
+    TrajectoryError
+        The two sets of names differ.
+    """
+    for dim in ("marker", "axis"):
+        if dim not in measured.coords or dim not in simulated.coords:
+            continue
+        ours = [str(label) for label in measured[dim].values]
+        theirs = [str(label) for label in simulated[dim].values]
+        absent = [label for label in theirs if label not in ours]
+        extra = [label for label in ours if label not in theirs]
+        if absent or extra:
+            parts = [f"not measured: {names(absent)}"] if absent else []
+            parts += [f"not simulated: {names(extra)}"] if extra else []
+            raise TrajectoryError(
+                f"the two trajectories have different {dim} labels ({'; '.join(parts)}): "
+                "select the same ones on both sides"
+            )
+        if ours != theirs:
+            measured = measured.sel({dim: simulated[dim].values})
+    return measured
+
+
+def motion(position: xr.DataArray) -> float:
+    """Root-mean-square displacement of all markers about their mean positions [m]."""
+    centred = position - position.mean("time")
+    return float(np.sqrt(float((centred**2).sum(["axis", "time"]).mean()) / position.sizes["time"]))
+
+
+def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:
+    """Raise unless every sample is finite and there are enough of them."""
+    count = position.sizes["time"]
+    if count < least:
+        raise TrajectoryError(
+            f"the {role} trajectory has {count} samples, expected at least {least}: "
+            "give the whole trial"
+        )
+    bad = ~np.isfinite(position.values)
+    if bad.any():
+        markers = position["marker"].values[bad.any(axis=(1, 2))]
+        instants = int(bad.any(axis=(0, 1)).sum())
+        raise TrajectoryError(
+            f"the {role} trajectory has gaps at {instants} of {count} instants "
+            f"({names([str(marker) for marker in markers])}): interpolate short gaps first, or "
+            "leave the trial out"
+        )
