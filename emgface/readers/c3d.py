@@ -1,0 +1,208 @@
+"""C3D files of motion capture: markers and analog EMG of one trial, through ezc3d."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError, UnitsError
+from emgface.readers._build import assemble, emg_array, position_array, unique_labels
+from emgface.units import quantity_of, spelling
+
+SUFFIXES = (".c3d",)
+FORMAT = "C3D"
+
+_NO_POSITION = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+"""Parameters of POINT that list points which are no positions."""
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a C3D file may be a recording: always.
+
+    Parameters
+    ----------
+    path : Path
+        File with a suffix of `SUFFIXES`.
+
+    Returns
+    -------
+    bool
+        True.
+    """
+    return True
+
+
+def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+    """Read markers and the analog channels that are voltages.
+
+    Parameters
+    ----------
+    path : Path
+        C3D file.
+    units : mapping of str to str
+        Unit of ``emg`` or ``position`` that replaces the one in the file.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the labels of the file; a frame in which a marker was not seen is NaN,
+        channels with another unit are left out and named in ``dropped``.
+
+    Raises
+    ------
+    DataError
+        If the file is absent, truncated, or no C3D.
+    UnitsError
+        If the unit of the points is absent or no length.
+
+    Notes
+    -----
+    Time is 0 at the first stored frame for markers and EMG alike.
+    """
+    content = _open(path)
+    points, point_units, point_dropped, point_names = _points(content, units)
+    analogs, analog_units, analog_dropped, analog_names = _analogs(content, units)
+    return assemble(
+        [part for part in (analogs, points) if part is not None],
+        original_names=analog_names | point_names,
+        original_units=analog_units | point_units,
+        dropped=analog_dropped | point_dropped,
+    )
+
+
+_Part = tuple[xr.Dataset | None, dict[str, str], dict[str, str], dict[str, str]]
+"""Dataset, units in the file, what was dropped, labels that were changed."""
+
+
+def _open(path: Path) -> Any:
+    """Read the file, and refuse one that holds fewer frames than it announces."""
+    import ezc3d  # 0.1 s to import, and only this format needs it
+
+    if not path.is_file():
+        raise DataError(f"No file {path}; expected a C3D file: see the spelling of the path.")
+    try:
+        content = ezc3d.c3d(str(path))
+    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        raise DataError(
+            f"{path.name} cannot be read as C3D ({error}); expected a complete C3D file: "
+            "it is damaged or another format, export it again."
+        ) from error
+    # ezc3d reads a truncated file up to its end and adapts its counts without a word.
+    announced, found = _announced_frames(path, content), content["data"]["points"].shape[2]
+    if announced is not None and found < announced:
+        raise DataError(
+            f"{path.name} announces {announced} frames and holds {found}; expected all of them: "
+            "it is truncated, copy or export it again."
+        )
+    return content
+
+
+def _announced_frames(path: Path, content: Any) -> int | None:
+    """Frames from TRIAL:ACTUAL_START_FIELD and _END_FIELD, else from the header."""
+    trial = content["parameters"].get("TRIAL", {})
+    fields = [
+        [int(v) % 65536 for v in trial[name]["value"]]
+        for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")
+        if name in trial and len(trial[name]["value"]) == 2
+    ]
+    if len(fields) == 2:
+        first, last = (low + 65536 * high for low, high in fields)
+        return last - first + 1
+    with path.open("rb") as stream:
+        header = stream.read(512)
+        stream.seek((header[0] - 1) * 512 + 3)
+        processor = stream.read(1)
+    order = ">u2" if processor == b"\x56" else "<u2"  # 86 is big-endian (MIPS)
+    first, last = (int(v) for v in np.frombuffer(header[6:10], order))
+    # A count that does not fit 16 bits is written as 65535.
+    return last - first + 1 if last < 65535 else None
+
+
+def _strings(group: Any, name: str) -> list[str]:
+    """Strings of a parameter and of its continuations: more than 255 go on in NAME2, NAME3 ..."""
+    found = [str(v) for v in group.get(name, {}).get("value", [])]
+    number = 2
+    while f"{name}{number}" in group:
+        found += [str(v) for v in group[f"{name}{number}"]["value"]]
+        number += 1
+    return found
+
+
+def _rate(group: Any, what: str) -> float:
+    values = np.atleast_1d(group.get("RATE", {}).get("value", []))
+    if values.size == 0 or not values[0] > 0:
+        raise DataError(
+            f"The file names no sampling rate of its {what}; expected {what}:RATE above 0 Hz: "
+            "set it where the file was made."
+        )
+    return float(values[0])
+
+
+def _points(content: Any, units: Mapping[str, str]) -> _Part:
+    """Markers: positions where a marker was seen, NaN elsewhere."""
+    values = content["data"]["points"][:3]
+    group = content["parameters"]["POINT"]
+    count, frames = values.shape[1:]
+    if count == 0 or frames == 0:
+        return None, {}, {}, {}
+    given = _strings(group, "LABELS")[:count]
+    labels, changed = unique_labels(given + [""] * (count - len(given)), "marker")
+    other = {label: kind for kind in _NO_POSITION for label in _strings(group, kind)}
+    dropped = {
+        label: f"POINT:{other[label]} lists it, so it is no position"
+        for label in labels
+        if label in other
+    }
+    keep = [i for i, label in enumerate(labels) if label not in dropped]
+    if not keep:
+        return None, {}, dropped, changed
+    # A negative residual marks a point that was not seen, whatever its coordinates.
+    residual = content["data"]["meta_points"]["residuals"][0]
+    seen = np.where(residual[None] < 0, np.nan, values)[:, keep]
+    found = (_strings(group, "UNITS") or [""])[0]
+    unit = units.get("position", found)
+    time = np.arange(frames) / _rate(group, "POINT")
+    part = position_array(
+        np.ascontiguousarray(seen.transpose(1, 0, 2)), [labels[i] for i in keep], time, unit
+    )
+    return part, {"position": found}, dropped, changed
+
+
+def _analogs(content: Any, units: Mapping[str, str]) -> _Part:
+    """Analog channels that are voltages, each converted from its own unit."""
+    values = content["data"]["analogs"][0]
+    group = content["parameters"]["ANALOG"]
+    count, samples = values.shape
+    if count == 0 or samples == 0:
+        return None, {}, {}, {}
+    given = _strings(group, "LABELS")[:count]
+    labels, changed = unique_labels(given + [""] * (count - len(given)), "channel")
+    found = _strings(group, "UNITS")[:count]
+    found += [""] * (count - len(found))
+    dropped: dict[str, str] = {}
+    keep: list[int] = []
+    for i, (label, own) in enumerate(zip(labels, found, strict=True)):
+        if "emg" in units or quantity_of(own) == "voltage":
+            keep.append(i)
+        else:
+            dropped[label] = f"in {own!r}, no voltage" if own.strip() else "carries no unit"
+    if not keep:
+        if not any(unit.strip() for unit in found):
+            raise UnitsError(
+                f"None of the {count} analog channels carries a unit; expected V, mV or uV: name "
+                "it as emg in the table 'units' of the mapping."
+            )
+        return None, {}, dropped, changed
+    time = np.arange(samples) / _rate(group, "ANALOG")
+    by_unit: dict[str, list[int]] = {}
+    for i in keep:
+        by_unit.setdefault(spelling(units.get("emg", found[i])), []).append(i)
+    parts = [
+        emg_array(values[rows], [labels[i] for i in rows], time, unit)
+        for unit, rows in by_unit.items()
+    ]
+    part = xr.concat(parts, "channel").sel(channel=[labels[i] for i in keep])
+    original = ", ".join(dict.fromkeys(found[i] for i in keep))
+    return part, {"emg": original}, dropped, changed
