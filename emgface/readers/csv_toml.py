@@ -221,7 +221,11 @@ def _load(sidecar: Path, table: Table) -> tuple[pd.DataFrame, np.ndarray]:
         ) from error
     frame.columns = [str(c).strip() for c in frame.columns]
     # A delimiter at the end of every line makes a last column of nothing.
-    hollow = [c for c in frame.columns if c.startswith("Unnamed:") and frame[c].isna().all()]
+    hollow = [
+        c
+        for c in frame.columns
+        if c.startswith("Unnamed:") and bool(np.all(pd.isna(frame[c].to_numpy())))
+    ]
     frame = frame.drop(columns=hollow)
     if frame.empty:
         raise DataError(f"{path.name} has no row of numbers; expected samples: export it again.")
