@@ -1,0 +1,138 @@
+"""From face model to motion: what the scene holds, where a motion starts, what drives it."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.errors import ActivationError
+from emgface.face.recipe import compose_scene, element_order, settle_face, simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import LIP_MARKERS, MUSCLES
+from sim import ControlError, InvertedElement, compile_scene
+from sim.errors import NotConverged
+
+PARAMETERS = SimulationParameters(sigma_max=50e3, sigma_max_policy={"minimum": 10e3})
+
+
+def activation(level: float, *muscles: str, duration: float = 0.2) -> xr.DataArray:
+    time = np.linspace(0.0, duration, 21)
+    values = np.zeros((len(MUSCLES), time.size))
+    for muscle in muscles:
+        values[MUSCLES.index(muscle)] = level * np.sin(np.pi * time / duration) ** 2
+    return xr.DataArray(
+        values, coords={"muscle": list(MUSCLES), "time": time}, dims=("muscle", "time")
+    )
+
+
+@pytest.fixture(scope="module")
+def settled(slab: xr.Dataset) -> xr.Dataset:
+    return settle_face(slab, PARAMETERS)
+
+
+def test_the_scene_weighs_what_the_volume_says_and_holds_the_fixed_nodes(slab) -> None:
+    system = compile_scene(compose_scene(slab, PARAMETERS))
+    assert system.node_mass.sum() == pytest.approx(1040.0 * 0.06 * 0.01 * 0.036, rel=1e-12)
+    assert system.pattern.n == 3 * int((slab["fixed"] == 0).sum())
+    assert system.muscles == MUSCLES
+
+
+def test_element_order_puts_hexahedra_first_and_undoes_itself(slab) -> None:
+    mixed = slab.copy(deep=True)
+    mixed["connectivity"][[0, 3], 6:] = -1
+    order = element_order(mixed)
+    assert list(order.face_index[-2:]) == [0, 3]
+    np.testing.assert_array_equal(order.face_index[order.scene_index], np.arange(120))
+
+
+def test_the_settled_face_stays_where_it_is_and_hangs_down(slab, settled) -> None:
+    still = simulate_face(slab, activation(0.0), PARAMETERS, settled=settled)
+    assert float(np.abs(still["position"] - still["position"].isel(time=0)).max()) < 1e-6
+    sag = settled["node_position"].values - slab["position"].values
+    assert sag[:, 2].min() < -1e-5 and abs(sag[:, 2].min()) > abs(sag[:, 0]).max()
+    np.testing.assert_array_equal(sag[slab["fixed"].values > 0], 0.0)
+
+
+def test_without_gravity_the_face_is_at_rest_as_it_is(slab) -> None:
+    weightless = PARAMETERS.model_copy(update={"gravity": False})
+    settled = settle_face(slab, weightless)
+    np.testing.assert_array_equal(settled["node_position"].values, slab["position"].values)
+
+
+def test_an_upper_lip_levator_lifts_the_markers_of_its_side(slab, settled) -> None:
+    motion = simulate_face(slab, activation(0.8, "LLSAN_L"), PARAMETERS, settled=settled)
+    assert list(motion["marker"].values) == list(LIP_MARKERS)
+    moved = (motion["position"] - motion["position"].isel(time=0)).sel(axis="z")
+    left = float(moved.sel(marker="upper_paramedian_left").max())
+    right = float(moved.sel(marker="upper_paramedian_right").max())
+    assert left > 2e-4 and left > 2 * abs(right)
+    assert motion.attrs["origin"] == "simulated" and motion.attrs["sigma_max"] == 50e3
+    assert float(motion["smallest_J"].min()) > 0.0
+
+
+def test_mirrored_activation_gives_the_mirrored_motion(slab, settled) -> None:
+    left, right = (
+        simulate_face(slab, activation(0.5, f"ZYG_{side}"), PARAMETERS, settled=settled)["position"]
+        for side in "LR"
+    )
+    mirror = [name.replace("left", "*").replace("right", "left").replace("*", "right")
+              for name in LIP_MARKERS]  # fmt: skip
+    flip = xr.DataArray([-1.0, 1.0, 1.0], coords={"axis": ["x", "y", "z"]}, dims="axis")
+    mirrored = (right * flip).sel(marker=mirror)
+    # the slab is symmetric to rounding; a step converges to 1 um
+    np.testing.assert_allclose(left.values, mirrored.transpose(*left.dims).values, atol=5e-6)
+
+
+def test_the_two_solvers_agree_to_first_order_in_the_step(slab, settled) -> None:
+    drive = activation(0.3, "DAO_L", "DAO_R")
+    difference = []
+    for step in (0.01, 0.005):
+        paths = [
+            simulate_face(
+                slab, drive, PARAMETERS.model_copy(update={"solver": s, "step": step}),
+                settled=settled,
+            )["position"].sel(time=slice(0.0, 0.2 + 1e-9, round(0.01 / step))).values
+            for s in ("converged", "linearly_implicit")
+        ]  # fmt: skip
+        difference.append(np.abs(paths[0] - paths[1]).max())
+    assert difference[1] < 0.7 * difference[0]
+
+
+def test_normalised_timing_takes_one_step_per_sample(slab, settled) -> None:
+    slow = activation(0.2, "MEN_L", duration=2.0)
+    parameters = PARAMETERS.model_copy(update={"timing": "normalised"})
+    motion = simulate_face(slab, slow, parameters, settled=settled)
+    np.testing.assert_allclose(motion["time"].values, 0.01 * np.arange(21), atol=1e-12)
+    recorded = simulate_face(slab, activation(0.2, "MEN_L"), PARAMETERS, settled=settled)
+    np.testing.assert_allclose(motion["position"], recorded["position"], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "said"),
+    [
+        (lambda a: a.isel(muscle=slice(1, None)), ActivationError, "lacks ZYG_L"),
+        (lambda a: a.assign_coords(muscle=["XYZ_L", *MUSCLES[1:]]), ActivationError, "lacks ZYG_L"),
+        (lambda a: a.isel(time=[0]), ActivationError, "1 sample"),
+        (lambda a: a.assign_coords(time=a["time"] / 1e3), ActivationError, "less than one step"),
+        (lambda a: a + 1.5, ControlError, "1.5"),
+        (lambda a: a * np.nan, ControlError, "nan"),
+    ],
+)
+def test_an_unusable_activation_is_refused(slab, settled, change, error, said: str) -> None:
+    with pytest.raises(error, match=said):
+        simulate_face(slab, change(activation(0.2, "MEN_L")), PARAMETERS, settled=settled)
+
+
+def test_an_inverted_element_is_named_by_its_id_in_the_face(slab, settled) -> None:
+    renamed = slab.assign(element_id=slab["element_id"] + 1000)
+    brutal = PARAMETERS.model_copy(
+        update={"solver": "linearly_implicit", "sigma_max": 50e6, "step": 0.05, "beta": 0.0}
+    )
+    with pytest.raises(InvertedElement) as caught:
+        simulate_face(renamed, activation(1.0, *MUSCLES), brutal, settled=settled)
+    assert 1001 <= caught.value.element <= 1120 and caught.value.det_F <= 0.0
+
+
+def test_a_face_that_cannot_settle_is_said(slab) -> None:
+    soft = PARAMETERS.model_copy(update={"C10": 1e-3, "C20": 0.0, "kappa": 1e-3, "P1": 0.0})
+    with pytest.raises((NotConverged, InvertedElement)):
+        settle_face(slab, soft)
