@@ -1,0 +1,96 @@
+"""Geometry of hexahedra and wedges at rest: Jacobians, volumes, element quality.
+
+Elements are rows of 8 node indices in VTK order; a wedge fills its last two with -1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.elements import HEX8, WEDGE6, ElementType
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.integer]
+
+
+@dataclass(frozen=True)
+class ElementQuality:
+    """Per element, each of shape (elements,).
+
+    Attributes
+    ----------
+    volume : ndarray
+        Integral of det J over the quadrature points [m3].
+    smallest_det : ndarray
+        Smallest det J over quadrature points and corners [m3 per unit of natural volume].
+    scaled_jacobian : ndarray
+        Smallest scaled Jacobian [1].
+    """
+
+    volume: Floats
+    smallest_det: Floats
+    scaled_jacobian: Floats
+
+
+def is_wedge(connectivity: Indices) -> NDArray[np.bool_]:
+    """Which elements are wedges, shape (elements,)."""
+    return np.asarray(connectivity)[:, 6] < 0
+
+
+def element_centres(position: Floats, connectivity: Indices) -> Floats:
+    """Mean of the 8 or 6 nodes of each element, shape (elements, 3) [m]."""
+    used = connectivity >= 0
+    corners = position[np.where(used, connectivity, 0)] * used[..., None]
+    return corners.sum(axis=1) / used.sum(axis=1)[:, None]
+
+
+def element_quality(position: Floats, connectivity: Indices) -> ElementQuality:
+    """Volume, smallest Jacobian determinant and smallest scaled Jacobian of every element.
+
+    The scaled Jacobian is det J over the product of the lengths of its columns, smallest over the
+    corners (and the centre of a hexahedron); a cube has 1, and wedges are scaled by 2/sqrt(3) so
+    that a prism on an equilateral triangle has 1.
+
+    Parameters
+    ----------
+    position : ndarray, shape (nodes, 3)
+        Rest positions [m].
+    connectivity : ndarray of int, shape (elements, 8)
+        Node indices in VTK order, -1 in the last two columns of a wedge.
+
+    Returns
+    -------
+    ElementQuality
+        Arrays of shape (elements,).
+    """
+    connectivity = np.asarray(connectivity)
+    n = len(connectivity)
+    result = ElementQuality(np.empty(n), np.empty(n), np.empty(n))
+    wedge = is_wedge(connectivity)
+    # Each natural derivative is bilinear, so its mean over the corners is its value at the centre.
+    centre = HEX8.dN_corners.mean(axis=0, keepdims=True)
+    _fill(result, ~wedge, position, connectivity, HEX8, np.concatenate([HEX8.dN_corners, centre]))
+    _fill(result, wedge, position, connectivity, WEDGE6, WEDGE6.dN_corners, 2.0 / np.sqrt(3.0))
+    return result
+
+
+def _fill(
+    result: ElementQuality,
+    chosen: NDArray[np.bool_],
+    position: Floats,
+    connectivity: Indices,
+    kind: ElementType,
+    at_corners: Floats,
+    ideal: float = 1.0,
+) -> None:
+    """Write the rows of one element type."""
+    corners = position[connectivity[chosen, : kind.n_nodes]]
+    gauss = np.linalg.det(np.einsum("eni,pnj->epij", corners, kind.dN))
+    jacobian = np.einsum("eni,pnj->epij", corners, at_corners)
+    det = np.linalg.det(jacobian)
+    lengths = np.prod(np.linalg.norm(jacobian, axis=2), axis=2)
+    scaled = det / np.where(lengths > 0.0, lengths, np.inf)
+    result.volume[chosen] = gauss @ kind.weights
+    result.smallest_det[chosen] = np.minimum(gauss.min(axis=1), det.min(axis=1))
+    result.scaled_jacobian[chosen] = ideal * scaled.min(axis=1)

@@ -1,0 +1,154 @@
+"""Boundary surface of a mesh of hexahedra and wedges, and nearest points on triangles."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.face.quality import is_wedge
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.integer]
+
+# Faces seen from outside counter-clockwise; a triangle repeats its last node.
+_HEX_FACES: Final = np.array(
+    [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+)
+_WEDGE_FACES: Final = np.array(
+    [[0, 2, 1, 1], [3, 4, 5, 5], [0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]]
+)
+
+
+def element_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All faces of all elements.
+
+    Parameters
+    ----------
+    connectivity : ndarray of int, shape (elements, 8)
+        VTK order, -1 in the last two columns of a wedge.
+
+    Returns
+    -------
+    faces : ndarray, shape (faces, 4)
+        Node indices, outward; a triangle repeats its last node.
+    element : ndarray, shape (faces,)
+        Index of the element a face belongs to.
+    """
+    connectivity = np.asarray(connectivity, dtype=np.int64)
+    wedge = is_wedge(connectivity)
+    parts, owners = [], []
+    for chosen, pattern in ((~wedge, _HEX_FACES), (wedge, _WEDGE_FACES)):
+        index = np.flatnonzero(chosen)
+        parts.append(connectivity[index][:, pattern].reshape(-1, 4))
+        owners.append(np.repeat(index, len(pattern)))
+    return np.concatenate(parts), np.concatenate(owners)
+
+
+def boundary_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Faces that belong to one element only, and that element, as `element_faces` gives them."""
+    faces, element = element_faces(connectivity)
+    _, inverse, counts = np.unique(
+        np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    once = counts[inverse.reshape(-1)] == 1
+    return faces[once], element[once]
+
+
+def triangles(faces: Indices, position: Floats) -> NDArray[np.int64]:
+    """Split quadrilaterals along their shorter diagonal; triangles stay, shape (n, 3).
+
+    The shorter diagonal, unlike a fixed corner, treats mirrored faces alike.
+    """
+    faces = np.asarray(faces, dtype=np.int64)
+    three = faces[:, 2] == faces[:, 3]
+    quad = faces[~three]
+    corners = position[quad]
+    first = np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
+    second = np.linalg.norm(corners[:, 1] - corners[:, 3], axis=1)
+    along, across = quad[first < second], quad[first >= second]
+    return np.concatenate(
+        [
+            faces[three][:, :3],
+            along[:, [0, 1, 2]],
+            along[:, [0, 2, 3]],
+            across[:, [0, 1, 3]],
+            across[:, [1, 2, 3]],
+        ]
+    )
+
+
+def winding_number(points: Floats, corners: Floats) -> Floats:
+    """How often closed, outward triangles wind round each point: 1 inside, 0 outside.
+
+    Sum of the signed solid angles over 4 pi, each by the formula of Van Oosterom and Strackee
+    (1983).
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+    corners : ndarray, shape (triangles, 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    result = np.empty(len(points))
+    for k, point in enumerate(points):
+        a, b, c = (corners[:, i] - point for i in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        top = np.einsum("ij,ij->i", a, np.cross(b, c))
+        bottom = (
+            la * lb * lc
+            + np.einsum("ij,ij->i", a, b) * lc
+            + np.einsum("ij,ij->i", b, c) * la
+            + np.einsum("ij,ij->i", c, a) * lb
+        )
+        result[k] = np.sum(2.0 * np.arctan2(top, bottom)) / (4.0 * np.pi)
+    return result
+
+
+def nearest_on_triangles(point: Floats, corners: Floats) -> tuple[Floats, int, Floats]:
+    """Nearest point of a set of triangles.
+
+    Parameters
+    ----------
+    point : ndarray, shape (3,)
+    corners : ndarray, shape (triangles, 3, 3)
+
+    Returns
+    -------
+    nearest : ndarray, shape (3,)
+    triangle : int
+    weights : ndarray, shape (3,)
+        Barycentric coordinates of the nearest point in that triangle, none negative.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    ab, ac, ap = b - a, c - a, point - a
+    d11, d12, d22 = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
+    p1, p2 = _dot(ap, ab), _dot(ap, ac)
+    area2 = d11 * d22 - d12 * d12
+    safe = np.where(area2 > 0, area2, 1.0)
+    v = (d22 * p1 - d12 * p2) / safe
+    w = (d11 * p2 - d12 * p1) / safe
+    weights = np.stack([1.0 - v - w, v, w], axis=1)
+    # Foot of the perpendicular inside, or else the nearest of the three clamped edges.
+    candidates = [weights]
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        edge = corners[:, j] - corners[:, i]
+        length2 = _dot(edge, edge)
+        t = _dot(point - corners[:, i], edge) / np.where(length2 > 0, length2, 1.0)
+        t = np.clip(t, 0.0, 1.0)
+        row = np.zeros_like(weights)
+        row[:, i], row[:, j] = 1.0 - t, t
+        candidates.append(row)
+    stacked = np.stack(candidates)
+    feet = np.einsum("kti,tid->ktd", stacked, corners)
+    distance = np.linalg.norm(feet - point, axis=2)
+    outside = (area2 <= 0) | (weights < 0).any(axis=1)
+    distance[0, outside] = np.inf
+    kind, triangle = np.unravel_index(int(np.argmin(distance)), distance.shape)
+    return feet[kind, triangle], int(triangle), stacked[kind, triangle]
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.einsum("ij,ij->i", a, b)
