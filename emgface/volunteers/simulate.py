@@ -1,0 +1,228 @@
+"""Recordings of simulated volunteers: each has a face of its own, moved by known activations."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import xarray as xr
+
+from emgface.dataset import write_recording
+from emgface.face.recipe import settle_face, simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import CHANNELS, INSTRUCTIONS
+from emgface.study.observer import Observer, Silent
+from emgface.study.policy import lower_sigma_max
+from emgface.study.store import Stage, Store, dataset_digest
+from emgface.volunteers.emg import synthesise_emg
+from emgface.volunteers.instructions import TRIAL_DURATION, draw_timing, true_activation
+from emgface.volunteers.markers import record_markers
+from emgface.volunteers.person import SimulatedVolunteer, draw_volunteer
+
+_MECHANICS = ("sim", "emgface.face.recipe")
+REST = Stage("volunteer_rest", _MECHANICS)
+MOTION = Stage("volunteer_motion", (*_MECHANICS, "emgface.study.policy"))
+
+
+def person_face(face: xr.Dataset, scale: float) -> xr.Dataset:
+    """Scale the geometry of a face.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    scale : float
+        Factor on all positions.
+
+    Returns
+    -------
+    Dataset
+        Face model.
+    """
+    scaled = face.copy()
+    for name in ("position", "fibre_position", "face_marker_position"):
+        scaled[name] = face[name] * scale
+        scaled[name].attrs = dict(face[name].attrs)
+    return scaled
+
+
+def person_parameters(
+    person: SimulatedVolunteer, parameters: SimulationParameters
+) -> SimulationParameters:
+    """Replace the tissue and muscle parameters that differ from person to person."""
+    return parameters.model_copy(
+        update={
+            "sigma_max": person.sigma_max,
+            "C10": parameters.C10 * person.stiffness,
+            "C20": parameters.C20 * person.stiffness,
+            "kappa": parameters.kappa * person.stiffness,
+        }
+    )
+
+
+def make_volunteers(
+    face: xr.Dataset,
+    out: Path,
+    *,
+    n: int,
+    repetitions: int = 1,
+    instructions: Sequence[str] = tuple(INSTRUCTIONS),
+    seed: int = 0,
+    parameters: SimulationParameters | None = None,
+    duration: float = TRIAL_DURATION,
+    observer: Observer | None = None,
+) -> list[Path]:
+    """Simulate volunteers and write their recordings.
+
+    Motions are kept under ``out/store``, so that an interrupted set is completed by running again.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model; each volunteer's is a scaled copy.
+    out : Path
+        Folder; recordings go to ``out/recordings``.
+    n, repetitions : int
+        Number of volunteers, and of repetitions of each instruction.
+    instructions : sequence of str
+        Some of A to F.
+    seed : int
+        Seed of the whole set.
+    parameters : SimulationParameters, optional
+        Mechanics; sigma_max and tissue stiffness are replaced by the person's.
+    duration : float
+        Length of a trial [s].
+    observer : Observer, optional
+        Told what happens.
+
+    Returns
+    -------
+    list of Path
+        One file per trial, origin "simulated", with ``true_activation`` beside the recording.
+
+    Raises
+    ------
+    ConfigurationError
+        If an instruction is unknown.
+    SimulationError
+        If a motion cannot be simulated.
+    DataError, StoreError
+        If a file cannot be written.
+    """
+    observer = observer or Silent()
+    parameters = parameters or SimulationParameters()
+    store = Store(out / "store", report=observer.message)
+    observer.begin(n * len(instructions) * repetitions)
+    paths: list[Path] = []
+    for index in range(1, n + 1):
+        person = draw_volunteer(index, seed)
+        own_face = person_face(face, person.geometry_scale)
+        own = _Mover(store, own_face, person_parameters(person, parameters), observer)
+        for instruction in instructions:
+            for repetition in range(1, repetitions + 1):
+                observer.working(f"{person.name} {instruction} {repetition}")
+                recording = simulate_recording(person, own, instruction, repetition, duration)
+                path = out / "recordings" / f"{person.name}_{instruction}_{repetition}.nc"
+                paths.append(write_recording(recording, path))
+                observer.finished(f"{person.name} {instruction} {repetition}", "ok")
+    return paths
+
+
+class _Mover:
+    """Moves one person's face, keeping each motion in the store."""
+
+    def __init__(
+        self, store: Store, face: xr.Dataset, parameters: SimulationParameters, observer: Observer
+    ) -> None:
+        self.face, self.parameters = face, parameters
+        self._store, self._observer, self._digest = store, observer, dataset_digest(face)
+
+    def rest(self, parameters: SimulationParameters) -> xr.Dataset:
+        """Return the face at its equilibrium under gravity."""
+        drop = {"step", "solver", "timing", "sigma_max_policy"}
+        return self._store.get_or_compute(
+            REST,
+            {"face": self._digest},
+            parameters.model_dump(mode="json", exclude=drop),
+            lambda: settle_face(self.face, parameters),
+            label="rest",
+        ).dataset
+
+    def motion(self, activation: xr.DataArray, label: str) -> xr.Dataset:
+        """Return the motion of the lip markers under an activation."""
+
+        def once(parameters: SimulationParameters) -> xr.Dataset:
+            rest = self.rest(parameters)
+            return simulate_face(self.face, activation, parameters, settled=rest)
+
+        def compute() -> xr.Dataset:
+            return lower_sigma_max(once, self.parameters, report=self._observer.message).trajectory
+
+        inputs = {
+            "face": self._digest,
+            "activation": dataset_digest(activation.to_dataset(name="activation")),
+        }
+        parameters = self.parameters.model_dump(mode="json")
+        return self._store.get_or_compute(MOTION, inputs, parameters, compute, label=label).dataset
+
+
+def simulate_recording(
+    person: SimulatedVolunteer, own: _Mover, instruction: str, repetition: int, duration: float
+) -> xr.Dataset:
+    """Record one trial of a simulated volunteer.
+
+    Parameters
+    ----------
+    person : SimulatedVolunteer
+        Who.
+    own : _Mover
+        Moves the person's face.
+    instruction : str
+        A to F.
+    repetition : int
+        1 for the first.
+    duration : float
+        Length of the trial [s].
+
+    Returns
+    -------
+    Dataset
+        Recording with ``emg`` [V], ``position`` [m] and ``true_activation`` [1].
+    """
+    timing_rng, emg_rng, marker_rng = person.rng(instruction, repetition).spawn(3)
+    truth = true_activation(
+        instruction,
+        timing=draw_timing(timing_rng),
+        levels=person.levels,
+        co_contraction=person.co_contraction,
+        duration=duration,
+    )
+    label = f"{person.name} {instruction} {repetition}"
+    motion = own.motion(truth.rename(time_true="time"), label)
+    emg = synthesise_emg(
+        truth,
+        gain=[person.gain[channel] for channel in CHANNELS],
+        cross_talk=person.cross_talk,
+        baseline_noise=person.baseline_noise,
+        mains_hum=person.mains_hum,
+        rng=emg_rng,
+    )
+    position = record_markers(
+        motion["position"],
+        own.face["face_marker_position"],
+        noise=person.marker_noise,
+        rotation=person.head_rotation,
+        shift=person.head_shift,
+        rng=marker_rng,
+    )
+    return xr.Dataset(
+        {"emg": emg, "position": position, "true_activation": truth},
+        attrs={
+            "volunteer": person.name,
+            "instruction": instruction,
+            "repetition": repetition,
+            "origin": "simulated",
+            "source": f"simulated volunteer {person.name}, seed {person.seed}",
+            "true_sigma_max": motion.attrs["sigma_max"],
+            "person": json.dumps(person.as_parameters()),
+        },
+    )

@@ -1,0 +1,83 @@
+"""A simulated volunteer end to end: what its recording holds and that it can be made again."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.dataset import read_recording
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import FACE_MARKERS, LIP_MARKERS
+from emgface.volunteers.person import draw_volunteer
+from emgface.volunteers.simulate import make_volunteers, person_face, person_parameters
+
+PARAMETERS = SimulationParameters(step=0.02)
+
+
+@pytest.fixture(scope="module")
+def made(slab, tmp_path_factory) -> tuple[Path, list[Path]]:
+    out = tmp_path_factory.mktemp("volunteers")
+    return out, make_volunteers(
+        slab, out, n=1, instructions=("B", "E"), seed=4, parameters=PARAMETERS
+    )
+
+
+def test_a_recording_follows_the_schema_of_a_study_and_says_it_is_simulated(made) -> None:
+    for path, instruction in zip(made[1], "BE", strict=True):
+        recording = read_recording(path, study=True)
+        assert recording.attrs["origin"] == "simulated"
+        assert recording.attrs["instruction"] == instruction
+        assert "simulated" in recording.attrs["source"]
+        assert recording["true_activation"].sizes == {"muscle": 20, "time_true": 1801}
+        assert float(recording["time_emg"][-1]) == pytest.approx(1.8, abs=1e-3)
+        assert recording.sizes["time_marker"] == 181
+
+
+def lips_in_head_frame(recording: xr.Dataset) -> np.ndarray:
+    """Independent removal of head motion: orthogonal Procrustes frame by frame."""
+    seen = recording["position"].transpose("time_marker", "marker", "axis")
+    face = seen.sel(marker=list(FACE_MARKERS)).values
+    lips = seen.sel(marker=list(LIP_MARKERS)).values
+    still = face[0] - face[0].mean(axis=0)
+    result = np.empty_like(lips)
+    for k in range(len(face)):
+        centre = face[k].mean(axis=0)
+        u, _, vt = np.linalg.svd((face[k] - centre).T @ still)
+        d = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+        result[k] = (lips[k] - centre) @ u @ d @ vt
+    return result
+
+
+def test_lips_move_within_the_head_while_the_instruction_lasts(made) -> None:
+    recording = read_recording(made[1][0])
+    lips = lips_in_head_frame(recording)
+    moved = np.linalg.norm(lips - lips[:10].mean(axis=0), axis=-1)
+    assert moved[:10].mean() < 5e-4  # marker noise 0.1 mm, also in the head frame
+    upper = list(LIP_MARKERS).index("upper_paramedian_left")
+    assert moved[80:100, upper].mean() > 1e-3  # raise upper lip
+
+
+def test_the_same_seed_gives_the_same_files_and_stored_motions_are_reused(
+    made, slab, tmp_path: Path
+) -> None:
+    out, paths = made
+    again = make_volunteers(slab, tmp_path, n=1, instructions=("E",), seed=4, parameters=PARAMETERS)
+    first, second = read_recording(paths[1]), read_recording(again[0])
+    drop = ["source_digest"]
+    for dataset in (first, second):
+        for name in drop:
+            dataset.attrs.pop(name, None)
+    xr.testing.assert_identical(first, second)
+    stored = {p: p.stat().st_mtime_ns for p in (out / "store").rglob("*.nc")}
+    make_volunteers(slab, out, n=1, instructions=("B", "E"), seed=4, parameters=PARAMETERS)
+    assert {p: p.stat().st_mtime_ns for p in (out / "store").rglob("*.nc")} == stored
+
+
+def test_a_person_has_a_scaled_face_and_tissue_of_its_own(slab) -> None:
+    person = draw_volunteer(1, 4)
+    face = person_face(slab, person.geometry_scale)
+    np.testing.assert_allclose(face["position"], slab["position"] * person.geometry_scale)
+    assert face["position"].attrs["units"] == "m"
+    own = person_parameters(person, PARAMETERS)
+    assert own.sigma_max == person.sigma_max and own.C10 == 2500.0 * person.stiffness
