@@ -92,8 +92,8 @@ def align(
     xarray.Dataset
         ``position`` (marker, axis, time) [m], the measured positions at the simulated times, NaN
         where nothing was measured; ``shift`` [s]; ``scale`` [1]; ``sign`` [1], applied to
-        ``b_measured``; ``correlation`` [1] of the aligned vectors; ``overlap`` [1], fraction of
-        the simulated samples covered; ``explained_variance_measured`` and
+        ``b_measured``; ``correlation`` [1] of the aligned and low-passed vectors; ``overlap``
+        [1], fraction of the simulated samples covered; ``explained_variance_measured`` and
         ``explained_variance_simulated`` [1]; ``direction_cosine`` [1], u_measured . u_simulated
         after the sign; ``shift_at_bound`` 0 or 1: no peak lay inside the allowed shifts;
         ``b_measured`` (time_measured), ``b_simulated`` (time), ``b_aligned`` (time) [m].
@@ -103,9 +103,8 @@ def align(
     TrajectoryError
         Different markers, gaps, fewer than 8 samples, wrong dims or units.
     AlignmentError
-        A trajectory does not move, or no shift leaves enough overlap.
-    ValueError
-        An option outside its range.
+        A trajectory does not move, no shift leaves enough overlap, or an option lies outside its
+        range.
 
     Notes
     -----
@@ -236,18 +235,18 @@ def _check_options(
 ) -> None:
     """Raise for an option outside its range."""
     if scaling not in ("length", "search", "none"):
-        raise ValueError(f"scaling is {scaling!r}, expected 'length', 'search' or 'none'")
+        raise AlignmentError(f"scaling is {scaling!r}, expected 'length', 'search' or 'none'")
     if sign not in ("correlation", "direction"):
-        raise ValueError(f"sign is {sign!r}, expected 'correlation' or 'direction'")
+        raise AlignmentError(f"sign is {sign!r}, expected 'correlation' or 'direction'")
     if not 0 < scale_range[0] <= 1 <= scale_range[1]:
-        raise ValueError(f"scale_range is {scale_range}, expected 0 < least <= 1 <= greatest")
+        raise AlignmentError(f"scale_range is {scale_range}, expected 0 < least <= 1 <= greatest")
     if not 0 < scale_step < 0.5:
-        raise ValueError(f"scale_step is {scale_step}, expected a value between 0 and 0.5")
+        raise AlignmentError(f"scale_step is {scale_step}, expected a value between 0 and 0.5")
     if max_shift is not None and not max_shift >= 0:
-        raise ValueError(f"max_shift is {max_shift} s, expected 0 or more")
+        raise AlignmentError(f"max_shift is {max_shift} s, expected 0 or more")
     if not 0 < least_overlap <= 1:
-        raise ValueError(f"least_overlap is {least_overlap}, expected above 0 and at most 1")
+        raise AlignmentError(f"least_overlap is {least_overlap}, expected above 0 and at most 1")
     if cutoff is not None and not cutoff > 0:
-        raise ValueError(f"cutoff is {cutoff} Hz, expected above 0 or None")
+        raise AlignmentError(f"cutoff is {cutoff} Hz, expected above 0 or None")
     if not 0 <= least_gain < 1:
-        raise ValueError(f"least_gain is {least_gain}, expected from 0 to below 1")
+        raise AlignmentError(f"least_gain is {least_gain}, expected from 0 to below 1")

@@ -167,7 +167,7 @@ class Search:
         return finer if finer.unexplained < best.unexplained else best
 
     def at(self, shift: float, scale: float, at_bound: bool = False) -> Match:
-        """Return the agreement at any shift and scale, over the simulated samples that are covered."""
+        """Return the agreement at any shift and scale, over the covered simulated samples."""
         inside, source = within((self.grid - shift) / scale, self.t_m)
         if inside.sum() < 2:
             return Match(shift, scale, 0.0, 1.0, at_bound)

@@ -1,0 +1,332 @@
+"""How well a simulated trajectory follows a measured one, marker by marker."""
+
+from typing import Final, Literal
+
+import numpy as np
+import xarray as xr
+
+from analysis.errors import TrajectoryError
+from analysis.trajectory import SMALLEST_MOTION, checked, names, same_markers
+
+Form = Literal["consistent", "as_printed"]
+Reference = Literal["mean", "first", "origin"]
+
+ROUNDING: Final = 64 * float(np.finfo(np.float64).eps)
+"""Displacement relative to the position below which only rounding errors move."""
+
+CARRIED: Final = (
+    "shift",
+    "scale",
+    "sign",
+    "correlation",
+    "overlap",
+    "explained_variance_measured",
+    "explained_variance_simulated",
+    "direction_cosine",
+    "shift_at_bound",
+)
+"""What a score keeps of the alignment."""
+
+
+def correlation_3d(
+    measured: xr.DataArray,
+    simulated: xr.DataArray,
+    *,
+    dim: str = "time",
+    form: Form = "consistent",
+    smallest_motion: float = 0.0,
+) -> xr.DataArray:
+    """Correlation of 3D trajectories.
+
+    rho = sum (v - mean v).(w - mean w) / sqrt(sum |v - mean v|^2 sum |w - mean w|^2)
+
+    Computed centred: the difference of large means that Eq. 13 prints loses all digits for
+    positions far from the origin.
+
+    Parameters
+    ----------
+    measured, simulated : xarray.DataArray
+        v and w, dims (..., axis, `dim`), the same unit, the same labels.
+    dim : str
+        The dim of the samples.
+    form : {"consistent", "as_printed"}
+        As printed, Eq. 13 divides its numerator by n and Eq. 12 by n - 1, so that a trajectory
+        correlates with itself at (n - 1) / n. ``"consistent"`` divides both alike.
+    smallest_motion : float
+        Root-mean-square displacement, in the unit of the positions, below which a trajectory is
+        undefined; whatever it is, motion by rounding alone is.
+
+    Returns
+    -------
+    xarray.DataArray
+        rho [1], dims (...), NaN where `undefined_reason` gives a reason.
+
+    Raises
+    ------
+    TrajectoryError
+        Dims, labels, samples or units differ, or fewer than two samples.
+
+    Notes
+    -----
+    Source: Eskes et al. 2017, Eqs 11-13, after Pitermann and Munhall. rho is invariant to shift
+    and positive scale of either trajectory, not to rotation.
+    """
+    if form not in ("consistent", "as_printed"):
+        raise TrajectoryError(f"form is {form!r}, expected 'consistent' or 'as_printed'")
+    v, w = _pair(measured, simulated, dim)
+    v, w = v - v.mean(dim, skipna=False), w - w.mean(dim, skipna=False)
+    size_v, size_w = _sum_of_squares(v, dim), _sum_of_squares(w, dim)
+    product = (v * w).sum(["axis", dim], skipna=False)
+    # Two roots rather than one: the product of the sums could underflow for tiny motions.
+    norm = size_v**0.5 * size_w**0.5
+    defined = undefined_reason(measured, simulated, dim=dim, smallest_motion=smallest_motion) == ""
+    rho = (product / norm.where(defined)).clip(-1.0, 1.0)  # Cauchy-Schwarz, but for rounding
+    n = v.sizes[dim]
+    if form == "as_printed":
+        rho = rho * ((n - 1) / n)
+    attrs = {"units": "1", "long_name": "correlation of 3D trajectories", "form": form}
+    return _named(rho, "rho", attrs)
+
+
+def undefined_reason(
+    measured: xr.DataArray,
+    simulated: xr.DataArray,
+    *,
+    dim: str = "time",
+    smallest_motion: float = 0.0,
+) -> xr.DataArray:
+    """Why a correlation is undefined, as text; empty where it is defined.
+
+    Parameters
+    ----------
+    measured, simulated, dim, smallest_motion
+        As in `correlation_3d`.
+
+    Returns
+    -------
+    xarray.DataArray
+        Dims (...): ``""``, or which of the two "has gaps" or "does not move".
+
+    Raises
+    ------
+    TrajectoryError
+        As `correlation_3d`.
+    """
+    pair = dict(zip(("measured", "simulated"), _pair(measured, simulated, dim), strict=True))
+    gaps = {role: ~(abs(data) < np.inf).all(["axis", dim]) for role, data in pair.items()}
+    still: dict[str, xr.DataArray] = {}
+    for role, data in pair.items():
+        centred = data - data.mean(dim, skipna=False)
+        moved = (_sum_of_squares(centred, dim) / data.sizes[dim]) ** 0.5
+        rounding = ROUNDING * abs(data).max(["axis", dim])
+        still[role] = ~(moved > rounding) | (moved < smallest_motion)
+    reason = xr.full_like(gaps["measured"], "", dtype="U24")
+    for what, one_of in (("does not move", still), ("has gaps", gaps)):
+        both = one_of["measured"] & one_of["simulated"]
+        for role, bad in one_of.items():
+            reason = reason.where(~bad, f"{role} {what}")
+        reason = reason.where(~both, "neither moves" if one_of is still else "both have gaps")
+    return _named(reason.astype(str), "reason", {"long_name": "why rho is undefined"})
+
+
+def amplitude_ratio(
+    measured: xr.DataArray,
+    simulated: xr.DataArray,
+    *,
+    dim: str = "time",
+    smallest_motion: float = 0.0,
+) -> xr.DataArray:
+    """Size of the simulated movement relative to the measured one, sigma_w / sigma_v.
+
+    Parameters
+    ----------
+    measured, simulated, dim, smallest_motion
+        As in `correlation_3d`.
+
+    Returns
+    -------
+    xarray.DataArray
+        Ratio [1], dims (...): below 1 the model moves less than the volunteer; 0 where it does
+        not move; NaN where the measured marker does not move or either has gaps.
+
+    Raises
+    ------
+    TrajectoryError
+        As `correlation_3d`.
+
+    Notes
+    -----
+    sigma: Eskes et al. 2017, Eq. 12. rho ignores amplitude; this is its complement.
+    """
+    v, w = _pair(measured, simulated, dim)
+    size_v = _sum_of_squares(v - v.mean(dim, skipna=False), dim) ** 0.5
+    size_w = _sum_of_squares(w - w.mean(dim, skipna=False), dim) ** 0.5
+    reason = undefined_reason(measured, simulated, dim=dim, smallest_motion=smallest_motion)
+    ratio = size_w / size_v.where(reason.isin(["", "simulated does not move"]))
+    ratio = ratio.where(reason != "simulated does not move", 0.0)
+    attrs = {"units": "1", "long_name": "simulated over measured size of movement"}
+    return _named(ratio, "amplitude_ratio", attrs)
+
+
+def rmse(
+    measured: xr.DataArray,
+    simulated: xr.DataArray,
+    *,
+    dim: str = "time",
+    reference: Reference = "mean",
+) -> xr.DataArray:
+    """Root-mean-square distance of two trajectories, sqrt(1/n sum |v_i - w_i|^2).
+
+    Parameters
+    ----------
+    measured, simulated, dim
+        As in `correlation_3d`.
+    reference : {"mean", "first", "origin"}
+        What v and w are counted from: ``"mean"``, each from its own mean over time, so that
+        different faces compare by movement; ``"first"``, each from its first sample;
+        ``"origin"``, positions as they are, offset between the faces included.
+
+    Returns
+    -------
+    xarray.DataArray
+        Distance in the unit of the positions, dims (...); NaN where either has gaps.
+
+    Raises
+    ------
+    TrajectoryError
+        As `correlation_3d`.
+    """
+    v, w = _pair(measured, simulated, dim)
+    difference = v - w
+    if reference == "mean":
+        difference = difference - difference.mean(dim, skipna=False)
+    elif reference == "first":
+        difference = difference - difference.isel({dim: 0}, drop=True)
+    elif reference != "origin":
+        raise TrajectoryError(f"reference is {reference!r}, expected 'mean', 'first' or 'origin'")
+    distance = (_sum_of_squares(difference, dim) / v.sizes[dim]) ** 0.5
+    attrs = {
+        "units": measured.attrs.get("units", "1"),
+        "long_name": "root-mean-square distance",
+        "reference": reference,
+    }
+    return _named(distance, "rmse", attrs)
+
+
+def score(
+    aligned: xr.Dataset | xr.DataArray,
+    simulated: xr.Dataset | xr.DataArray,
+    *,
+    form: Form = "consistent",
+    reference: Reference = "mean",
+    smallest_motion: float = SMALLEST_MOTION,
+) -> xr.Dataset:
+    """Score one trial.
+
+    Instants outside the measured time, where `analysis.align.align` leaves every marker NaN at
+    the beginning or the end, are left out; a gap within makes its marker undefined.
+
+    Parameters
+    ----------
+    aligned : xarray.Dataset or xarray.DataArray
+        Measured positions on the simulated time base, dims (marker, axis, time) [m].
+    simulated : xarray.Dataset or xarray.DataArray
+        Simulated positions, the same dims and markers.
+    form : {"consistent", "as_printed"}
+        See `correlation_3d`.
+    reference : {"mean", "first", "origin"}
+        See `rmse`.
+    smallest_motion : float
+        Root-mean-square displacement [m] below which a marker does not move.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``rho`` (marker) [1], ``amplitude_ratio`` (marker) [1], ``rmse`` (marker) [m], ``reason``
+        (marker) why rho is undefined, ``samples`` scored [1], and what the alignment found
+        (``shift`` [s], ``scale`` [1], ...) where `aligned` carries it.
+
+    Raises
+    ------
+    TrajectoryError
+        Different markers or time bases, wrong dims or units, fewer than two samples in common.
+    """
+    model = checked(simulated, "simulated")
+    given = same_markers(checked(aligned, "aligned"), model)
+    _same_time(given, model)
+    covered = np.flatnonzero(np.isfinite(given.values).any(axis=(0, 1)))
+    span = slice(int(covered[0]), int(covered[-1]) + 1) if len(covered) else slice(0, 0)
+    v, w = given.isel(time=span), model.isel(time=span)
+    rho = correlation_3d(v, w, form=form, smallest_motion=smallest_motion)
+    result = xr.Dataset(
+        {
+            "rho": rho,
+            "amplitude_ratio": amplitude_ratio(v, w, smallest_motion=smallest_motion),
+            "rmse": rmse(v, w, reference=reference),
+            "reason": undefined_reason(v, w, smallest_motion=smallest_motion),
+            "samples": ((), v.sizes["time"], {"units": "1"}),
+        }
+    )
+    if isinstance(aligned, xr.Dataset):
+        result = result.assign({name: aligned[name] for name in CARRIED if name in aligned})
+    result.attrs = dict(aligned.attrs) if isinstance(aligned, xr.Dataset) else {}
+    result.attrs |= {
+        "form": form,
+        "reference": reference,
+        "smallest_motion": smallest_motion,
+        "origin": aligned.attrs.get("origin", "unknown"),
+    }
+    return result
+
+
+def _named(data: xr.DataArray, name: str, attrs: dict[str, str]) -> xr.DataArray:
+    """Name a result and replace the attributes it inherited from the positions."""
+    data = data.rename(name)
+    data.attrs = dict(attrs)
+    return data
+
+
+def _sum_of_squares(data: xr.DataArray, dim: str) -> xr.DataArray:
+    return (data**2).sum(["axis", dim], skipna=False)
+
+
+def _pair(
+    measured: xr.DataArray, simulated: xr.DataArray, dim: str
+) -> tuple[xr.DataArray, xr.DataArray]:
+    """Check two trajectories against each other and return them as float64, labels in one order."""
+    for role, data in (("measured", measured), ("simulated", simulated)):
+        absent = [name for name in ("axis", dim) if name not in data.dims]
+        if absent:
+            raise TrajectoryError(
+                f"the {role} trajectory has dims {tuple(map(str, data.dims))} and lacks "
+                f"{names(absent)}"
+            )
+    n = simulated.sizes[dim]
+    if n != measured.sizes[dim] or n < 2:
+        raise TrajectoryError(
+            f"the trajectories have {measured.sizes[dim]} and {n} samples, expected the same "
+            "number, at least 2: align them first"
+        )
+    units = measured.attrs.get("units"), simulated.attrs.get("units")
+    if units[0] != units[1]:
+        raise TrajectoryError(
+            f"the trajectories are in {units[0]!r} and {units[1]!r}, expected the same units"
+        )
+    v = same_markers(measured, simulated)
+    if dim in v.coords and dim in simulated.coords:
+        _same_time(v, simulated, dim)
+        # Equal but for rounding: xarray would otherwise keep only the labels equal to the last bit.
+        v = v.assign_coords({dim: simulated[dim]})
+    return v.astype(np.float64), simulated.astype(np.float64)
+
+
+def _same_time(measured: xr.DataArray, simulated: xr.DataArray, dim: str = "time") -> None:
+    """Raise unless both have the same instants, within a thousandth of the sampling period."""
+    ours, theirs = measured[dim].values, simulated[dim].values
+    if len(ours) == len(theirs):
+        period = abs(float(theirs[-1] - theirs[0])) / max(1, len(theirs) - 1)
+        if np.allclose(ours, theirs, rtol=0.0, atol=1e-3 * period):
+            return
+    raise TrajectoryError(
+        f"the two trajectories have different values of {dim!r}: align the measured one first"
+    )
