@@ -11,10 +11,10 @@ from emgface.labels import constant_value
 from emgface.parameters import HeadFrameParameters
 from emgface.schema import declaration
 
-LARGEST_RMS = 10e-3
-"""Standard deviation [V] above which surface EMG is suspect: it was amplified, or is in another unit."""
-SMALLEST_RMS = 0.1e-6
-"""Standard deviation [V] below which surface EMG is suspect: less than the noise of an electrode."""
+LARGEST_VARIATION = 10e-3
+"""Standard deviation [V] above which surface EMG is suspect: amplified, or in another unit."""
+SMALLEST_VARIATION = 0.1e-6
+"""Standard deviation [V] below which surface EMG is suspect: less than electrode noise."""
 CLIPPED = 0.01
 """Share of samples at one extreme value above which a channel counts as clipped."""
 JITTER = 0.1
@@ -173,11 +173,11 @@ def _channel(values: np.ndarray, row: dict[str, object], clock: _Clock) -> list[
         )
         return found
     variation = float(np.nanstd(values))  # an offset is no fault, the band-pass removes it
-    if variation > LARGEST_RMS:
+    if variation > LARGEST_VARIATION:
         found.append(
             _Finding("warning", f"varies by {variation:.3g} V, far above EMG: see gain and unit")
         )
-    elif variation < SMALLEST_RMS:
+    elif variation < SMALLEST_VARIATION:
         found.append(
             _Finding("warning", f"varies by {variation:.3g} V only: see electrode, gain and unit")
         )

@@ -174,7 +174,8 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Proble
     for name in map(str, dataset.variables):
         if name in arrays:
             continue
-        near = nearest(name, absent, cutoff=0.75)
+        # Where further variables are allowed, only a close likeness makes one a misspelling.
+        near = nearest(name, absent, cutoff=0.75 if declared.extra_variables else 0.6)
         if near:
             text = (
                 f"Variable {name!r} is unknown to a {declared.kind}; expected {near!r}: rename it."
@@ -182,7 +183,7 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Proble
         elif not declared.extra_variables:
             text = (
                 f"Variable {name!r} is unknown to a {declared.kind}{hint(name, arrays)}; "
-                f"expected only {', '.join(arrays)}: rename or drop it."
+                f"expected only {', '.join(declared.variables)}: rename or drop it."
             )
         elif dataset[name].dtype.kind in "iuf" and not dataset[name].attrs.get("units"):
             problems.append(
@@ -203,7 +204,7 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Proble
 
 def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
     """Presence, dims, units and values of every array, found by pandera."""
-    rules: dict[tuple[str, str], Rule] = {}
+    complaints: dict[str, _Problem] = {}
     arrays = declared.arrays()
     # An optional variable brings its dims with it: their coordinates are required then.
     used = {dim for name in declared.variables if name in dataset for dim in dataset[name].dims}
@@ -213,7 +214,7 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
                 required=array.required,
                 dims=array.dims,
                 nullable=True,
-                checks=_checks(name, array, dataset, rules),
+                checks=_check(name, array, dataset, complaints),
             )
             for name, array in declared.variables.items()
         },
@@ -222,7 +223,7 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
                 dims=array.dims,
                 required=array.required or bool(set(array.dims) & used),
                 nullable=True,
-                checks=_checks(name, array, dataset, rules),
+                checks=_check(name, array, dataset, complaints),
             )
             for name, array in declared.coords.items()
         },
@@ -230,31 +231,35 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
     try:
         schema.validate(dataset.copy(), lazy=True)
     except pandera.errors.SchemaErrors as error:
-        found = [_explain(one, dataset, arrays, rules) for one in error.schema_errors]
+        found = [_explain(one, dataset, arrays, complaints) for one in error.schema_errors]
         return list(dict.fromkeys(found))
     return []
 
 
-def _checks(
+def _check(
     name: str,
-    array: ArrayDeclaration,
+    declared: ArrayDeclaration,
     dataset: xr.Dataset,
-    rules: dict[tuple[str, str], Rule],
-) -> list[pa.Check]:
-    """Build the pandera checks of one array, and remember the rule behind each."""
-    chosen: list[tuple[str, Rule]] = [("type", type_rule(array))]
-    if array.units is not None:
-        chosen.append(("units", _units_rule(array)))
-    # Values in a wrong type or unit say nothing about their range.
-    if name in dataset.variables and all(rule(dataset[name]) is None for _, rule in chosen):
-        chosen += rules_of(array)
-        if array.index_into in dataset.sizes:
-            chosen.append(("index", index_rule(array, dataset.sizes[array.index_into])))
-    checks = []
-    for label, rule in chosen:
-        rules[name, label] = rule
-        checks.append(pa.Check(lambda array, rule=rule: rule(array) is None, name=label))
-    return checks
+    complaints: dict[str, _Problem],
+) -> pa.Check:
+    """Build the pandera check of one array; it leaves its sentence in `complaints`."""
+    rules = [("type", type_rule(declared))]
+    if declared.units is not None:
+        rules.append(("units", _units_rule(declared)))
+    rules += rules_of(declared)
+    if declared.index_into in dataset.sizes:
+        rules.append(("index", index_rule(declared, dataset.sizes[declared.index_into])))
+
+    def holds(array: xr.DataArray) -> bool:
+        # The first fault only: values in a wrong type or unit say nothing about their range.
+        for label, rule in rules:
+            sentence = rule(array)
+            if sentence:
+                complaints[name] = (label == "units", f"{name} {sentence}.")
+                return False
+        return True
+
+    return pa.Check(holds, name="rules")
 
 
 def _units_rule(declared: ArrayDeclaration) -> Rule:
@@ -274,14 +279,14 @@ def _explain(
     error: pandera.errors.SchemaError,
     dataset: xr.Dataset,
     arrays: dict[str, ArrayDeclaration],
-    rules: dict[tuple[str, str], Rule],
+    complaints: dict[str, _Problem],
 ) -> _Problem:
     """Turn one pandera failure into a sentence of ours."""
     check = error.check
     if isinstance(check, pa.Check):
         name = str(getattr(error.schema, "name", ""))
-        sentence = rules[name, str(check.name)](dataset[name])
-        return check.name == "units", f"{name} {sentence}."
+        # Without a complaint the rule itself broke down, which is a fault of ours.
+        return complaints.get(name) or (False, f"{name} could not be checked: {error}.")
     if check in ("data_var_presence", "coords"):
         name = str(error.failure_cases)
         what = "coordinate" if check == "coords" else "variable"

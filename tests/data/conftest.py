@@ -1,0 +1,188 @@
+"""One small valid dataset of each kind."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS, MUSCLES
+
+S = {"units": "s"}
+ONE = {"units": "1"}
+M = {"units": "m"}
+
+
+def recording() -> xr.Dataset:
+    rng = np.random.default_rng(1)
+    emg = rng.normal(scale=1e-4, size=(len(CHANNELS), 512))
+    markers = FACE_MARKERS + LIP_MARKERS
+    position = rng.normal(scale=0.05, size=(len(markers), 3, 25))
+    position[2, :, 7:9] = np.nan
+    return xr.Dataset(
+        {
+            "emg": (("channel", "time_emg"), emg, {"units": "V"}),
+            "position": (("marker", "axis", "time_marker"), position, M),
+        },
+        {
+            "channel": list(CHANNELS),
+            "time_emg": ("time_emg", np.arange(512) / 2048, S),
+            "marker": list(markers),
+            "axis": list(AXES),
+            "time_marker": ("time_marker", np.arange(25) / 100, S),
+        },
+        {
+            "origin": "simulated",
+            "volunteer": "V01",
+            "instruction": "A",
+            "repetition": 1,
+            "source": "a test",
+            "source_digest": "0" * 64,
+        },
+    )
+
+
+def activation() -> xr.Dataset:
+    values = np.random.default_rng(2).uniform(size=(len(MUSCLES), 30))
+    values[0, 0], values[0, 1] = 0.0, 1.0
+    return xr.Dataset(
+        {"activation": (("muscle", "time"), values, ONE)},
+        {"muscle": list(MUSCLES), "time": ("time", np.arange(30) / 100, S)},
+        {
+            "origin": "simulated",
+            "strategy": "act_rel",
+            "volunteer": "V01",
+            "instruction": "A",
+            "repetition": 2,
+            "parameters": '{"window": 0.2}',
+        },
+    )
+
+
+def face_model() -> xr.Dataset:
+    """Return two elements, a hexahedron and a wedge, that share a face."""
+    nodes = [
+        [x, y, z] for z in (0.0, 0.01) for x, y in ((0, 0), (0.01, 0), (0.01, 0.01), (0, 0.01))
+    ]
+    nodes += [[0.02, 0.0, 0.0], [0.02, 0.0, 0.01]]
+    direction = np.zeros((20, 3))
+    direction[:, 0] = 1.0
+    connectivity = [[0, 1, 2, 3, 4, 5, 6, 7], [1, 8, 2, 5, 9, 6, -1, -1]]
+    indices = {
+        "node_id": ("node", np.arange(1, 11)),
+        "connectivity": (("element", "element_node"), np.array(connectivity)),
+        "element_id": ("element", np.array([7, 9])),
+        "layer": ("element", np.array([0, 2])),
+        "fixed": ("node", np.array([1, 2] + [0] * 8)),
+        "fibre_of_point": ("fibre_point", np.zeros(3, int)),
+        "fibre_muscle": ("fibre", np.array([4])),
+        "bundle_muscle": ("bundle_element", np.arange(20)),
+        "bundle_index": ("bundle_element", np.arange(20) % 2),
+        "marker_node": ("marker", np.arange(10)),
+        "lip_opening_node": ("lip", np.array([3, 4])),
+    }
+    return xr.Dataset(
+        {
+            "position": (("node", "axis"), np.array(nodes), M),
+            "bundle_direction": (("bundle_element", "axis"), direction, ONE),
+            "fibre_position": (("fibre_point", "axis"), np.zeros((3, 3)), M),
+            "face_marker_position": (("face_marker", "axis"), np.zeros((6, 3)), M),
+            **{name: (dims, values, ONE) for name, (dims, values) in indices.items()},
+        },
+        {
+            "axis": list(AXES),
+            "muscle": list(MUSCLES),
+            "marker": list(LIP_MARKERS),
+            "face_marker": list(FACE_MARKERS),
+            "lip": ["upper", "lower"],
+        },
+        {"name": "two elements", "origin": "generated", "source": "a test", "frame": "x right"},
+    )
+
+
+def trajectory() -> xr.Dataset:
+    n = 12
+    return xr.Dataset(
+        {
+            "position": (("marker", "axis", "time"), np.full((10, 3, n), 0.02), M),
+            "smallest_J": ("time", np.linspace(1.0, 0.8, n), ONE),
+            "iterations": ("time", np.arange(n), ONE),
+            "lip_opening": ("time", np.linspace(0, 0.01, n), M),
+            "elastic_energy": ("time", np.linspace(0, 1e-3, n), {"units": "J"}),
+        },
+        {
+            "marker": list(LIP_MARKERS),
+            "axis": list(AXES),
+            "time": ("time", np.arange(n) * 0.01, S),
+        },
+        {"solver": "implicit Euler", "step": 0.01, "sigma_max": 3e5, "run_time_s": 1.5},
+    )
+
+
+def scores() -> xr.Dataset:
+    rho = np.linspace(-1, 1, 10)
+    rho[3] = np.nan
+    return xr.Dataset(
+        {
+            "rho": ("marker", rho, ONE),
+            "amplitude_ratio": ("marker", np.full(10, 0.8), ONE),
+            "rmse": ("marker", np.full(10, 1e-3), M),
+            "shift": ((), -0.04, S),
+        },
+        {"marker": list(LIP_MARKERS)},
+        {"strategy": "act_3", "volunteer": "Müller, Ä", "origin": "simulated"},
+    )
+
+
+def cube() -> xr.Dataset:
+    trial = ("volunteer", "instruction", "repetition", "strategy")
+    shape = (2, 3, 1, 2)
+    rho = np.random.default_rng(3).uniform(-1, 1, (*shape, 10))
+    rho[1, 2, 0, 1] = np.nan
+    status = np.full(shape, "ok", dtype=object)
+    status[1, 2, 0, 1] = "failed:InvertedElement"
+    reason = np.full(shape, "", dtype=object)
+    reason[1, 2, 0, 1] = "element 5 at 0.3 s, σ_max 90 kPa"
+    return xr.Dataset(
+        {
+            "rho": ((*trial, "marker"), rho, ONE),
+            "amplitude_ratio": ((*trial, "marker"), np.abs(rho), ONE),
+            "rmse": ((*trial, "marker"), np.abs(rho) * 1e-3, M),
+            "status": (trial, status),
+            "reason": (trial, reason),
+            "shift": (trial, np.full(shape, 0.1), S),
+            "sigma_max": (trial, np.full(shape, 3e5), {"units": "Pa"}),
+            "steps": (trial, np.full(shape, 160.0), ONE),
+            "run_time": (trial, np.full(shape, 12.5), S),
+        },
+        {
+            "volunteer": ["V01", "V02"],
+            "instruction": ["A", "B", "C"],
+            "repetition": [1],
+            "strategy": ["act_all", "act_rel"],
+            "marker": list(LIP_MARKERS),
+        },
+        {"origin": "simulated"},
+    )
+
+
+VALID: dict[str, Callable[[], xr.Dataset]] = {
+    "recording": recording,
+    "activation": activation,
+    "face_model": face_model,
+    "trajectory": trajectory,
+    "scores": scores,
+    "cube": cube,
+}
+
+
+@pytest.fixture
+def valid() -> Callable[[str], xr.Dataset]:
+    """Return the maker of a valid dataset of a kind."""
+    return lambda kind: VALID[kind]()
+
+
+@pytest.fixture
+def trial() -> xr.Dataset:
+    """One valid study recording."""
+    return recording()
