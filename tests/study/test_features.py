@@ -7,14 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emgface._kernels import running_sum, running_willison
+from emgface.envelope import linear_envelope, muscle_activation, neural_activation
 from emgface.errors import FeatureWarning, SignalError
 from emgface.features import (
     baseline_rms,
     feature_of,
-    linear_envelope,
     mean_absolute_value,
-    muscle_activation,
-    neural_activation,
     root_mean_square,
     willison_amplitude,
 )
