@@ -256,10 +256,21 @@ class NormalisationParameters(Parameters):
     )
     silent: Literal["error", "zero"] = parameter(
         "error",
-        "What to do with a constant channel or feature, where Eq. 8 is 0/0.",
+        "What to do with a channel that holds one value, or a feature that is constant above "
+        "zero, where Eq. 8 is 0/0.",
         unit="-",
         source=OWN,
         note="'zero' gives activation 0 and records the names",
+    )
+    resting: Literal["zero", "error"] = parameter(
+        "zero",
+        "What to do with a muscle of which no step reaches the Willison threshold, where Eq. 8 is "
+        "0/0 as well.",
+        unit="-",
+        source=OWN,
+        note="a muscle at rest is no failure; at mapping_stage 'signal' OOM, a fifth of OOP, is "
+        "the first to fall below the threshold; the names are recorded, and it is an error if "
+        "nothing reaches the threshold",
     )
     outside: Literal["error", "clip"] = parameter(
         "error",

@@ -1,0 +1,112 @@
+"""From seven measured to ten modelled muscles per side.
+
+Source: Eskes et al. 2017, Eqs 2-6. The other muscles (ZYG, RIS, LLSAN, DAO, MEN) are taken as
+measured.
+"""
+
+from typing import Final, Literal
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import SchemaError
+from emgface.muscles import CHANNELS, MODELLED, MUSCLES, SIDES
+
+WEIGHTS: Final[dict[str, dict[str, float]]] = {
+    "ZYG": {"ZYG": 1.0},
+    "RIS": {"RIS": 1.0},
+    "LLSAN": {"LLSAN": 1.0},
+    "LAO": {"LLSAN": 0.75},
+    "BUC": {"RIS": 0.50, "ZYG": 0.50},
+    "OOP": {"OOS": 0.50, "OOI": 0.50},
+    "OOM": {"OOS": 0.10, "OOI": 0.10},
+    "DLI": {"DAO": 0.75},
+    "DAO": {"DAO": 1.0},
+    "MEN": {"MEN": 1.0},
+}
+"""Weight of each measured muscle in each modelled one, with OOM as the text has it."""
+
+OOM_AS_PRINTED: Final = {"OOS": 0.05, "OOI": 0.15}
+"""Eq. 3 as printed: 0.10 (OOP + OOI), with OOP = 0.50 (OOS + OOI) inserted."""
+
+
+def mapping_matrix(oom: Literal["text", "as_printed"] = "text") -> xr.DataArray:
+    """Matrix of Eqs 2-6.
+
+    Parameters
+    ----------
+    oom : str
+        ``"text"``: OOM is a fifth of OOP; ``"as_printed"``: Eq. 3 to the letter.
+
+    Returns
+    -------
+    DataArray, dims (muscle, channel), shape (20, 14) [1]
+        Weight of each channel in each muscle. Sides do not mix.
+    """
+    matrix = xr.DataArray(
+        np.zeros((len(MUSCLES), len(CHANNELS))),
+        dims=("muscle", "channel"),
+        coords={"muscle": list(MUSCLES), "channel": list(CHANNELS)},
+        attrs={"units": "1", "oom": oom},
+    )
+    for side in SIDES:
+        for muscle in MODELLED:
+            printed = muscle == "OOM" and oom == "as_printed"
+            for measured, weight in (OOM_AS_PRINTED if printed else WEIGHTS[muscle]).items():
+                matrix.loc[f"{muscle}_{side}", f"{measured}_{side}"] = weight
+    return matrix
+
+
+def map_channels(
+    quantity: xr.DataArray, oom: Literal["text", "as_printed"] = "text"
+) -> xr.DataArray:
+    """Combine channels into muscles (Eqs 2-6).
+
+    Parameters
+    ----------
+    quantity : DataArray, dims (channel, time)
+        Signals, features or activations of the fourteen channels; further channels are ignored.
+    oom : str
+        Reading of Eq. 3, see `mapping_matrix`.
+
+    Returns
+    -------
+    DataArray, dims (muscle, time)
+        The same quantity of the twenty muscles; attrs kept, with ``oom`` added.
+
+    Raises
+    ------
+    SchemaError
+        If a channel is missing.
+    """
+    check_channels(quantity)
+    selected = quantity.sel(channel=list(CHANNELS))
+    mapped = xr.dot(mapping_matrix(oom), selected, dim="channel")
+    (time,) = (dim for dim in mapped.dims if dim != "muscle")
+    mapped = mapped.transpose("muscle", time).rename(quantity.name)
+    mapped.attrs = {**quantity.attrs, "oom": oom}
+    mapped[time].attrs = dict(quantity[time].attrs)
+    return mapped
+
+
+def check_channels(quantity: xr.DataArray) -> None:
+    """Require the fourteen channels of the study.
+
+    Parameters
+    ----------
+    quantity : DataArray, dims (channel, time)
+        Signals or features.
+
+    Raises
+    ------
+    SchemaError
+        Naming the channels that are missing, and those found.
+    """
+    found = [str(name) for name in quantity["channel"].values]
+    missing = [name for name in CHANNELS if name not in found]
+    if missing:
+        raise SchemaError(
+            f"missing channel{'s' if len(missing) > 1 else ''} {', '.join(missing)} (found "
+            f"{', '.join(found) or 'none'}), expected the {len(CHANNELS)} channels of the study: "
+            "rename the channels or record them"
+        )
