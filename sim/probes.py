@@ -115,7 +115,7 @@ class Energies:
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
-        """v' M v / 2 and the sum of the terms' energies."""
+        """V' M v / 2 and the sum of the terms' energies."""
         kinetic = 0.5 * float(system.node_mass @ (state.v**2).sum(axis=1))
         return kinetic, system.force(state.q, control).energy
 

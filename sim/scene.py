@@ -48,7 +48,7 @@ class CompiledTerm(Protocol):
     """A term laid out for one scene."""
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """f += force [N], shape (n_nodes, 3), at positions q (n_nodes, 3) [m]."""
+        """F += force [N], shape (n_nodes, 3), at positions q (n_nodes, 3) [m]."""
         ...
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:

@@ -105,9 +105,7 @@ def _nan_is_worst(item: tuple[float, int]) -> float:
 
 
 def _total(f: Array, parts: list[Contribution]) -> Evaluation:
-    worst = min(
-        ((p.smallest_J, p.element) for p in parts), key=_nan_is_worst, default=(np.inf, -1)
-    )
+    worst = min(((p.smallest_J, p.element) for p in parts), key=_nan_is_worst, default=(np.inf, -1))
     return Evaluation(f, sum(p.energy for p in parts), *worst)
 
 

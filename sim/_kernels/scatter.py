@@ -5,6 +5,7 @@ not depend on the number of threads.
 """
 
 import numba as nb
+import numpy as np
 
 from sim._kernels.laws import FLAGS
 
@@ -29,20 +30,25 @@ def add_to_matrix(element_tangent, start, element, pair, transposed, target, out
     goes to out[target[p, 3 i + j]], or nowhere where the target is negative.
     """
     for p in nb.prange(start.size - 1):
-        for i in range(3):
-            for j in range(3):
-                where = target[p, 3 * i + j]
-                if where >= 0:
-                    s = 0.0
-                    for k in range(start[p], start[p + 1]):
-                        c = 3 * j + i if transposed[k] else 3 * i + j
-                        s += element_tangent[element[k], pair[k], c]
-                    out[where] += s
+        s = np.zeros(9)
+        for k in range(start[p], start[p + 1]):
+            e, n = element[k], pair[k]
+            if transposed[k]:
+                for i in range(3):
+                    for j in range(3):
+                        s[3 * i + j] += element_tangent[e, n, 3 * j + i]
+            else:
+                for i in range(9):
+                    s[i] += element_tangent[e, n, i]
+        for i in range(9):
+            where = target[p, i]
+            if where >= 0:
+                out[where] += s[i]
 
 
 @nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
 def symmetric_product(indptr, indices, values, x, out):
-    """out = A x for a symmetric A of which the rows hold the upper triangle, diagonal first."""
+    """Out = A x for a symmetric A of which the rows hold the upper triangle, diagonal first."""
     out[:] = 0.0
     for i in range(indptr.size - 1):
         first = indptr[i]

@@ -47,6 +47,32 @@ def _gradient(x, g, F, C):
     return F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
 
 
+@nb.njit(cache=True, fastmath=FLAGS)
+def _add_rows(K, a, i, j, u, h, m, hm, c):
+    """K[a, i, j, b] += u_ia m_jb + h_ia hm_jb - c h_ja h_ib for all b.
+
+    Written out with every load before every store: the compiler cannot know that the arrays are
+    distinct, and would not use vector instructions otherwise.
+    """
+    p, q, r = u[i, a], h[i, a], -c * h[j, a]
+    k0 = K[a, i, j, 0] + p * m[j, 0] + q * hm[j, 0] + r * h[i, 0]
+    k1 = K[a, i, j, 1] + p * m[j, 1] + q * hm[j, 1] + r * h[i, 1]
+    k2 = K[a, i, j, 2] + p * m[j, 2] + q * hm[j, 2] + r * h[i, 2]
+    k3 = K[a, i, j, 3] + p * m[j, 3] + q * hm[j, 3] + r * h[i, 3]
+    k4 = K[a, i, j, 4] + p * m[j, 4] + q * hm[j, 4] + r * h[i, 4]
+    k5 = K[a, i, j, 5] + p * m[j, 5] + q * hm[j, 5] + r * h[i, 5]
+    k6 = K[a, i, j, 6] + p * m[j, 6] + q * hm[j, 6] + r * h[i, 6]
+    k7 = K[a, i, j, 7] + p * m[j, 7] + q * hm[j, 7] + r * h[i, 7]
+    K[a, i, j, 0] = k0
+    K[a, i, j, 1] = k1
+    K[a, i, j, 2] = k2
+    K[a, i, j, 3] = k3
+    K[a, i, j, 4] = k4
+    K[a, i, j, 5] = k5
+    K[a, i, j, 6] = k6
+    K[a, i, j, 7] = k7
+
+
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
 def smallest_J(q, nodes, gradient, out):
     """Smallest det F over the Gauss points of every element, into out (element,)."""
@@ -196,7 +222,7 @@ def evaluate(
                             for b in range(NODES):
                                 s[a, b] += 2.0 * W_4 * ag[a] * ag[b]
                             for i in range(3):
-                                for j in range(3):
+                                for j in range(i, 3):
                                     for b in range(NODES):
                                         K[a, i, j, b] += t[i, a] * m[j, b]
                 W_J *= dV
@@ -213,17 +239,14 @@ def evaluate(
                             hm[i, a] += (W_JJ + c) * h[i, a]
                     for a in range(NODES):
                         for b in range(NODES):
-                            s[a, b] += 2.0 * W_1 * (
-                                g[0, a] * g[0, b] + g[1, a] * g[1, b] + g[2, a] * g[2, b]
+                            s[a, b] += (
+                                2.0
+                                * W_1
+                                * (g[0, a] * g[0, b] + g[1, a] * g[1, b] + g[2, a] * g[2, b])
                             )
                         for i in range(3):
-                            for j in range(3):
-                                for b in range(NODES):
-                                    K[a, i, j, b] += (
-                                        u[i, a] * m[j, b]
-                                        + h[i, a] * hm[j, b]
-                                        - c * h[j, a] * h[i, b]
-                                    )
+                            for j in range(i, 3):
+                                _add_rows(K, a, i, j, u, h, m, hm, c)
             energy[e] = total
             least_J[e] = least
             for i in range(3):
@@ -235,6 +258,8 @@ def evaluate(
                     for b in range(a, NODES):
                         for i in range(3):
                             for j in range(3):
-                                tangent[e, p, 3 * i + j] = K[a, i, j, b]
+                                tangent[e, p, 3 * i + j] = (
+                                    K[a, i, j, b] if i <= j else K[b, j, i, a]
+                                )
                             tangent[e, p, 4 * i] += s[a, b]
                         p += 1

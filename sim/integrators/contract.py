@@ -1,7 +1,7 @@
 """The contract of an integrator, and the memory that it may keep between steps."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import ClassVar, Protocol
 
@@ -9,7 +9,9 @@ import numpy as np
 
 from sim._kernels import scatter
 from sim.errors import InvertedElement
+from sim.integrators.secant import SecantMemory
 from sim.linear import LinearSolver, NotPositiveDefinite, linear_solver
+from sim.scene import Index
 from sim.state import Array, Control, State, StepReport
 from sim.system import System
 
@@ -29,11 +31,14 @@ class Workspace:
     def __init__(self, system: System, linear: str = "auto") -> None:
         self.linear: LinearSolver = linear_solver(linear)
         self.linear.analyse(system.pattern)
+        self.factor_of: object = None
+        """What the latest factor was made for; an integrator that reuses factors sets and reads it."""
+        self.secants = SecantMemory()
         self.seconds: dict[str, float] = {}
         self.calls: dict[str, int] = {}
 
     @contextmanager
-    def timed(self, phase: str) -> Iterator[None]:
+    def timed(self, phase: str) -> Generator[None]:
         """Add the wall time of a block to a phase."""
         start = time.perf_counter()
         try:
@@ -42,7 +47,7 @@ class Workspace:
             self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - start
             self.calls[phase] = self.calls.get(phase, 0) + 1
 
-    def factorise(self, values: Array, mass: Array, diagonal: Array, max_shifts: int = 12) -> int:
+    def factorise(self, values: Array, mass: Array, diagonal: Index, max_shifts: int = 12) -> int:
         """Factorise; while the matrix is not positive definite, add multiples of the mass.
 
         Adding tau M acts as a shorter step would. Returns the number of shifts.
@@ -53,6 +58,8 @@ class Workspace:
             Not even the largest shift helped.
         """
         shifted, tau = values, 1.0
+        self.factor_of = None
+        self.secants.clear()
         for shifts in range(max_shifts + 1):
             try:
                 with self.timed("factorisation"):

@@ -50,6 +50,4 @@ class LinearlyImplicitEuler:
             least, element = system.smallest_J(q1)
         require_upright(element, least, t1)
         new = State(t1, q1, system.expand(v1, state.v), state.memory)
-        return new, StepReport(
-            h=h, smallest_J=least, factorisations=1 + shifts, shifts=shifts
-        )
+        return new, StepReport(h=h, smallest_J=least, factorisations=1 + shifts, shifts=shifts)

@@ -41,7 +41,7 @@ class CompiledGravity:
         self._weight, self._X = weight, X
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """f += m g."""
+        """F += m g."""
         f += self._weight
         return Contribution(energy=-float(np.vdot(self._weight, q - self._X)))
 

@@ -120,9 +120,10 @@ class Solid:
                 raise SceneError(f"{len(self.materials)} materials but no region per element")
             return np.zeros(mesh.n_elements, dtype=np.int64)
         region = np.asarray(self.region, dtype=np.int64)
-        if region.shape != (mesh.n_elements,) or not (
-            (region >= 0) & (region < len(self.materials))
-        ).all():
+        if (
+            region.shape != (mesh.n_elements,)
+            or not ((region >= 0) & (region < len(self.materials))).all()
+        ):
             raise SceneError(
                 f"region has shape {region.shape} and range {region.min()}..{region.max()}, expected "
                 f"({mesh.n_elements},) and 0..{len(self.materials) - 1}"
@@ -229,9 +230,7 @@ class CompiledSolid:
             self._muscle_code = np.zeros(0, dtype=np.int64)
             self._muscle_p = np.zeros((0, N_FIBRE))
             return
-        if muscles.element.size and not (
-            0 <= muscles.element.min() and muscles.element.max() < n
-        ):
+        if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):
             raise SceneError(f"a muscle names element {muscles.element.max()}, expected 0..{n - 1}")
         order, self._fibre_start = _grouped(np.asarray(muscles.element, dtype=np.int64), n)
         scene_index = np.array([layout.muscles.index(name) for name in muscles.names])
@@ -274,13 +273,13 @@ class CompiledSolid:
         return Contribution(float(self._energy.sum()), float(self._least_J[worst]), worst)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """f -= dE/dq, shape (n_nodes, 3) [N]."""
+        """F -= dE/dq, shape (n_nodes, 3) [N]."""
         contribution = self._evaluate(q, control, None)
         self._sum_force(f)
         return contribution
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """f -= dE/dq and K += d2E/dq2 in the values of the pattern."""
+        """F -= dE/dq and K += d2E/dq2 in the values of the pattern."""
         if self._tangent is None:
             self._tangent = np.zeros((len(self._nodes), kernel.PAIRS, 9))
         contribution = self._evaluate(q, control, self._tangent)

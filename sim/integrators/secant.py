@@ -1,0 +1,49 @@
+"""Limited-memory secant updates of a factor that has grown old."""
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from sim.state import Array
+
+Solve = Callable[[Array], Array]
+
+
+class SecantMemory:
+    """BFGS corrections of an inverse Hessian, from the latest moves and changes of the gradient.
+
+    Lets a factor serve many steps: each pair (s, y) tells how the present Hessian differs from the one
+    that was factorised. Source: Nocedal and Wright, Numerical Optimization, Algorithm 7.4, with the
+    old factor as initial inverse Hessian.
+
+    Parameters
+    ----------
+    size : int
+        Number of pairs kept.
+    """
+
+    def __init__(self, size: int = 8) -> None:
+        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=size)
+
+    def clear(self) -> None:
+        """Forget all pairs, as after a factorisation."""
+        self._pairs.clear()
+
+    def learn(self, s: Array, y: Array) -> None:
+        """Add a move s and the change y of the gradient along it, if it shows positive curvature."""
+        sy = float(s @ y)
+        if sy > 1e-10 * float(np.linalg.norm(s)) * float(np.linalg.norm(y)):
+            self._pairs.append((s, y, 1.0 / sy))
+
+    def direction(self, g: Array, solve: Solve) -> Array:
+        """-H g, with `solve` the inverse of the factorised Hessian."""
+        q, weights = -g, list[float]()
+        for s, y, r in reversed(self._pairs):
+            a = r * float(s @ q)
+            q = q - a * y
+            weights.append(a)
+        z = solve(q)
+        for (s, y, r), a in zip(self._pairs, reversed(weights), strict=True):
+            z = z + (a - r * float(y @ z)) * s
+        return z
