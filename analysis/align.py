@@ -92,11 +92,12 @@ def align(
     xarray.Dataset
         ``position`` (marker, axis, time) [m], the measured positions at the simulated times, NaN
         where nothing was measured; ``shift`` [s]; ``scale`` [1]; ``sign`` [1], applied to
-        ``b_measured``; ``correlation`` [1] of the aligned and low-passed vectors; ``overlap``
-        [1], fraction of the simulated samples covered; ``explained_variance_measured`` and
-        ``explained_variance_simulated`` [1]; ``direction_cosine`` [1], u_measured . u_simulated
-        after the sign; ``shift_at_bound`` 0 or 1: no peak lay inside the allowed shifts;
-        ``b_measured`` (time_measured), ``b_simulated`` (time), ``b_aligned`` (time) [m].
+        ``b_measured``; ``b_correlation`` [1] of the aligned and low-passed vectors;
+        ``overlap`` [1], fraction of the simulated samples covered;
+        ``explained_variance_measured`` and ``explained_variance_simulated`` [1];
+        ``direction_cosine`` [1], u_measured . u_simulated after the sign; ``shift_at_bound`` 0
+        or 1: no peak lay inside the allowed shifts; ``b_measured`` (time_measured),
+        ``b_simulated`` (time), ``b_aligned`` (time) [m].
 
     Raises
     ------
@@ -174,7 +175,7 @@ def align(
             "shift": ((), best.shift, second),
             "scale": ((), best.scale, one),
             "sign": ((), chosen, one),
-            "correlation": ((), chosen * best.r, one),
+            "b_correlation": ((), chosen * best.r, one),
             "overlap": ((), float(inside.mean()), one),
             "explained_variance_measured": component_m["explained_variance"],
             "explained_variance_simulated": component_s["explained_variance"],
@@ -219,7 +220,8 @@ def _identity(
     kept: dict[str, object] = {
         key: data.attrs[key] for data in (simulated, measured) for key in keys if key in data.attrs
     }
-    kept["origin"] = measured.attrs.get("origin", "unknown")
+    if "origin" in measured.attrs:
+        kept["origin"] = measured.attrs["origin"]
     return kept
 
 

@@ -18,7 +18,7 @@ CARRIED: Final = (
     "shift",
     "scale",
     "sign",
-    "correlation",
+    "b_correlation",
     "overlap",
     "explained_variance_measured",
     "explained_variance_simulated",
@@ -113,7 +113,7 @@ def undefined_reason(
         As `correlation_3d`.
     """
     pair = dict(zip(("measured", "simulated"), _pair(measured, simulated, dim), strict=True))
-    gaps = {role: ~(abs(data) < np.inf).all(["axis", dim]) for role, data in pair.items()}
+    gaps = {role: data.isnull().any(["axis", dim]) for role, data in pair.items()}
     still: dict[str, xr.DataArray] = {}
     for role, data in pair.items():
         centred = data - data.mean(dim, skipna=False)
@@ -269,13 +269,8 @@ def score(
     )
     if isinstance(aligned, xr.Dataset):
         result = result.assign({name: aligned[name] for name in CARRIED if name in aligned})
-    result.attrs = dict(aligned.attrs) if isinstance(aligned, xr.Dataset) else {}
-    result.attrs |= {
-        "form": form,
-        "reference": reference,
-        "smallest_motion": smallest_motion,
-        "origin": aligned.attrs.get("origin", "unknown"),
-    }
+    result.attrs = {name: value for name, value in aligned.attrs.items() if name != "units"}
+    result.attrs |= {"form": form, "reference": reference, "smallest_motion": smallest_motion}
     return result
 
 
@@ -293,7 +288,7 @@ def _sum_of_squares(data: xr.DataArray, dim: str) -> xr.DataArray:
 def _pair(
     measured: xr.DataArray, simulated: xr.DataArray, dim: str
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    """Check two trajectories against each other and return them as float64, labels in one order."""
+    """Check two trajectories against each other and return them as float64, NaN for infinite."""
     for role, data in (("measured", measured), ("simulated", simulated)):
         absent = [name for name in ("axis", dim) if name not in data.dims]
         if absent:
@@ -317,7 +312,8 @@ def _pair(
         _same_time(v, simulated, dim)
         # Equal but for rounding: xarray would otherwise keep only the labels equal to the last bit.
         v = v.assign_coords({dim: simulated[dim]})
-    return v.astype(np.float64), simulated.astype(np.float64)
+    v, w = v.astype(np.float64), simulated.astype(np.float64)
+    return v.where(abs(v) < np.inf), w.where(abs(w) < np.inf)
 
 
 def _same_time(measured: xr.DataArray, simulated: xr.DataArray, dim: str = "time") -> None:

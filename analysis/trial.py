@@ -1,0 +1,103 @@
+"""The result of one trial: its scores, or why there are none."""
+
+import re
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+import xarray as xr
+
+from analysis.errors import CubeError
+
+STATUS: Final = re.compile(r"ok|missing|failed:\w+")
+
+Origin = Literal["measured", "simulated"]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The result of one trial: its scores, or why there are none.
+
+    Attributes
+    ----------
+    volunteer, instruction, strategy : str
+        Labels.
+    repetition : int
+        Label, from 1.
+    scores : xarray.Dataset, optional
+        Result of `analysis.scores.score`, exactly where `status` is "ok".
+    status : str
+        "ok", "failed:<ErrorName>" or "missing".
+    reason : str
+        One sentence, empty where the status is "ok".
+    sigma_max : float
+        Maximum muscle stress that was used [Pa]; NaN where unknown.
+    steps : float
+        Time steps computed [1]; NaN where unknown.
+    run_time : float
+        Computing time [s]; NaN where unknown.
+    origin : {"measured", "simulated"}, optional
+        Whether a person or a computer moved; taken from the scores where not given.
+
+    Raises
+    ------
+    CubeError
+        Unknown status, or scores that contradict it.
+    """
+
+    volunteer: str
+    instruction: str
+    repetition: int
+    strategy: str
+    scores: xr.Dataset | None = None
+    status: str = "ok"
+    reason: str = ""
+    sigma_max: float = np.nan
+    steps: float = np.nan
+    run_time: float = np.nan
+    origin: Origin | None = None
+
+    def __post_init__(self) -> None:
+        """Check the status against the scores."""
+        if not STATUS.fullmatch(self.status):
+            raise CubeError(
+                f"trial {self.label} has status {self.status!r}, expected 'ok', 'missing' or "
+                "'failed:<ErrorName>'"
+            )
+        if (self.status == "ok") != (self.scores is not None):
+            found = "no scores" if self.scores is None else "scores"
+            raise CubeError(f"trial {self.label} has status {self.status!r} but {found}")
+
+    @property
+    def label(self) -> str:
+        """Volunteer, instruction, repetition and strategy, for messages."""
+        return f"{self.volunteer}/{self.instruction}/{self.repetition}/{self.strategy}"
+
+    @classmethod
+    def failed(
+        cls,
+        volunteer: str,
+        instruction: str,
+        repetition: int,
+        strategy: str,
+        error: Exception,
+        **rest: Any,
+    ) -> "Trial":
+        """Record a failure by the name and the message of its error.
+
+        Parameters
+        ----------
+        volunteer, instruction, repetition, strategy
+            Labels of the trial.
+        error : Exception
+            What was raised.
+        **rest
+            Further attributes, such as `sigma_max`.
+
+        Returns
+        -------
+        Trial
+            With status "failed:<ErrorName>".
+        """
+        status = f"failed:{type(error).__name__}"
+        return cls(volunteer, instruction, repetition, strategy, None, status, str(error), **rest)
