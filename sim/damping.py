@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array
@@ -41,5 +43,5 @@ class Rayleigh:
 
     def add_damping(self, mass: Array, K: Array, diagonal: Index, D: Array) -> None:
         """D += alpha M + beta K."""
-        D += self.beta * K
+        np.add(D, self.beta * K, out=D)
         D[diagonal] += self.alpha * mass

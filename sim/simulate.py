@@ -1,7 +1,7 @@
 """The loop: from a compiled scene and an activation to a labelled trajectory."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,8 +107,8 @@ def simulate(
     InvertedElement, NotConverged, SingularSystem
         A step failed and the step control could not help.
     """
-    integrator = integrator or ConvergedEuler()
-    steps = steps or FixedStep()
+    integrator = ConvergedEuler() if integrator is None else integrator
+    steps = FixedStep() if steps is None else steps
     state = initial or system.rest_state()
     work = work or Workspace(system)
     intervals = round(duration / steps.h)
@@ -157,7 +157,7 @@ def _dataset(
     probes: Sequence[Probe],
     times: list[float],
     records: list[list[Array | float]],
-    attrs: dict[str, object],
+    attrs: Mapping[str, object],
 ) -> xr.Dataset:
     variables = [v for p in probes for v in p.variables()]
     data: dict[str, xr.DataArray] = {}

@@ -15,7 +15,10 @@ ControlAt = Callable[[float], Control]
 class StepControl(Protocol):
     """Carries a state over one output interval."""
 
-    h: float
+    @property
+    def h(self) -> float:
+        """Output interval and largest step [s]."""
+        ...
 
     def advance(
         self,

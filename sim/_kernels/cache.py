@@ -12,13 +12,13 @@ import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-import numba
+import numba.core.config
 import platformdirs
-from numba.core import config
 
 
 class KernelCacheWarning(UserWarning):
@@ -66,7 +66,7 @@ def cache_folder(sources: Path) -> Path:
 
 
 @contextmanager
-def kernel_cache(sources: Path) -> Iterator[None]:
+def kernel_cache(sources: Path) -> Generator[None]:
     """Let the kernels decorated inside the block be cached under the digest of their sources.
 
     Parameters
@@ -74,6 +74,7 @@ def kernel_cache(sources: Path) -> Iterator[None]:
     sources : Path
         Folder (or single file) whose Python files together make up the kernels.
     """
+    config: Any = numba.core.config  # numba defines its settings while it runs
     before = config.CACHE_DIR
     config.CACHE_DIR = str(cache_folder(sources))
     try:

@@ -11,6 +11,9 @@ because kernels built as closures over laws miss the disk cache in every process
 function and one line in its dispatcher; its class in `sim.laws` carries the code.
 """
 
+# pyright: basic, reportAttributeAccessIssue=false
+# numba compiles these functions; those called from Python carry types
+
 import math
 
 import numba as nb
@@ -113,7 +116,7 @@ def exponential_then_linear(P1, P2, r_star, r):
 
 @nb.njit(cache=True, fastmath=FLAGS)
 def blemker(p, stretch, activation):
-    """dw/dstretch = (sigma_max / stretch_opt)(f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
+    """dw/dstretch = sigma_max/stretch_opt (f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
     r = stretch / p[1]
     w_pas, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2] / p[1], r)
     w, f, k = p[0] * w_pas, p[0] / p[1] * f_pas, p[0] / (p[1] * p[1]) * k_pas

@@ -4,14 +4,23 @@ Elements write into their own places in parallel; each sum below runs in a fixed
 not depend on the number of threads.
 """
 
+# pyright: basic, reportAttributeAccessIssue=false
+# numba compiles these functions; those called from Python carry types
+
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
 
 from sim._kernels.laws import FLAGS
 
+Reals = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def add_to_nodes(element_force, start, element, slot, sign, out):
+def add_to_nodes(
+    element_force: Reals, start: Indices, element: Indices, slot: Indices, sign: float, out: Reals
+) -> None:
     """out[node, i] += sign * sum of element_force[e, i, a] over the (e, a) at this node."""
     for node in nb.prange(start.size - 1):
         for i in range(3):
@@ -22,7 +31,15 @@ def add_to_nodes(element_force, start, element, slot, sign, out):
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def add_to_matrix(element_tangent, start, element, pair, transposed, target, out):
+def add_to_matrix(
+    element_tangent: Reals,
+    start: Indices,
+    element: Indices,
+    pair: Indices,
+    transposed: NDArray[np.bool_],
+    target: NDArray[np.int32],
+    out: Reals,
+) -> None:
     """Sum the 3 x 3 blocks of every node pair into the values of the sparse matrix.
 
     Block p is the sum over k in start[p]..start[p + 1] of element_tangent[element[k], pair[k]], each
@@ -47,7 +64,9 @@ def add_to_matrix(element_tangent, start, element, pair, transposed, target, out
 
 
 @nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
-def symmetric_product(indptr, indices, values, x, out):
+def symmetric_product(
+    indptr: NDArray[np.int32], indices: NDArray[np.int32], values: Reals, x: Reals, out: Reals
+) -> None:
     """Out = A x for a symmetric A of which the rows hold the upper triangle, diagonal first."""
     out[:] = 0.0
     for i in range(indptr.size - 1):

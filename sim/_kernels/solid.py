@@ -14,12 +14,19 @@ an energy W(I1, J, I4) of the invariants I1 = F:F, J, I4 = |F a0|^2 has the noda
 innermost loops have a constant length; unused slots carry zero gradients.
 """
 
+# pyright: basic, reportAttributeAccessIssue=false
+# numba compiles these functions; those called from Python carry types
+
 import math
 
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
 
 from sim._kernels.laws import FLAGS, bulk, fibre, isochoric
+
+Reals = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 NODES = 8
 PAIRS = 36  # (a, b) with a <= b, row by row
@@ -74,7 +81,7 @@ def _add_rows(K, a, i, j, u, h, m, hm, c):
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def smallest_J(q, nodes, gradient, out):
+def smallest_J(q: Reals, nodes: Indices, gradient: Reals, out: Reals) -> None:
     """Smallest det F over the Gauss points of every element, into out (element,)."""
     n = nodes.shape[0]
     for chunk in nb.prange(CHUNKS):
@@ -95,27 +102,27 @@ def smallest_J(q, nodes, gradient, out):
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
 def evaluate(
-    q,
-    nodes,
-    gradient,
-    volume,
-    region,
-    isochoric_code,
-    isochoric_p,
-    bulk_code,
-    kappa,
-    fibre_start,
-    fibre_muscle,
-    fibre_direction,
-    muscle_code,
-    muscle_p,
-    activation,
-    with_tangent,
-    force,
-    energy,
-    least_J,
-    tangent,
-):
+    q: Reals,
+    nodes: Indices,
+    gradient: Reals,
+    volume: Reals,
+    region: Indices,
+    isochoric_code: Indices,
+    isochoric_p: Reals,
+    bulk_code: Indices,
+    kappa: Reals,
+    fibre_start: Indices,
+    fibre_muscle: Indices,
+    fibre_direction: Reals,
+    muscle_code: Indices,
+    muscle_p: Reals,
+    activation: Reals,
+    with_tangent: bool,
+    force: Reals,
+    energy: Reals,
+    least_J: Reals,
+    tangent: Reals,
+) -> None:
     """Nodal forces, energy, smallest det F and, if wanted, stiffness of every element.
 
     q (node, 3); nodes (element, 8); gradient (element, point, 3, 8); volume (element, point);

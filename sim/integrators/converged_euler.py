@@ -64,9 +64,9 @@ class ConvergedEuler:
         problem = IncrementalPotential(system, state, control, h, D, work)
         point = _start(problem, here)
         factorisations = shifts = 0
-        made_here = work.factor_of != (type(self), h)
+        made_here = work.factor_of != (ConvergedEuler, h)
         if made_here:
-            factorisations, shifts = self._factorise(problem, K, work)
+            factorisations, shifts = _factorise(problem, K, work)
         residuals, last, shortest = [point.residual], np.inf, 1.0
         for iteration in range(1, self.max_iterations + 1):
             direction = work.secants.direction(point.g, lambda r: work.solve(h * h * r))
@@ -104,21 +104,20 @@ class ConvergedEuler:
             made_here = contraction > self.keep_factor
             if made_here:
                 with work.timed("tangent"):
-                    _, K, _ = system.tangent(problem.positions(point.d), control)
-                made, shifted = self._factorise(problem, K, work)
+                    at_point = system.tangent(problem.positions(point.d), control)
+                made, shifted = _factorise(problem, at_point[1], work)
                 factorisations, shifts = factorisations + made, shifts + shifted
         raise NotConverged(
             tuple(residuals), state.t + h, f"limit of {self.max_iterations} iterations"
         )
 
-    def _factorise(
-        self, problem: IncrementalPotential, K: Array, work: Workspace
-    ) -> tuple[int, int]:
-        """Renew the factor; returns how many factorisations and shifts that took."""
-        system = problem.system
-        shifts = work.factorise(problem.matrix(K), system.mass, system.pattern.diagonal)
-        work.factor_of = (type(self), problem.h)
-        return 1 + shifts, shifts
+
+def _factorise(problem: IncrementalPotential, K: Array, work: Workspace) -> tuple[int, int]:
+    """Renew the factor; returns how many factorisations and shifts that took."""
+    system = problem.system
+    shifts = work.factorise(problem.matrix(K), system.mass, system.pattern.diagonal)
+    work.factor_of = (ConvergedEuler, problem.h)
+    return 1 + shifts, shifts
 
 
 def _start(problem: IncrementalPotential, at_rest: Evaluation) -> Point:

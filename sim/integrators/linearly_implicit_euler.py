@@ -38,8 +38,7 @@ class LinearlyImplicitEuler:
             at_start, K, D = system.tangent(state.q, control)
         require_upright(at_start.element, at_start.smallest_J, state.t)
         mass, diagonal = system.mass, system.pattern.diagonal
-        A = h * D
-        A += h * h * K
+        A = h * D + h * h * K
         A[diagonal] += mass
         shifts = work.factorise(A, mass, diagonal)
         v0 = system.reduce(state.v)

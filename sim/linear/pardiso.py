@@ -1,7 +1,8 @@
 """MKL PARDISO through pypardiso: Cholesky factors of the upper triangle."""
 
-import importlib.util
+import importlib
 import weakref
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,19 @@ ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
 
 def pardiso_is_available() -> bool:
     """Whether pypardiso and its MKL can be loaded on this machine."""
-    if importlib.util.find_spec("pypardiso") is None:
-        return False
     try:
-        import pypardiso  # noqa: F401  (loads MKL, which may be absent)
+        _wrapper()
     except (ImportError, OSError):
         return False
     return True
+
+
+@cache
+def _wrapper() -> Any:
+    """Module of pypardiso, which loads MKL when its solver is made."""
+    wrapper = importlib.import_module("pypardiso.pardiso_wrapper")
+    wrapper.PyPardisoSolver()
+    return wrapper
 
 
 class Pardiso:
@@ -33,19 +40,15 @@ class Pardiso:
     name = "pardiso"
 
     def __init__(self) -> None:
-        from pypardiso import PyPardisoSolver
-
-        self._solver: Any = PyPardisoSolver(mtype=SYMMETRIC_POSITIVE_DEFINITE)
+        self._solver: Any = _wrapper().PyPardisoSolver(mtype=SYMMETRIC_POSITIVE_DEFINITE)
         self._factorised = False
 
     def _call(self, phase: int, rhs: Array) -> Array:
-        from pypardiso.pardiso_wrapper import PyPardisoError
-
         self._solver.set_phase(phase)
         try:
             # solve() and factorize() of the wrapper copy and compare the whole matrix at every call
             return self._solver._call_pardiso(self._matrix, rhs)
-        except PyPardisoError as error:
+        except _wrapper().PyPardisoError as error:
             code = int(getattr(error, "value", 0))
             if code == -4:
                 raise NotPositiveDefinite(
