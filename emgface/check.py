@@ -121,8 +121,8 @@ def _row(name: str, kind: str, unit: str, values: np.ndarray, clock: _Clock) -> 
     seen: np.ndarray = np.all(np.isfinite(values), axis=0)
     found = values[:, seen]
     still = all(constant_value(component) is not None for component in values)
-    centred = found - found.mean(axis=1, keepdims=True) if kind == "marker" else found
     nothing = not seen.any()
+    about = found.mean(axis=1, keepdims=True) if kind == "marker" and not nothing else 0.0
     return {
         "name": name,
         "kind": kind,
@@ -132,7 +132,7 @@ def _row(name: str, kind: str, unit: str, values: np.ndarray, clock: _Clock) -> 
         "finite": float(seen.mean()) if seen.size else 0.0,
         "longest_gap": _longest_run(~seen) / clock.rate,
         "constant": still,
-        "rms": np.nan if nothing else float(np.sqrt((centred**2).sum(axis=0).mean())),
+        "rms": np.nan if nothing else float(np.sqrt(((found - about) ** 2).sum(axis=0).mean())),
         "smallest": np.nan if nothing else float(found.min()),
         "largest": np.nan if nothing else float(found.max()),
     }
@@ -225,7 +225,7 @@ def _absent(rows: list[dict[str, object]]) -> list[dict[str, object]]:
             if name in held:
                 continue
             near = nearest(name, spare, cutoff=0.75)
-            advice = f"is it {near!r}?" if near else "map a label of the file to it"
+            advice = f"it looks like {near!r}" if near else "map a label of the file to it"
             empty = dict.fromkeys(
                 ("rate", "duration", "finite", "longest_gap", "rms", "smallest", "largest"), np.nan
             )

@@ -13,8 +13,9 @@ import pandera.errors
 import pandera.xarray as pa
 import xarray as xr
 
+from emgface._demands import Problem, attribute_problems, study_problems
 from emgface._rules import Rule, hint, index_rule, listed, nearest, rules_of, type_rule
-from emgface.declaration import ArrayDeclaration, AttributeDeclaration, ObjectDeclaration
+from emgface.declaration import ArrayDeclaration, ObjectDeclaration
 from emgface.errors import DataError, SchemaError, UnitsError
 
 CONVENTIONS = "CF-1.11"
@@ -123,7 +124,7 @@ def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Datas
     >>> time = xr.DataArray([0.0, 0.5], dims="time", attrs={"units": "s"})
     >>> values = xr.DataArray([[0.0, 1.0]], dims=("muscle", "time"), attrs={"units": "1"})
     >>> coords = {"muscle": ["ZYG_L"], "time": time}
-    >>> given = xr.Dataset({"activation": values}, coords=coords)
+    >>> given = xr.Dataset({"activation": values}, coords, {"origin": "measured"})
     >>> validate(given, "activation").attrs["schema_version"]
     1
     """
@@ -131,9 +132,9 @@ def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Datas
     problems = _identity(dataset, declared)
     if not problems:
         problems = _structure(dataset, declared) + _values(dataset, declared)
-        problems += _attributes(dataset, declared)
+        problems += attribute_problems(dataset, declared)
         if study:
-            problems += _study(dataset, declared, " ".join(text for _, text in problems))
+            problems += study_problems(dataset, declared, " ".join(text for _, text in problems))
     if problems:
         units_only = all(units for units, _ in problems)
         sentences = [text for _, text in problems]
@@ -146,11 +147,7 @@ def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Datas
     return _canonical(dataset, declared)
 
 
-_Problem = tuple[bool, str]
-"""Whether it concerns a unit, and the sentence."""
-
-
-def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
+def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
     """Refuse a dataset that says it is another kind, or of another version."""
     found = dataset.attrs.get("schema", declared.kind)
     if found != declared.kind:
@@ -166,11 +163,11 @@ def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem
     return []
 
 
-def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
+def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
     """Misspelt, unknown and missing variables and coordinates that pandera cannot explain."""
     arrays = declared.arrays()
     absent = [name for name in arrays if name not in dataset.variables]
-    problems: list[_Problem] = []
+    problems: list[Problem] = []
     for name in map(str, dataset.variables):
         if name in arrays:
             continue
@@ -202,9 +199,9 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Proble
     return problems
 
 
-def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
+def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
     """Presence, dims, units and values of every array, found by pandera."""
-    complaints: dict[str, _Problem] = {}
+    complaints: dict[str, Problem] = {}
     arrays = declared.arrays()
     # An optional variable brings its dims with it: their coordinates are required then.
     used = {dim for name in declared.variables if name in dataset for dim in dataset[name].dims}
@@ -240,7 +237,7 @@ def _check(
     name: str,
     declared: ArrayDeclaration,
     dataset: xr.Dataset,
-    complaints: dict[str, _Problem],
+    complaints: dict[str, Problem],
 ) -> pa.Check:
     """Build the pandera check of one array; it leaves its sentence in `complaints`."""
     rules = [("type", type_rule(declared))]
@@ -279,8 +276,8 @@ def _explain(
     error: pandera.errors.SchemaError,
     dataset: xr.Dataset,
     arrays: dict[str, ArrayDeclaration],
-    complaints: dict[str, _Problem],
-) -> _Problem:
+    complaints: dict[str, Problem],
+) -> Problem:
     """Turn one pandera failure into a sentence of ours."""
     check = error.check
     if isinstance(check, pa.Check):
@@ -300,72 +297,6 @@ def _explain(
         text = f"{name} has dims ({', '.join(map(str, got))}); expected ({', '.join(wanted)})"
         return False, f"{text}: {advice}."
     return False, f"{name or 'The dataset'}: {error}."
-
-
-def _attributes(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[_Problem]:
-    """Presence, type and value of the attributes of the dataset."""
-    problems: list[_Problem] = []
-    for name, wanted in declared.attrs.items():
-        if name not in dataset.attrs:
-            if wanted.required:
-                text = f"The attribute {name!r} is missing; expected {wanted.meaning}"
-                end = f", one of {', '.join(wanted.values)}" if wanted.values else ""
-                problems.append((False, f"{text}{end}: set it on the dataset."))
-            continue
-        wrong = _attribute(dataset.attrs[name], wanted)
-        if wrong:
-            problems.append((False, f"The attribute {name!r} is {wrong}."))
-    return problems
-
-
-def _attribute(value: object, wanted: AttributeDeclaration) -> str | None:
-    """Return what is wrong with the value of an attribute."""
-    types: dict[str, tuple[type, ...]] = {
-        "string": (str,),
-        "integer": (int, np.integer),
-        "number": (int, float, np.integer, np.floating),
-        "any": (str, int, float, np.integer, np.floating),
-    }
-    if not isinstance(value, types[wanted.dtype]) or isinstance(value, bool):
-        kind = "text or number" if wanted.dtype == "any" else wanted.dtype
-        return f"{value!r}; expected {wanted.meaning}, a {kind}"
-    if wanted.values and value not in wanted.values:
-        options = ", ".join(wanted.values)
-        return f"{value!r}{hint(str(value), wanted.values)}; expected one of {options}"
-    if wanted.range and isinstance(value, (int, float, np.number)):
-        low, high = wanted.range
-        if (low is not None and value < low) or (high is not None and value > high):
-            return f"{value!r}; expected {low} to {high}, {wanted.meaning}"
-    return None
-
-
-def _study(dataset: xr.Dataset, declared: ObjectDeclaration, told: str) -> list[_Problem]:
-    """Find what a study demands and the dataset lacks, unless `told` names it already."""
-    demand = declared.study
-    if demand is None:
-        return []
-    problems: list[_Problem] = []
-    for name in demand.required:
-        if name in dataset.variables or name in dataset.attrs:
-            continue
-        if repr(name) not in told and not (name in declared.any_of and "none of" in told):
-            what = "attribute" if name in declared.attrs else "variable"
-            problems.append(
-                (False, f"The {what} {name!r} is missing; a study needs {demand.meaning}.")
-            )
-    for coord, names in demand.names.items():
-        if coord not in dataset.coords:
-            continue
-        found = [str(v) for v in dataset.coords[coord].values]
-        missing = [name for name in names if name not in found]
-        if missing:
-            unknown = [name for name in found if name not in names]
-            guess = {m: nearest(m, unknown, cutoff=0.75) for m in missing}
-            near = [f"{there!r} looks like {want!r}" for want, there in guess.items() if there]
-            advice = listed(near, 3) if near else "map the labels of the file to these names"
-            text = f"{coord} lacks {listed(missing, 20)}; a study needs {demand.meaning}: {advice}."
-            problems.append((False, text))
-    return problems
 
 
 def _canonical(dataset: xr.Dataset, declared: ObjectDeclaration) -> xr.Dataset:

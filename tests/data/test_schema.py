@@ -187,7 +187,7 @@ def test_attributes_are_checked(trial: xr.Dataset) -> None:
     assert "'measurd' (did you mean 'measured'?)" in complaint(
         trial.assign_attrs(origin="measurd"), "recording"
     )
-    assert "'repetition' is 0; expected 1" in complaint(
+    assert "'repetition' is 0; expected at least 1" in complaint(
         trial.assign_attrs(repetition=0), "recording"
     )
     assert "'repetition' is 'one'" in complaint(trial.assign_attrs(repetition="one"), "recording")

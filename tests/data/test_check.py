@@ -1,0 +1,151 @@
+"""Each fault of a recording is found, with the channel or marker that has it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from emgface.check import check_recording, problems
+from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
+
+
+def row(table: pd.DataFrame, name: str) -> pd.Series:
+    return table.set_index("name").loc[name]
+
+
+@pytest.fixture
+def clean(trial: xr.Dataset) -> xr.Dataset:
+    trial["position"].values[2, :, 7:9] = 0.01
+    return trial
+
+
+def test_a_clean_recording_has_no_finding(clean: xr.Dataset) -> None:
+    table = check_recording(clean, study=True)
+    assert list(table["name"]) == [*CHANNELS, *FACE_MARKERS, *LIP_MARKERS]
+    assert set(table["verdict"]) == {"ok"} and set(table["reason"]) == {""}
+    assert problems(table) == [] == problems(table, "warning")
+    channel, marker = row(table, "OOS_L"), row(table, "nasion")
+    assert (channel["kind"], channel["unit"]) == ("channel", "V")
+    assert (marker["kind"], marker["unit"]) == ("marker", "m")
+    assert (channel["rate"], channel["duration"]) == (2048.0, 0.25)
+    assert marker["rate"] == pytest.approx(100.0, rel=1e-12)
+    assert marker["duration"] == pytest.approx(0.25, rel=1e-12)
+    assert channel["finite"] == marker["finite"] == 1.0
+
+
+def test_measures_are_those_of_closed_forms(clean: xr.Dataset) -> None:
+    time = clean["time_emg"].values
+    clean["emg"].values[0] = 3e-4 * np.sin(2 * np.pi * 64 * time)  # 16 whole periods
+    clean["position"].values[0] = 0.0
+    clean["position"].values[0, 1] = np.where(np.arange(25) < 24, 0.002, -0.048)
+    table = check_recording(clean)
+    sine, marker = row(table, "OOS_L"), row(table, "forehead_left")
+    assert sine["rms"] == pytest.approx(3e-4 / np.sqrt(2), rel=1e-12)
+    assert (sine["smallest"], sine["largest"]) == pytest.approx((-3e-4, 3e-4), rel=1e-12)
+    # Mean 0 over 25 frames: 24 at 2 mm and one at -48 mm.
+    assert marker["rms"] == pytest.approx(np.sqrt((24 * 0.002**2 + 0.048**2) / 25), rel=1e-12)
+    assert (marker["smallest"], marker["largest"]) == (-0.048, 0.002)
+
+
+def test_a_gap_in_emg_is_an_error(clean: xr.Dataset) -> None:
+    clean["emg"].values[3, 100:132] = np.nan
+    clean["emg"].values[3, 200] = np.nan
+    table = check_recording(clean)
+    assert problems(table) == [
+        "channel ZYG_L: 33 of 512 samples are NaN, the longest gap 0.01562 s: cut the trial or "
+        "leave the channel out."
+    ]
+    assert row(table, "ZYG_L")["finite"] == (512 - 33) / 512
+    assert row(table, "ZYG_L")["longest_gap"] == 32 / 2048
+
+
+@pytest.mark.parametrize("value", [0.0, -1e-3])
+def test_a_constant_channel_is_an_error(clean: xr.Dataset, value: float) -> None:
+    clean["emg"].values[1] = value
+    table = check_recording(clean)
+    assert problems(table) == [f"channel OOI_L: constant at {value:g} V: see electrode and cable."]
+    assert row(table, "OOI_L")["constant"]
+    assert not row(table, "OOS_L")["constant"]
+
+
+def test_a_channel_of_nothing_but_nan_is_an_error(clean: xr.Dataset) -> None:
+    clean["emg"].values[1] = np.nan
+    clean["position"].values[0] = np.nan
+    table = check_recording(clean)
+    assert problems(table) == [
+        "channel OOI_L: was never seen: every sample is NaN.",
+        "marker forehead_left: was never seen: every sample is NaN.",
+    ]
+    assert row(table, "OOI_L")["finite"] == 0.0
+    assert np.isnan(row(table, "OOI_L")["rms"])
+
+
+@pytest.mark.parametrize(("frames", "verdict"), [(1, "warning"), (10, "warning"), (11, "error")])
+def test_a_gap_of_a_marker_counts_by_its_length(
+    clean: xr.Dataset, frames: int, verdict: str
+) -> None:
+    clean["position"].values[4, 0, 3 : 3 + frames] = np.nan  # one axis is enough
+    table = check_recording(clean, max_gap=0.1)
+    assert row(table, "nasion")["verdict"] == verdict
+    assert row(table, "nasion")["longest_gap"] == pytest.approx(frames / 100, rel=1e-12)
+    assert len(problems(table, verdict)) == 1  # type: ignore[arg-type]
+
+
+def test_a_marker_that_never_moves_is_an_error(clean: xr.Dataset) -> None:
+    clean["position"].values[5] = clean["position"].values[5, :, :1]
+    assert problems(check_recording(clean))[0].startswith("marker rhinion: never moves at all")
+
+
+def test_an_irregular_clock_is_an_error(clean: xr.Dataset) -> None:
+    time = clean["time_marker"].values.copy()
+    time[10:] += 0.005
+    table = check_recording(clean.assign_coords(time_marker=("time_marker", time)))
+    assert len(problems(table)) == 16
+    assert "intervals differ by over 10%" in problems(table)[0]
+
+
+def test_one_sample_is_no_signal(clean: xr.Dataset) -> None:
+    table = check_recording(clean.isel(time_emg=[0]))
+    assert len(problems(table)) == 14 and "has 1 samples" in problems(table)[0]
+
+
+@pytest.mark.parametrize(("factor", "text"), [(1e3, "far above EMG"), (1e-4, "only: see electr")])
+def test_a_level_that_is_no_surface_emg_is_a_warning(
+    clean: xr.Dataset, factor: float, text: str
+) -> None:
+    clean["emg"].values[2] *= factor
+    table = check_recording(clean)
+    assert problems(table) == []
+    (sentence,) = problems(table, "warning")
+    assert sentence.startswith("channel RIS_L: varies by") and text in sentence
+
+
+def test_an_offset_is_no_fault(clean: xr.Dataset) -> None:
+    clean["emg"].values[2] += 0.05
+    assert set(check_recording(clean)["verdict"]) == {"ok"}
+
+
+def test_a_clipped_channel_is_a_warning(clean: xr.Dataset) -> None:
+    clean["emg"].values[6] = np.clip(clean["emg"].values[6], -1e-4, 1e-4)
+    (sentence,) = problems(check_recording(clean), "warning")
+    assert sentence.startswith("channel MEN_L:") and sentence.endswith("extreme: clipped.")
+
+
+def test_a_study_lists_what_is_missing(clean: xr.Dataset) -> None:
+    labels = [str(c) for c in clean["channel"].values]
+    labels[0] = "OOS_left"
+    short = clean.assign_coords(channel=labels).isel(channel=slice(0, 13), marker=slice(0, 15))
+    assert problems(check_recording(short)) == []
+    table = check_recording(short, study=True)
+    assert problems(table) == [
+        "channel OOS_L: missing from the recording: it looks like 'OOS_left'.",
+        "channel MEN_R: missing from the recording: map a label of the file to it.",
+        "marker lower_lateral_right: missing from the recording: map a label of the file to it.",
+    ]
+
+
+def test_either_part_may_be_absent(clean: xr.Dataset) -> None:
+    emg = clean[["emg"]]
+    assert set(check_recording(emg)["kind"]) == {"channel"}
+    assert len(problems(check_recording(emg, study=True))) == 16
+    assert check_recording(xr.Dataset()).empty
