@@ -58,10 +58,14 @@ def study_problems(dataset: xr.Dataset, declared: ObjectDeclaration, told: str) 
         if name in dataset.variables or name in dataset.attrs:
             continue
         if repr(name) not in told and not (name in declared.any_of and "none of" in told):
-            what = "attribute" if name in declared.attrs else "variable"
-            problems.append(
-                (False, f"The {what} {name!r} is missing; a study needs {demand.meaning}.")
-            )
+            text = f"The variable {name!r} is missing; a study needs {demand.meaning}."
+            if name in declared.attrs:
+                meaning = declared.attrs[name].meaning
+                text = (
+                    f"The attribute {name!r} is missing; a study needs it ({meaning}): set it on "
+                    "the dataset, or in the mapping of its labels."
+                )
+            problems.append((False, text))
     for coord, names in demand.names.items():
         if coord not in dataset.coords:
             continue
