@@ -5,7 +5,7 @@ and NaN scores; one that never came has the status "missing".
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -222,7 +222,7 @@ def counts(cube: xr.Dataset, *, by: Sequence[str] = ("strategy",)) -> pd.DataFra
     columns = ["trials", "ok", "failed", "missing", "correlations", "undefined"]
     if not by:
         return table[columns].sum().to_frame().T
-    return cast(pd.DataFrame, table.groupby(list(by), sort=False)[columns].sum())
+    return table.groupby(list(by), sort=False)[columns].sum()
 
 
 def _labels(expected: Sequence[Any] | None, found: Sequence[Any]) -> list[Any]:

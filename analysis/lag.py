@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,8 +209,7 @@ def within(source: Array, t_m: Array) -> tuple[NDArray[np.bool_], Array]:
 
 def _minimum(loss: Callable[[float], float], low: float, high: float, width: float) -> float:
     """Find a minimum between two bounds, to `width`."""
-    options = {"xatol": width}
-    found: Any = minimize_scalar(loss, bounds=(low, high), method="bounded", options=options)
+    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": width})
     return float(found.x)
 
 

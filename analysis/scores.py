@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from analysis.errors import TrajectoryError
-from analysis.trajectory import SMALLEST_MOTION, checked, names, same_markers
+from analysis.trajectory import SMALLEST_MOTION, checked, pair, same_markers, same_time
 
 Form = Literal["consistent", "as_printed"]
 Reference = Literal["mean", "first", "origin"]
@@ -73,7 +73,7 @@ def correlation_3d(
     """
     if form not in ("consistent", "as_printed"):
         raise TrajectoryError(f"form is {form!r}, expected 'consistent' or 'as_printed'")
-    v, w = _pair(measured, simulated, dim)
+    v, w = pair(measured, simulated, dim)
     v, w = v - v.mean(dim, skipna=False), w - w.mean(dim, skipna=False)
     size_v, size_w = _sum_of_squares(v, dim), _sum_of_squares(w, dim)
     product = (v * w).sum(["axis", dim], skipna=False)
@@ -112,20 +112,20 @@ def undefined_reason(
     TrajectoryError
         As `correlation_3d`.
     """
-    pair = dict(zip(("measured", "simulated"), _pair(measured, simulated, dim), strict=True))
-    gaps = {role: data.isnull().any(["axis", dim]) for role, data in pair.items()}
+    both = dict(zip(("measured", "simulated"), pair(measured, simulated, dim), strict=True))
+    gaps = {role: data.isnull().any(["axis", dim]) for role, data in both.items()}
     still: dict[str, xr.DataArray] = {}
-    for role, data in pair.items():
+    for role, data in both.items():
         centred = data - data.mean(dim, skipna=False)
         moved = (_sum_of_squares(centred, dim) / data.sizes[dim]) ** 0.5
         rounding = ROUNDING * abs(data).max(["axis", dim])
         still[role] = ~(moved > rounding) | (moved < smallest_motion)
     reason = xr.full_like(gaps["measured"], "", dtype="U24")
     for what, one_of in (("does not move", still), ("has gaps", gaps)):
-        both = one_of["measured"] & one_of["simulated"]
+        bad_both = one_of["measured"] & one_of["simulated"]
         for role, bad in one_of.items():
             reason = reason.where(~bad, f"{role} {what}")
-        reason = reason.where(~both, "neither moves" if one_of is still else "both have gaps")
+        reason = reason.where(~bad_both, "neither moves" if one_of is still else "both have gaps")
     return _named(reason.astype(str), "reason", {"long_name": "why rho is undefined"})
 
 
@@ -158,7 +158,7 @@ def amplitude_ratio(
     -----
     sigma: Eskes et al. 2017, Eq. 12. rho ignores amplitude; this is its complement.
     """
-    v, w = _pair(measured, simulated, dim)
+    v, w = pair(measured, simulated, dim)
     size_v = _sum_of_squares(v - v.mean(dim, skipna=False), dim) ** 0.5
     size_w = _sum_of_squares(w - w.mean(dim, skipna=False), dim) ** 0.5
     reason = undefined_reason(measured, simulated, dim=dim, smallest_motion=smallest_motion)
@@ -196,7 +196,7 @@ def rmse(
     TrajectoryError
         As `correlation_3d`.
     """
-    v, w = _pair(measured, simulated, dim)
+    v, w = pair(measured, simulated, dim)
     difference = v - w
     if reference == "mean":
         difference = difference - difference.mean(dim, skipna=False)
@@ -253,7 +253,7 @@ def score(
     """
     model = checked(simulated, "simulated")
     given = same_markers(checked(aligned, "aligned"), model)
-    _same_time(given, model)
+    same_time(given, model)
     covered = np.flatnonzero(np.isfinite(given.values).any(axis=(0, 1)))
     span = slice(int(covered[0]), int(covered[-1]) + 1) if len(covered) else slice(0, 0)
     v, w = given.isel(time=span), model.isel(time=span)
@@ -283,46 +283,3 @@ def _named(data: xr.DataArray, name: str, attrs: dict[str, str]) -> xr.DataArray
 
 def _sum_of_squares(data: xr.DataArray, dim: str) -> xr.DataArray:
     return (data**2).sum(["axis", dim], skipna=False)
-
-
-def _pair(
-    measured: xr.DataArray, simulated: xr.DataArray, dim: str
-) -> tuple[xr.DataArray, xr.DataArray]:
-    """Check two trajectories against each other and return them as float64, NaN for infinite."""
-    for role, data in (("measured", measured), ("simulated", simulated)):
-        absent = [name for name in ("axis", dim) if name not in data.dims]
-        if absent:
-            raise TrajectoryError(
-                f"the {role} trajectory has dims {tuple(map(str, data.dims))} and lacks "
-                f"{names(absent)}"
-            )
-    n = simulated.sizes[dim]
-    if n != measured.sizes[dim] or n < 2:
-        raise TrajectoryError(
-            f"the trajectories have {measured.sizes[dim]} and {n} samples, expected the same "
-            "number, at least 2: align them first"
-        )
-    units = measured.attrs.get("units"), simulated.attrs.get("units")
-    if units[0] != units[1]:
-        raise TrajectoryError(
-            f"the trajectories are in {units[0]!r} and {units[1]!r}, expected the same units"
-        )
-    v = same_markers(measured, simulated)
-    if dim in v.coords and dim in simulated.coords:
-        _same_time(v, simulated, dim)
-        # Equal but for rounding: xarray would otherwise keep only the labels equal to the last bit.
-        v = v.assign_coords({dim: simulated[dim]})
-    v, w = v.astype(np.float64), simulated.astype(np.float64)
-    return v.where(abs(v) < np.inf), w.where(abs(w) < np.inf)
-
-
-def _same_time(measured: xr.DataArray, simulated: xr.DataArray, dim: str = "time") -> None:
-    """Raise unless both have the same instants, within a thousandth of the sampling period."""
-    ours, theirs = measured[dim].values, simulated[dim].values
-    if len(ours) == len(theirs):
-        period = abs(float(theirs[-1] - theirs[0])) / max(1, len(theirs) - 1)
-        if np.allclose(ours, theirs, rtol=0.0, atol=1e-3 * period):
-            return
-    raise TrajectoryError(
-        f"the two trajectories have different values of {dim!r}: align the measured one first"
-    )

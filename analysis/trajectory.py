@@ -139,3 +139,46 @@ def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:
             f"({names([str(marker) for marker in markers])}): interpolate short gaps first, or "
             "leave the trial out"
         )
+
+
+def pair(
+    measured: xr.DataArray, simulated: xr.DataArray, dim: str
+) -> tuple[xr.DataArray, xr.DataArray]:
+    """Check two trajectories against each other and return them as float64, NaN for infinite."""
+    for role, data in (("measured", measured), ("simulated", simulated)):
+        absent = [name for name in ("axis", dim) if name not in data.dims]
+        if absent:
+            raise TrajectoryError(
+                f"the {role} trajectory has dims {tuple(map(str, data.dims))} and lacks "
+                f"{names(absent)}"
+            )
+    n = simulated.sizes[dim]
+    if n != measured.sizes[dim] or n < 2:
+        raise TrajectoryError(
+            f"the trajectories have {measured.sizes[dim]} and {n} samples, expected the same "
+            "number, at least 2: align them first"
+        )
+    units = measured.attrs.get("units"), simulated.attrs.get("units")
+    if units[0] != units[1]:
+        raise TrajectoryError(
+            f"the trajectories are in {units[0]!r} and {units[1]!r}, expected the same units"
+        )
+    v = same_markers(measured, simulated)
+    if dim in v.coords and dim in simulated.coords:
+        same_time(v, simulated, dim)
+        # Equal but for rounding: xarray would otherwise keep only the labels equal to the last bit.
+        v = v.assign_coords({dim: simulated[dim]})
+    v, w = v.astype(np.float64), simulated.astype(np.float64)
+    return v.where(abs(v) < np.inf), w.where(abs(w) < np.inf)
+
+
+def same_time(measured: xr.DataArray, simulated: xr.DataArray, dim: str = "time") -> None:
+    """Raise unless both have the same instants, within a thousandth of the sampling period."""
+    ours, theirs = measured[dim].values, simulated[dim].values
+    if len(ours) == len(theirs):
+        period = abs(float(theirs[-1] - theirs[0])) / max(1, len(theirs) - 1)
+        if np.allclose(ours, theirs, rtol=0.0, atol=1e-3 * period):
+            return
+    raise TrajectoryError(
+        f"the two trajectories have different values of {dim!r}: align the measured one first"
+    )
