@@ -3,8 +3,9 @@
 import json
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -14,6 +15,8 @@ from emgface.errors import DataError
 from emgface.schema import validate
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_JSON = "json_attributes"
+"""Attribute that names those of its owner which are JSON text."""
 _COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
 
 
@@ -25,8 +28,9 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
     Parameters
     ----------
     dataset : xarray.Dataset
-        Dataset to write. Attributes that netCDF cannot hold (lists, dicts, booleans, None) are
-        written as JSON text.
+        Dataset to write. Attributes that netCDF cannot hold, or not give back as they were
+        (lists, dicts, booleans, None), are written as JSON text and listed in the attribute
+        ``json_attributes``.
     path : str or Path
         File to write; its folder is made if need be, an existing file is replaced.
     kind : str
@@ -46,9 +50,8 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
     """
     path = Path(path)
     ready = validate(dataset, kind).drop_encoding()
-    ready.attrs = {str(name): _storable(value) for name, value in ready.attrs.items()}
-    for variable in ready.variables.values():
-        variable.attrs = {str(name): _storable(value) for name, value in variable.attrs.items()}
+    for part in (ready, *ready.variables.values()):
+        part.attrs = _packed(part.attrs)
     encoding = {
         name: dict(_COMPRESSION)
         for name, variable in ready.variables.items()
@@ -88,9 +91,9 @@ def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
     except (OSError, RuntimeError, ValueError) as error:
         raise DataError(_damaged(path)) from error
     dataset = dataset.drop_encoding()
-    dataset.attrs = {name: _plain(value) for name, value in dataset.attrs.items()}
+    for part in (dataset, *dataset.variables.values()):
+        part.attrs = _unpacked(part.attrs)
     for name, variable in dataset.variables.items():
-        variable.attrs = {key: _plain(value) for key, value in variable.attrs.items()}
         if variable.dtype.kind in "OT":
             dataset[name] = dataset[name].astype(str)
     try:
@@ -139,18 +142,31 @@ def _damaged(path: Path) -> str:
     )
 
 
-def _storable(value: object) -> str | int | float:
-    """Return an attribute in a form that netCDF holds and gives back."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, (str, int, float)) and not isinstance(value, bool):
-        return value
-    return json.dumps(value.tolist() if isinstance(value, np.ndarray) else value, default=str)
+def _packed(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return attributes as numbers and text: anything else as JSON, and its name noted."""
+    packed: dict[str, Any] = {}
+    as_json: list[str] = []
+    for name, value in attrs.items():
+        if isinstance(value, np.generic | np.ndarray):
+            value = value.tolist()
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            value = json.dumps(value, default=str)
+            as_json.append(str(name))
+        packed[str(name)] = value
+    if as_json:
+        packed[_JSON] = " ".join(as_json)
+    return packed
 
 
-def _plain(value: object) -> object:
-    """Return an attribute as a Python number or string."""
-    return value.item() if isinstance(value, np.generic) else value
+def _unpacked(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return attributes as they were before `_packed`."""
+    plain = {
+        str(name): value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+        for name, value in attrs.items()
+    }
+    for name in str(plain.pop(_JSON, "")).split():
+        plain[name] = json.loads(plain[name])
+    return plain
 
 
 def _replace(path: Path, write: Callable[[Path], object]) -> None:

@@ -44,15 +44,27 @@ def test_files_are_compressed_and_describe_themselves(trial: xr.Dataset, tmp_pat
         assert opened["time_marker"].units == "s"
 
 
-def test_attributes_that_netcdf_cannot_hold_become_json(valid: Make, tmp_path: Path) -> None:
-    given = valid("trajectory").assign_attrs(
-        converged=True, options={"tolerance": 1e-6}, gravity=[0.0, 0.0, -9.81], seed=np.int64(4)
-    )
-    back = read_netcdf(write_netcdf(given, tmp_path / "t.nc", "trajectory"), "trajectory")
-    assert back.attrs["converged"] == "true"
-    assert back.attrs["options"] == '{"tolerance": 1e-06}'
-    assert back.attrs["gravity"] == "[0.0, 0.0, -9.81]"
-    assert back.attrs["seed"] == 4
+def test_attributes_that_netcdf_cannot_hold_are_given_back(valid: Make, tmp_path: Path) -> None:
+    attrs = {
+        "converged": True,
+        "options": {"tolerance": 1e-6},
+        "gravity": [0.0, 0.0, -9.81],
+        "single": [1e-5],
+        "nothing": None,
+        "digits": "[1, 2]",
+        "seed": 4,
+    }
+    given = valid("trajectory").assign_attrs(attrs)
+    given["smallest_J"].attrs["bounds"] = [0.0, 1.0]
+    given.attrs["seed"] = np.int64(4)
+    path = write_netcdf(given, tmp_path / "t.nc", "trajectory")
+    back = read_netcdf(path, "trajectory")
+    assert {name: back.attrs[name] for name in attrs} == attrs
+    assert back["smallest_J"].attrs["bounds"] == [0.0, 1.0]
+    assert "json_attributes" not in back.attrs
+    with netCDF4.Dataset(path) as opened:
+        assert opened.json_attributes == "converged options gravity single nothing"
+        assert opened.gravity == "[0.0, 0.0, -9.81]"
 
 
 @pytest.mark.parametrize("part", [0.02, 0.3, 0.7, 0.99])
