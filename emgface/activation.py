@@ -147,7 +147,8 @@ def feature_before_normalisation(
     silent = constant_rows(emg)
     if silent and chain.normalisation.silent == "error":
         raise SignalError(
-            f"channel{'s' if len(silent) > 1 else ''} {', '.join(silent)} hold one value "
+            f"{'channels' if len(silent) > 1 else 'channel'} {', '.join(silent)} "
+            f"{'hold' if len(silent) > 1 else 'holds'} one value "
             "throughout, so Eq. 8 would be 0/0: check the electrode, or choose silent = 'zero' "
             "for activation 0"
         )

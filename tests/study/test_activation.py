@@ -107,6 +107,8 @@ def test_direct_muscles_and_order():
 def test_mapping_does_not_depend_on_the_order_of_channels():
     shuffled = MEASURED.isel(channel=np.random.default_rng(0).permutation(14))
     np.testing.assert_array_equal(map_channels(shuffled).values, map_channels(MEASURED).values)
+    extra = xr.concat([shuffled, shuffled[:1].assign_coords(channel=["EKG"])], dim="channel")
+    np.testing.assert_array_equal(map_channels(extra).values, map_channels(MEASURED).values)
 
 
 def test_equation_7_is_the_feature_of_the_chain():
@@ -377,7 +379,7 @@ def test_interval_is_that_of_emg_and_markers_together():
 def test_constant_channel():
     recording = recording_of()
     recording["emg"].loc["RIS_R"] = 0.3
-    with pytest.raises(SignalError, match="channel RIS_R hold one value throughout"):
+    with pytest.raises(SignalError, match="channel RIS_R holds one value throughout"):
         activation_of(recording, SignalChain())
     tolerant = chain_of(normalisation={"silent": "zero"}, feature={"kind": "rms"})
     result = activation_of(recording, tolerant)

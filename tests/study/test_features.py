@@ -1,5 +1,7 @@
 """Features against their definitions, computed by brute force or in closed form."""
 
+import warnings
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -63,6 +65,15 @@ def test_equation_7_on_noise_with_default_window():
     feature = willison_amplitude(signal_of(s))
     np.testing.assert_array_equal(feature.values[0], willison_by_definition(s, 410, 10e-6))
     assert feature.attrs["units"] == "1"
+
+
+@pytest.mark.parametrize("comparison, expected", [(">=", 99), (">", 0)])
+def test_comparison_decides_where_steps_equal_the_threshold(comparison, expected):
+    s = signal_of(np.tile([0.0, 0.5, 0.0, 0.25], 100), rate=1000.0)  # half of all steps are 0.5
+    parameters = FeatureParameters(window=0.199, threshold=0.5, comparison=comparison)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FeatureWarning)
+        assert set(feature_of(s, parameters).values[0]) == {expected}
 
 
 def test_rounding_of_the_window_is_recorded():

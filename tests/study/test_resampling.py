@@ -48,6 +48,13 @@ def test_bounded_decimation_cannot_leave_the_range():
     assert "hann" in got.attrs["antialias"]
 
 
+def test_decimation_keeps_a_ramp_up_to_both_ends():
+    """The odd reflection of a ramp is the ramp; the kernel's stop-band leaves 2e-4 of a step."""
+    ramp = moving(2000.0, 4.0, lambda t: 3.0 * t)
+    times = np.linspace(0.25, 4.25, 161)
+    np.testing.assert_allclose(resample(ramp, times).values[0], 3.0 * times, atol=2e-4 * 3.0 / 40)
+
+
 def test_refinement_interpolates():
     smooth = moving(100.0, 2.0, lambda t: expit(10 * (t - 1)))
     times = np.linspace(0.25, 2.25, 999)
