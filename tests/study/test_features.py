@@ -67,10 +67,10 @@ def test_equation_7_on_noise_with_default_window():
     assert feature.attrs["units"] == "1"
 
 
-@pytest.mark.parametrize("comparison, expected", [(">=", 99), (">", 0)])
+@pytest.mark.parametrize("comparison, expected", [(">=", 100), (">", 0)])
 def test_comparison_decides_where_steps_equal_the_threshold(comparison, expected):
     s = signal_of(np.tile([0.0, 0.5, 0.0, 0.25], 100), rate=1000.0)  # half of all steps are 0.5
-    parameters = FeatureParameters(window=0.199, threshold=0.5, comparison=comparison)
+    parameters = FeatureParameters(window=0.201, threshold=0.5, comparison=comparison)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FeatureWarning)
         assert set(feature_of(s, parameters).values[0]) == {expected}
