@@ -1,0 +1,252 @@
+"""Tables of a cube as plain text, Markdown and CSV.
+
+Every table says whether its recordings were measured or simulated: in the title of text and
+Markdown, and in a column of the CSV, where a title would get lost.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import xarray as xr
+
+from analysis.cube import TRIAL_DIMS, trials
+from analysis.descriptives import descriptives
+
+ABSENT: Final = "-"
+
+
+@dataclass(frozen=True)
+class Column:
+    """Head of a column and how its numbers are shown.
+
+    Attributes
+    ----------
+    name : str
+        Name, the same in every format.
+    units : str
+        SI unit of the values, empty for labels and counts; heads the column of a CSV.
+    shown : str
+        Unit in text and Markdown.
+    factor : float
+        From `units` to `shown`.
+    digits : int
+        Decimals in text and Markdown.
+    """
+
+    name: str
+    units: str = ""
+    shown: str = ""
+    factor: float = 1.0
+    digits: int = 2
+
+    def head(self, *, si: bool = False) -> str:
+        """Return the name with its unit in brackets."""
+        units = self.units if si else self.shown
+        return f"{self.name} [{units}]" if units not in ("", "1") else self.name
+
+    def cell(self, value: Any) -> str:
+        """Format a value for reading; a dash where there is none."""
+        if isinstance(value, float):
+            if not math.isfinite(value):
+                return ABSENT
+            return f"{value * self.factor:.{self.digits}f}"
+        return str(value) if str(value) else ABSENT
+
+
+@dataclass(frozen=True)
+class Table:
+    """A titled table.
+
+    Attributes
+    ----------
+    title : str
+        One line that says what is listed, and of which recordings.
+    columns : tuple of Column
+        Heads.
+    rows : tuple of tuple
+        Values in SI units: text, whole numbers, or floats (NaN where undefined).
+    origin : str
+        "measured" or "simulated".
+    note : str
+        What a reader must know to read it.
+    """
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    origin: str
+    note: str = ""
+
+    def text(self) -> str:
+        """Return the table in columns of fixed width, numbers to the right."""
+        heads = [column.head() for column in self.columns]
+        cells = self._cells()
+        widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
+        right = [self._numeric(index) for index in range(len(heads))]
+
+        def line(row: Sequence[str]) -> str:
+            parts = [
+                cell.rjust(width) if flush else cell.ljust(width)
+                for cell, width, flush in zip(row, widths, right, strict=True)
+            ]
+            return "  ".join(parts).rstrip()
+
+        rule = "  ".join("-" * width for width in widths)
+        body = [self.title, "", line(heads), rule, *(line(row) for row in cells)]
+        return "\n".join([*body, *(["", self.note] if self.note else [])]) + "\n"
+
+    def markdown(self) -> str:
+        """Return the table in Markdown, its title in bold above."""
+
+        def line(row: Sequence[str]) -> str:
+            return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
+
+        rule = ["---:" if self._numeric(index) else "---" for index in range(len(self.columns))]
+        heads = [column.head() for column in self.columns]
+        body = [f"**{self.title}**", "", line(heads), line(rule), *map(line, self._cells())]
+        return "\n".join([*body, *(["", self.note] if self.note else [])]) + "\n"
+
+    def csv(self) -> str:
+        """Return the table as CSV in SI units and full precision, undefined values empty."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow(["origin", *(column.head(si=True) for column in self.columns)])
+        for row in self.rows:
+            empty = [isinstance(value, float) and not math.isfinite(value) for value in row]
+            cells = ["" if gone else value for gone, value in zip(empty, row, strict=True)]
+            writer.writerow([self.origin, *cells])
+        return buffer.getvalue()
+
+    def _cells(self) -> list[list[str]]:
+        return [
+            [column.cell(value) for column, value in zip(self.columns, row, strict=True)]
+            for row in self.rows
+        ]
+
+    def _numeric(self, index: int) -> bool:
+        return any(isinstance(row[index], int | float) for row in self.rows)
+
+
+SHOWN: Final = {
+    "rho": ("1", "1", 1.0, 2),
+    "amplitude_ratio": ("1", "1", 1.0, 2),
+    "rmse": ("m", "mm", 1e3, 2),
+    "shift": ("s", "ms", 1e3, 1),
+    "scale": ("1", "1", 1.0, 3),
+    "sigma_max": ("Pa", "kPa", 1e-3, 0),
+    "run_time": ("s", "s", 1.0, 1),
+}
+"""SI unit, unit shown, factor and decimals of the variables that tables list."""
+
+
+def recordings(origin: str) -> str:
+    """Say in words of which recordings a table or figure is."""
+    return f"{origin} recordings"
+
+
+def descriptive_table(
+    cube: xr.Dataset, *, by: Sequence[str] = ("strategy",), variable: str = "rho"
+) -> Table:
+    """Tabulate median, mean and standard deviation of a variable in groups.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+    by : sequence of str
+        Dims to group by, the first varying slowest.
+    variable : str
+        ``"rho"``, ``"amplitude_ratio"``, ``"rmse"`` or another of `SHOWN`.
+
+    Returns
+    -------
+    Table
+        One row per group: labels, median, mean, standard deviation, n (values), undefined
+        (values), failed and missing (trials).
+
+    Raises
+    ------
+    CubeError
+        Unknown dim or variable.
+    """
+    found = descriptives(cube, by=by, variable=variable)
+    units, shown, factor, digits = SHOWN.get(
+        variable, (str(cube[variable].attrs.get("units", "1")),) * 2 + (1.0, 3)
+    )
+    # Values of a trial without scores are counted once per marker; a reader counts trials.
+    per_trial = 1
+    if "marker" in cube[variable].dims and "marker" not in by:
+        per_trial = cube.sizes["marker"]
+    statistics = {"median": "median", "mean": "mean", "standard deviation": "standard_deviation"}
+    columns = (
+        *(Column(dim) for dim in by),
+        *(Column(name, units, shown, factor, digits) for name in statistics),
+        *(Column(name) for name in ("n", "undefined", "failed", "missing")),
+    )
+    rows: list[tuple[Any, ...]] = []
+    flat = found.stack(group=list(by)) if by else found.expand_dims("group")
+    for index in range(flat.sizes["group"]):
+        group = flat.isel(group=index)
+        labels = [group[dim].values.item() for dim in by]
+        values = [float(group[name]) for name in statistics.values()]
+        left = [int(group[name]) // per_trial for name in ("n_failed", "n_missing")]
+        rows.append((*labels, *values, int(group["n"]), int(group["n_undefined"]), *left))
+    what = f"{variable} per {' and '.join(by)}" if by else f"{variable} of all trials"
+    note = "n and undefined count markers of scored trials; failed and missing count trials."
+    if "marker" not in cube[variable].dims:
+        note = "All counts are of trials."
+    origin = str(cube.attrs["origin"])
+    return Table(f"{what}, {recordings(origin)}", columns, tuple(rows), origin, note)
+
+
+def trial_table(cube: xr.Dataset) -> Table:
+    """List all trials with their status.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+
+    Returns
+    -------
+    Table
+        One row per trial: labels, status, median rho over markers, markers undefined, shift,
+        scale, sigma_max, steps, run time, reason.
+    """
+    listed = trials(cube)
+    names = ["status", "median_rho", "n_undefined", "shift", "scale", "sigma_max", "steps",
+             "run_time", "reason"]  # fmt: skip
+    columns = tuple(
+        Column(name, *SHOWN.get("rho" if name == "median_rho" else name, ("", "", 1.0, 0)))
+        for name in (*TRIAL_DIMS, *names)
+    )
+    records: list[dict[Any, Any]] = listed.to_dict("records")
+    rows = tuple(tuple(record[column.name] for column in columns) for record in records)
+    origin = str(cube.attrs["origin"])
+    return Table(f"all {len(rows)} trials, {recordings(origin)}", columns, rows, origin)
+
+
+def report_tables(cube: xr.Dataset) -> dict[str, Table]:
+    """Make the tables of a report.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+
+    Returns
+    -------
+    dict of str to Table
+        ``strategy``, ``strategy_amplitude_ratio``, ``strategy_rmse``, ``instruction``,
+        ``volunteer``, ``marker`` (each by strategy) and ``trials``.
+    """
+    tables = {"strategy": descriptive_table(cube)}
+    for variable in ("amplitude_ratio", "rmse"):
+        tables[f"strategy_{variable}"] = descriptive_table(cube, variable=variable)
+    for dim in ("instruction", "volunteer", "marker"):
+        tables[dim] = descriptive_table(cube, by=(dim, "strategy"))
+    return tables | {"trials": trial_table(cube)}

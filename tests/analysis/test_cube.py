@@ -1,0 +1,218 @@
+"""The cube is complete: scored, failed and missing trials are all in it."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic_cubes import MARKERS, Inverted, cube, results, scores
+
+from analysis.cube import MARKER_DIMS, TRIAL_DIMS, Trial, build_cube, counts, trials
+from analysis.descriptives import descriptives
+from analysis.errors import CubeError
+
+
+def test_every_combination_has_a_status() -> None:
+    found = cube()
+    assert found["status"].dims == TRIAL_DIMS
+    assert found["rho"].dims == MARKER_DIMS
+    assert found["status"].size == 24
+    given_in = {(t.volunteer, t.instruction, t.repetition, t.strategy): t for t in results()}
+    labels = (found[dim].values.tolist() for dim in TRIAL_DIMS)
+    for label in itertools.product(*labels):
+        cell = found.sel(dict(zip(TRIAL_DIMS, label, strict=True)))
+        trial = given_in.get(label)
+        if trial is None:
+            assert str(cell["status"].values) == "missing"
+            assert str(cell["reason"].values) == "no result was handed in"
+        elif trial.scores is None:
+            assert str(cell["status"].values) == "failed:Inverted"
+            assert str(cell["reason"].values).startswith("element ")
+            assert float(cell["sigma_max"]) == 240e3
+        else:
+            assert str(cell["status"].values) == "ok"
+            for name in ("rho", "amplitude_ratio", "rmse"):
+                np.testing.assert_array_equal(cell[name], trial.scores[name])
+            assert float(cell["shift"]) == float(trial.scores["shift"])
+            assert (float(cell["steps"]), float(cell["run_time"])) == (160, trial.run_time)
+            continue
+        assert np.isnan(cell["rho"]).all()
+
+
+def test_undefined_marker_keeps_its_reason() -> None:
+    cell = cube().sel(volunteer="v1", instruction="A", repetition=1, strategy="act_all")
+    assert list(cell["marker_reason"].values) == ["", "simulated does not move", ""]
+    assert str(cell["status"].values) == "ok"
+
+
+def test_expected_labels_that_never_came_are_missing() -> None:
+    found = build_cube(
+        [Trial("v1", "A", 1, "act_3", scores(0))],
+        volunteers=["v1", "v2", "v3"],
+        instructions=list("ABCDEF"),
+        repetitions=[1, 2, 3, 4],
+        strategies=["act_all", "act_3", "act_rel"],
+    )
+    assert found["status"].size == 216
+    assert int((found["status"] == "missing").sum()) == 215
+    assert [int(c.iloc[0]) for _, c in counts(found, by=()).items()] == [216, 1, 0, 215, 3, 0]
+
+
+def test_all_failed_is_still_a_cube() -> None:
+    error = Inverted("element 7 inverted")
+    found = build_cube(
+        [Trial.failed("v1", "A", 1, "act_3", error)], markers=MARKERS, origin="measured"
+    )
+    assert found.attrs["origin"] == "measured"
+    assert np.isnan(found["rho"]).all()
+    table = descriptives(found)
+    assert int(table["n_failed"].sum()) == 3
+    assert np.isnan(table["median"]).all()
+
+
+def test_trials_lists_all_with_status() -> None:
+    found = cube()
+    table = trials(found)
+    assert len(table) == 24
+    assert table["status"].value_counts().to_dict() == {
+        "ok": 19,
+        "failed:Inverted": 3,
+        "missing": 2,
+    }
+    for row in table.itertuples():
+        cell = found.sel({dim: getattr(row, dim) for dim in TRIAL_DIMS})
+        assert str(cell["status"].values) == row.status
+        if row.n_defined:
+            assert row.median_rho == np.nanmedian(cell["rho"])
+    assert table["n_undefined"].sum() == 1
+
+
+def test_counts_add_up() -> None:
+    by_strategy = counts(cube())
+    assert by_strategy.loc["act_all"].to_dict() == {
+        "trials": 8, "ok": 5, "failed": 3, "missing": 0, "correlations": 14, "undefined": 1,
+    }  # fmt: skip
+    assert by_strategy.loc["act_rel", "missing"] == 1
+    parts = by_strategy[["ok", "failed", "missing"]].sum(axis=1)
+    assert (parts == by_strategy["trials"]).all()
+    pd.testing.assert_series_equal(
+        counts(cube(), by=()).iloc[0], by_strategy.sum(), check_names=False, check_index=True
+    )
+
+
+def test_counts_by_marker_is_refused() -> None:
+    with pytest.raises(CubeError, match="by marker"):
+        counts(cube(), by=("marker",))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.permutations(range(len(results()))))
+def test_order_of_results_does_not_matter(order: list[int]) -> None:
+    made = results()
+    labels = {
+        "volunteers": ["v1", "v2"],
+        "instructions": ["A", "B"],
+        "strategies": ["act_all", "act_3", "act_rel"],
+    }
+    shuffled = build_cube([made[i] for i in order], **labels)
+    xr.testing.assert_identical(shuffled, build_cube(made, **labels))
+
+
+def test_markers_are_matched_by_name() -> None:
+    first, second = scores(1), scores(2).isel(marker=[2, 0, 1])
+    found = build_cube([Trial("v1", "A", 1, "s", first), Trial("v1", "A", 2, "s", second)])
+    cell = found["rho"].sel(repetition=2, marker="corner_left").item()
+    assert cell == float(second["rho"].sel(marker="corner_left"))
+
+
+def test_cube_survives_netcdf(tmp_path) -> None:
+    found = cube()
+    found.to_netcdf(tmp_path / "cube.nc")
+    with xr.open_dataset(tmp_path / "cube.nc") as again:
+        xr.testing.assert_equal(again.load(), found)
+
+
+def test_cube_meets_the_schema(root) -> None:
+    """Names, dims and units as data_schema/cube.json declares them."""
+    import json
+
+    declared = json.loads((root / "data_schema" / "cube.json").read_text())
+    found = cube()
+    for name, variable in declared["variables"].items():
+        assert list(found[name].dims) == variable["dims"], name
+        assert found[name].attrs.get("units") == variable["units"], name
+
+
+def test_duplicate_trial() -> None:
+    with pytest.raises(CubeError, match="v1/A/1/act_all is given twice"):
+        build_cube([results()[0], results()[0]])
+
+
+def test_unexpected_label() -> None:
+    with pytest.raises(CubeError, match="has volunteer 'v2', expected one of v1"):
+        build_cube(results(), volunteers=["v1"])
+
+
+def test_other_markers() -> None:
+    with pytest.raises(CubeError, match="other markers than the cube .*nose"):
+        build_cube(
+            [
+                Trial("v1", "A", 1, "s", scores(1)),
+                Trial("v1", "A", 2, "s", scores(2, markers=(*MARKERS[:2], "nose"))),
+            ]
+        )
+
+
+def test_measured_and_simulated_never_mix() -> None:
+    with pytest.raises(CubeError, match="cannot share a cube"):
+        build_cube(
+            [
+                Trial("v1", "A", 1, "s", scores(1)),
+                Trial("v1", "A", 2, "s", scores(2, origin="measured")),
+            ]
+        )
+
+
+def test_unknown_origin() -> None:
+    unknown = scores(1)
+    del unknown.attrs["origin"]
+    with pytest.raises(CubeError, match="is unknown, expected 'measured' or 'simulated'"):
+        build_cube([Trial("v1", "A", 1, "s", unknown)])
+
+
+def test_choices_must_agree() -> None:
+    with pytest.raises(CubeError, match="form = 'as_printed', another one with 'consistent'"):
+        build_cube(
+            [
+                Trial("v1", "A", 1, "s", scores(1)),
+                Trial("v1", "A", 2, "s", scores(2, form="as_printed")),
+            ]
+        )
+    assert cube().attrs["form"] == "consistent"
+
+
+def test_empty_study() -> None:
+    with pytest.raises(CubeError, match="there is no volunteer"):
+        build_cube([])
+
+
+def test_scores_without_a_variable() -> None:
+    with pytest.raises(CubeError, match="lack rmse"):
+        build_cube([Trial("v1", "A", 1, "s", scores(1).drop_vars("rmse"))])
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ({"status": "fine"}, "status 'fine', expected 'ok'"),
+        ({"status": "failed:"}, "status 'failed:'"),
+        ({}, "'ok' but no scores"),
+        ({"status": "missing", "scores": scores(1)}, "'missing' but scores"),
+    ],
+)
+def test_status_and_scores_must_agree(kind: dict, words: str) -> None:
+    with pytest.raises(CubeError, match=words):
+        Trial("v1", "A", 1, "s", **kind)

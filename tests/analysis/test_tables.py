@@ -1,0 +1,100 @@
+"""Tables say the same as the descriptives, in every format, and where the data come from."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+from synthetic_cubes import cube
+
+from analysis.descriptives import descriptives
+from analysis.tables import Column, Table, descriptive_table, report_tables, trial_table
+
+
+def test_strategy_table_holds_the_descriptives() -> None:
+    table, found = descriptive_table(cube()), descriptives(cube())
+    assert [row[0] for row in table.rows] == ["act_all", "act_3", "act_rel"]
+    for row in table.rows:
+        group = found.sel(strategy=row[0])
+        assert row[1:4] == tuple(
+            float(group[name]) for name in ("median", "mean", "standard_deviation")
+        )
+    assert table.rows[0][4:] == (14, 1, 3, 0)
+    assert table.rows[2][4:] == (21, 0, 0, 1)
+
+
+def test_groups_of_two_dims_are_in_order() -> None:
+    table = descriptive_table(cube(), by=("marker", "strategy"))
+    assert len(table.rows) == 9
+    assert [row[:2] for row in table.rows[:2]] == [("corner_left", "act_all"),
+                                                   ("corner_left", "act_3")]  # fmt: skip
+    assert table.rows[0][-2:] == (3, 0)
+
+
+def test_all_trials_are_listed() -> None:
+    table = trial_table(cube())
+    assert len(table.rows) == 24
+    statuses = [row[4] for row in table.rows]
+    assert statuses.count("failed:Inverted") == 3
+    assert statuses.count("missing") == 2
+    assert "no result was handed in" in table.text()
+
+
+def test_every_table_says_simulated() -> None:
+    tables = report_tables(cube())
+    assert set(tables) == {"strategy", "strategy_amplitude_ratio", "strategy_rmse", "instruction",
+                           "volunteer", "marker", "trials"}  # fmt: skip
+    for table in tables.values():
+        assert "simulated recordings" in table.text().splitlines()[0]
+        assert "simulated recordings" in table.markdown().splitlines()[0]
+        assert all(line.startswith("simulated,") for line in table.csv().splitlines()[1:])
+
+
+def test_measured_tables_do_not_say_simulated() -> None:
+    data = cube().assign_attrs(origin="measured")
+    assert "measured recordings" in descriptive_table(data).text()
+    assert "simulated" not in descriptive_table(data).text()
+
+
+def test_text_is_aligned_and_in_readable_units() -> None:
+    table = Table(
+        "distance",
+        (Column("name"), Column("rmse", "m", "mm", 1e3, 2), Column("n")),
+        (("corner", 0.0012345, 10), ("upper", float("nan"), 2)),
+        "measured",
+    )
+    assert table.text().splitlines() == [
+        "distance",
+        "",
+        "name    rmse [mm]   n",
+        "------  ---------  --",
+        "corner       1.23  10",
+        "upper           -   2",
+    ]
+
+
+def test_csv_is_exact_and_si() -> None:
+    table = descriptive_table(cube(), variable="rmse")
+    rows = list(csv.DictReader(io.StringIO(table.csv())))
+    found = descriptives(cube(), variable="rmse")
+    for row in rows:
+        assert float(row["median [m]"]) == float(found["median"].sel(strategy=row["strategy"]))
+    empty = list(csv.DictReader(io.StringIO(trial_table(cube()).csv())))
+    assert {row["median_rho"] for row in empty if row["status"] != "ok"} == {""}
+
+
+def test_markdown_keeps_its_columns() -> None:
+    table = Table("t", (Column("a"), Column("b")), (("x|y", 1),), "measured", "a note")
+    lines = table.markdown().splitlines()
+    assert lines[2:5] == ["| a | b |", "| --- | ---: |", "| x\\|y | 1 |"]
+    assert lines[-1] == "a note"
+
+
+@pytest.mark.parametrize("by", [(), ("strategy",)])
+def test_empty_groups_show_a_dash(by: tuple[str, ...]) -> None:
+    data = cube()
+    data["status"][:] = "missing"
+    data["rho"][:] = np.nan
+    text = descriptive_table(data, by=by).text()
+    assert "nan" not in text
+    assert " - " in text
