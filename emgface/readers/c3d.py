@@ -158,9 +158,8 @@ def _points(content: Any, units: Mapping[str, str]) -> _Part:
     keep = [i for i, label in enumerate(labels) if label not in dropped]
     if not keep:
         return None, {}, dropped, changed
-    # A negative residual marks a point that was not seen, whatever its coordinates.
-    residual = content["data"]["meta_points"]["residuals"][0]
-    seen = np.where(residual[None] < 0, np.nan, values)[:, keep]
+    # ezc3d has already made NaN of points with a negative residual, which were not seen.
+    seen = values[:, keep]
     found = (_strings(group, "UNITS") or [""])[0]
     unit = units.get("position", found)
     time = np.arange(frames) / _rate(group, "POINT")

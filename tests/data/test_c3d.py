@@ -51,6 +51,8 @@ def make_c3d(path: Path, **changes: Any) -> tuple[np.ndarray, np.ndarray]:
     for name, value in given.get("point_extra", {}).items():
         content.add_parameter("POINT", name, value)
     content["data"]["points"] = points
+    if "residuals" in given:
+        content["data"]["meta_points"]["residuals"] = given["residuals"]
     content["data"]["analogs"] = analogs
     content.write(str(path))
     return points[:3], analogs[0]
@@ -160,10 +162,11 @@ def test_channels_need_a_unit(tmp_path: Path) -> None:
 
 
 def test_each_channel_is_converted_from_its_own_unit(tmp_path: Path) -> None:
-    units = ["uV", "V"] + ["mV"] * 14
+    units = ["mV", "uV", "V", "mV"] + ["uV", "mV"] * 6
     _, analogs = make_c3d(tmp_path / "trial.c3d", analog_units=units)
     emg = read_recording(tmp_path / "trial.c3d")["emg"]
-    divisor = np.array([1e6, 1.0] + [1e3] * 14)[:, None]
+    divisor = np.array([1e3, 1e6, 1.0, 1e3] + [1e6, 1e3] * 6)[:, None]
+    assert list(emg["channel"].values[:4]) == ["E1", "E2", "E3", "E4"]
     np.testing.assert_allclose(emg, analogs / divisor, rtol=2**-23, atol=0)
 
 
@@ -172,6 +175,15 @@ def test_points_that_are_no_positions_are_left_out(tmp_path: Path) -> None:
     trial = read_recording(tmp_path / "trial.c3d")
     assert "P2" not in trial["marker"].values and trial.sizes["marker"] == 15
     assert note(trial, "dropped")["P2"] == "POINT:ANGLES lists it, so it is no position"
+
+
+def test_a_point_with_negative_residual_was_not_seen(tmp_path: Path) -> None:
+    residuals = np.zeros((1, 16, FRAMES))
+    residuals[0, 8, 11] = -1.0
+    make_c3d(tmp_path / "trial.c3d", residuals=residuals)
+    position = read_recording(tmp_path / "trial.c3d")["position"]
+    gaps = np.argwhere(np.isnan(position.values).all(axis=1))
+    assert gaps.tolist() == [[3, 5], [3, 6], [3, 7], [8, 11]]
 
 
 def test_empty_and_repeated_labels_become_unique(tmp_path: Path) -> None:

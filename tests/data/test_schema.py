@@ -148,6 +148,12 @@ def test_missing_markers_are_listed(trial: xr.Dataset) -> None:
     assert text.startswith("marker lacks forehead_left, lower_lateral_right; a study needs")
 
 
+@pytest.mark.parametrize("name", ["channel", "time_emg", "marker", "axis", "time_marker"])
+def test_a_part_that_is_there_has_its_coordinates(trial: xr.Dataset, name: str) -> None:
+    text = complaint(trial.drop_vars(name), "recording")
+    assert text.startswith(f"The coordinate {name!r} is missing, found emg, position")
+
+
 def test_a_part_may_be_absent_unless_for_a_study(trial: xr.Dataset) -> None:
     emg = trial.drop_vars(["position", "marker", "axis", "time_marker"])
     validate(emg, "recording")
@@ -218,7 +224,8 @@ def test_all_faults_are_told_at_once(trial: xr.Dataset) -> None:
 
 @pytest.mark.parametrize("name", ["connectivity", "bundle_index", "bundle_muscle", "marker_node"])
 def test_an_index_stays_within_its_dim(valid: Make, name: str) -> None:
-    for value in (10_000, -2):
+    size = valid("face_model").sizes[str(declaration("face_model").variables[name].index_into)]
+    for value in (size, 10_000, -2):
         face = valid("face_model")
         face[name].values[(-1,) * face[name].ndim] = value
         assert re.match(rf"{name} points to \w+ {value} at ", complaint(face, "face_model"))
