@@ -19,6 +19,19 @@ _WEDGE_FACES: Final = np.array(
 )
 
 
+_HEX_EDGES: Final = np.array(
+    [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
+)
+_WEDGE_EDGES: Final = np.array(
+    [[0, 1], [1, 2], [2, 0], [3, 4], [4, 5], [5, 3], [0, 3], [1, 4], [2, 5]]
+)
+
+
+def element_edges(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All edges of all elements, shape (edges, 2) with the smaller node first, and the element."""
+    return _parts(connectivity, _HEX_EDGES, _WEDGE_EDGES, ordered=True)
+
+
 def element_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """All faces of all elements.
 
@@ -34,22 +47,15 @@ def element_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.
     element : ndarray, shape (faces,)
         Index of the element a face belongs to.
     """
-    connectivity = np.asarray(connectivity, dtype=np.int64)
-    wedge = is_wedge(connectivity)
-    parts, owners = [], []
-    for chosen, pattern in ((~wedge, _HEX_FACES), (wedge, _WEDGE_FACES)):
-        index = np.flatnonzero(chosen)
-        parts.append(connectivity[index][:, pattern].reshape(-1, 4))
-        owners.append(np.repeat(index, len(pattern)))
-    return np.concatenate(parts), np.concatenate(owners)
+    return _parts(connectivity, _HEX_FACES, _WEDGE_FACES)
 
 
 def boundary_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Faces that belong to one element only, and that element, as `element_faces` gives them."""
     faces, element = element_faces(connectivity)
-    _, inverse, counts = np.unique(
-        np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
+    # Which node a triangle repeats differs between its two elements, so it does not identify it.
+    key = np.sort(np.where(faces[:, [3]] == faces[:, [2]], [[1, 1, 1, 0]], 1) * (faces + 1), axis=1)
+    _, inverse, counts = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     once = counts[inverse.reshape(-1)] == 1
     return faces[once], element[once]
 
@@ -75,6 +81,16 @@ def triangles(faces: Indices, position: Floats) -> NDArray[np.int64]:
             across[:, [1, 2, 3]],
         ]
     )
+
+
+def face_areas(position: Floats, faces: Indices) -> Floats:
+    """Half the cross product of the diagonals of each face, shape (n,) [m2].
+
+    Exact for flat faces; of a warped one it is the length of its vector area.
+    """
+    corners = position[faces]
+    across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    return np.linalg.norm(across, axis=1) / 2.0
 
 
 def winding_number(points: Floats, corners: Floats) -> Floats:
@@ -152,3 +168,21 @@ def nearest_on_triangles(point: Floats, corners: Floats) -> tuple[Floats, int, F
 
 def _dot(a: Floats, b: Floats) -> Floats:
     return np.einsum("ij,ij->i", a, b)
+
+
+def _parts(
+    connectivity: Indices,
+    of_hexahedron: NDArray[np.int64],
+    of_wedge: NDArray[np.int64],
+    *,
+    ordered: bool = False,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    connectivity = np.asarray(connectivity, dtype=np.int64)
+    wedge = is_wedge(connectivity)
+    parts, owners = [], []
+    for chosen, pattern in ((~wedge, of_hexahedron), (wedge, of_wedge)):
+        index = np.flatnonzero(chosen)
+        parts.append(connectivity[index][:, pattern].reshape(-1, pattern.shape[1]))
+        owners.append(np.repeat(index, len(pattern)))
+    nodes = np.concatenate(parts)
+    return (np.sort(nodes, axis=1) if ordered else nodes), np.concatenate(owners)

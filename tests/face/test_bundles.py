@@ -214,13 +214,15 @@ def test_directions_of_another_simulator(shared: Path, reference_face: xr.Datase
         if not index:
             continue
         segments = [np.array(segment) for segment in bundle["fibres"]]
-        smallest = np.full(len(index), np.inf)
+        open_ones = np.arange(len(index))
         for _ in range(30):
             moved = [segment + 1e-8 * rng.normal(size=3) for segment in segments]
-            found = fibre_directions(centres[index], moved)
-            sine = np.linalg.norm(np.cross(found, expected), axis=1)
-            smallest = np.minimum(smallest, sine)
-        # 10 nm on segments of millimetres turn a direction by about 1e-5.
-        assert smallest.max() < 1e-5
+            found = fibre_directions(centres[index][open_ones], moved)
+            sine = np.linalg.norm(np.cross(found, expected[open_ones]), axis=1)
+            # 10 nm on segments of millimetres turn a direction by about 1e-5.
+            open_ones = open_ones[sine > 1e-5]
+            if len(open_ones) == 0:
+                break
+        assert len(open_ones) == 0
         compared += len(index)
     assert compared == 890

@@ -1,0 +1,233 @@
+"""Pictures of a face: skin, muscles, fixed nodes and markers from three sides."""
+
+import os
+from pathlib import Path
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from numpy.typing import NDArray
+
+from emgface.errors import FaceError
+from emgface.face.check import sheet_nodes
+from emgface.face.model import FREE, MANDIBLE, OUTER, SKULL, fibres_of
+from emgface.face.surface import boundary_faces
+from emgface.muscles import MODELLED, MUSCLE_NAMES, SIDES
+
+Floats = NDArray[np.float64]
+
+MM: Final = 1e3
+VIEWS: Final = {"front": (0, 90), "left side": (0, 180), "oblique": (20, 130)}
+"""Elevation and azimuth in degrees; the camera of the front view looks along -y."""
+
+_SKIN, _EDGE = "#e8c9b5", "#7d6150"
+_MARKER, _FACE_MARKER, _BONE = "#111111", "#1b6ca8", {MANDIBLE: "#c44e00", SKULL: "#4c78a8"}
+
+
+def draw_face(ds: xr.Dataset, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
+    """Draw a face from the front, the left and obliquely, and write the picture.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        A face_model that passed `emgface.face.model.check_face`.
+    path : path-like
+        Picture to write; its ending chooses the format (png, pdf, svg).
+    dpi : int
+        Dots per inch of pixel formats.
+
+    Returns
+    -------
+    Path
+        The picture.
+
+    Raises
+    ------
+    FaceError
+        The format is unknown or the file cannot be written.
+    """
+    path = Path(path)
+    figure = face_figure(ds)
+    kinds = figure.canvas.get_supported_filetypes()
+    if path.suffix.lstrip(".").lower() not in kinds:
+        raise FaceError(
+            f"{path} has no known picture format, expected one of {', '.join(sorted(kinds))}"
+        )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=dpi)
+    except OSError as error:
+        raise FaceError(f"{path} cannot be written ({error}): check folder and space") from error
+    return path
+
+
+def face_figure(ds: xr.Dataset) -> Figure:
+    """Make the figure that `draw_face` writes.
+
+    The upper row shows skin and markers, the lower one muscle fibres of both sides, fixed nodes and
+    the outline of the skin.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        A face_model that passed `emgface.face.model.check_face`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure = Figure(figsize=(14, 10.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    kind = "generated" if ds.attrs["origin"] == "generated" else "imported"
+    figure.suptitle(f"{ds.attrs['name']} ({kind}: {ds.attrs['source']}), mm\n")
+    faces, element = boundary_faces(ds["connectivity"].values)
+    skin = np.zeros(ds.sizes["node"], dtype=bool)
+    skin[sheet_nodes(ds, OUTER)] = True
+    of_skin = (ds["layer"].values[element] == OUTER) & skin[faces].all(axis=1)
+    position = ds["position"].values * MM
+    # Rims belong to the picture of the skin; the inner sheet would only hide behind it.
+    rim = skin[faces].any(axis=1) | of_skin
+    for column, (title, (elevation, azimuth)) in enumerate(VIEWS.items(), start=1):
+        above = _axes(figure, column, position, elevation, azimuth)
+        above.set_title(f"{title}: skin and markers")
+        _draw_skin(above, position, faces[rim], alpha=1.0)
+        _draw_markers(above, ds, position, elevation, azimuth)
+        below = _axes(figure, column + len(VIEWS), position, elevation, azimuth)
+        below.set_title(f"{title}: muscle fibres and fixed nodes")
+        _draw_skin(below, position, faces[of_skin], alpha=0.10)
+        _draw_fixed(below, ds, position)
+        _draw_fibres(below, ds)
+        if column == 1:
+            handles = above.get_legend_handles_labels()
+            lower = below.get_legend_handles_labels()
+            figure.legend(
+                handles[0] + lower[0],
+                handles[1] + lower[1],
+                loc="outside lower center",
+                borderaxespad=1.5,
+                ncols=4,
+                fontsize="small",
+            )
+    return figure
+
+
+def _axes(figure: Figure, place: int, position: Floats, elevation: int, azimuth: int) -> Axes3D:
+    axes = figure.add_subplot(2, len(VIEWS), place, projection="3d", computed_zorder=False)
+    assert isinstance(axes, Axes3D)
+    axes.view_init(elev=elevation, azim=azimuth)
+    axes.set_proj_type("ortho")
+    low, high = position.min(axis=0), position.max(axis=0)
+    axes.set_box_aspect(tuple(high - low), zoom=1.1 if elevation == 0 else 0.95)  # pyright: ignore[reportArgumentType]
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set(xlabel="x", ylabel="y", zlabel="z")
+    axes.zaxis.labelpad = -4
+    axes.tick_params(labelsize="x-small")
+    for axis, extent in zip((axes.xaxis, axes.yaxis, axes.zaxis), high - low, strict=True):
+        axis.set_major_locator(MaxNLocator(nbins=max(2, round(7 * extent / max(high - low)))))
+    # Seen along an axis its labels lie on top of each other.
+    if elevation == 0 and azimuth % 180 == 90:
+        axes.set_yticks([])
+        axes.set_ylabel("")
+    if elevation == 0 and azimuth % 180 == 0:
+        axes.set_xticks([])
+        axes.set_xlabel("")
+    return axes
+
+
+def _toward_camera(elevation: int, azimuth: int) -> Floats:
+    e, a = np.radians([elevation, azimuth])
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def _visible(offset: Floats, camera: Floats) -> NDArray[np.bool_]:
+    """Whether points on a convex head face the camera, from their horizontal place round it."""
+    return offset[:, :2] @ camera[:2] > -0.15 * np.linalg.norm(offset[:, :2], axis=1)
+
+
+def _draw_skin(axes: Axes3D, position: Floats, faces: NDArray[np.integer], *, alpha: float) -> None:
+    corners = position[faces]
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = normal / np.where(length > 0, length, 1.0)
+    # Light from the upper front and some from the subject's left, so that shape shows.
+    lights = np.array([[0.0, 0.75, 0.65], [-0.9, 0.2, 0.4]])
+    lights /= np.linalg.norm(lights, axis=1, keepdims=True)
+    shade = 0.55 + np.clip(normal @ lights.T, 0.0, 1.0) @ [0.35, 0.15]
+    shade = np.clip(shade, 0.0, 1.0)
+    colours = np.column_stack([shade[:, None] * to_rgb(_SKIN), np.full(len(shade), alpha)])
+    axes.add_collection3d(
+        Poly3DCollection(
+            list(corners),
+            facecolors=colours,
+            edgecolors=(*to_rgb(_EDGE), 0.6 * alpha + 0.05),
+            linewidths=0.2,
+            zorder=1,
+        )
+    )
+
+
+def _draw_markers(
+    axes: Axes3D, ds: xr.Dataset, position: Floats, elevation: int, azimuth: int
+) -> None:
+    # Drawing order is fixed, so points on the far side of the head must be left out by hand.
+    middle = position.mean(axis=0)
+    camera = _toward_camera(elevation, azimuth)
+    lips = position[ds["marker_node"].values]
+    face = ds["face_marker_position"].values * MM
+    for points, colour, label in (
+        (lips, _MARKER, "lip markers"),
+        (face, _FACE_MARKER, "face markers"),
+    ):
+        points = points[_visible(points - middle, camera)]
+        axes.scatter(
+            points[:, 0],
+            points[:, 1],
+            zs=points[:, 2],  # pyright: ignore[reportArgumentType]
+            s=14,
+            color=colour,
+            depthshade=False,
+            label=label,
+            zorder=5,
+        )
+
+
+def _draw_fixed(axes: Axes3D, ds: xr.Dataset, position: Floats) -> None:
+    fixed = ds["fixed"].values
+    for kind, label in ((MANDIBLE, "fixed to mandible"), (SKULL, "fixed to skull")):
+        points = position[fixed == kind]
+        axes.scatter(
+            points[:, 0],
+            points[:, 1],
+            zs=points[:, 2],  # pyright: ignore[reportArgumentType]
+            s=3,
+            color=_BONE[kind],
+            alpha=0.6,
+            depthshade=False,
+            label=f"{label} ({len(points)} of {int((fixed != FREE).sum())} fixed nodes)",
+            zorder=2,
+        )
+
+
+def _draw_fibres(axes: Axes3D, ds: xr.Dataset) -> None:
+    known = {str(name) for name in ds["muscle"].values}
+    for muscle, colour in zip(MODELLED, mpl.colormaps["tab10"].colors, strict=True):  # pyright: ignore[reportAttributeAccessIssue]
+        lines: list[Floats] = []
+        for side in SIDES:
+            if f"{muscle}_{side}" in known:
+                lines += [fibre * MM for fibre in fibres_of(ds, f"{muscle}_{side}")]
+        axes.add_collection3d(
+            Line3DCollection(
+                lines,
+                colors=[colour],
+                linewidths=2.2,
+                label=f"{muscle} {MUSCLE_NAMES[muscle]}",
+                zorder=4,
+            )
+        )
