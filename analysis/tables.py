@@ -54,7 +54,7 @@ class Column:
             if not math.isfinite(value):
                 return ABSENT
             return f"{value * self.factor:.{self.digits}f}"
-        return str(value) if str(value) else ABSENT
+        return " ".join(str(value).split()) or ABSENT
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,94 @@
+"""Figures draw what the cube holds and say where it comes from."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from synthetic_cubes import cube
+from synthetic_trajectories import trajectory
+
+from analysis.align import align
+from analysis.errors import CubeError
+from analysis.figures import box_plots, save, synchronisation
+
+
+def test_box_plots_show_the_medians() -> None:
+    data = cube()
+    figure = box_plots(data)
+    panel = figure.axes[1]
+    drawn = sorted(
+        (float(np.mean(line.get_xdata())), float(line.get_ydata()[0]))
+        for line in panel.get_lines()
+        if line.get_linewidth() == 1.6
+    )
+    expected = [
+        float(np.nanmedian(data["rho"].sel(instruction=i, strategy=s)))
+        for i in data["instruction"].values
+        for s in data["strategy"].values
+    ]
+    np.testing.assert_allclose([y for _, y in drawn], expected)
+
+
+@pytest.mark.parametrize("variable", ["rho", "amplitude_ratio", "rmse"])
+def test_box_plots_say_simulated(variable: str) -> None:
+    figure = box_plots(cube(), variable=variable)
+    assert "simulated recordings" in figure.get_suptitle()
+    assert [panel.get_xlabel() for panel in figure.axes] == ["volunteer", "instruction", "marker"]
+    assert ("[mm]" in figure.axes[0].get_ylabel()) == (variable == "rmse")
+
+
+def test_values_not_shown_are_counted() -> None:
+    """act_all: one marker undefined and three trials of three markers failed."""
+    legend = box_plots(cube()).legends[0]
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "act_all (n = 14, not shown 10)",
+        "act_3 (n = 21, not shown 3)",
+        "act_rel (n = 21, not shown 3)",
+    ]
+
+
+def test_group_without_values_is_left_empty() -> None:
+    data = cube()
+    data["rho"].loc[{"volunteer": "v2", "strategy": "act_all"}] = np.nan
+    panel = box_plots(data, by=("volunteer",)).axes[0]
+    assert sum(line.get_linewidth() == 1.6 for line in panel.get_lines()) == 5
+
+
+def test_synchronisation_before_and_after() -> None:
+    found = align(trajectory(shift=0.2, origin="simulated", volunteer="v1"), trajectory())
+    figure = synchronisation(found)
+    assert "v1 (simulated recordings)" in figure.get_suptitle()
+    before, after = figure.axes
+    model, given = (line.get_ydata() for line in before.get_lines())
+    _, moved = (line.get_ydata() for line in after.get_lines())
+    np.testing.assert_allclose(given, 1e3 * found["b_measured"], atol=1e-9)
+    inside = np.isfinite(moved)
+    np.testing.assert_allclose(moved[inside], model[inside], atol=0.2)
+    assert "shift 200 ms" in after.get_title()
+
+
+def test_saved_file_carries_its_title(tmp_path) -> None:
+    path = save(box_plots(cube(), by=("volunteer",)), tmp_path / "rho.png", dpi=60)
+    with Image.open(path) as image:
+        assert "simulated recordings" in image.info["Title"]
+        assert image.size[0] == 480
+    again = save(box_plots(cube(), by=("volunteer",)), tmp_path / "again.png", dpi=60)
+    assert path.read_bytes() == again.read_bytes()
+    assert save(synchronisation(align(trajectory(), trajectory())), tmp_path / "b.svg").exists()
+    assert save(synchronisation(align(trajectory(), trajectory())), tmp_path / "b.pdf").exists()
+
+
+def test_importing_draws_no_matplotlib() -> None:
+    code = "import sys, analysis.figures; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_unknown_names() -> None:
+    with pytest.raises(CubeError, match="cannot draw 'status', expected one of rho"):
+        box_plots(cube(), variable="status")
+    with pytest.raises(CubeError, match="panels by strategy"):
+        box_plots(cube(), by=("strategy",))
+    with pytest.raises(CubeError, match="lacks b_measured"):
+        synchronisation(cube())
