@@ -1,6 +1,6 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
-from sim.damping import Rayleigh
+from sim.damping import PassiveRayleigh, Rayleigh, RestRayleigh
 from sim.errors import (
     ControlError,
     InvertedElement,
@@ -47,9 +47,11 @@ __all__ = [
     "Muscles",
     "NotConverged",
     "Opening",
+    "PassiveRayleigh",
     "Positions",
     "QuadraticBulk",
     "Rayleigh",
+    "RestRayleigh",
     "Scene",
     "SceneError",
     "SimulationError",

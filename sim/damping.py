@@ -1,17 +1,24 @@
-"""Damping laws formed from mass and stiffness."""
+"""Rayleigh damping f = -(alpha M + beta K) v, by the choice of the tangent K.
+
+With active muscles the current tangent need not be positive definite; beta K is then a *negative*
+damping, and the incremental potential of a step has no minimum. `PassiveRayleigh` leaves the active
+stress out of K and `RestRayleigh` takes K at rest, which is always positive semi-definite.
+
+In all three K is taken at the start of a step, which keeps the step the minimiser of a potential.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim.errors import SceneError
-from sim.scene import Index
-from sim.state import Array
+from sim.scene import CompiledDamping, Layout, Stiffness
+from sim.state import Array, Control
 
 
 @dataclass(frozen=True)
-class Rayleigh:
-    """Rayleigh damping f = -(alpha M + beta K) v with the current tangent K.
+class _Coefficients:
+    """Coefficients of mass and stiffness.
 
     Attributes
     ----------
@@ -27,9 +34,7 @@ class Rayleigh:
 
     Notes
     -----
-    K is taken at the start of the step, as in the published simulator, which keeps the step the
-    minimiser of a potential. Source: Stavness et al., chapter on the coupled face model, alpha = 19 1/s
-    and beta = 0.055 s.
+    Source of the values: Stavness et al., chapter on the coupled face model.
     """
 
     alpha: float = 19.0
@@ -39,9 +44,60 @@ class Rayleigh:
         """Check the ranges."""
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
             if not value >= 0.0:
-                raise SceneError(f"Rayleigh: {name} = {value!r}, expected a number >= 0")
+                raise SceneError(
+                    f"{type(self).__name__}: {name} = {value!r}, expected a number >= 0"
+                )
 
-    def add_damping(self, mass: Array, K: Array, diagonal: Index, D: Array) -> None:
-        """D += alpha M + beta K."""
-        np.add(D, self.beta * K, out=D)
-        D[diagonal] += self.alpha * mass
+    def combine(self, layout: Layout, K: Array) -> Array:
+        """Values of alpha M + beta K on the pattern."""
+        D = self.beta * K
+        D[layout.pattern.diagonal] += self.alpha * layout.node_mass[layout.pattern.free // 3]
+        return D
+
+
+@dataclass(frozen=True)
+class Rayleigh(_Coefficients):
+    """K is the tangent at the current positions and activation, as in the published simulator."""
+
+    def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
+        """Take the tangent wherever it is asked for."""
+
+        def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
+            return self.combine(layout, stiffness(q, control) if K is None else K)
+
+        return matrix
+
+
+@dataclass(frozen=True)
+class PassiveRayleigh(_Coefficients):
+    """K is the tangent at the current positions with all muscles at rest."""
+
+    def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
+        """Take the passive tangent wherever it is asked for."""
+        at_rest = Control(np.zeros(len(layout.muscles)))
+
+        def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
+            return self.combine(layout, stiffness(q, at_rest))
+
+        return matrix
+
+
+@dataclass(frozen=True)
+class RestRayleigh(_Coefficients):
+    """K is the tangent of the resting scene, formed once.
+
+    Cheapest of the three, but not frame indifferent: a large rotation is damped like a strain.
+    """
+
+    def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
+        """Form the matrix once."""
+        D = self.combine(layout, stiffness(layout.mesh.X, Control(np.zeros(len(layout.muscles)))))
+
+        def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
+            return D
+
+        return matrix
+
+
+DAMPING_LAWS = (Rayleigh, PassiveRayleigh, RestRayleigh)
+"""Every damping law; the tests walk this tuple."""

@@ -4,6 +4,7 @@ The contracts that parts fulfil are written here. A new term, damping or reducti
 new file; nothing in the centre changes.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -95,11 +96,23 @@ class Deforms(Protocol):
         ...
 
 
+Stiffness = Callable[[Array, Control], Array]
+"""Values of K = -df/dq on the pattern, at positions (n_nodes, 3) and a control."""
+
+
+class CompiledDamping(Protocol):
+    """A damping law laid out for one scene."""
+
+    def __call__(self, q: Array, control: Control, K: Array | None = None) -> Array:
+        """Values of D = -df/dv on the pattern [N s/m]; K is the stiffness there, if at hand."""
+        ...
+
+
 class Damping(Protocol):
     """Damping formed from the assembled mass and stiffness."""
 
-    def add_damping(self, mass: Array, K: Array, diagonal: Index, D: Array) -> None:
-        """D += damping matrix [N s/m] in the values of the pattern; mass is per free unknown."""
+    def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
+        """Lay the law out for a scene."""
         ...
 
 

@@ -1,12 +1,22 @@
 """The compiled scene: layout, sparsity, mass, and the sums of forces and tangents of all terms."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.errors import ControlError, SceneError
 from sim.pattern import SymmetricPattern, symmetric_pattern
-from sim.scene import CompiledTerm, Contribution, Deforms, HasMass, HasMuscles, Index, Layout, Scene
+from sim.scene import (
+    CompiledDamping,
+    CompiledTerm,
+    Contribution,
+    Deforms,
+    HasMass,
+    HasMuscles,
+    Index,
+    Layout,
+    Scene,
+)
 from sim.state import Array, Control, Evaluation, State
 
 
@@ -28,6 +38,7 @@ class System:
     pattern: SymmetricPattern
     terms: tuple[CompiledTerm, ...]
     muscles: tuple[str, ...]
+    _damping: CompiledDamping | None = None
 
     @property
     def free(self) -> Index:
@@ -49,19 +60,22 @@ class System:
         f = np.zeros_like(q)
         return _total(f, [term.add_force(q, control, f) for term in self.terms])
 
-    def tangent(self, q: Array, control: Control) -> tuple[Evaluation, Array, Array]:
-        """Forces, stiffness K = -df/dq and damping D at positions q.
+    def tangent(self, q: Array, control: Control) -> tuple[Evaluation, Array]:
+        """Forces and stiffness at positions q.
 
         Returns
         -------
         evaluation : Evaluation
-        K, D : (pattern.nnz,) values of the upper triangle [N/m], [N s/m].
+        K : (pattern.nnz,) values of the upper triangle of -df/dq [N/m].
         """
-        f, K, D = np.zeros_like(q), np.zeros(self.pattern.nnz), np.zeros(self.pattern.nnz)
-        evaluation = _total(f, [term.add_tangent(q, control, f, K) for term in self.terms])
-        if self.scene.damping is not None:
-            self.scene.damping.add_damping(self.mass, K, self.pattern.diagonal, D)
-        return evaluation, K, D
+        f, K = np.zeros_like(q), np.zeros(self.pattern.nnz)
+        return _total(f, [term.add_tangent(q, control, f, K) for term in self.terms]), K
+
+    def damping(self, q: Array, control: Control, K: Array | None = None) -> Array:
+        """Values of the damping matrix -df/dv [N s/m]; K is the stiffness there, if at hand."""
+        if self._damping is None:
+            return np.zeros(self.pattern.nnz)
+        return self._damping(q, control, K)
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all terms that deform (inf if none does), and its element."""
@@ -139,4 +153,8 @@ def compile_scene(scene: Scene) -> System:
         raise SceneError(f"free node {node} has no mass: add a solid or fix the node")
     layout = Layout(mesh, mass, pattern, tuple(names))
     terms = tuple(term.compile(layout) for term in scene.terms)
-    return System(scene, mass, pattern, terms, layout.muscles)
+    system = System(scene, mass, pattern, terms, layout.muscles)
+    if scene.damping is None:
+        return system
+    damping = scene.damping.compile(layout, lambda q, control: system.tangent(q, control)[1])
+    return replace(system, _damping=damping)

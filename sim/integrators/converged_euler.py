@@ -8,7 +8,7 @@ import numpy as np
 from sim.errors import NotConverged
 from sim.integrators.contract import Workspace, require_upright
 from sim.integrators.incremental import IncrementalPotential, Point
-from sim.state import Array, Control, Evaluation, State, StepReport
+from sim.state import Control, Evaluation, State, StepReport
 from sim.system import System
 
 
@@ -58,15 +58,17 @@ class ConvergedEuler:
         SingularSystem
             The matrix could not be factorised.
         """
-        with work.timed("tangent"):
-            here, K, D = system.tangent(state.q, control)
+        with work.timed("force"):
+            here = system.force(state.q, control)
         require_upright(here.element, here.smallest_J, state.t)
+        with work.timed("tangent"):
+            D = system.damping(state.q, control)
         problem = IncrementalPotential(system, state, control, h, D, work)
         point = _start(problem, here)
         factorisations = shifts = 0
         made_here = work.factor_of != (ConvergedEuler, h)
         if made_here:
-            factorisations, shifts = _factorise(problem, K, work)
+            factorisations, shifts = _factorise(problem, point, work)
         residuals, last, shortest = [point.residual], np.inf, 1.0
         for iteration in range(1, self.max_iterations + 1):
             direction = work.secants.direction(point.g, lambda r: work.solve(h * h * r))
@@ -103,19 +105,19 @@ class ConvergedEuler:
                     )
             made_here = contraction > self.keep_factor
             if made_here:
-                with work.timed("tangent"):
-                    at_point = system.tangent(problem.positions(point.d), control)
-                made, shifted = _factorise(problem, at_point[1], work)
+                made, shifted = _factorise(problem, point, work)
                 factorisations, shifts = factorisations + made, shifts + shifted
         raise NotConverged(
             tuple(residuals), state.t + h, f"limit of {self.max_iterations} iterations"
         )
 
 
-def _factorise(problem: IncrementalPotential, K: Array, work: Workspace) -> tuple[int, int]:
+def _factorise(problem: IncrementalPotential, point: Point, work: Workspace) -> tuple[int, int]:
     """Renew the factor; returns how many factorisations and shifts that took."""
     system = problem.system
-    shifts = work.factorise(problem.matrix(K), system.mass, system.pattern.diagonal)
+    with work.timed("tangent"):
+        A = problem.matrix(point.d)
+    shifts = work.factorise(A, system.mass, system.pattern.diagonal)
     work.factor_of = (ConvergedEuler, problem.h)
     return 1 + shifts, shifts
 

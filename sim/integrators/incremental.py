@@ -73,8 +73,9 @@ class IncrementalPotential:
         phi = 0.5 * float(d @ product) - float(self._momentum @ d) + here.energy
         return Point(d, g, phi, here)
 
-    def matrix(self, K: Array) -> Array:
-        """h^2 times the second derivative, M + h D0 + h^2 K."""
+    def matrix(self, d: Array) -> Array:
+        """h^2 times the second derivative at d, M + h D0 + h^2 K."""
+        K = self.system.tangent(self.positions(d), self._control)[1]
         A = self.h * self._D + self.h**2 * K
         A[self.system.pattern.diagonal] += self._mass
         return A

@@ -35,7 +35,8 @@ class LinearlyImplicitEuler:
             The matrix could not be factorised.
         """
         with work.timed("tangent"):
-            at_start, K, D = system.tangent(state.q, control)
+            at_start, K = system.tangent(state.q, control)
+            D = system.damping(state.q, control, K)
         require_upright(at_start.element, at_start.smallest_J, state.t)
         mass, diagonal = system.mass, system.pattern.diagonal
         A = h * D + h * h * K

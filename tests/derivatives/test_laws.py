@@ -1,0 +1,67 @@
+"""Every registered law: slope and curvature are the derivatives of its energy."""
+
+import numpy as np
+import pytest
+
+from sim._kernels import laws as kernel
+from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS
+
+
+def derivatives_agree(function, x, h=1e-5):
+    """Central differences of w and w' against w' and w''."""
+    w, w1, w2 = function(x)
+    below, above = function(x - h), function(x + h)
+    scale = max(abs(w1), abs(w2), 1e-3)
+    assert (above[0] - below[0]) / (2 * h) == pytest.approx(w1, abs=1e-6 * scale)
+    assert (above[1] - below[1]) / (2 * h) == pytest.approx(w2, abs=1e-6 * scale)
+
+
+def parameters(law, n):
+    p = np.zeros(n)
+    p[: len(law.parameters())] = law.parameters()
+    return p
+
+
+@pytest.mark.parametrize("cls", ISOCHORIC_LAWS)
+@pytest.mark.parametrize("I1bar", [3.0, 3.2, 5.0, 9.0])
+def test_isochoric(cls, I1bar):
+    law = cls()
+    derivatives_agree(lambda x: kernel.isochoric(law.code, parameters(law, 2), x), I1bar)
+    assert kernel.isochoric(law.code, parameters(law, 2), 3.0)[0] == 0.0
+
+
+@pytest.mark.parametrize("cls", BULK_LAWS)
+@pytest.mark.parametrize("J", [0.2, 0.8, 1.0, 1.3, 2.5])
+def test_bulk(cls, J):
+    law = cls()
+    derivatives_agree(lambda x: kernel.bulk(law.code, law.kappa, x), J)
+    w, w1, w2 = kernel.bulk(law.code, law.kappa, 1.0)
+    assert (w, w1, w2) == (0.0, 0.0, law.kappa)
+
+
+@pytest.mark.parametrize("cls", FIBRE_LAWS)
+@pytest.mark.parametrize("activation", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("stretch", [0.3, 0.5, 0.7, 0.95, 1.05, 1.3, 1.5, 1.7])
+def test_fibre(cls, activation, stretch):
+    law = cls()
+    p = parameters(law, 5)
+    if "P1" in cls.__annotations__:
+        p[3] = max(p[3], 0.05 * p[0] if cls.__name__ == "Generic" else 0.0)  # make it count
+    derivatives_agree(lambda x: kernel.fibre(law.code, p, x, activation), stretch)
+
+
+@pytest.mark.parametrize("cls", FIBRE_LAWS)
+@pytest.mark.parametrize("kink", [0.4, 0.6, 1.0, 1.4, 1.6])
+def test_energy_and_force_are_continuous_where_branches_meet(cls, kink):
+    law = cls()
+    below, above = (
+        kernel.fibre(law.code, parameters(law, 5), kink + side, 0.7) for side in (-1e-12, 1e-12)
+    )
+    assert below[0] == pytest.approx(above[0], abs=1e-6)
+    assert below[1] == pytest.approx(above[1], abs=1e-4)
+
+
+def test_an_unknown_code_gives_nan_rather_than_some_other_law():
+    assert np.isnan(kernel.isochoric(99, np.zeros(2), 3.1)).all()
+    assert np.isnan(kernel.bulk(99, 1.0, 1.1)).all()
+    assert np.isnan(kernel.fibre(99, np.zeros(5), 1.1, 0.5)).all()

@@ -1,0 +1,89 @@
+"""Every registered law in the element loop: force = -dE/dq, tangent = -df/dq, frame indifference."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import sim
+from sim.damping import DAMPING_LAWS
+from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS
+from tests.bodies import crossed_muscles, dense, grid, rotation, solid_system
+
+MESH = grid((2, 1, 1), (0.02, 0.01, 0.01), wedges=(1,))
+LAWS = list(itertools.product(ISOCHORIC_LAWS, BULK_LAWS, FIBRE_LAWS))
+
+
+def system_of(isochoric, bulk, fibre, **scene):
+    return solid_system(
+        MESH, isochoric(), bulk(), crossed_muscles(MESH, fibre(sigma_max=40e3)), **scene
+    )
+
+
+def deformed(seed=0, size=8e-4):
+    return MESH.X + np.random.default_rng(seed).normal(size=MESH.X.shape) * size
+
+
+@pytest.mark.parametrize("laws", LAWS, ids=lambda laws: "-".join(x.__name__ for x in laws))
+def test_force_is_minus_the_derivative_of_energy_and_tangent_of_force(laws):
+    system = system_of(*laws, terms=(sim.Gravity(),))
+    control, q, h = system.control(np.array([0.3, 0.8])), deformed(), 1e-7
+    at_q, K = system.tangent(q, control)
+    n = q.size
+    slope, stiffness = np.empty(n), np.empty((n, n))
+    for i in range(n):
+        step = np.zeros(n)
+        step[i] = h
+        above = system.force(q + step.reshape(-1, 3), control)
+        below = system.force(q - step.reshape(-1, 3), control)
+        slope[i] = (above.energy - below.energy) / (2 * h)
+        stiffness[i] = -(above.f - below.f).ravel() / (2 * h)
+    assert np.abs(at_q.f.ravel() + slope).max() < 1e-7 * np.abs(slope).max()
+    assert np.abs(dense(system, K) - stiffness).max() < 1e-7 * np.abs(stiffness).max()
+    assert not system.damping(q, control).any()
+    np.testing.assert_array_equal(system.force(q, control).f, at_q.f)
+
+
+@pytest.mark.parametrize("laws", LAWS, ids=lambda laws: "-".join(x.__name__ for x in laws))
+def test_frame_indifference(laws):
+    system = system_of(*laws)
+    control, q, Q = system.control(np.array([0.3, 0.8])), deformed(), rotation()
+    here, there = system.force(q, control), system.force(q @ Q.T + 0.3, control)
+    assert there.energy == pytest.approx(here.energy, rel=1e-11)
+    assert np.abs(there.f - here.f @ Q.T).max() < 1e-10 * np.abs(here.f).max()
+    assert np.abs(here.f.sum(axis=0)).max() < 1e-12 * np.abs(here.f).sum()
+    torque = np.cross(q - q.mean(axis=0), here.f).sum(axis=0)
+    assert np.abs(torque).max() < 1e-10 * np.abs(here.f).sum() * 0.02
+
+
+@pytest.mark.parametrize("laws", LAWS, ids=lambda laws: "-".join(x.__name__ for x in laws))
+def test_a_rigid_motion_of_a_resting_body_gives_no_force(laws):
+    system = system_of(*laws)
+    q = MESH.X @ rotation(3).T + np.array([0.1, -0.2, 0.3])
+    f = system.force(q, system.control(np.zeros(2))).f
+    scale = system.tangent(MESH.X, system.control(np.zeros(2)))[1].max() * 0.02
+    assert np.abs(f).max() < 1e-12 * scale
+
+
+@pytest.mark.parametrize("law", DAMPING_LAWS)
+def test_rayleigh_damping_is_alpha_M_plus_beta_K(law):
+    system = system_of(*LAWS[0], damping=law(alpha=7.0, beta=0.03))
+    q, control = deformed(), system.control(np.array([0.3, 0.8]))
+    resting = system.control(np.zeros(2))
+    where = {
+        sim.Rayleigh: (q, control),
+        sim.PassiveRayleigh: (q, resting),
+        sim.RestRayleigh: (MESH.X, resting),
+    }[law]
+    expected = 7.0 * np.diag(system.mass) + 0.03 * dense(system, system.tangent(*where)[1])
+    D = dense(system, system.damping(q, control))
+    np.testing.assert_allclose(D, expected, rtol=1e-14, atol=0)
+    at_hand = system.damping(q, control, system.tangent(q, control)[1])
+    np.testing.assert_allclose(dense(system, at_hand), expected, rtol=1e-14, atol=0)
+
+
+def test_damping_at_rest_takes_energy_from_every_motion_but_rigid_ones():
+    system = system_of(*LAWS[0], damping=sim.RestRayleigh(alpha=0.0))
+    eigenvalues = np.linalg.eigvalsh(dense(system, system.damping(deformed(), None)))
+    assert (np.abs(eigenvalues[:6]) < 1e-10 * eigenvalues[-1]).all()
+    assert eigenvalues[6] > 1e-4 * eigenvalues[-1]
