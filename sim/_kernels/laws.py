@@ -100,9 +100,7 @@ def blemker_active(r):
 
 @nb.njit(cache=True, fastmath=FLAGS)
 def exponential_then_linear(P1, P2, r_star, r):
-    """Passive curve f_pas(r): 0, then P1 (exp(P2 (r - 1)) - 1), then its tangent line beyond r*."""
-    if r <= 1.0:  # at rest the stretch sits on this kink: the zero-slope side is taken
-        return 0.0, 0.0, 0.0
+    """P1 (exp(P2 (r - 1)) - 1) up to r*, then its tangent line; integral from 1, value and slope."""
     if r <= r_star:
         e = math.exp(P2 * (r - 1.0))
         return P1 * ((e - 1.0) / P2 - (r - 1.0)), P1 * (e - 1.0), P1 * P2 * e
@@ -118,7 +116,9 @@ def exponential_then_linear(P1, P2, r_star, r):
 def blemker(p, stretch, activation):
     """dw/dstretch = sigma_max/stretch_opt (f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
     r = stretch / p[1]
-    w_pas, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2] / p[1], r)
+    w_pas, f_pas, k_pas = 0.0, 0.0, 0.0
+    if r > 1.0:  # at rest the stretch sits on this kink: the zero-slope side is taken
+        w_pas, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2] / p[1], r)
     w, f, k = p[0] * w_pas, p[0] / p[1] * f_pas, p[0] / (p[1] * p[1]) * k_pas
     if activation != 0.0:
         w_act, f_act, k_act = blemker_active(r)
@@ -131,21 +131,20 @@ def blemker(p, stretch, activation):
 @nb.njit(cache=True, fastmath=FLAGS)
 def generic(p, stretch, activation):
     """dw/dstretch = f_pas(stretch)/stretch + a sigma_max; p as for blemker, P1 in pascals."""
-    w, f, k = p[0] * activation * (stretch - 1.0), p[0] * activation, 0.0
     _, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2], stretch)
-    if stretch > 1.0:
-        f += f_pas / stretch
-        k += (k_pas - f_pas / stretch) / stretch
-        # smooth on either side of r*, so the quadrature is split there
-        inner = min(stretch, p[2]) - 1.0
-        for i in range(GAUSS_X.size):
-            r = 1.0 + inner * GAUSS_X[i]
-            w += inner * GAUSS_W[i] * exponential_then_linear(p[3], p[4], p[2], r)[1] / r
-        if stretch > p[2]:
-            e = math.exp(p[4] * (p[2] - 1.0))
-            P3 = p[3] * p[4] * e
-            P4 = p[3] * (e - 1.0) - P3 * p[2]
-            w += P3 * (stretch - p[2]) + P4 * math.log(stretch / p[2])
+    w = p[0] * activation * (stretch - 1.0)
+    f = p[0] * activation + f_pas / stretch
+    k = (k_pas - f_pas / stretch) / stretch
+    # the integral of f_pas/stretch has no elementary form; it is smooth on either side of r*
+    inner = min(stretch, p[2]) - 1.0
+    for i in range(GAUSS_X.size):
+        r = 1.0 + inner * GAUSS_X[i]
+        w += inner * GAUSS_W[i] * exponential_then_linear(p[3], p[4], p[2], r)[1] / r
+    if stretch > p[2]:
+        e = math.exp(p[4] * (p[2] - 1.0))
+        P3 = p[3] * p[4] * e
+        P4 = p[3] * (e - 1.0) - P3 * p[2]
+        w += P3 * (stretch - p[2]) + P4 * math.log(stretch / p[2])
     return w, f, k
 
 

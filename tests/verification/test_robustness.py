@@ -14,7 +14,7 @@ def strong_block(sigma_max=300e3):
         mesh,
         muscles=crossed_muscles(mesh, sim.Blemker(sigma_max)),
         reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
-        damping=sim.PassiveRayleigh(),
+        damping=sim.RestRayleigh(),
     )
 
 

@@ -1,0 +1,124 @@
+"""Single elements and material points against results recorded with another simulator.
+
+Provenance: ArtiSynth 3.9 (see the README beside the data); the cases without volumetric part compare
+the deviatoric and fibre laws, the shape functions, the quadrature and the assembled tangent.
+"""
+
+import json
+
+import numpy as np
+import pytest
+
+import sim
+from tests.bodies import dense, grid, mean_stress, solid_system
+
+THEIR_HEX = [
+    3,
+    2,
+    1,
+    0,
+    7,
+    6,
+    5,
+    4,
+]  # their node order lists the faces of a hexahedron the other way
+FIBRE_LAWS = {"BlemkerMuscle": sim.Blemker, "GenericMuscle": sim.Generic}
+ROUNDING = 1e-10  # relative: two double-precision programs, sums in different order
+
+
+@pytest.fixture(scope="module")
+def unit(shared):
+    folder = shared / "artisynth_reference" / "unit"
+    return {
+        name: json.loads((folder / f"unit_{name}.json").read_text())
+        for name in ("elements", "material_points")
+    }
+
+
+def fibre_law(description):
+    law = FIBRE_LAWS[description["type"]]
+    return law(sigma_max=description["maxStress"])
+
+
+def stress_of(F, direction, muscle, activation):
+    """Cauchy stress of the passive law, or of the muscle alone, without volumetric part."""
+    mesh = grid((1, 1, 1))
+    bulk = sim.QuadraticBulk(0.0)
+    passive = mean_stress(solid_system(mesh, bulk=bulk), F, [])
+    if muscle is None:
+        P = passive
+    else:
+        rows = sim.Muscles(
+            ("m",), np.array([0]), np.array([0]), np.array([direction]), fibre_law(muscle)
+        )
+        P = mean_stress(solid_system(mesh, bulk=bulk, muscles=rows), F, [activation]) - passive
+    return P @ F.T / np.linalg.det(F)
+
+
+def test_material_points(unit):
+    cases = unit["material_points"]["cases"]
+    assert len(cases) > 3
+    for case in cases:
+        F = np.array(case["F"])
+        expected = np.array(case["MR_dev"]["sigma"])
+        scale = max(np.abs(expected).max(), 2500.0)
+        sigma = stress_of(F, None, None, 0.0)
+        np.testing.assert_allclose(sigma, expected, atol=ROUNDING * scale)
+        for muscle in case["muscle"]:
+            expected = np.array(muscle["sigma"])
+            sigma = stress_of(F, case["dir0"], muscle["material"], muscle["excitation"])
+            scale = muscle["material"]["maxStress"]
+            np.testing.assert_allclose(sigma, expected, atol=ROUNDING * scale)
+
+
+def element_cases(unit, soft="OFF"):
+    return [c for c in unit["elements"]["cases"] if c["soft"] == soft]
+
+
+def system_and_positions(case):
+    """The case as a scene of ours, and its positions in the node order of the file."""
+    rest, q = np.array(case["rest"]), np.array(case["pos"])
+    kinds = {"hex": ("hex8", THEIR_HEX), "wedge": ("wedge6", [0, 1, 2, 3, 4, 5])}
+    if "connectivity" in case:
+        blocks = {"hex8": [], "wedge6": []}
+        rows = []
+        for nodes in case["connectivity"]:
+            name, order = kinds["hex" if len(nodes) == 8 else "wedge"]
+            blocks[name].append([nodes[i] for i in order])
+            rows.append((name, len(blocks[name]) - 1))
+        element = np.array([i if name == "hex8" else len(blocks["hex8"]) + i for name, i in rows])
+    else:
+        name, order = kinds[case["element"]]
+        blocks, element = {name: [order]}, np.array([0])
+    mesh = sim.mesh_from_arrays(rest, **{k: v for k, v in blocks.items() if v})
+    muscles = None
+    if case["muscle"]:
+        law = fibre_law(
+            case["muscle"]
+            if isinstance(case["muscle"], dict)
+            else {"type": {"blemker": "BlemkerMuscle"}[case["muscle"]], "maxStress": 1e5}
+        )
+        direction = np.broadcast_to(case["direction"], (len(element), 3))
+        muscles = sim.Muscles(("m",), element, np.zeros(len(element), int), direction, law)
+    fixed = sim.Fixed(np.array(case.get("fixed", []), dtype=int))
+    system = solid_system(mesh, bulk=sim.QuadraticBulk(0.0), muscles=muscles, reductions=(fixed,))
+    activation = np.array([case["excitation"]]) if muscles else np.zeros(0)
+    return system, q, system.control(activation), element
+
+
+def test_forces_and_stiffness_of_elements_without_volumetric_part(unit):
+    cases = element_cases(unit)
+    names = [c["name"] for c in cases]
+    assert {"hex", "wedge"} <= {n.split("_")[0] for n in names}
+    for case in cases:
+        system, q, control, element = system_and_positions(case)
+        volumes = system.scene.mesh.volumes()[element]
+        np.testing.assert_allclose(volumes, case["element_rest_volume"], rtol=1e-12)
+        np.testing.assert_allclose(system.node_mass, case["node_mass"], rtol=1e-12)
+        evaluation, K = system.tangent(q, control)
+        expected = np.array(case["internal_force"])
+        error = np.abs(-evaluation.f - expected).max() / np.abs(expected).max()
+        assert error < ROUNDING, (case["name"], error)
+        stiffness = np.array(case["stiffness_active"])
+        error = np.abs(dense(system, K) - stiffness).max() / np.abs(stiffness).max()
+        assert error < ROUNDING, (case["name"], error)

@@ -1,0 +1,52 @@
+"""Rules of the code that a machine can check."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGES = ("emgface", "sim", "analysis")
+MAY_IMPORT = {"emgface": {"emgface", "sim", "analysis"}, "sim": {"sim"}, "analysis": {"analysis"}}
+
+
+def modules(root: Path, package: str) -> list[Path]:
+    return sorted((root / package).glob("**/*.py"))
+
+
+def imported(path: Path) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names.add(node.module.split(".")[0])
+    return names
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_imports_go_one_way(root, package):
+    found = modules(root, package)
+    assert found
+    for path in found:
+        foreign = imported(path) & set(PACKAGES) - MAY_IMPORT[package]
+        assert not foreign, f"{path.relative_to(root)} imports {sorted(foreign)}"
+
+
+def test_numba_lives_in_kernel_files_alone(root):
+    for package in PACKAGES:
+        for path in modules(root, package):
+            if "numba" in imported(path):
+                assert "_kernels" in str(path.relative_to(root)), path
+
+
+def test_no_kernel_assumes_nan_away(root):
+    for package in PACKAGES:
+        for path in modules(root, package):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.keyword) and node.arg == "fastmath":
+                    assert not (isinstance(node.value, ast.Constant) and node.value.value), path
+
+
+def test_there_is_no_drawer_for_everything(root):
+    names = {path.stem for package in PACKAGES for path in modules(root, package)}
+    assert not names & {"utils", "util", "helpers", "misc", "common"}
