@@ -286,8 +286,8 @@ def _control(
         raise ActivationError(f"the activation has {len(times)} sample, expected at least two")
     h = parameters.step
     if parameters.timing == "normalised":
-        return Activation(np.array(h * np.arange(len(times))), values), h * (len(times) - 1)
-    steps = int(np.floor((times[-1] - times[0]) / h + 1e-6))
+        return Activation(h * np.arange(len(times), dtype=np.float64), values), h * (len(times) - 1)
+    steps = round((times[-1] - times[0]) / h)  # held over at most half a step at its end
     if steps < 1:
         raise ActivationError(
             f"the activation lasts {times[-1] - times[0]:.4g} s, less than one step of {h:g} s: "

@@ -29,8 +29,17 @@ class RecordingsConfiguration(Parameters):
     folder: Path = parameter(
         Path("recordings"), "Folder of the recordings; relative to this file.", unit="-", source=OWN
     )
-    pattern: str = parameter(
-        "**/*.nc", "Files of that folder that are recordings (glob).", unit="-", source=OWN
+    mapping: Path | None = parameter(
+        None,
+        "TOML file that maps labels of foreign files to names; relative to this file.",
+        unit="-",
+        source=OWN,
+    )
+    reference_folder: Path | None = parameter(
+        None,
+        "Folder of maximum-effort recordings, for normalisation over a reference.",
+        unit="-",
+        source=OWN,
     )
     volunteers: tuple[str, ...] | None = parameter(
         None, "Volunteers that take part; all when absent.", unit="-", source=OWN
@@ -54,15 +63,28 @@ class RecordingsConfiguration(Parameters):
         return values
 
 
+class BlockParameters(Parameters):
+    """The generated block of lip tissue that serves where no face is imported."""
+
+    cells_width: int = parameter(20, "Cells across the width, even.", unit="1", source=OWN, ge=6)
+    cells_height: int = parameter(16, "Cells along the height, even.", unit="1", source=OWN, ge=6)
+    width: float = parameter(60e-3, "Width.", unit="m", source=OWN, gt=0)
+    depth: float = parameter(12e-3, "Depth.", unit="m", source=OWN, gt=0)
+    height: float = parameter(50e-3, "Height.", unit="m", source=OWN, gt=0)
+
+
 class FaceConfiguration(Parameters):
     """Which face model is simulated."""
 
     path: Path | None = parameter(
         None,
-        "Face model as written by 'emgface face import'; relative to this file. Without it a "
-        "block of lip tissue is generated.",
+        "Face model as written by 'emgface face import'; relative to this file. Without it the "
+        "block is generated.",
         unit="-",
         source=OWN,
+    )
+    block: BlockParameters = Field(
+        default=BlockParameters(), description="The generated block of lip tissue."
     )
 
 
@@ -135,12 +157,25 @@ class AlignmentParameters(Parameters):
 class ScoreParameters(Parameters):
     """The 3D correlation (Eqs 11-13)."""
 
-    normalisation: Literal["consistent", "as_printed"] = parameter(
+    form: Literal["consistent", "as_printed"] = parameter(
         "consistent",
         "Divisors: the same in numerator and standard deviations, so that rho(v, v) = 1, or n and "
         "n - 1 as printed.",
         unit="-",
         source=f"{ESKES}, Eqs 12-13",
+    )
+    reference: Literal["mean", "first", "origin"] = parameter(
+        "mean",
+        "What positions are counted from in the root-mean-square error.",
+        unit="-",
+        source=OWN,
+    )
+    smallest_motion: float = parameter(
+        1e-9,
+        "Root-mean-square displacement below which a marker does not move and has no rho.",
+        unit="m",
+        source=OWN,
+        ge=0,
     )
 
 
@@ -219,8 +254,14 @@ def load_study(path: Path) -> StudyConfiguration:
         raise ConfigurationError(f"{path} is not valid TOML: {error}") from error
     study = configure(StudyConfiguration, values, where=path.name)
     base = path.resolve().parent
-    recordings = study.recordings.model_copy(update={"folder": base / study.recordings.folder})
-    face = study.face
-    if face.path is not None:
-        face = face.model_copy(update={"path": base / face.path})
-    return study.model_copy(update={"recordings": recordings, "face": face})
+
+    def absolute(given: Parameters, *names: str) -> Parameters:
+        paths = {name: getattr(given, name) for name in names}
+        return given.model_copy(update={k: base / v for k, v in paths.items() if v is not None})
+
+    return study.model_copy(
+        update={
+            "recordings": absolute(study.recordings, "folder", "mapping", "reference_folder"),
+            "face": absolute(study.face, "path"),
+        }
+    )

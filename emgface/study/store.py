@@ -228,7 +228,7 @@ class Store:
         if damage is None:
             dataset: xr.Dataset | None
             try:
-                dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False)
+                dataset = _load(path)
             except (OSError, ValueError, RuntimeError) as error:
                 dataset, damage = None, f"cannot be read ({error})"
             if dataset is not None:
@@ -236,8 +236,9 @@ class Store:
                 return Result(dataset, path.stem, "reused", path)
         if damage:
             self.report(f"Stored result {path.name} of stage {stage.name} {damage}; computing it.")
-        dataset = compute()
-        self._write(dataset, path, key, label, time.perf_counter() - started)
+        computed = compute()
+        self._write(computed, path, key, label, time.perf_counter() - started)
+        dataset = _load(path)  # what a later run will read, to the last attribute
         outcome: Outcome = "recomputed" if damage else "computed"
         self._log(stage, path, label, outcome, started)
         return Result(dataset, path.stem, outcome, path)
@@ -282,6 +283,14 @@ class Store:
             "key": key,
         }
         write_text(json.dumps(index, indent=2) + "\n", path.with_suffix(".json"))
+
+
+def _load(path: Path) -> xr.Dataset:
+    dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False).drop_encoding()
+    for name, variable in dataset.variables.items():
+        if variable.dtype.kind in "OT":
+            dataset[name] = dataset[name].astype(str)
+    return dataset
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:

@@ -7,9 +7,15 @@ from pathlib import Path
 
 import xarray as xr
 
-from emgface.errors import DataError
+from emgface.dataset import read_recording, read_recordings
+from emgface.errors import DataError, EmgfaceError
 from emgface.muscles import INSTRUCTIONS
+from emgface.schema import validate
 from emgface.study.configuration import RecordingsConfiguration
+from emgface.study.store import dataset_digest
+
+Place = tuple[str, str, int]
+"""Volunteer, instruction, repetition."""
 
 
 @dataclass(frozen=True)
@@ -18,85 +24,104 @@ class Recording:
 
     Attributes
     ----------
-    volunteer, instruction, repetition
-        Its place in the design.
+    place : tuple of (str, str, int)
+        Volunteer, instruction, repetition.
     dataset : Dataset
-        Validated recording.
+        The recording.
     digest : str
         Digest of its content.
     path : Path
         Where it came from.
+    error : EmgfaceError or None
+        Why it cannot be used, although it says what it is.
     """
 
-    volunteer: str
-    instruction: str
-    repetition: int
+    place: Place
     dataset: xr.Dataset
     digest: str
     path: Path
+    error: EmgfaceError | None = None
 
     @property
     def label(self) -> str:
         """Words for a reader."""
-        return f"{self.volunteer} {self.instruction} {self.repetition}"
+        return " ".join(map(str, self.place))
 
 
 @dataclass(frozen=True)
-class Trial:
+class PlannedTrial:
     """One cell of the cube: a recording, or none, under one strategy."""
 
-    volunteer: str
-    instruction: str
-    repetition: int
+    place: Place
     strategy: str
     recording: Recording | None
 
     @property
     def label(self) -> str:
         """Words for a reader."""
-        return f"{self.volunteer} {self.instruction} {self.repetition} {self.strategy}"
+        return " ".join(map(str, (*self.place, self.strategy)))
 
 
-def read_recordings(configuration: RecordingsConfiguration) -> list[Recording]:
+@dataclass(frozen=True)
+class Intake:
+    """What a folder of recordings gave.
+
+    Attributes
+    ----------
+    recordings : tuple of Recording
+        In the order of the design.
+    unreadable : dict of Path to EmgfaceError
+        Files that do not even say which trial they are.
+    """
+
+    recordings: tuple[Recording, ...]
+    unreadable: dict[Path, EmgfaceError]
+
+    @property
+    def origin(self) -> str:
+        """Whether persons or a computer moved; the same for all."""
+        return str(self.recordings[0].dataset.attrs["origin"])
+
+    def of(self, volunteer: str) -> tuple[Recording, ...]:
+        """Return the usable recordings of one volunteer."""
+        return tuple(r for r in self.recordings if r.place[0] == volunteer and r.error is None)
+
+
+def take_in(configuration: RecordingsConfiguration) -> Intake:
     """Read the recordings a configuration selects, in the order of the design.
+
+    A recording that names its trial but lacks something the study needs keeps its place, with the
+    error; its trials fail, the others go on.
 
     Parameters
     ----------
     configuration : RecordingsConfiguration
-        Folder, pattern and selection.
+        Folder, mapping and selection.
 
     Returns
     -------
-    list of Recording
+    Intake
 
     Raises
     ------
     DataError
-        If the folder holds no recording of the selection, two files are the same trial, or a file
-        cannot be read or does not follow the schema of a study's recording.
+        If the folder holds no recording, none of the selection, or two of the same trial.
+    ConfigurationError
+        If the mapping holds an unknown entry.
     """
-    from emgface.dataset import read_recording
-    from emgface.schema import validate
-    from emgface.study.store import dataset_digest
-
-    paths = sorted(p for p in configuration.folder.glob(configuration.pattern) if p.is_file())
-    if not paths:
-        raise DataError(
-            f"no recording matches {configuration.pattern!r} in {configuration.folder}: check "
-            "recordings.folder and recordings.pattern, or make some with 'emgface volunteers'"
-        )
-    found: dict[tuple[str, str, int], Recording] = {}
-    for path in paths:
-        dataset = read_recording(path)
+    found: dict[Place, Recording] = {}
+    unreadable: dict[Path, EmgfaceError] = {}
+    n_files = 0
+    for path, given in read_recordings(configuration.folder, mapping=configuration.mapping):
+        n_files += 1
+        if isinstance(given, EmgfaceError):
+            unreadable[path] = given
+            continue
         try:
-            dataset = validate(dataset, "recording", study=True)
-        except DataError as error:
-            raise type(error)(f"{path.name}: {error}") from error
-        place = (
-            str(dataset.attrs["volunteer"]),
-            str(dataset.attrs["instruction"]),
-            int(dataset.attrs["repetition"]),
-        )
+            place, error = _place(given, path), None
+        except DataError as unplaced:
+            unreadable[path] = unplaced
+            continue
         if not _selected(place, configuration):
             continue
         if place in found:
@@ -104,28 +129,67 @@ def read_recordings(configuration: RecordingsConfiguration) -> list[Recording]:
                 f"{path.name} and {found[place].path.name} are both volunteer {place[0]}, "
                 f"instruction {place[1]}, repetition {place[2]}: remove or relabel one"
             )
-        found[place] = Recording(*place, dataset, dataset_digest(dataset), path)
+        try:
+            given = validate(given, "recording", study=True)
+        except DataError as lacking:
+            error = type(lacking)(f"{path.name}: {lacking}")
+        found[place] = Recording(place, given, dataset_digest(given), path, error)
+    if not found and unreadable:
+        path, first = next(iter(unreadable.items()))
+        more = f" (and {len(unreadable) - 1} more files)" if len(unreadable) > 1 else ""
+        raise type(first)(f"{first}{more}") from first
     if not found:
         raise DataError(
-            f"none of {len(paths)} recordings in {configuration.folder} is of the selected "
+            f"none of {n_files} recordings in {configuration.folder} is of the selected "
             "volunteers, instructions and repetitions: widen the selection"
         )
+    origins = {str(r.dataset.attrs["origin"]) for r in found.values()}
+    if len(origins) > 1:
+        raise DataError(
+            f"{configuration.folder} holds measured and simulated recordings, which cannot share "
+            "a cube: make a study of each"
+        )
     order = list(INSTRUCTIONS)
-    return sorted(
-        found.values(), key=lambda r: (r.volunteer, order.index(r.instruction), r.repetition)
-    )
+    places = sorted(found, key=lambda p: (p[0], order.index(p[1]), p[2]))
+    return Intake(tuple(found[place] for place in places), unreadable)
 
 
-def _selected(place: tuple[str, str, int], configuration: RecordingsConfiguration) -> bool:
-    volunteer, instruction, repetition = place
-    return (
-        (configuration.volunteers is None or volunteer in configuration.volunteers)
-        and instruction in configuration.instructions
-        and (configuration.repetitions is None or repetition in configuration.repetitions)
-    )
+def take_in_references(configuration: RecordingsConfiguration) -> dict[str, list[xr.Dataset]]:
+    """Read the maximum-effort recordings, grouped by volunteer.
+
+    Parameters
+    ----------
+    configuration : RecordingsConfiguration
+        Reference folder and mapping.
+
+    Returns
+    -------
+    dict of str to list of Dataset
+
+    Raises
+    ------
+    DataError
+        If no folder is configured, or a file of it cannot be read.
+    """
+    if configuration.reference_folder is None:
+        raise DataError(
+            "normalisation over a reference needs maximum-effort recordings: set "
+            "recordings.reference_folder"
+        )
+    grouped: dict[str, list[xr.Dataset]] = {}
+    for path, given in read_recordings(
+        configuration.reference_folder, mapping=configuration.mapping
+    ):
+        if isinstance(given, EmgfaceError):
+            raise given
+        volunteer = str(given.attrs.get("volunteer", ""))
+        if not volunteer:
+            raise DataError(f"{path.name} does not say whose it is: set its attribute volunteer")
+        grouped.setdefault(volunteer, []).append(given)
+    return grouped
 
 
-def run_table(recordings: Sequence[Recording], strategies: Sequence[str]) -> list[Trial]:
+def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> list[PlannedTrial]:
     """Cross volunteers, instructions, repetitions and strategies.
 
     Parameters
@@ -137,15 +201,47 @@ def run_table(recordings: Sequence[Recording], strategies: Sequence[str]) -> lis
 
     Returns
     -------
-    list of Trial
+    list of PlannedTrial
         Every cell of the complete design; a cell without a recording has ``recording = None``.
     """
-    known = {(r.volunteer, r.instruction, r.repetition): r for r in recordings}
-    volunteers = sorted({r.volunteer for r in recordings})
-    instructions = [i for i in INSTRUCTIONS if i in {r.instruction for r in recordings}]
-    repetitions = sorted({r.repetition for r in recordings})
+    known = {r.place: r for r in recordings}
+    volunteers = sorted({place[0] for place in known})
+    instructions = [i for i in INSTRUCTIONS if i in {place[1] for place in known}]
+    repetitions = sorted({place[2] for place in known})
     return [
-        Trial(*place, strategy, known.get(place))
+        PlannedTrial(place, strategy, known.get(place))
         for place in product(volunteers, instructions, repetitions)
         for strategy in strategies
     ]
+
+
+def load_recording(path: Path, configuration: RecordingsConfiguration) -> Recording:
+    """Read one recording again, as `take_in` did (for a worker process)."""
+    dataset = read_recording(path, mapping=configuration.mapping, study=True)
+    return Recording(_place(dataset, path), dataset, dataset_digest(dataset), path)
+
+
+def _place(recording: xr.Dataset, path: Path) -> Place:
+    lacking = [n for n in ("volunteer", "instruction", "repetition") if n not in recording.attrs]
+    if lacking:
+        raise DataError(
+            f"{path.name} does not name its {' and '.join(lacking)}, expected all three: set the "
+            "attributes or give them in a mapping"
+        )
+    attrs = recording.attrs
+    place = (str(attrs["volunteer"]), str(attrs["instruction"]), int(attrs["repetition"]))
+    if place[1] not in INSTRUCTIONS:
+        raise DataError(
+            f"{path.name} is of instruction {place[1]!r}, expected one of "
+            f"{', '.join(INSTRUCTIONS)}: relabel it"
+        )
+    return place
+
+
+def _selected(place: Place, configuration: RecordingsConfiguration) -> bool:
+    volunteer, instruction, repetition = place
+    return (
+        (configuration.volunteers is None or volunteer in configuration.volunteers)
+        and instruction in configuration.instructions
+        and (configuration.repetitions is None or repetition in configuration.repetitions)
+    )

@@ -27,7 +27,7 @@ def test_an_empty_file_is_the_published_study(tmp_path: Path) -> None:
         2500.0, 1175.0, 25e3,
     )  # fmt: skip
     assert study.signals.resampling.steps == 160
-    assert study.score.normalisation == "consistent"
+    assert study.score.form == "consistent"
 
 
 def test_the_template_holds_every_parameter_and_reads_back_as_the_defaults() -> None:

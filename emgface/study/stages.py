@@ -1,0 +1,365 @@
+"""The stages of one trial, each a stored result: activation, motion, aligned position, scores."""
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from analysis.align import align
+from analysis.scores import score
+from emgface.activation import activation_of, check_activation, feature_range
+from emgface.errors import ConfigurationError, FeatureWarning
+from emgface.face.recipe import settle_face, simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.head import in_head_frame
+from emgface.muscles import LIP_MARKERS
+from emgface.resampling import resample, simulation_times
+from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
+from emgface.study.policy import lower_sigma_max
+from emgface.study.store import Result, Stage, Store, dataset_digest
+from emgface.study.table import Recording
+from sim.errors import SimulationError
+
+_SIGNALS = (
+    "emgface._kernels",
+    "emgface.activation",
+    "emgface.envelope",
+    "emgface.features",
+    "emgface.mapping",
+    "emgface.normalisation",
+    "emgface.resampling",
+    "emgface.signals",
+    "emgface.strategies",
+)
+_MECHANICS = ("sim", "emgface.face.recipe")
+_MATCHING = ("emgface.head", "emgface.resampling", "analysis")
+
+RANGE = Stage("range", _SIGNALS)
+ACTIVATION = Stage("activation", _SIGNALS)
+REST = Stage("rest", _MECHANICS)
+MOTION = Stage("motion", (*_MECHANICS, "emgface.study.policy"))
+ALIGNED = Stage("aligned", (*_MATCHING, "emgface.study.stages"))
+SCORES = Stage("scores", ("analysis",))
+STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)
+
+
+class StoredFailure(Exception):
+    """A simulation that failed before with the same inputs, code and parameters.
+
+    Attributes
+    ----------
+    name : str
+        Name of the error.
+    sigma_max : float
+        Last value tried [Pa].
+    run_time : float
+        Seconds spent on all attempts.
+    """
+
+    def __init__(self, name: str, reason: str, sigma_max: float, run_time: float) -> None:
+        self.name, self.sigma_max, self.run_time = name, sigma_max, run_time
+        super().__init__(reason)
+
+
+@dataclass
+class Laboratory:
+    """What the trials of a study share: store, face, configuration.
+
+    Attributes
+    ----------
+    store : Store
+        Where results are kept.
+    face : Dataset
+        Face model.
+    study : StudyConfiguration
+        All choices.
+    report : callable
+        Receives one sentence for the reader.
+    muted : set of str
+        Recordings in which the feature of some muscle said nothing.
+    """
+
+    store: Store
+    face: xr.Dataset
+    study: StudyConfiguration
+    report: Callable[[str], None]
+    face_digest: str = field(init=False)
+    muted: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:  # noqa: D105
+        self.face_digest = dataset_digest(self.face)
+
+    def extent(self, recordings: Mapping[str, xr.Dataset], label: str) -> Result:
+        """Return minimum and maximum of the features over recordings, given by their digests."""
+        inputs = {f"recording_{k}": digest for k, digest in enumerate(recordings)}
+        chain = self.study.signals
+        parameters = chain.model_dump(mode="json", include={"filter", "feature", "mapping"})
+        return self.store.get_or_compute(
+            RANGE,
+            inputs,
+            parameters,
+            lambda: feature_range(recordings.values(), chain),
+            label=label,
+        )
+
+    def activation(
+        self, recording: Recording, strategy: str, extent: Result | None = None
+    ) -> Result:
+        """Return the activation of all muscles during a recording, under a strategy.
+
+        Raises
+        ------
+        EmgfaceError
+            As `emgface.activation.activation_of`.
+        """
+        chain = self.study.signals
+        label = f"{recording.label} {strategy}"
+        if strategy == TRUE_STRATEGY:
+            parameters = chain.model_dump(mode="json", include={"resampling"})
+            return self.store.get_or_compute(
+                ACTIVATION,
+                {"recording": recording.digest},
+                {"strategy": strategy, **parameters},
+                lambda: true_activation_of(recording.dataset, self.study),
+                label=label,
+            )
+        inputs = {"recording": recording.digest}
+        over = None
+        if extent is not None:
+            inputs["range"], over = extent.digest, extent.dataset
+        parameters = chain.model_dump(mode="json", exclude={"head_frame"})
+        result = self.store.get_or_compute(
+            ACTIVATION,
+            inputs,
+            {"strategy": strategy, **parameters},
+            lambda: _noting_warnings(
+                lambda: activation_of(
+                    recording.dataset, chain, strategy=strategy, session=over, reference=over
+                )
+            ),
+            label=label,
+        )
+        if result.dataset.attrs["warnings"]:
+            self.muted.add(recording.label)
+        return result
+
+    def rest(self, parameters: SimulationParameters) -> Result:
+        """Return the face at its equilibrium under gravity."""
+        drop = {"step", "solver", "timing", "sigma_max_policy"}
+        return self.store.get_or_compute(
+            REST,
+            {"face": self.face_digest},
+            parameters.model_dump(mode="json", exclude=drop),
+            lambda: settle_face(self.face, parameters),
+            label=f"rest, sigma_max {parameters.sigma_max / 1e3:.4g} kPa",
+        )
+
+    def motion(self, activation: xr.DataArray, label: str) -> Result:
+        """Return the motion of the lip markers, with the sigma_max that could be simulated.
+
+        A failure is kept too: what failed once fails again, and may have taken long.
+
+        Raises
+        ------
+        StoredFailure
+            If no value of sigma_max down to its minimum could be simulated.
+        """
+        result = self.store.get_or_compute(
+            MOTION,
+            {"face": self.face_digest, "activation": activation_digest(activation)},
+            self.study.simulation.model_dump(mode="json"),
+            lambda: self._move(activation),
+            label=label,
+        )
+        attrs = result.dataset.attrs
+        if "failure" in attrs:
+            raise StoredFailure(
+                attrs["failure"], attrs["reason"], attrs["sigma_max"], attrs["run_time_s"]
+            )
+        return result
+
+    def _move(self, activation: xr.DataArray) -> xr.Dataset:
+        tried: list[float] = []
+        started = time.perf_counter()
+
+        def once(parameters: SimulationParameters) -> xr.Dataset:
+            tried.append(parameters.sigma_max)
+            settled = self.rest(parameters).dataset
+            return simulate_face(self.face, activation, parameters, settled=settled)
+
+        try:
+            lowered = lower_sigma_max(once, self.study.simulation, report=self.report)
+        except SimulationError as error:
+            reason = " ".join([str(error), *getattr(error, "__notes__", [])])
+            return xr.Dataset(
+                attrs={
+                    "failure": type(error).__name__,
+                    "reason": reason,
+                    "sigma_max": tried[-1],
+                    "run_time_s": time.perf_counter() - started,
+                    "origin": "simulated",
+                }
+            )
+        lowered.trajectory.attrs["attempts"] = len(tried)
+        return lowered.trajectory
+
+    def aligned(
+        self, recording: Recording, activation: Result, motion: Result, label: str
+    ) -> Result:
+        """Return the measured lip positions on the time base of the simulation."""
+        choices = self.study.alignment
+        head = self.study.signals.head_frame
+        return self.store.get_or_compute(
+            ALIGNED,
+            {
+                "recording": recording.digest,
+                "activation": activation.digest,
+                "motion": motion.digest,
+                "face": self.face_digest,
+            },
+            {
+                "alignment": choices.model_dump(mode="json"),
+                "head_frame": head.model_dump(mode="json"),
+                "smallest_motion": self.study.score.smallest_motion,
+            },
+            lambda: align(
+                measured_during(
+                    recording.dataset, activation.dataset, motion.dataset, self.face, self.study
+                ),
+                motion.dataset,
+                smallest_motion=self.study.score.smallest_motion,
+                **choices.model_dump(),
+            ),
+            label=label,
+        )
+
+    def scores(self, aligned: Result, motion: Result, label: str) -> Result:
+        """Return the scores of a trial."""
+        choices = self.study.score
+        return self.store.get_or_compute(
+            SCORES,
+            {"aligned": aligned.digest, "motion": motion.digest},
+            choices.model_dump(mode="json"),
+            lambda: score(aligned.dataset, motion.dataset, **choices.model_dump()),
+            label=label,
+        )
+
+
+def _noting_warnings(compute: Callable[[], xr.Dataset]) -> xr.Dataset:
+    """Keep what features warned of with the result: a study would print it hundreds of times."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", FeatureWarning)
+        dataset = compute()
+    for other in caught:
+        if not issubclass(other.category, FeatureWarning):
+            warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
+    notes = [str(w.message) for w in caught if issubclass(w.category, FeatureWarning)]
+    return dataset.assign_attrs(warnings="\n".join(notes))
+
+
+def activation_digest(activation: xr.DataArray) -> str:
+    """Digest of muscles, times and values alone: equal activations share a simulation."""
+    bare = xr.Dataset(
+        {"activation": (("muscle", "time"), activation.transpose("muscle", "time").values)},
+        coords={"muscle": activation["muscle"].values, "time": activation["time"].values},
+    )
+    return dataset_digest(bare)
+
+
+def true_activation_of(recording: xr.Dataset, study: StudyConfiguration) -> xr.Dataset:
+    """Take the activation that produced a simulated recording.
+
+    Parameters
+    ----------
+    recording : Dataset
+        Recording with ``true_activation(muscle, time_true)``.
+    study : StudyConfiguration
+        Resampling.
+
+    Returns
+    -------
+    Dataset
+        ``activation(muscle, time)`` [1] over the time that markers were recorded as well.
+
+    Raises
+    ------
+    ConfigurationError
+        If the recording has no true activation.
+    """
+    if "true_activation" not in recording:
+        raise ConfigurationError(
+            "activation_source = 'true' needs recordings that carry true_activation, found a "
+            f"{recording.attrs.get('origin', '')} one without it: use 'estimated'"
+        )
+    truth = recording["true_activation"].rename(time_true="time")
+    time, frames = truth["time"].values, recording["time_marker"].values
+    start, stop = max(time[0], frames[0]), min(time[-1], frames[-1])
+    times = simulation_times(float(start), float(stop), study.signals.resampling)
+    activation = resample(truth, times, bounded=True)
+    check_activation(activation)
+    keep = ("volunteer", "instruction", "repetition", "origin")
+    attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
+    activation.attrs = {"units": "1", "long_name": "muscle activation, true"}
+    return activation.to_dataset(name="activation").assign_attrs(attrs, strategy=TRUE_STRATEGY)
+
+
+def measured_during(
+    recording: xr.Dataset,
+    activation: xr.Dataset,
+    motion: xr.Dataset,
+    face: xr.Dataset,
+    study: StudyConfiguration,
+) -> xr.Dataset:
+    """Measured lip positions in the frame of the face, while the simulation lasts.
+
+    Parameters
+    ----------
+    recording, activation, motion : Dataset
+        Of one trial.
+    face : Dataset
+        Face model, whose face markers give the head frame.
+    study : StudyConfiguration
+        Head frame and timing.
+
+    Returns
+    -------
+    Dataset
+        ``position(marker, axis, time)`` [m], time [s] as simulated, sampled with its period.
+
+    Raises
+    ------
+    MarkerError, SignalError
+        If markers are missing or lost too long, or do not cover the time.
+    """
+    head = in_head_frame(
+        recording["position"], study.signals.head_frame, face["face_marker_position"]
+    )
+    lips = head.sel(marker=list(LIP_MARKERS))
+    simulated = motion["time"].values
+    recorded = activation["time"].values
+    pace = 1.0
+    if study.simulation.timing == "normalised":
+        pace = (recorded[-1] - recorded[0]) / (simulated[-1] - simulated[0])
+    frames = lips["time_marker"].values
+    times = recorded[0] + pace * (simulated - simulated[0])
+    # The activation may end between two frames: rounding must not ask for one beyond the last.
+    times = times[(times >= frames[0] - 1e-9) & (times <= frames[-1] + 1e-9)]
+    sampled = resample(lips, times, dim="time_marker")
+    sampled = sampled.assign_coords(
+        time=("time", simulated[: times.size] - simulated[0], {"units": "s"})
+    )
+    sampled.attrs = {"units": "m"}
+    keep = ("volunteer", "instruction", "repetition", "origin")
+    attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
+    attrs |= {k: head.attrs[k] for k in ("residual_rms", "bridged") if k in head.attrs}
+    return sampled.to_dataset(name="position").assign_attrs(attrs)
+
+
+def steps_of(motion: xr.Dataset) -> float:
+    """Time steps that a motion took, rejected ones included where they were counted."""
+    if "steps" in motion:
+        return float(np.nansum(motion["steps"].values))
+    return float(motion.sizes["time"] - 1)

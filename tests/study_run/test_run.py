@@ -1,0 +1,321 @@
+"""A whole study on a slab of tissue: complete cube, failures in their place, resumption."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.dataset import read_recording, write_recording
+from emgface.errors import DataError
+from emgface.face.model import save_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.netcdf import read_netcdf
+from emgface.parameters import configure
+from emgface.study import run as run_module
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.run import run_study
+from emgface.volunteers.simulate import make_volunteers
+
+STEP = 0.02
+
+
+@pytest.fixture(scope="module")
+def laboratory(slab: xr.Dataset, tmp_path_factory) -> Path:
+    """Folder with the slab as face.nc and one simulated volunteer doing B and E."""
+    folder = tmp_path_factory.mktemp("laboratory")
+    save_face(slab, folder / "face.nc")
+    make_volunteers(
+        slab,
+        folder,
+        n=1,
+        instructions=("B", "E"),
+        seed=2,
+        parameters=SimulationParameters(step=STEP),
+    )
+    return folder
+
+
+pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+
+
+def configured(laboratory: Path, **changes) -> StudyConfiguration:
+    values = {
+        "strategies": ["act_rel"],
+        "recordings": {"folder": str(laboratory / "recordings")},
+        "face": {"path": str(laboratory / "face.nc")},
+        "signals": {"normalisation": {"silent": "zero"}},
+        "simulation": {"step": STEP, "sigma_max": 100e3},
+    }
+    return configure(StudyConfiguration, values | changes)
+
+
+@pytest.fixture(scope="module")
+def finished(laboratory: Path):
+    return run_study(configured(laboratory), laboratory / "study")
+
+
+def stages(result) -> list[str]:
+    return sorted(event.stage for event in result.computed())
+
+
+def test_every_trial_has_a_status_and_scores(finished) -> None:
+    cube = read_netcdf(finished.path, "cube")
+    assert dict(cube.sizes) == {
+        "volunteer": 1, "instruction": 2, "repetition": 1, "strategy": 1, "marker": 10,
+    }  # fmt: skip
+    assert (cube["status"] == "ok").all()
+    assert np.isfinite(cube["rho"]).all() and (abs(cube["rho"]) <= 1).all()
+    assert (cube["sigma_max"] == 100e3).all() and (cube["steps"] >= 80).all()
+    assert cube.attrs["origin"] == "simulated" and cube.attrs["face"] == "slab"
+    assert json.loads(cube.attrs["configuration"])["simulation"]["step"] == STEP
+
+
+def test_true_activations_on_the_same_face_lose_nothing(laboratory: Path, tmp_path: Path) -> None:
+    """The chain behind the activation: head frame, timing, alignment, score."""
+    study = configured(laboratory, activation_source="true")
+    cube = run_study(study, tmp_path).cube
+    assert list(cube["strategy"].values) == ["true"]
+    moving = cube["rho"].where(cube["rmse"] > 0)
+    assert float(moving.median()) > 0.95
+    assert float(abs(cube["shift"]).max()) < 0.05
+
+
+def test_a_second_run_computes_nothing_and_gives_the_same_cube(laboratory, finished) -> None:
+    again = run_study(configured(laboratory), laboratory / "study")
+    assert stages(again) == []
+    xr.testing.assert_identical(again.cube, finished.cube)
+
+
+def test_only_what_was_deleted_is_computed_again(laboratory, finished, tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    shutil.copytree(laboratory / "study", out)
+    motions = sorted((out / "store" / "motion").glob("*.nc"))
+    motions[0].unlink()
+    motions[0].with_suffix(".json").unlink()
+    again = run_study(configured(laboratory), out)
+    assert stages(again) == ["motion"]
+    assert again.computed()[0].digest == motions[0].stem
+    np.testing.assert_array_equal(again.cube["rho"].values, finished.cube["rho"].values)
+
+
+def test_a_changed_score_leaves_the_simulations_alone(laboratory, finished) -> None:
+    study = configured(laboratory, score={"form": "as_printed"})
+    result = run_study(study, laboratory / "study")
+    assert stages(result) == ["scores", "scores"]
+    # 1.6 s of activation are 81 samples, fewer where the shift leaves some out: (n - 1)/n
+    ratio = (result.cube["rho"] / finished.cube["rho"]).values
+    assert ((ratio > 60 / 61) & (ratio <= 80 / 81 + 1e-12)).all()
+
+
+def test_a_damaged_result_is_said_and_computed_again(laboratory, finished, tmp_path) -> None:
+    out = tmp_path / "study"
+    shutil.copytree(laboratory / "study", out)
+    victim = sorted((out / "store" / "aligned").glob("*.nc"))[0]
+    victim.write_bytes(victim.read_bytes()[:1000])
+    said: list[str] = []
+
+    class Listener(run_module.Silent):
+        def message(self, text: str) -> None:
+            said.append(text)
+
+    again = run_study(configured(laboratory), out, observer=Listener())
+    assert stages(again) == ["aligned"]
+    assert len(said) == 1 and victim.name in said[0]
+
+
+def test_an_interrupted_study_goes_on_where_it_stopped(
+    laboratory, finished, tmp_path, monkeypatch
+) -> None:
+    out, calls = tmp_path / "study", []
+    simulate = run_module.Laboratory._move
+
+    def interrupt_the_second(self, activation):
+        calls.append(activation)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return simulate(self, activation)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(run_module.Laboratory, "_move", interrupt_the_second)
+        with pytest.raises(KeyboardInterrupt):
+            run_study(configured(laboratory), out)
+    assert len(list((out / "store" / "motion").glob("*.nc"))) == 1
+    assert not (out / "cube.nc").exists()
+    resumed = run_study(configured(laboratory), out)
+    assert stages(resumed) == ["aligned", "motion", "scores"]
+    xr.testing.assert_allclose(
+        resumed.cube.drop_vars("run_time"), finished.cube.drop_vars("run_time")
+    )
+    log = [json.loads(line) for line in (out / "times.jsonl").read_text().splitlines()]
+    assert len({line["digest"] for line in log}) == len(log) == 9  # 4 stages x 2 trials + rest
+
+
+def test_two_processes_give_the_cube_of_one(laboratory, finished, tmp_path: Path) -> None:
+    parallel = run_study(configured(laboratory), tmp_path, workers=2)
+    drop = ["run_time"]
+    np.testing.assert_allclose(
+        parallel.cube["rho"].values, finished.cube["rho"].values, rtol=0, atol=1e-9
+    )
+    assert (parallel.cube["status"].values == finished.cube["status"].values).all()
+    assert set(parallel.cube.drop_vars(drop)) == set(finished.cube.drop_vars(drop))
+
+
+# failures that keep their place
+
+
+def spoiled(laboratory: Path, folder: Path, change) -> StudyConfiguration:
+    """Copy of the recordings in which B was changed."""
+    shutil.copytree(laboratory / "recordings", folder / "recordings")
+    path = next((folder / "recordings").glob("*_B_*.nc"))
+    recording = read_recording(path)
+    path.unlink()
+    write_recording(change(recording), path)
+    return configured(laboratory, recordings={"folder": str(folder / "recordings")})
+
+
+def without_a_channel(recording: xr.Dataset) -> xr.Dataset:
+    return recording.drop_sel(channel="ZYG_L")
+
+
+def without_a_marker(recording: xr.Dataset) -> xr.Dataset:
+    return recording.drop_sel(marker="nasion")
+
+
+def with_a_gap(recording: xr.Dataset) -> xr.Dataset:
+    recording["emg"][3, 100:200] = np.nan
+    return recording
+
+
+def with_a_lost_marker(recording: xr.Dataset) -> xr.Dataset:
+    recording["position"].loc[{"marker": "corner_left"}][:, 50:100] = np.nan
+    return recording
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "said"),
+    [
+        (without_a_channel, "failed:SchemaError", "ZYG_L"),
+        (without_a_marker, "failed:SchemaError", "nasion"),
+        (with_a_gap, "failed:SignalError", "gap"),
+        (with_a_lost_marker, "failed:MarkerError", "corner_left"),
+    ],
+)
+def test_a_bad_recording_fails_alone_with_its_reason(
+    laboratory, finished, tmp_path, change, status: str, said: str
+) -> None:
+    study = spoiled(laboratory, tmp_path, change)
+    # motions of the good trial are found in the store of the finished study
+    shutil.copytree(laboratory / "study", tmp_path / "study")
+    cube = run_study(study, tmp_path / "study").cube
+    bad, good = cube.sel(instruction="B").squeeze(), cube.sel(instruction="E").squeeze()
+    assert bad["status"].item() == status and said in bad["reason"].item()
+    assert bad["rho"].isnull().all()
+    assert good["status"].item() == "ok"
+    np.testing.assert_array_equal(
+        good["rho"].values, finished.cube.sel(instruction="E").squeeze()["rho"].values
+    )
+
+
+def test_a_simulation_that_fails_is_kept_with_the_last_sigma_max(
+    laboratory, finished, tmp_path, monkeypatch
+) -> None:
+    from emgface.study import stages as stages_module
+    from sim.errors import InvertedElement
+
+    def inverts(face, activation, parameters, **rest):
+        raise InvertedElement(7, -0.1, 0.5)
+
+    study = configured(
+        laboratory,
+        simulation={"step": STEP, "sigma_max": 100e3, "sigma_max_policy": {"minimum": 90e3}},
+    )
+    with monkeypatch.context() as patched:
+        patched.setattr(stages_module, "simulate_face", inverts)
+        first = run_study(study, tmp_path)
+    assert (first.cube["status"] == "failed:InvertedElement").all()
+    np.testing.assert_allclose(first.cube["sigma_max"], 90e3)
+    assert "lowered 1 times from 100 to 90 kPa" in first.cube["reason"].values.flat[0]
+    again = run_study(study, tmp_path)  # the failure is stored: nothing is simulated again
+    assert stages(again) == []
+    assert (again.cube["status"] == "failed:InvertedElement").all()
+
+
+def test_a_cell_without_a_recording_is_missing(laboratory, finished, tmp_path) -> None:
+    folder = tmp_path / "recordings"
+    shutil.copytree(laboratory / "recordings", folder)
+    second = read_recording(next(folder.glob("*_E_*.nc"))).assign_attrs(repetition=2)
+    write_recording(second, folder / "S01_E_2.nc")
+    study = configured(laboratory, recordings={"folder": str(folder)})
+    shutil.copytree(laboratory / "study", tmp_path / "study")
+    cube = run_study(study, tmp_path / "study").cube.squeeze(["volunteer", "strategy"])
+    assert cube["status"].sel(instruction="B", repetition=2).item() == "missing"
+    assert "no recording" in cube["reason"].sel(instruction="B", repetition=2).item()
+    assert (cube["status"].sel(instruction="E") == "ok").all()
+
+
+def test_an_unreadable_file_is_left_out_and_listed(laboratory, finished, tmp_path) -> None:
+    folder = tmp_path / "recordings"
+    shutil.copytree(laboratory / "recordings", folder)
+    broken = folder / "S01_F_1.nc"
+    broken.write_bytes(next(folder.glob("*_B_*.nc")).read_bytes()[:2000])
+    study = configured(laboratory, recordings={"folder": str(folder)})
+    shutil.copytree(laboratory / "study", tmp_path / "study")
+    result = run_study(study, tmp_path / "study")
+    assert list(result.unreadable) == [broken]
+    assert (result.cube["status"] == "ok").all()
+
+
+def test_a_folder_of_unreadable_files_is_an_error(laboratory, tmp_path) -> None:
+    (tmp_path / "a.nc").write_bytes(b"\x89HDF\r\n\x1a\n and no more")
+    study = configured(laboratory, recordings={"folder": str(tmp_path)})
+    with pytest.raises(DataError, match=r"a\.nc"):
+        run_study(study, tmp_path / "out")
+
+
+def test_the_same_trial_twice_is_an_error(laboratory, tmp_path) -> None:
+    folder = tmp_path / "recordings"
+    shutil.copytree(laboratory / "recordings", folder)
+    shutil.copy(next(folder.glob("*_B_*.nc")), folder / "again.nc")
+    study = configured(laboratory, recordings={"folder": str(folder)})
+    with pytest.raises(DataError, match="both volunteer S01, instruction B, repetition 1"):
+        run_study(study, tmp_path / "out")
+
+
+def test_measured_and_simulated_recordings_do_not_mix(laboratory, tmp_path) -> None:
+    def measured(recording: xr.Dataset) -> xr.Dataset:
+        return recording.assign_attrs(origin="measured").drop_dims(["muscle", "time_true"])
+
+    with pytest.raises(DataError, match="measured and simulated"):
+        run_study(spoiled(laboratory, tmp_path, measured), tmp_path / "out")
+
+
+def test_true_activations_of_a_recording_without_them_fail_by_name(laboratory, tmp_path) -> None:
+    def bare(recording: xr.Dataset) -> xr.Dataset:
+        return recording.drop_dims(["muscle", "time_true"])
+
+    study = spoiled(laboratory, tmp_path, bare).model_copy(update={"activation_source": "true"})
+    study = study.model_copy(
+        update={"recordings": study.recordings.model_copy(update={"instructions": ("B",)})}
+    )
+    cube = run_study(study, tmp_path / "out").cube
+    assert cube["status"].item() == "failed:ConfigurationError"
+
+
+def test_normalisation_over_the_session_uses_all_trials_of_the_volunteer(
+    laboratory, finished, tmp_path
+) -> None:
+    study = configured(
+        laboratory, signals={"normalisation": {"silent": "zero", "reach": "session"}}
+    )
+    result = run_study(study, tmp_path)
+    assert (result.cube["status"] == "ok").all()
+    assert stages(result).count("range") == 1
+    peaks = [
+        xr.load_dataset(path)["activation"].max("time")
+        for path in (tmp_path / "store" / "activation").glob("*.nc")
+    ]
+    # over the session each selected muscle reaches 1 in one of the trials, not in every one
+    assert any(float(peak.where(peak > 0).min()) < 0.9 for peak in peaks)
