@@ -21,6 +21,7 @@ from analysis.components import principal_component
 from analysis.errors import AlignmentError
 from analysis.lag import LEAST_MOTION, Array, Search, within
 from analysis.trajectory import SMALLEST_MOTION, checked, motion, same_markers, without_gaps
+from analysis.typed import coordinates
 
 Scaling = Literal["length", "search", "none"]
 Sign = Literal["correlation", "direction"]
@@ -170,7 +171,7 @@ def align(
 
     metre, one = {"units": "m"}, {"units": "1"}
     second = {"units": "s"}
-    coords = {name: coord for name, coord in model.coords.items() if name in model.dims}
+    coords = {name: coord for name, coord in coordinates(model).items() if name in model.dims}
     result = xr.Dataset(
         {
             "position": (("marker", "axis", "time"), aligned, metre),

@@ -5,6 +5,7 @@ import xarray as xr
 
 from analysis.errors import AlignmentError
 from analysis.trajectory import checked, without_gaps
+from analysis.typed import coordinates, relabelled
 
 
 def principal_component(position: xr.Dataset | xr.DataArray, *, centred: bool = True) -> xr.Dataset:
@@ -57,6 +58,6 @@ def principal_component(position: xr.Dataset | xr.DataArray, *, centred: bool = 
         coords={"marker": data["marker"], "time": data["time"]},
         attrs={"centred": int(centred)},
     )
-    if "axis" in data.coords:
-        result = result.assign_coords(axis=data["axis"])
+    if "axis" in coordinates(data):
+        result = relabelled(result, {"axis": data["axis"]})
     return result

@@ -149,7 +149,8 @@ class Search:
     ) -> Match | None:
         """Find the best shift and scale between two bounds, tried in relative steps."""
         low, high = np.log(least / nominal) / step, np.log(most / nominal) / step
-        factors = np.exp(step * np.arange(np.ceil(low - 1e-9), np.floor(high + 1e-9) + 1))
+        powers = range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1)
+        factors = np.exp(step * np.array(powers, dtype=np.float64))
         tried = [self.at_scale(nominal * float(k), subsample=subsample) for k in factors]
         found = [match for match in tried if match is not None]
         best = min(found, key=lambda match: match.unexplained, default=None)

@@ -7,6 +7,7 @@ import xarray as xr
 
 from analysis.errors import TrajectoryError
 from analysis.trajectory import SMALLEST_MOTION, checked, pair, same_markers, same_time
+from analysis.typed import texts
 
 Form = Literal["consistent", "as_printed"]
 Reference = Literal["mean", "first", "origin"]
@@ -126,7 +127,7 @@ def undefined_reason(
         for role, bad in one_of.items():
             reason = reason.where(~bad, f"{role} {what}")
         reason = reason.where(~bad_both, "neither moves" if one_of is still else "both have gaps")
-    return _named(reason.astype(str), "reason", {"long_name": "why rho is undefined"})
+    return _named(texts(reason), "reason", {"long_name": "why rho is undefined"})
 
 
 def amplitude_ratio(

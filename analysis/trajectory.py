@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from analysis.errors import TrajectoryError
+from analysis.typed import coordinates, floats, relabelled, selected
 
 SMALLEST_MOTION: Final = 1e-9
 """Root-mean-square displacement [m] below which a trajectory is said not to move.
@@ -60,7 +61,7 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
         )
     time_dim = others[0]
     for dim in ("marker", time_dim):
-        if dim not in position.coords:
+        if dim not in coordinates(position):
             raise TrajectoryError(
                 f"the {role} positions carry no coordinate '{dim}': add its labels"
             )
@@ -86,7 +87,7 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
     if time_dim != "time":
         # A stray scalar called "time" would collide with the new name.
         position = position.drop_vars("time", errors="ignore").rename({time_dim: "time"})
-    return position.transpose("marker", "axis", "time").astype(np.float64)
+    return floats(position.transpose("marker", "axis", "time"))
 
 
 def same_markers(measured: xr.DataArray, simulated: xr.DataArray) -> xr.DataArray:
@@ -98,7 +99,7 @@ def same_markers(measured: xr.DataArray, simulated: xr.DataArray) -> xr.DataArra
         The two sets of names differ.
     """
     for dim in ("marker", "axis"):
-        if dim not in measured.coords or dim not in simulated.coords:
+        if dim not in coordinates(measured) or dim not in coordinates(simulated):
             continue
         ours = [str(label) for label in measured[dim].values]
         theirs = [str(label) for label in simulated[dim].values]
@@ -112,7 +113,7 @@ def same_markers(measured: xr.DataArray, simulated: xr.DataArray) -> xr.DataArra
                 "select the same ones on both sides"
             )
         if ours != theirs:
-            measured = measured.sel({dim: simulated[dim].values})
+            measured = selected(measured, {dim: simulated[dim].values})
     return measured
 
 
@@ -164,11 +165,11 @@ def pair(
             f"the trajectories are in {units[0]!r} and {units[1]!r}, expected the same units"
         )
     v = same_markers(measured, simulated)
-    if dim in v.coords and dim in simulated.coords:
+    if dim in coordinates(v) and dim in coordinates(simulated):
         same_time(v, simulated, dim)
         # Equal but for rounding: xarray would otherwise keep only the labels equal to the last bit.
-        v = v.assign_coords({dim: simulated[dim]})
-    v, w = v.astype(np.float64), simulated.astype(np.float64)
+        v = relabelled(v, {dim: simulated[dim]})
+    v, w = floats(v), floats(simulated)
     return v.where(abs(v) < np.inf), w.where(abs(w) < np.inf)
 
 

@@ -1,0 +1,132 @@
+"""The house style of the figures, and how they are written.
+
+Colours are those of Okabe and Ito, distinct under the common colour deficiencies; hatches, line
+styles and markers repeat the distinction for print in grey. matplotlib is imported only when a
+figure is drawn.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, ParamSpec, cast
+
+from analysis.tables import recordings
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS: Final = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#F0E442")
+HATCHES: Final = ("", "//", "..", "xx", "\\\\", "--", "oo")
+MARKS: Final = ("o", "s", "^", "D", "v", "P", "X")
+FIRST: Final = {"color": COLOURS[4], "linestyle": "-"}
+"""Line of a model or of what comes in."""
+SECOND: Final = {"color": COLOURS[5], "linestyle": "--"}
+"""Line of a recording or of what is compared."""
+SHADES: Final = "cividis"
+"""Colour map of ordered values, read alike with and without colour vision."""
+
+STYLE: Final[dict[str, Any]] = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.2,
+    "hatch.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.titlesize": 11.0,
+}
+WRITTEN: Final[dict[str, Any]] = {
+    # Text stays text, so that a journal can set it in its own type and a reader can search it.
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+    # Names inside an SVG are random otherwise: the same cube shall give the same file.
+    "svg.hashsalt": "emgface",
+}
+
+P = ParamSpec("P")
+
+
+def styled(draw: "Callable[P, Figure]") -> "Callable[P, Figure]":
+    """Draw in the house style, whatever the user's settings of matplotlib."""
+
+    @wraps(draw)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> "Figure":
+        import matplotlib
+
+        with _settings({}):
+            matplotlib.rcdefaults()
+            with _settings(STYLE):
+                return draw(*args, **kwargs)
+
+    return inside
+
+
+def blank(width: float, height: float) -> "Figure":
+    """Return an empty figure [inch], not attached to any window."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def heading(figure: "Figure", what: str, origin: str) -> None:
+    """Set the title: what is drawn, and whether it was measured or simulated."""
+    text = f"{' '.join(what.split())} ({recordings(origin)})"
+    cast(Any, figure).suptitle(text)
+
+
+def legend(
+    figure: "Figure", handles: Sequence[Any], labels: Sequence[str] | None = None, most: int = 3
+) -> None:
+    """Put a legend below all panels, `most` entries to a row."""
+    texts = {} if labels is None else {"labels": list(labels)}
+    cast(Any, figure).legend(
+        handles=list(handles), loc="outside lower center", ncols=min(most, len(handles)), **texts
+    )
+
+
+def ticks(panel: "Axes", which: str, places: Sequence[float], texts: Sequence[str]) -> None:
+    """Label places along an axis, ``"x"`` or ``"y"``, in small type where there are many."""
+    size = "x-small" if len(texts) > 8 else "medium"
+    getattr(cast(Any, panel), f"set_{which}ticks")(list(places), list(texts), fontsize=size)
+
+
+def save(figure: "Figure", path: str | Path, *, dpi: int = 200) -> Path:
+    """Write a figure; the format follows the suffix.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        What to write. Its title becomes the title in the file's metadata.
+    path : str or Path
+        Where to, such as ``rho.pdf`` or ``rho.svg`` (vectors, text searchable) or ``rho.png``.
+    dpi : int
+        Dots per inch of pixel formats.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    path = Path(path)
+    title = figure.get_suptitle()
+    # No date: the same cube gives the same file.
+    metadata = {
+        ".png": {"Title": title, "Software": None},
+        ".svg": {"Title": title, "Date": None},
+        ".pdf": {"Title": title, "CreationDate": None},
+    }.get(path.suffix.lower(), {})
+    with _settings(WRITTEN):
+        cast(Any, figure).savefig(path, dpi=dpi, metadata=metadata)
+    return path
+
+
+def _settings(chosen: dict[str, Any]) -> AbstractContextManager[None]:
+    """Return a context in which matplotlib has these settings."""
+    import matplotlib
+
+    return cast(Any, matplotlib).rc_context(chosen)

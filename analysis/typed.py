@@ -1,0 +1,38 @@
+"""Methods of xarray whose annotations are incomplete, with the types they have.
+
+The strict check stops at each of them; here it is told once what they return.
+"""
+
+from collections.abc import Hashable, Mapping
+from typing import Any, TypeVar, cast
+
+import numpy as np
+import xarray as xr
+
+Labelled = TypeVar("Labelled", xr.DataArray, xr.Dataset)
+
+
+def coordinates(data: xr.DataArray | xr.Dataset) -> dict[str, xr.DataArray]:
+    """Return the coordinates by name."""
+    held: Mapping[Hashable, xr.DataArray] = cast(Any, data).coords
+    return {str(name): held[name] for name in held}
+
+
+def selected(data: Labelled, indexers: Mapping[str, Any]) -> Labelled:
+    """Select by label."""
+    return cast(Any, data).sel(dict(indexers))
+
+
+def floats(data: xr.DataArray) -> xr.DataArray:
+    """Convert to float64."""
+    return cast(Any, data).astype(np.float64)
+
+
+def texts(data: xr.DataArray) -> xr.DataArray:
+    """Convert to text."""
+    return cast(Any, data).astype(str)
+
+
+def relabelled(data: Labelled, coords: Mapping[str, Any]) -> Labelled:
+    """Return the data with these coordinates."""
+    return cast(Any, data).assign_coords(dict(coords))
