@@ -23,14 +23,14 @@ QUANTITIES = {"voltage": "V", "length": "m", "time": "s"}
 
 _WORDS = {
     "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV",
-    "microvolt": "uV", "microvolts": "uV",
+    "microvolt": "uV", "microvolts": "uV", "microv": "uV", "uvolt": "uV", "mvolt": "mV",
     "metre": "m", "metres": "m", "meter": "m", "meters": "m",
     "millimetre": "mm", "millimetres": "mm", "millimeter": "mm", "millimeters": "mm",
     "centimetre": "cm", "centimetres": "cm", "centimeter": "cm", "centimeters": "cm",
     "second": "s", "seconds": "s", "sec": "s", "millisecond": "ms", "milliseconds": "ms",
 }  # fmt: skip
 # The micro sign, the Greek letter mu, and micro signs whose bytes were read as another code page.
-_MICRO = ("\u00b5", "\u03bc", "\u00c2\u00b5", "\u00ce\u00bc")
+_MICRO = ("\u00b5", "\u03bc", "\u00c2\u00b5", "\u00ce\u00bc", "\u00e6")
 
 
 def spelling(unit: str) -> str:

@@ -2,13 +2,31 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError
+from emgface.errors import DataError, UnitsError
 from emgface.muscles import AXES
-from emgface.units import to_si
+from emgface.units import quantity_of, spelling, to_si
+
+
+class Part(NamedTuple):
+    """EMG or markers of a file, with the record of what became of its labels.
+
+    Attributes
+    ----------
+    data : xarray.Dataset or None
+        Result of `emg_array` or `position_array`; None where the file holds none.
+    units, dropped, names : mapping of str to str
+        Variable to unit in the file; what was left out, and why; name here to label in the file.
+    """
+
+    data: xr.Dataset | None = None
+    units: Mapping[str, str] = {}
+    dropped: Mapping[str, str] = {}
+    names: Mapping[str, str] = {}
 
 
 def emg_array(values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit: str) -> xr.Dataset:
@@ -74,6 +92,101 @@ def position_array(
     dims = ("marker", "axis", "time_marker")
     array = xr.DataArray(values, coords, dims, "position", {"units": unit})
     return to_si(array, "length").to_dataset()
+
+
+def voltages(
+    values: Sequence[np.ndarray] | np.ndarray,
+    labels: Sequence[str],
+    found: Sequence[str],
+    time: np.ndarray,
+    unit: str | None,
+    names: Mapping[str, str],
+) -> Part:
+    """Return the channels that are voltages, each converted from its own unit.
+
+    Parameters
+    ----------
+    values : sequence of ndarray, each of shape (samples,)
+        Samples of each channel.
+    labels : sequence of str
+        One per channel, each once.
+    found : sequence of str
+        Unit of each channel in the file, empty where it names none.
+    time : ndarray, shape (samples,)
+        Instants [s].
+    unit : str or None
+        Unit that replaces all of `found`.
+    names : mapping of str to str
+        Labels that were changed, from `unique_labels`.
+
+    Returns
+    -------
+    Part
+        EMG in volts; channels of another quantity are named in ``dropped``.
+
+    Raises
+    ------
+    UnitsError
+        If no channel names a unit and none is given.
+    """
+    dropped: dict[str, str] = {}
+    keep: list[int] = []
+    for i, (label, own) in enumerate(zip(labels, found, strict=True)):
+        if unit is not None or quantity_of(own) == "voltage":
+            keep.append(i)
+        else:
+            dropped[label] = f"in {own!r}, no voltage" if own.strip() else "carries no unit"
+    if not keep:
+        if not any(own.strip() for own in found):
+            raise UnitsError(
+                f"None of the {len(labels)} analog channels carries a unit; expected V, mV or uV: "
+                "name it as emg in the table 'units' of the mapping."
+            )
+        return Part(None, {}, dropped, names)
+    by_unit: dict[str, list[int]] = {}
+    for i in keep:
+        by_unit.setdefault(spelling(found[i] if unit is None else unit), []).append(i)
+    parts = [
+        emg_array(np.stack([values[i] for i in rows]), [labels[i] for i in rows], time, one)
+        for one, rows in by_unit.items()
+    ]
+    data = xr.concat(parts, "channel").sel(channel=[labels[i] for i in keep])
+    original = ", ".join(dict.fromkeys(found[i] for i in keep))
+    return Part(data, {"emg": original}, dropped, names)
+
+
+def assemble_parts(
+    parts: Sequence[Part], *, origin: str = "measured", device: str = ""
+) -> xr.Dataset:
+    """Unite parts and their records, see `assemble`.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        EMG and markers of one trial.
+    origin : str
+        ``measured`` or ``simulated``.
+    device : str
+        What recorded it, as the file says; empty where it does not.
+
+    Returns
+    -------
+    xarray.Dataset
+        The recording.
+
+    Raises
+    ------
+    DataError
+        If no part holds data.
+    """
+    united = assemble(
+        [part.data for part in parts if part.data is not None],
+        original_names={key: value for part in parts for key, value in part.names.items()},
+        original_units={key: value for part in parts for key, value in part.units.items()},
+        dropped={key: value for part in parts for key, value in part.dropped.items()},
+        origin=origin,
+    )
+    return united.assign_attrs(device=device) if device else united
 
 
 def assemble(

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError, UnitsError
-from emgface.readers._build import assemble, emg_array, position_array, unique_labels
-from emgface.units import quantity_of, spelling
+from emgface.errors import DataError
+from emgface.readers._build import Part, assemble_parts, position_array, unique_labels, voltages
 
 SUFFIXES = (".c3d",)
 FORMAT = "C3D"
@@ -62,18 +61,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     Time is 0 at the first stored frame for markers and EMG alike.
     """
     content = _open(path)
-    points, point_units, point_dropped, point_names = _points(content, units)
-    analogs, analog_units, analog_dropped, analog_names = _analogs(content, units)
-    return assemble(
-        [part for part in (analogs, points) if part is not None],
-        original_names=analog_names | point_names,
-        original_units=analog_units | point_units,
-        dropped=analog_dropped | point_dropped,
-    )
-
-
-_Part = tuple[xr.Dataset | None, dict[str, str], dict[str, str], dict[str, str]]
-"""Dataset, units in the file, what was dropped, labels that were changed."""
+    return assemble_parts([_analogs(content, units), _points(content, units)])
 
 
 def _open(path: Path) -> Any:
@@ -140,13 +128,13 @@ def _rate(group: Any, what: str) -> float:
     return float(values[0])
 
 
-def _points(content: Any, units: Mapping[str, str]) -> _Part:
+def _points(content: Any, units: Mapping[str, str]) -> Part:
     """Markers: positions where a marker was seen, NaN elsewhere."""
     values = content["data"]["points"][:3]
     group = content["parameters"]["POINT"]
     count, frames = values.shape[1:]
     if count == 0 or frames == 0:
-        return None, {}, {}, {}
+        return Part()
     given = _strings(group, "LABELS")[:count]
     labels, changed = unique_labels(given + [""] * (count - len(given)), "marker")
     other = {label: kind for kind in _NO_POSITION for label in _strings(group, kind)}
@@ -157,7 +145,7 @@ def _points(content: Any, units: Mapping[str, str]) -> _Part:
     }
     keep = [i for i, label in enumerate(labels) if label not in dropped]
     if not keep:
-        return None, {}, dropped, changed
+        return Part(None, {}, dropped, changed)
     # ezc3d has already made NaN of points with a negative residual, which were not seen.
     seen = values[:, keep]
     found = (_strings(group, "UNITS") or [""])[0]
@@ -166,42 +154,19 @@ def _points(content: Any, units: Mapping[str, str]) -> _Part:
     part = position_array(
         np.ascontiguousarray(seen.transpose(1, 0, 2)), [labels[i] for i in keep], time, unit
     )
-    return part, {"position": found}, dropped, changed
+    return Part(part, {"position": found}, dropped, changed)
 
 
-def _analogs(content: Any, units: Mapping[str, str]) -> _Part:
+def _analogs(content: Any, units: Mapping[str, str]) -> Part:
     """Analog channels that are voltages, each converted from its own unit."""
     values = content["data"]["analogs"][0]
     group = content["parameters"]["ANALOG"]
     count, samples = values.shape
     if count == 0 or samples == 0:
-        return None, {}, {}, {}
+        return Part()
     given = _strings(group, "LABELS")[:count]
     labels, changed = unique_labels(given + [""] * (count - len(given)), "channel")
     found = _strings(group, "UNITS")[:count]
     found += [""] * (count - len(found))
-    dropped: dict[str, str] = {}
-    keep: list[int] = []
-    for i, (label, own) in enumerate(zip(labels, found, strict=True)):
-        if "emg" in units or quantity_of(own) == "voltage":
-            keep.append(i)
-        else:
-            dropped[label] = f"in {own!r}, no voltage" if own.strip() else "carries no unit"
-    if not keep:
-        if not any(unit.strip() for unit in found):
-            raise UnitsError(
-                f"None of the {count} analog channels carries a unit; expected V, mV or uV: name "
-                "it as emg in the table 'units' of the mapping."
-            )
-        return None, {}, dropped, changed
     time = np.arange(samples) / _rate(group, "ANALOG")
-    by_unit: dict[str, list[int]] = {}
-    for i in keep:
-        by_unit.setdefault(spelling(units.get("emg", found[i])), []).append(i)
-    parts = [
-        emg_array(values[rows], [labels[i] for i in rows], time, unit)
-        for unit, rows in by_unit.items()
-    ]
-    part = xr.concat(parts, "channel").sel(channel=[labels[i] for i in keep])
-    original = ", ".join(dict.fromkeys(found[i] for i in keep))
-    return part, {"emg": original}, dropped, changed
+    return voltages(values, labels, found, time, units.get("emg"), changed)
