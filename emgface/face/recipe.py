@@ -28,8 +28,10 @@ from sim import (
     Muscles,
     NotConverged,
     Opening,
+    PassiveRayleigh,
     QuadraticBulk,
     Rayleigh,
+    RestRayleigh,
     Scene,
     SmallestJ,
     Solid,
@@ -49,6 +51,9 @@ Progress = Callable[[int, int], None]
 
 GRAVITY = (0.0, 0.0, -9.8)
 """Acceleration [m/s^2] (Eskes et al. 2017)."""
+
+DAMPING = {"current": Rayleigh, "passive": PassiveRayleigh, "rest": RestRayleigh}
+"""Damping law by the stiffness it takes."""
 
 SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 """Step [s], time between checks [s], longest time [s] and speed [m/s] that counts as rest."""
@@ -126,7 +131,7 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
     tissue = Material(MooneyRivlin(p.C10, p.C20), bulk, density=p.density)
     solid = Solid(materials=(tissue,), muscles=muscles)
     terms = (solid, Gravity(GRAVITY)) if p.gravity else (solid,)
-    damping = Rayleigh(alpha=p.alpha, beta=p.beta) if p.alpha or p.beta else None
+    damping = DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None
     fixed = np.flatnonzero(face["fixed"].values)
     return Scene(mesh=mesh, terms=terms, reductions=(Fixed(fixed),), damping=damping)
 
@@ -169,7 +174,7 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
                 system,
                 resting(len(system.muscles)),
                 duration=SETTLE_CHUNK,
-                integrator=ConvergedEuler(),
+                integrator=ConvergedEuler(tolerance=1e-9, residual_tolerance=1e-7),
                 steps=HalvingStep(SETTLE_STEP),
                 probes=(),
                 initial=state,
@@ -217,7 +222,8 @@ def simulate_face(
     Dataset
         ``position(marker, axis, time)`` [m] of the lip markers from time 0, with ``smallest_J``,
         ``iterations``, ``lip_opening`` [m], energies [J]; attrs ``solver``, ``step`` [s],
-        ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated".
+        ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated", and where the motion lies in the
+        recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second).
 
     Raises
     ------
@@ -230,7 +236,7 @@ def simulate_face(
         If a step fails; ``element`` is the id in the face model.
     """
     system = compile_scene(compose_scene(face, parameters))
-    control, duration = _control(activation, system, parameters)
+    control, duration, pace = _control(activation, system, parameters)
     if settled is None:
         settled = settle_face(face, parameters)
     rest = system.rest_state()
@@ -254,6 +260,8 @@ def simulate_face(
         "sigma_max": parameters.sigma_max,
         "origin": "simulated",
         "face": str(face.attrs.get("name", "")),
+        "recorded_start": float(activation["time"].values[0]),
+        "recorded_pace": pace,
     }
     return trajectory
 
@@ -269,8 +277,8 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
 
 def _control(
     activation: xr.DataArray, system: System, parameters: SimulationParameters
-) -> tuple[Activation, float]:
-    """Activation in the order of the system's muscles from time 0, and the duration [s]."""
+) -> tuple[Activation, float, float]:
+    """Activation from time 0, duration [s], and recorded seconds per simulated second [1]."""
     given = [str(name) for name in activation["muscle"].values]
     missing = [name for name in system.muscles if name not in given]
     unknown = [name for name in given if name not in system.muscles]
@@ -286,14 +294,16 @@ def _control(
         raise ActivationError(f"the activation has {len(times)} sample, expected at least two")
     h = parameters.step
     if parameters.timing == "normalised":
-        return Activation(h * np.arange(len(times), dtype=np.float64), values), h * (len(times) - 1)
+        simulated = h * np.arange(len(times), dtype=np.float64)
+        pace = float((times[-1] - times[0]) / simulated[-1])
+        return Activation(simulated, values), float(simulated[-1]), pace
     steps = round((times[-1] - times[0]) / h)  # held over at most half a step at its end
     if steps < 1:
         raise ActivationError(
             f"the activation lasts {times[-1] - times[0]:.4g} s, less than one step of {h:g} s: "
             "choose a shorter step or timing = 'normalised'"
         )
-    return Activation(times - times[0], values), h * steps
+    return Activation(times - times[0], values), h * steps, 1.0
 
 
 @contextmanager

@@ -113,6 +113,15 @@ class SimulationParameters(Parameters):
     beta: float = parameter(
         0.055, "Rayleigh damping by stiffness.", unit="s", source=STAVNESS, ge=0
     )
+    damping_tangent: Literal["current", "passive", "rest"] = parameter(
+        "rest",
+        "Stiffness that beta multiplies: at the current positions and activation, at the current "
+        "positions with silent muscles, or at rest.",
+        unit="-",
+        source=f"the published simulator uses 'current'; default of {OWN}",
+        note="with active muscles the current tangent can damp negatively, and a step then has no "
+        "minimum to converge to",
+    )
     gravity: bool = parameter(
         True,
         "Whether gravity of 9.8 m/s^2 acts along -z; the face then starts at its equilibrium.",

@@ -213,7 +213,7 @@ def run_trial(bench: Laboratory, trial: PlannedTrial, extent: Result | None = No
             "run_time": float(attrs["run_time_s"]),
             "steps": steps_of(motion.dataset),
         }
-        aligned = bench.aligned(recording, activation, motion, trial.label)
+        aligned = bench.aligned(recording, motion, trial.label)
         scores = bench.scores(aligned, motion, trial.label)
     except StoredFailure as failure:
         return Trial(

@@ -11,11 +11,12 @@ import xarray as xr
 from analysis.align import align
 from analysis.scores import score
 from emgface.activation import activation_of, check_activation, feature_range
-from emgface.errors import ConfigurationError, FeatureWarning
+from emgface.errors import ConfigurationError, FeatureWarning, MarkerError
 from emgface.face.recipe import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.head import in_head_frame
 from emgface.muscles import LIP_MARKERS
+from emgface.parameters import HeadFrameParameters
 from emgface.resampling import resample, simulation_times
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
 from emgface.study.policy import lower_sigma_max
@@ -206,9 +207,7 @@ class Laboratory:
         lowered.trajectory.attrs["attempts"] = len(tried)
         return lowered.trajectory
 
-    def aligned(
-        self, recording: Recording, activation: Result, motion: Result, label: str
-    ) -> Result:
+    def aligned(self, recording: Recording, motion: Result, label: str) -> Result:
         """Return the measured lip positions on the time base of the simulation."""
         choices = self.study.alignment
         head = self.study.signals.head_frame
@@ -216,7 +215,6 @@ class Laboratory:
             ALIGNED,
             {
                 "recording": recording.digest,
-                "activation": activation.digest,
                 "motion": motion.digest,
                 "face": self.face_digest,
             },
@@ -226,9 +224,7 @@ class Laboratory:
                 "smallest_motion": self.study.score.smallest_motion,
             },
             lambda: align(
-                measured_during(
-                    recording.dataset, activation.dataset, motion.dataset, self.face, self.study
-                ),
+                measured_during(recording.dataset, motion.dataset, self.face, head),
                 motion.dataset,
                 smallest_motion=self.study.score.smallest_motion,
                 **choices.model_dump(),
@@ -308,21 +304,20 @@ def true_activation_of(recording: xr.Dataset, study: StudyConfiguration) -> xr.D
 
 def measured_during(
     recording: xr.Dataset,
-    activation: xr.Dataset,
     motion: xr.Dataset,
     face: xr.Dataset,
-    study: StudyConfiguration,
+    head_frame: HeadFrameParameters,
 ) -> xr.Dataset:
     """Measured lip positions in the frame of the face, while the simulation lasts.
 
     Parameters
     ----------
-    recording, activation, motion : Dataset
+    recording, motion : Dataset
         Of one trial.
     face : Dataset
         Face model, whose face markers give the head frame.
-    study : StudyConfiguration
-        Head frame and timing.
+    head_frame : HeadFrameParameters
+        How the head's motion is removed.
 
     Returns
     -------
@@ -334,23 +329,20 @@ def measured_during(
     MarkerError, SignalError
         If markers are missing or lost too long, or do not cover the time.
     """
-    head = in_head_frame(
-        recording["position"], study.signals.head_frame, face["face_marker_position"]
-    )
+    head = in_head_frame(recording["position"], head_frame, face["face_marker_position"])
     lips = head.sel(marker=list(LIP_MARKERS))
-    simulated = motion["time"].values
-    recorded = activation["time"].values
-    pace = 1.0
-    if study.simulation.timing == "normalised":
-        pace = (recorded[-1] - recorded[0]) / (simulated[-1] - simulated[0])
-    frames = lips["time_marker"].values
-    times = recorded[0] + pace * (simulated - simulated[0])
+    simulated, frames = motion["time"].values, lips["time_marker"].values
+    times = motion.attrs["recorded_start"] + motion.attrs["recorded_pace"] * simulated
     # The activation may end between two frames: rounding must not ask for one beyond the last.
-    times = times[(times >= frames[0] - 1e-9) & (times <= frames[-1] + 1e-9)]
-    sampled = resample(lips, times, dim="time_marker")
-    sampled = sampled.assign_coords(
-        time=("time", simulated[: times.size] - simulated[0], {"units": "s"})
-    )
+    covered = (times >= frames[0] - 1e-9) & (times <= frames[-1] + 1e-9)
+    if not covered.any():
+        raise MarkerError(
+            f"markers were recorded from {frames[0]:.4g} to {frames[-1]:.4g} s, the motion was "
+            f"simulated for {times[0]:.4g} to {times[-1]:.4g} s of the recording: expected the "
+            "recording that the activation came from"
+        )
+    sampled = resample(lips, times[covered], dim="time_marker")
+    sampled = sampled.assign_coords(time=("time", simulated[covered], {"units": "s"}))
     sampled.attrs = {"units": "m"}
     keep = ("volunteer", "instruction", "repetition", "origin")
     attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}

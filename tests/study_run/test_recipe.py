@@ -70,16 +70,22 @@ def test_an_upper_lip_levator_lifts_the_markers_of_its_side(slab, settled) -> No
 
 
 def test_mirrored_activation_gives_the_mirrored_motion(slab, settled) -> None:
+    # One linear solution per step has no stopping error. At rest exactly, where the tangent of a
+    # Blemker fibre jumps, rounding would choose its side: hence the passive tangent, under gravity.
+    direct = PARAMETERS.model_copy(
+        update={"solver": "linearly_implicit", "damping_tangent": "passive"}
+    )
     left, right = (
-        simulate_face(slab, activation(0.5, f"ZYG_{side}"), PARAMETERS, settled=settled)["position"]
+        simulate_face(slab, activation(0.5, f"ZYG_{side}"), direct, settled=settled)["position"]
         for side in "LR"
     )
     mirror = [name.replace("left", "*").replace("right", "left").replace("*", "right")
               for name in LIP_MARKERS]  # fmt: skip
     flip = xr.DataArray([-1.0, 1.0, 1.0], coords={"axis": ["x", "y", "z"]}, dims="axis")
     mirrored = (right * flip).sel(marker=mirror)
-    # the slab is symmetric to rounding; a step converges to 1 um
-    np.testing.assert_allclose(left.values, mirrored.transpose(*left.dims).values, atol=5e-6)
+    # the slab is symmetric to rounding, and so is the start but for the speed left in it
+    np.testing.assert_allclose(left.values, mirrored.transpose(*left.dims).values, atol=1e-7)
+    assert float(abs(left - left.isel(time=0)).max()) > 1e-4
 
 
 def test_the_two_solvers_agree_to_first_order_in_the_step(slab, settled) -> None:

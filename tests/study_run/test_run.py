@@ -123,7 +123,7 @@ def test_a_damaged_result_is_said_and_computed_again(laboratory, finished, tmp_p
 
     again = run_study(configured(laboratory), out, observer=Listener())
     assert stages(again) == ["aligned"]
-    assert len(said) == 1 and victim.name in said[0]
+    assert [victim.name in text for text in said].count(True) == 1
 
 
 def test_an_interrupted_study_goes_on_where_it_stopped(
