@@ -1,5 +1,6 @@
 """The contract of an integrator, and the memory that it may keep between steps."""
 
+import math
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -31,8 +32,8 @@ class Workspace:
     def __init__(self, system: System, linear: str = "auto") -> None:
         self.linear: LinearSolver = linear_solver(linear)
         self.linear.analyse(system.pattern)
-        self.factor_of: object = None
-        """What the latest factor was made for; an integrator that reuses factors sets and reads it."""
+        self.factor_of: tuple[type, float] | None = None
+        """Integrator and step that the latest factor was made for, set by one that reuses factors."""
         self.secants = SecantMemory()
         self.seconds: dict[str, float] = {}
         self.calls: dict[str, int] = {}
@@ -72,6 +73,11 @@ class Workspace:
                 shifted[diagonal] += tau * mass
                 tau *= 4.0
         raise AssertionError("unreachable: the loop returns or raises")
+
+    def has_factor_for(self, integrator: type, h: float) -> bool:
+        """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
+        made = self.factor_of
+        return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
 
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor."""

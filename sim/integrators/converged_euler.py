@@ -66,7 +66,7 @@ class ConvergedEuler:
         problem = IncrementalPotential(system, state, control, h, D, work)
         point = _start(problem, here)
         factorisations = shifts = 0
-        made_here = work.factor_of != (ConvergedEuler, h)
+        made_here = not work.has_factor_for(ConvergedEuler, h)
         if made_here:
             factorisations, shifts = _factorise(problem, point, work)
         residuals, last, shortest = [point.residual], np.inf, 1.0
