@@ -9,7 +9,14 @@ import pytest
 
 from sim._kernels import cache
 
-KERNEL = "import numba as nb\nfrom cached.law import law\n@nb.njit(cache=True)\ndef kernel(x):\n    return law(x)\n"
+KERNEL = """
+import numba as nb
+from cached.law import law
+
+@nb.njit(cache=True)
+def kernel(x):
+    return law(x)
+"""
 LAW = "import numba as nb\n@nb.njit(cache=True)\ndef law(x):\n    return {factor} * x\n"
 MAIN = """
 from pathlib import Path
