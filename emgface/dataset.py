@@ -50,8 +50,8 @@ def readers() -> dict[str, Reader]:
 
     Examples
     --------
-    >>> sorted(readers())
-    ['.c3d', '.nc', '.toml']
+    >>> readers()[".c3d"].FORMAT
+    'C3D'
     """
     found: dict[str, Reader] = {}
     for info in pkgutil.iter_modules(emgface.readers.__path__):

@@ -1,9 +1,7 @@
 """Datasets as netCDF files: written whole or not at all, read back identical."""
 
 import json
-import os
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
+from emgface.files import replace_file
 from emgface.schema import validate
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -57,7 +56,7 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
         for name, variable in ready.variables.items()
         if variable.dtype.kind in "iuf" and variable.ndim
     }
-    _replace(path, lambda target: ready.to_netcdf(target, engine="netcdf4", encoding=encoding))
+    replace_file(path, lambda target: ready.to_netcdf(target, engine="netcdf4", encoding=encoding))
     return path
 
 
@@ -167,29 +166,3 @@ def _unpacked(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     for name in str(plain.pop(_JSON, "")).split():
         plain[name] = json.loads(plain[name])
     return plain
-
-
-def _replace(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a file beside `path`, then rename it; on failure leave nothing behind."""
-    temporary: Path | None = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
-        write(temporary)
-        with temporary.open("rb") as stream:
-            os.fsync(stream.fileno())
-        # mkstemp makes the file private; the result has the mode of any newly made file.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        temporary.replace(path)
-    except OSError as error:
-        raise DataError(
-            f"Cannot write {path}: {error.strerror or error}; expected a folder with room that "
-            "may be written: choose another one."
-        ) from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)

@@ -115,7 +115,9 @@ def test_a_folder_gives_its_recordings_and_its_failures(
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="No recording in .*; expected files ending in .c3d, .nc"):
+    with pytest.raises(
+        DataError, match="No recording in .*; expected files ending in .bdf, .c3d, "
+    ):
         find_recordings(tmp_path)
     with pytest.raises(DataError, match="No folder"):
         find_recordings(tmp_path / "none")
