@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim._kernels import scatter
 from sim._kernels import solid as kernel
+from sim.assembly import MatrixSum, NodeSum, block_layouts, element_pair_keys, grouped
 from sim.errors import SceneError
 from sim.laws import Blemker, BulkLaw, FibreLaw, IsochoricLaw, MooneyRivlin, QuadraticBulk
 from sim.laws.fibre import N_FIBRE
@@ -15,8 +14,6 @@ from sim.laws.isochoric import N_ISOCHORIC
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
-
-_A, _B = np.triu_indices(kernel.NODES)  # slots of the stored node pairs, row by row
 
 
 @dataclass(frozen=True)
@@ -144,35 +141,11 @@ class Solid:
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """All pairs of nodes within an element."""
-        nodes, used = _slots(mesh)
-        a, b = nodes[:, _A], nodes[:, _B]
-        keys = np.minimum(a, b) * mesh.n_nodes + np.maximum(a, b)
-        return np.unique(keys[used[:, _A] & used[:, _B]])
+        return element_pair_keys(mesh)
 
     def compile(self, layout: Layout) -> "CompiledSolid":
         """Lay out gradients, parameters, fibres and sums."""
         return CompiledSolid(self, layout, self._region(layout.mesh))
-
-
-def _slots(mesh: Mesh) -> tuple[Index, NDArray[np.bool_]]:
-    """Nodes (n_elements, 8) with unused slots repeating the first node, and which slots are used."""
-    nodes = np.empty((mesh.n_elements, kernel.NODES), dtype=np.int64)
-    used = np.zeros_like(nodes, dtype=bool)
-    first = 0
-    for block in mesh.blocks:
-        n, k = block.nodes.shape
-        nodes[first : first + n] = block.nodes[:, :1]
-        nodes[first : first + n, :k] = block.nodes
-        used[first : first + n, :k] = True
-        first += n
-    return nodes, used
-
-
-def _grouped(keys: Index, n_groups: int) -> tuple[Index, Index]:
-    """Stable order that groups keys 0..n_groups-1, and the start of every group."""
-    order = np.argsort(keys, kind="stable")
-    start = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=n_groups))])
-    return order.astype(np.int64), start.astype(np.int64)
 
 
 class CompiledSolid:
@@ -180,17 +153,7 @@ class CompiledSolid:
 
     def __init__(self, solid: Solid, layout: Layout, region: Index) -> None:
         mesh, n = layout.mesh, layout.mesh.n_elements
-        self._nodes, used = _slots(mesh)
-        self._blocks: list[tuple[slice, Array, Array]] = []
-        first = 0
-        for block in mesh.blocks:
-            gradient, det = block.gradients(mesh.X)
-            slots = np.zeros((*det.shape, 3, kernel.NODES))
-            slots[..., : block.kind.n_nodes] = gradient.transpose(0, 1, 3, 2)
-            rows = slice(first, first + len(det))
-            self._blocks.append((rows, slots, np.ascontiguousarray(det * block.kind.weights)))
-            first += len(det)
-
+        self._blocks = block_layouts(mesh)
         self._region = region
         materials = solid.materials
         self._isochoric_code = np.array([m.isochoric.code for m in materials])
@@ -201,20 +164,8 @@ class CompiledSolid:
         self._kappa = np.array([m.bulk.kappa for m in materials], dtype=np.float64)
         self._lay_out_fibres(solid.muscles, layout)
 
-        element, slot = np.nonzero(used)
-        order, self._node_start = _grouped(self._nodes[element, slot], mesh.n_nodes)
-        self._node_element, self._node_slot = element[order], slot[order]
-
-        a, b = self._nodes[:, _A], self._nodes[:, _B]
-        element, pair = np.nonzero(used[:, _A] & used[:, _B])
-        keys = np.minimum(a, b) * mesh.n_nodes + np.maximum(a, b)
-        own, group = np.unique(keys[element, pair], return_inverse=True)
-        target = layout.pattern.target[layout.pattern.pair_index(own)]
-        order, self._pair_start = _grouped(group.astype(np.int64), len(own))
-        self._pair_element, self._pair = element[order], pair[order]
-        self._transposed = (a > b)[self._pair_element, self._pair]
-        self._target = np.ascontiguousarray(target)
-
+        self._node_sum = NodeSum(mesh)
+        self._matrix_sum = MatrixSum(mesh, layout.pattern)
         self._force = np.zeros((n, 3, kernel.NODES))
         self._energy = np.zeros(n)
         self._least_J = np.zeros(n)
@@ -232,7 +183,7 @@ class CompiledSolid:
             return
         if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):
             raise SceneError(f"a muscle names element {muscles.element.max()}, expected 0..{n - 1}")
-        order, self._fibre_start = _grouped(np.asarray(muscles.element, dtype=np.int64), n)
+        order, self._fibre_start = grouped(np.asarray(muscles.element, dtype=np.int64), n)
         scene_index = np.array([layout.muscles.index(name) for name in muscles.names])
         self._fibre_muscle = scene_index[muscles.muscle[order]]
         direction = muscles.direction[order]
@@ -246,12 +197,13 @@ class CompiledSolid:
             self._muscle_p[index, : len(law.parameters())] = law.parameters()
 
     def _evaluate(self, q: Array, control: Control, tangent: Array | None) -> Contribution:
-        for rows, gradient, volume in self._blocks:
+        for block in self._blocks:
+            rows = block.rows
             kernel.evaluate(
                 q,
-                self._nodes[rows],
-                gradient,
-                volume,
+                block.nodes,
+                block.gradient,
+                block.volume,
                 self._region[rows],
                 self._isochoric_code,
                 self._isochoric_p,
@@ -275,34 +227,21 @@ class CompiledSolid:
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """F -= dE/dq, shape (n_nodes, 3) [N]."""
         contribution = self._evaluate(q, control, None)
-        self._sum_force(f)
+        self._node_sum.add(self._force, -1.0, f)
         return contribution
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """F -= dE/dq and K += d2E/dq2 in the values of the pattern."""
         if self._tangent is None:
-            self._tangent = np.zeros((len(self._nodes), kernel.PAIRS, 9))
+            self._tangent = np.zeros(self._matrix_sum.shape)
         contribution = self._evaluate(q, control, self._tangent)
-        self._sum_force(f)
-        scatter.add_to_matrix(
-            self._tangent,
-            self._pair_start,
-            self._pair_element,
-            self._pair,
-            self._transposed,
-            self._target,
-            K,
-        )
+        self._node_sum.add(self._force, -1.0, f)
+        self._matrix_sum.add(self._tangent, K)
         return contribution
-
-    def _sum_force(self, f: Array) -> None:
-        scatter.add_to_nodes(
-            self._force, self._node_start, self._node_element, self._node_slot, -1.0, f
-        )
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all Gauss points at positions q, and its element."""
-        for rows, gradient, _ in self._blocks:
-            kernel.smallest_J(q, self._nodes[rows], gradient, self._least_J[rows])
+        for block in self._blocks:
+            kernel.smallest_J(q, block.nodes, block.gradient, self._least_J[block.rows])
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
         return float(self._least_J[worst]), worst
