@@ -123,7 +123,7 @@ class Laboratory:
             return self.store.get_or_compute(
                 ACTIVATION,
                 {"recording": recording.digest},
-                {"strategy": strategy, **parameters},
+                {"trial_strategy": strategy, **parameters},
                 lambda: true_activation_of(recording.dataset, self.study),
                 label=label,
             )
@@ -135,7 +135,7 @@ class Laboratory:
         result = self.store.get_or_compute(
             ACTIVATION,
             inputs,
-            {"strategy": strategy, **parameters},
+            {"trial_strategy": strategy, **parameters},
             lambda: _noting_warnings(
                 lambda: activation_of(
                     recording.dataset, chain, strategy=strategy, session=over, reference=over

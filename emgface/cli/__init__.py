@@ -1,0 +1,58 @@
+"""The command line: thin verbs over the package.
+
+Commands import what they need when they run, so that ``--help`` answers at once.
+"""
+
+import os
+from typing import Annotated
+
+import typer
+
+from emgface.cli import data, face, study, trial, volunteers
+from emgface.cli.console import Commands, out, show_warnings_as_sentences
+
+app = typer.Typer(
+    cls=Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="sEMG-driven finite-element face: from recordings of muscle activity to scored lip "
+    "motion.",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from emgface import __version__
+
+        out.print(f"emgface {__version__}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of failures.")] = False,
+) -> None:
+    """Take the options that stand before every command."""
+    if debug:
+        os.environ["EMGFACE_DEBUG"] = "1"
+    show_warnings_as_sentences()
+
+
+app.command()(study.demo)
+app.add_typer(study.app, name="study")
+app.add_typer(face.app, name="face")
+app.add_typer(data.app, name="data")
+app.command()(trial.activate)
+app.command()(trial.simulate)
+app.command()(trial.score)
+app.command(name="volunteers")(volunteers.volunteers)
+app.command()(study.report)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

@@ -1,0 +1,191 @@
+"""What a person sees: messages, progress bars, tables, and failures as one sentence."""
+
+import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+out = Console()
+"""Results."""
+err = Console(stderr=True)
+"""Messages, progress and failures, so that a pipe receives results only."""
+
+PARTIAL, BAD_INPUT, INTERRUPTED = 1, 2, 130
+"""Exit codes: some trials failed, nothing could be done, stopped by the user."""
+
+
+class Commands(TyperGroup):
+    """A group of commands whose failures are one sentence and an exit code, never a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; turn the package's failures into exit code 2, an interruption into 130."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            say("Interrupted: what was finished is stored, run the same command to continue.")
+            raise typer.Exit(INTERRUPTED) from None
+        except Exception as error:
+            if debugging() or not is_expected(error):
+                raise
+            fail(error)
+            raise typer.Exit(BAD_INPUT) from None
+
+
+def is_expected(error: Exception) -> bool:
+    """Whether a failure explains itself: raised by this package on purpose, or by the disk."""
+    from analysis.errors import AnalysisError
+    from emgface.errors import EmgfaceError
+    from sim.errors import SimulationError
+
+    return isinstance(error, EmgfaceError | SimulationError | AnalysisError | OSError)
+
+
+def debugging() -> bool:
+    """Whether tracebacks are wanted (``--debug``, or EMGFACE_DEBUG set)."""
+    return bool(os.environ.get("EMGFACE_DEBUG"))
+
+
+def fail(error: Exception) -> None:
+    """Print a failure as a sentence."""
+    err.print(f"[bold red]{type(error).__name__}[/]: ", end="")
+    err.print(str(error), markup=False, highlight=False, soft_wrap=True)
+
+
+def say(text: str) -> None:
+    """Print a message beside the results."""
+    err.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """Print a warning as a sentence (replaces `warnings.showwarning`)."""
+    err.print("[yellow]Warning[/]: ", end="")
+    err.print(str(message), markup=False, highlight=False, soft_wrap=True)
+
+
+def show_warnings_as_sentences() -> None:
+    """Let warnings read like the other messages; each is shown once."""
+    warnings.showwarning = warn
+    warnings.simplefilter("ignore", DeprecationWarning)
+    warnings.simplefilter("ignore", FutureWarning)
+
+
+@contextmanager
+def progress(description: str, total: int | None = None) -> Iterator["Bar"]:
+    """Show a progress bar with elapsed and remaining time."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=err, transient=True) as shown:
+        yield Bar(shown, shown.add_task(description, total=total))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Heads and cells of a table."""
+
+    heads: tuple[str, ...]
+    cells: tuple[tuple[str, ...], ...]
+
+
+def frame(given: "pd.DataFrame") -> Rows:
+    """Cells of a data frame; an index with a name becomes the first column."""
+    if given.index.name:
+        given = given.reset_index()
+
+    def cell(value: object) -> str:
+        if isinstance(value, float):
+            return "" if value != value else f"{value:.6g}"
+        return str(value)
+
+    return Rows(
+        tuple(map(str, given.columns)),
+        tuple(tuple(cell(v) for v in row) for row in given.itertuples(index=False)),
+    )
+
+
+def table_of(rows: Rows, title: str) -> Table:
+    """Lay out a table."""
+    table = Table(title=title, title_justify="left", box=None, header_style="bold")
+    for head in rows.heads:
+        table.add_column(head)
+    for cells in rows.cells:
+        table.add_row(*(escape(cell) for cell in cells))
+    return table
+
+
+class Bar:
+    """One progress bar."""
+
+    def __init__(self, shown: Progress, task: Any) -> None:
+        self._shown, self._task = shown, task
+
+    def begin(self, total: int) -> None:
+        """Set how much there is to do."""
+        self._shown.update(self._task, total=total, completed=0)
+
+    def working(self, description: str) -> None:
+        """Say what is being done."""
+        self._shown.update(self._task, description=description)
+
+    def advance(self) -> None:
+        """Count one more as done."""
+        self._shown.advance(self._task)
+
+    def show(self, done: int, total: int) -> None:
+        """Set how much is done."""
+        self._shown.update(self._task, total=total, completed=done)
+
+    def message(self, text: str) -> None:
+        """Print a line above the bar."""
+        self._shown.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+class ProgressObserver:
+    """Shows the progress of a run as a bar (`emgface.study.observer.Observer`)."""
+
+    def __init__(self, bar: Bar) -> None:
+        self._bar = bar
+
+    def begin(self, total: int) -> None:
+        """Set the length of the bar."""
+        self._bar.begin(total)
+
+    def working(self, label: str) -> None:
+        """Name the trial that is being computed."""
+        self._bar.working(label)
+
+    def finished(self, label: str, status: str) -> None:
+        """Advance; say so where a trial failed."""
+        self._bar.advance()
+        if status.startswith("failed"):
+            self._bar.message(f"{label}: {status}")
+
+    def message(self, text: str) -> None:
+        """Print a sentence above the bar."""
+        self._bar.message(text)

@@ -1,0 +1,92 @@
+"""``emgface face``: import, examine and draw face models."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from emgface.cli.console import frame, out, say, table_of
+
+app = typer.Typer(no_args_is_help=True, help="Face models: import, check, show.")
+importing = typer.Typer(no_args_is_help=True, help="Make a face model of published geometry.")
+app.add_typer(importing, name="import")
+
+FacePath = Annotated[Path, typer.Argument(help="Face model (netCDF).")]
+
+
+@importing.command()
+def artisynth(
+    folder: Annotated[
+        Path, typer.Argument(help="Checkout of artisynth_models, or a folder with its files.")
+    ],
+    out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
+    radius: Annotated[
+        float, typer.Option(help="Elements nearer to a fibre than this are muscle [m].")
+    ] = 5e-3,
+    oop: Annotated[
+        str, typer.Option(help="Elements of OOP: oldoop, active, block or radius.")
+    ] = "oldoop",
+    oom: Annotated[str, typer.Option(help="Elements of OOM: active or radius.")] = "active",
+    lao: Annotated[str, typer.Option(help="Fibres of LAO: both or lateral.")] = "both",
+    marker_ring_offset: Annotated[
+        int, typer.Option(help="Move the lip markers outwards by this many rings of nodes.")
+    ] = 0,
+) -> None:
+    """Import the published reference face."""
+    from emgface.face.artisynth import import_artisynth
+    from emgface.face.model import save_face
+
+    face = import_artisynth(
+        folder,
+        radius=radius,
+        oop=oop,  # pyright: ignore[reportArgumentType]  # checked, with its own message
+        oom=oom,  # pyright: ignore[reportArgumentType]
+        lao_fibres=lao,  # pyright: ignore[reportArgumentType]
+        marker_ring_offset=marker_ring_offset,
+    )
+    save_face(face, out_path)
+    say(
+        f"Wrote {out_path}: {face.sizes['node']} nodes, {face.sizes['element']} elements, "
+        f"{int((face['fixed'] > 0).sum())} fixed nodes."
+    )
+
+
+@app.command()
+def check(path: FacePath) -> None:
+    """Count and measure a face model; fail if it cannot be simulated."""
+    from emgface.face.check import face_report
+    from emgface.face.model import load_face
+
+    face = load_face(path)
+    report = face_report(face)
+    out.print(table_of(frame(report.summary), f"{face.attrs['name']} ({face.attrs['origin']})"))
+    out.print(table_of(frame(report.muscles), "muscles, volumes in mm3"))
+
+
+@app.command()
+def show(
+    path: FacePath,
+    out_path: Annotated[
+        Path | None, typer.Option("--out", help="Picture to write (png, pdf, svg).")
+    ] = None,
+) -> None:
+    """Draw a face model from three sides."""
+    from emgface.face.model import load_face
+    from emgface.face.show import draw_face
+
+    picture = draw_face(load_face(path), out_path or path.with_suffix(".png"))
+    say(f"Wrote {picture}.")
+
+
+@app.command()
+def block(
+    out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
+) -> None:
+    """Generate the block of lip tissue that serves where no face is imported."""
+    from emgface.face.model import save_face
+    from emgface.study.configuration import FaceConfiguration
+    from emgface.study.faces import study_face
+
+    face = study_face(FaceConfiguration())
+    save_face(face, out_path)
+    say(f"Wrote {out_path}: {face.sizes['node']} nodes, {face.sizes['element']} elements.")

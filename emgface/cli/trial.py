@@ -1,0 +1,147 @@
+"""``emgface activate``, ``simulate``, ``score``: the stages of one trial, one by one."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from emgface.cli.console import out, progress, say, table_of
+from emgface.cli.machine import announce_compilation
+
+StudyPath = Annotated[
+    Path | None, typer.Option("--study", help="Study file whose parameters apply.")
+]
+FacePath = Annotated[
+    Path | None, typer.Option("--face", help="Face model; that of the study, or the block.")
+]
+
+
+def activate(
+    recording: Annotated[Path, typer.Argument(help="Recording of one trial.")],
+    out_path: Annotated[Path, typer.Option("--out", help="Activation to write (netCDF).")],
+    strategy: Annotated[
+        str | None, typer.Option(help="act_all, act_3, act_rel, act_threshold, or true.")
+    ] = None,
+    instruction: Annotated[str | None, typer.Option(help="A to F, if not recorded.")] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
+    ] = None,
+    study: StudyPath = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the activations.")] = None,
+) -> None:
+    """Compute muscle activations from the sEMG of a recording."""
+    from emgface.activation import activation_of
+    from emgface.cli.tables import activation_rows, draw_activation
+    from emgface.dataset import read_recording
+    from emgface.netcdf import write_netcdf
+    from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration, load_study
+    from emgface.study.stages import true_activation_of
+
+    configuration = load_study(study) if study else StudyConfiguration()
+    given = read_recording(recording, mapping=mapping)
+    if strategy == TRUE_STRATEGY:
+        activation = true_activation_of(given, configuration)
+    else:
+        activation = activation_of(
+            given, configuration.signals, strategy=strategy, instruction=instruction
+        )
+    write_netcdf(activation, out_path, "activation")
+    out.print(table_of(activation_rows(activation), f"{recording.name}, {given.attrs['origin']}"))
+    if plot is not None:
+        draw_activation(activation, plot)
+        say(f"Wrote {plot}.")
+    say(f"Wrote {out_path}.")
+
+
+def simulate(
+    activation: Annotated[Path, typer.Argument(help="Activation as written by 'activate'.")],
+    out_path: Annotated[Path, typer.Option("--out", help="Trajectory to write (netCDF).")],
+    face: FacePath = None,
+    study: StudyPath = None,
+    sigma_max: Annotated[
+        float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
+    ] = None,
+    solver: Annotated[str | None, typer.Option(help="converged or linearly_implicit.")] = None,
+) -> None:
+    """Move the face by an activation."""
+    from emgface.face.recipe import settle_face, simulate_face
+    from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.netcdf import read_netcdf, write_netcdf
+    from emgface.parameters import configure
+    from emgface.study.configuration import StudyConfiguration, load_study
+    from emgface.study.faces import study_face
+    from emgface.study.policy import lower_sigma_max
+
+    configuration = load_study(study) if study else StudyConfiguration()
+    given = {"sigma_max": sigma_max, "solver": solver}
+    changes = {name: value for name, value in given.items() if value is not None}
+    parameters = configure(
+        SimulationParameters, configuration.simulation.model_dump() | changes, where="simulation"
+    )
+    drive = read_netcdf(activation, "activation")
+    where = configuration.face.model_copy(update={"path": face}) if face else configuration.face
+    model = study_face(where)
+    announce_compilation()
+    with progress("simulating") as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.show(done, total)
+
+        def once(parameters: SimulationParameters):
+            bar.working("settling under gravity")
+            settled = settle_face(model, parameters)
+            bar.working(f"simulating, sigma_max {parameters.sigma_max / 1e3:.4g} kPa")
+            return simulate_face(
+                model, drive["activation"], parameters, settled=settled, progress=advance
+            )
+
+        trajectory = lower_sigma_max(once, parameters, report=bar.message).trajectory
+    keep = ("volunteer", "instruction", "repetition", "strategy")
+    trajectory.attrs |= {name: drive.attrs[name] for name in keep if name in drive.attrs}
+    write_netcdf(trajectory, out_path, "trajectory")
+    moved = trajectory["position"] - trajectory["position"].isel(time=0)
+    say(
+        f"Wrote {out_path}: {trajectory.sizes['time'] - 1} steps in "
+        f"{trajectory.attrs['run_time_s']:.1f} s, sigma_max "
+        f"{trajectory.attrs['sigma_max'] / 1e3:.4g} kPa, smallest J "
+        f"{float(trajectory['smallest_J'].min()):.2g}, largest marker displacement "
+        f"{1e3 * float((moved**2).sum('axis').max() ** 0.5):.2f} mm."
+    )
+
+
+def score(
+    recording: Annotated[Path, typer.Argument(help="Recording of the trial.")],
+    trajectory: Annotated[Path, typer.Argument(help="Trajectory as written by 'simulate'.")],
+    out_path: Annotated[Path, typer.Option("--out", help="Scores to write (netCDF).")],
+    face: FacePath = None,
+    study: StudyPath = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
+    ] = None,
+) -> None:
+    """Align measured with simulated lip motion and score every marker."""
+    from analysis.align import align
+    from analysis.scores import score as score_trial
+    from emgface.cli.tables import score_rows
+    from emgface.dataset import read_recording
+    from emgface.netcdf import read_netcdf, write_netcdf
+    from emgface.study.configuration import StudyConfiguration, load_study
+    from emgface.study.faces import study_face
+    from emgface.study.stages import measured_during
+
+    configuration = load_study(study) if study else StudyConfiguration()
+    given = read_recording(recording, mapping=mapping)
+    motion = read_netcdf(trajectory, "trajectory")
+    where = configuration.face.model_copy(update={"path": face}) if face else configuration.face
+    measured = measured_during(given, motion, study_face(where), configuration.signals.head_frame)
+    aligned = align(
+        measured,
+        motion,
+        smallest_motion=configuration.score.smallest_motion,
+        **configuration.alignment.model_dump(),
+    )
+    scores = score_trial(aligned, motion, **configuration.score.model_dump())
+    write_netcdf(scores, out_path, "scores")
+    title = f"{recording.name} ({given.attrs['origin']}), shift {float(scores['shift']):.3f} s"
+    out.print(table_of(score_rows(scores), title))
+    say(f"Wrote {out_path}.")

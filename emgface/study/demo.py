@@ -1,0 +1,42 @@
+"""The study of the demonstration: two simulated volunteers on a generated block of lip tissue."""
+
+from pathlib import Path
+
+from emgface.muscles import INSTRUCTIONS
+from emgface.parameters import configure
+from emgface.study.configuration import StudyConfiguration
+
+
+def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
+    """Configure the demonstration.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the demonstration; the recordings are expected in ``volunteers/recordings``.
+    quick : bool
+        Two instructions on a coarse block instead of all six on the default one.
+
+    Returns
+    -------
+    StudyConfiguration
+
+    Notes
+    -----
+    Muscles whose feature never exceeds the threshold are taken as silent (Eq. 8 would be 0/0),
+    which the published chain does not foresee.
+    """
+    block = {"cells_width": 12, "cells_height": 10} if quick else {}
+    return configure(
+        StudyConfiguration,
+        {
+            "name": "demonstration, quick" if quick else "demonstration",
+            "recordings": {
+                "folder": (out / "volunteers" / "recordings").resolve(),
+                "instructions": ["B", "E"] if quick else list(INSTRUCTIONS),
+            },
+            "face": {"block": block},
+            "signals": {"normalisation": {"silent": "zero"}},
+            "simulation": {"sigma_max": 100e3},
+        },
+    )

@@ -1,0 +1,64 @@
+"""One trial through all stages; its failure is a result."""
+
+from typing import Any
+
+from analysis.errors import AnalysisError
+from analysis.trial import Origin, Trial
+from emgface.errors import EmgfaceError
+from emgface.study.stages import Laboratory, StoredFailure, steps_of
+from emgface.study.store import Result
+from emgface.study.table import PlannedTrial
+from sim.errors import SimulationError
+
+EXPECTED = (EmgfaceError, AnalysisError, SimulationError)
+"""Failures of one trial that do not stop the others."""
+
+
+def run_trial(bench: Laboratory, trial: PlannedTrial, extent: Result | None = None) -> Trial:
+    """Take one trial through all stages.
+
+    Parameters
+    ----------
+    bench : Laboratory
+        Store, face and configuration.
+    trial : PlannedTrial
+        Which one.
+    extent : Result, optional
+        Range of the features, where normalisation reaches beyond the trial.
+
+    Returns
+    -------
+    Trial
+        Scores, or the status and reason of its failure.
+    """
+    labels = (*trial.place, trial.strategy)
+    recording = trial.recording
+    if recording is None:
+        return Trial(*labels, status="missing", reason="there is no recording of this trial")
+    origin: Origin = recording.dataset.attrs["origin"]
+    if recording.error is not None:
+        return Trial.failed(*labels, recording.error, origin=origin)
+    known: dict[str, Any] = {}
+    try:
+        activation = bench.activation(recording, trial.strategy, extent)
+        motion = bench.motion(activation.dataset["activation"], trial.label)
+        attrs = motion.dataset.attrs
+        known = {
+            "sigma_max": float(attrs["sigma_max"]),
+            "run_time": float(attrs["run_time_s"]),
+            "steps": steps_of(motion.dataset),
+        }
+        aligned = bench.aligned(recording, motion, trial.label)
+        scores = bench.scores(aligned, motion, trial.label)
+    except StoredFailure as failure:
+        return Trial(
+            *labels,
+            status=f"failed:{failure.name}",
+            reason=str(failure),
+            sigma_max=failure.sigma_max,
+            run_time=failure.run_time,
+            origin=origin,
+        )
+    except EXPECTED as error:
+        return Trial.failed(*labels, error, origin=origin, **known)
+    return Trial(*labels, scores=scores.dataset, origin=origin, **known)

@@ -1,0 +1,74 @@
+"""The tables of a study, printed and written."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import xarray as xr
+
+from analysis.cube import trials
+from analysis.tables import Table, report_tables
+from emgface.study.store import write_text
+
+
+@dataclass(frozen=True)
+class Report:
+    """Tables of a cube and where they were written.
+
+    Attributes
+    ----------
+    tables : dict of str to Table
+        As `analysis.tables.report_tables`.
+    summary : str
+        The table of rho per strategy.
+    failures : list of str
+        One sentence per reason why trials have no score.
+    folder : Path
+        Folder of the CSV and Markdown files.
+    """
+
+    tables: dict[str, Table]
+    summary: str
+    failures: list[str]
+    folder: Path
+
+
+def write_report(cube: xr.Dataset, out: Path) -> Report:
+    """Write the tables of a cube as CSV and Markdown.
+
+    Parameters
+    ----------
+    cube : Dataset
+        Scores and status of every trial.
+    out : Path
+        Folder of the study; tables go to ``out/tables``.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    StoreError
+        If the folder cannot be written.
+    """
+    tables, folder = report_tables(cube), out / "tables"
+    for name, table in tables.items():
+        write_text(table.csv(), folder / f"{name}.csv")
+        write_text(table.markdown(), folder / f"{name}.md")
+    return Report(tables, tables["strategy"].text(), _failures(cube), folder)
+
+
+def _failures(cube: xr.Dataset) -> list[str]:
+    listed = trials(cube)
+    bad = listed[listed["status"] != "ok"]
+    sentences: list[str] = []
+    for (status, reason), group in bad.groupby(["status", "reason"], sort=False):
+        first = group.iloc[0]
+        label = " ".join(str(first[d]) for d in ("volunteer", "instruction", "repetition"))
+        count = "1 trial" if len(group) == 1 else f"{len(group)} trials"
+        sentences.append(
+            f"{count} ({label}, ...) {status}: {reason}"
+            if len(group) > 1
+            else f"{count} ({label} {first['strategy']}) {status}: {reason}"
+        )
+    return sentences
