@@ -20,7 +20,7 @@ from sim.simulate import Activation, resting, simulate
 from sim.state import Control, State, StepReport
 from sim.steps import FixedStep, HalvingStep
 from sim.system import System, compile_scene
-from sim.terms import Gravity, Material, Muscles, Solid
+from sim.terms import ElementVolume, Gravity, Material, Muscles, NodalVolume, Solid
 
 __all__ = [
     "Activation",
@@ -29,6 +29,7 @@ __all__ = [
     "Control",
     "ControlError",
     "ConvergedEuler",
+    "ElementVolume",
     "Energies",
     "Fixed",
     "FixedStep",
@@ -45,6 +46,7 @@ __all__ = [
     "MeshError",
     "MooneyRivlin",
     "Muscles",
+    "NodalVolume",
     "NotConverged",
     "Opening",
     "PassiveRayleigh",

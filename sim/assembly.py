@@ -94,7 +94,7 @@ class NodeSum:
         self._element, self._slot = element[order], slot[order]
 
     def add(self, element_force: Array, sign: float, f: Array) -> None:
-        """f (n_nodes, 3) += sign * sum of the contributions."""
+        """Add sign times the sum of the contributions to f (n_nodes, 3)."""
         scatter.add_to_nodes(element_force, self._start, self._element, self._slot, sign, f)
 
 

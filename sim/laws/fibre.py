@@ -75,9 +75,9 @@ class Blemker:
 class Generic:
     """Active stress without length dependence, passive curve in pascals.
 
-    dw/dstretch = f_pas(stretch)/stretch + activation sigma_max with f_pas = P1 (exp(P2 (stretch - 1)) - 1)
-    up to stretch_star (negative below 1), then its tangent line. P1 is in pascals, so the passive part is
-    negligible at the default.
+    dw/dstretch = f_pas(stretch)/stretch + activation sigma_max, with
+    f_pas = P1 (exp(P2 (stretch - 1)) - 1) up to stretch_star (negative below 1), then its tangent line.
+    P1 is in pascals, so the passive part is negligible at the default.
 
     Attributes
     ----------

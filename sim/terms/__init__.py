@@ -3,8 +3,9 @@
 from sim.scene import Term
 from sim.terms.gravity import Gravity
 from sim.terms.solid import Material, Muscles, Solid
+from sim.terms.volume import ElementVolume, NodalVolume
 
-TERMS: tuple[type[Term], ...] = (Solid, Gravity)
+TERMS: tuple[type[Term], ...] = (Solid, Gravity, ElementVolume, NodalVolume)
 """Every term; the derivative tests walk this tuple."""
 
-__all__ = ["TERMS", "Gravity", "Material", "Muscles", "Solid"]
+__all__ = ["TERMS", "ElementVolume", "Gravity", "Material", "Muscles", "NodalVolume", "Solid"]

@@ -29,6 +29,8 @@ def deformed(seed=0, size=8e-4):
 EXAMPLES = {
     sim.Solid: lambda: sim.Solid(muscles=crossed_muscles(MESH)),
     sim.Gravity: lambda: sim.Gravity((1.0, 2.0, -9.8)),
+    sim.ElementVolume: sim.ElementVolume,
+    sim.NodalVolume: sim.NodalVolume,
 }
 """One of each term; a term that is registered without one fails below."""
 

@@ -71,8 +71,7 @@ def test_material_points(unit):
             np.testing.assert_allclose(sigma, expected, atol=ROUNDING * scale)
 
 
-def element_cases(unit, soft="OFF"):
-    return [c for c in unit["elements"]["cases"] if c["soft"] == soft]
+VOLUME = {"OFF": (), "ELEMENT": (sim.ElementVolume(25e3),), "NODAL": (sim.NodalVolume(25e3),)}
 
 
 def system_and_positions(case):
@@ -96,18 +95,20 @@ def system_and_positions(case):
         law = fibre_law(
             case["muscle"]
             if isinstance(case["muscle"], dict)
-            else {"type": {"blemker": "BlemkerMuscle"}[case["muscle"]], "maxStress": 1e5}
+            else {"type": f"{case['muscle'].capitalize()}Muscle", "maxStress": 1e5}
         )
         direction = np.broadcast_to(case["direction"], (len(element), 3))
         muscles = sim.Muscles(("m",), element, np.zeros(len(element), int), direction, law)
     fixed = sim.Fixed(np.array(case.get("fixed", []), dtype=int))
-    system = solid_system(mesh, bulk=sim.QuadraticBulk(0.0), muscles=muscles, reductions=(fixed,))
+    bulk, volume = sim.QuadraticBulk(0.0), VOLUME[case["soft"]]
+    system = solid_system(mesh, None, bulk, muscles, reductions=(fixed,), terms=volume)
     activation = np.array([case["excitation"]]) if muscles else np.zeros(0)
     return system, q, system.control(activation), element
 
 
-def test_forces_and_stiffness_of_elements_without_volumetric_part(unit):
-    cases = element_cases(unit)
+@pytest.mark.parametrize("soft", VOLUME)
+def test_forces_and_stiffness_of_elements(unit, soft):
+    cases = [c for c in unit["elements"]["cases"] if c["soft"] == soft]
     names = [c["name"] for c in cases]
     assert {"hex", "wedge"} <= {n.split("_")[0] for n in names}
     for case in cases:
