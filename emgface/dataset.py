@@ -21,6 +21,9 @@ from emgface.labels import LabelMap, apply_labels, constant_value, read_label_ma
 from emgface.netcdf import write_netcdf
 from emgface.schema import validate
 
+_UNNAMED = (".csv", ".txt", ".gz", ".mat", ".h5", ".hdf5")
+"""Suffixes of files whose content only a sidecar can tell."""
+
 
 class Reader(Protocol):
     """A module of `emgface.readers`."""
@@ -240,11 +243,13 @@ def _digest(path: Path) -> str:
 
 def _unknown_format(path: Path) -> str:
     known = readers()
-    if path.suffix.lower() == ".csv":
+    if path.suffix.lower() in _UNNAMED:
+        beside = path.with_suffix(".toml")
+        advice = f"open {beside.name}, which lies beside it" if beside.is_file() else "write one"
         return (
-            f"{path.name} is a table that does not say its rate and units; expected the TOML "
-            "sidecar that names it: write one and open that."
-        )
+            f"{path.name} does not say what it holds, its rate and its units; expected the TOML "
+            f"sidecar that does: {advice} and open that."
+        ).replace("beside it and open that", "beside it")
     formats = ", ".join(f"{suffix} ({known[suffix].FORMAT})" for suffix in sorted(known))
     return (
         f"{path.name} has the unknown suffix {path.suffix!r}{hint(path.suffix, known)}; expected "

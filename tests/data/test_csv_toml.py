@@ -179,5 +179,7 @@ def test_only_sidecars_count_as_recordings(tmp_path: Path) -> None:
     path = sidecar(tmp_path)
     (tmp_path / "study.toml").write_text('name = "study"\n')
     assert find_recordings(tmp_path) == [path]
-    with pytest.raises(DataError, match="emg.csv is a table that does not say its rate and units"):
+    with pytest.raises(
+        DataError, match="emg.csv does not say what it holds, its rate and its units"
+    ):
         read_recording(tmp_path / "emg.csv")
