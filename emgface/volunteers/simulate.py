@@ -7,6 +7,7 @@ from pathlib import Path
 import xarray as xr
 
 from emgface.dataset import write_recording
+from emgface.errors import ConfigurationError
 from emgface.face.recipe import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, INSTRUCTIONS
@@ -108,6 +109,11 @@ def make_volunteers(
     DataError, StoreError
         If a file cannot be written.
     """
+    unknown = [instruction for instruction in instructions if instruction not in INSTRUCTIONS]
+    if unknown:
+        raise ConfigurationError(
+            f"instruction {unknown[0]!r} is unknown, expected some of {', '.join(INSTRUCTIONS)}"
+        )
     observer = observer or Silent()
     parameters = parameters or SimulationParameters()
     store = Store(out / "store", report=observer.message)

@@ -1,11 +1,18 @@
 """A slab of tissue with twenty muscles, small enough that a simulation takes a moment."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.face.model import Bundle, Fibre, build_face
+from emgface.face.model import Bundle, Fibre, build_face, save_face
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MUSCLES
+from emgface.volunteers.simulate import make_volunteers
+
+STEP = 0.02
+"""Time step [s] of everything simulated here."""
 
 STEPS = (10, 2, 6)
 LOW, HIGH = np.array([-0.03, 0.05, -0.10]), np.array([0.03, 0.06, -0.064])
@@ -97,3 +104,19 @@ def slab_face() -> xr.Dataset:
 @pytest.fixture(scope="session")
 def slab() -> xr.Dataset:
     return slab_face()
+
+
+@pytest.fixture(scope="session")
+def laboratory(slab: xr.Dataset, tmp_path_factory) -> Path:
+    """Folder with the slab as face.nc and one simulated volunteer doing B and E."""
+    folder = tmp_path_factory.mktemp("laboratory")
+    save_face(slab, folder / "face.nc")
+    make_volunteers(
+        slab,
+        folder,
+        n=1,
+        instructions=("B", "E"),
+        seed=2,
+        parameters=SimulationParameters(step=STEP),
+    )
+    return folder

@@ -10,33 +10,12 @@ import xarray as xr
 
 from emgface.dataset import read_recording, write_recording
 from emgface.errors import DataError
-from emgface.face.model import save_face
-from emgface.face.simulation_parameters import SimulationParameters
 from emgface.netcdf import read_netcdf
 from emgface.parameters import configure
 from emgface.study import run as run_module
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
-from emgface.volunteers.simulate import make_volunteers
-
-STEP = 0.02
-
-
-@pytest.fixture(scope="module")
-def laboratory(slab: xr.Dataset, tmp_path_factory) -> Path:
-    """Folder with the slab as face.nc and one simulated volunteer doing B and E."""
-    folder = tmp_path_factory.mktemp("laboratory")
-    save_face(slab, folder / "face.nc")
-    make_volunteers(
-        slab,
-        folder,
-        n=1,
-        instructions=("B", "E"),
-        seed=2,
-        parameters=SimulationParameters(step=STEP),
-    )
-    return folder
-
+from tests.study_run.conftest import STEP
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 

@@ -1,0 +1,309 @@
+"""The command line: what works ends well, what is wrong ends with one sentence and no traceback."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from emgface import __version__
+from emgface.cli import app
+from emgface.dataset import read_recording
+from emgface.study.template import study_template
+
+pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+STUDY = """
+strategies = ["act_rel"]
+[recordings]
+folder = "{folder}"
+instructions = ["B"]
+[face]
+path = "{face}"
+[signals.normalisation]
+silent = "zero"
+[simulation]
+step = 0.02
+sigma_max = 100e3
+"""
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def one_sentence(result, *said: str) -> None:
+    """Exit code 2 and one line on stderr that says all of `said`."""
+    lines = [line for line in result.stderr.splitlines() if line.strip()]
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.output
+    assert len(lines) == 1, lines
+    for text in said:
+        assert re.search(text, lines[0]), lines[0]
+
+
+@pytest.fixture
+def recording(laboratory: Path) -> xr.Dataset:
+    return read_recording(next((laboratory / "recordings").glob("*_B_*.nc")))
+
+
+def stored(dataset: xr.Dataset, folder: Path, name: str = "trial.nc") -> Path:
+    """Write without the package's checks, as a foreign program might."""
+    path = folder / name
+    dataset.drop_encoding().to_netcdf(path)
+    return path
+
+
+def study_file(laboratory: Path, folder: Path, recordings: Path | None = None) -> Path:
+    path = folder / "study.toml"
+    where = recordings or laboratory / "recordings"
+    path.write_text(STUDY.format(folder=where, face=laboratory / "face.nc"))
+    return path
+
+
+# what works
+
+
+def test_help_names_every_command_without_loading_the_numerics() -> None:
+    result = run("--help")
+    assert result.exit_code == 0
+    for command in ("demo", "study", "face", "data", "activate", "simulate", "score", "report",
+                    "volunteers"):  # fmt: skip
+        assert command in result.stdout
+    code = (
+        "import sys, emgface.cli; "
+        "print([m for m in ('numpy', 'numba', 'xarray', 'matplotlib') if m in sys.modules])"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=".")
+    assert loaded.stdout.strip() == "[]", loaded.stderr
+
+
+def test_version() -> None:
+    assert run("--version").stdout.strip() == f"emgface {__version__}"
+
+
+def test_the_template_is_printed_or_written(tmp_path: Path) -> None:
+    assert run("study", "template").stdout == study_template()
+    assert run("study", "template", "--out", tmp_path / "s.toml").exit_code == 0
+    assert (tmp_path / "s.toml").read_text() == study_template()
+
+
+def test_a_face_is_generated_checked_and_drawn(tmp_path: Path) -> None:
+    face = tmp_path / "face.nc"
+    assert run("face", "block", "--out", face).exit_code == 0
+    checked = run("face", "check", face)
+    assert checked.exit_code == 0 and "nodes" in checked.stdout and "ZYG_L" in checked.stdout
+    assert run("face", "show", face, "--out", tmp_path / "face.png").exit_code == 0
+    assert (tmp_path / "face.png").stat().st_size > 10_000
+
+
+def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(laboratory, tmp_path) -> None:
+    study = study_file(laboratory, tmp_path)
+    recording = next((laboratory / "recordings").glob("*_B_*.nc"))
+    files = {name: tmp_path / f"{name}.nc" for name in ("activation", "motion", "scores")}
+    picture = tmp_path / "activation.png"
+    steps = [
+        ("activate", recording, "--out", files["activation"], "--strategy", "act_rel",
+         "--study", study, "--plot", picture),
+        ("simulate", files["activation"], "--out", files["motion"], "--study", study),
+        ("score", recording, files["motion"], "--out", files["scores"], "--study", study),
+    ]  # fmt: skip
+    for step in steps:
+        result = run(*step)
+        assert result.exit_code == 0, result.output
+    assert "simulated" in result.stdout and picture.exists()
+    whole = run("study", "run", study, "--out", tmp_path / "study", "--workers", 1)
+    assert whole.exit_code == 0, whole.output
+    assert "act_rel" in whole.stdout and "simulated recordings" in whole.stdout
+    cube = xr.load_dataset(tmp_path / "study" / "cube.nc")
+    scores = xr.load_dataset(files["scores"])
+    np.testing.assert_allclose(cube["rho"].values.ravel(), scores["rho"].values, atol=1e-6)
+    report = run("report", tmp_path / "study")
+    assert report.exit_code == 0 and "S01" in report.stdout
+    assert (tmp_path / "study" / "tables" / "trials.csv").read_text().startswith("origin,")
+
+
+def test_usable_recordings_pass_the_check(laboratory: Path) -> None:
+    result = run("data", "check", laboratory / "recordings", "--study")
+    assert result.exit_code == 0, result.output
+    assert "2 of 2 recordings can be used" in result.stderr and "(simulated)" in result.stdout
+
+
+def test_volunteers_are_written(laboratory: Path, tmp_path: Path) -> None:
+    study = study_file(laboratory, tmp_path)
+    result = run("volunteers", "--n", 1, "--instructions", "C", "--out", tmp_path, "--study", study)
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "recordings" / "S01_C_1.nc").exists()
+
+
+# what is wrong with a recording
+
+
+def half_rate(recording: xr.Dataset) -> xr.Dataset:
+    return recording.isel(time_emg=slice(None, None, 4))
+
+
+def in_millivolts(recording: xr.Dataset) -> xr.Dataset:
+    recording["emg"].attrs["units"] = "mV"
+    return recording
+
+
+def with_a_gap(recording: xr.Dataset) -> xr.Dataset:
+    recording["emg"][3, 1000:1200] = np.nan
+    return recording
+
+
+def with_a_constant_channel(recording: xr.Dataset) -> xr.Dataset:
+    recording["emg"][5] = 1e-6
+    return recording
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda r: r.drop_sel(channel="ZYG_L"), ("SchemaError|SignalError", "ZYG_L")),
+        (in_millivolts, ("UnitsError", "emg", "'mV'", "'V'")),
+        (half_rate, ("SignalError", "512 Hz", "500 Hz")),
+        (with_a_gap, ("SignalError", "ZYG_L", "gap")),
+        (with_a_constant_channel, ("SignalError", "DAO_L", "0/0")),
+        (lambda r: r.isel(time_emg=slice(0, 300)), ("SignalError", "300 samples", "shorter")),
+        (lambda r: r.drop_vars("emg").drop_dims("time_emg"), ("SchemaError", "emg")),
+    ],
+    ids=["channel", "unit", "rate", "gap", "constant", "short", "no emg"],
+)
+def test_a_recording_that_gives_no_activation(recording, tmp_path, change, said) -> None:
+    path = stored(change(recording), tmp_path)
+    one_sentence(run("activate", path, "--out", tmp_path / "a.nc"), *said)
+    assert not (tmp_path / "a.nc").exists()
+
+
+def test_a_recording_shorter_than_the_window(recording, tmp_path) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text("[signals.feature]\nwindow = 5.0\n")
+    path = stored(recording, tmp_path)
+    result = run("activate", path, "--out", tmp_path / "a.nc", "--study", study)
+    one_sentence(result, "SignalError", "window")
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[: len(b) // 2], lambda b: b[:20], lambda b: b""])
+def test_a_truncated_file(recording, tmp_path, damage) -> None:
+    path = stored(recording, tmp_path)
+    path.write_bytes(damage(path.read_bytes()))
+    one_sentence(run("data", "check", path), "DataError", "trial.nc")
+    one_sentence(run("activate", path, "--out", tmp_path / "a.nc"), "DataError", "trial.nc")
+
+
+def test_markers_missing(laboratory, recording, tmp_path) -> None:
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    stored(recording.drop_sel(marker=["nasion", "corner_left"]), folder)
+    study = study_file(laboratory, tmp_path, folder)
+    result = run("study", "run", study, "--out", tmp_path / "out", "--workers", 1)
+    assert result.exit_code == 2 and "Traceback" not in result.output
+    sentences = [line for line in result.stderr.splitlines() if "failed:SchemaError: " in line]
+    assert len(sentences) == 1
+    assert "nasion" in sentences[0] and "corner_left" in sentences[0]
+
+
+def test_a_file_that_is_not_there(tmp_path) -> None:
+    one_sentence(run("data", "check", tmp_path / "no.nc"), "DataError", r"no\.nc")
+    one_sentence(run("face", "check", tmp_path / "no.nc"), "FaceError", r"no\.nc")
+    one_sentence(run("report", tmp_path), "DataError", r"cube\.nc")
+    one_sentence(
+        run("study", "run", tmp_path / "no.toml", "--out", tmp_path / "o"), "ConfigurationError"
+    )
+
+
+# what is wrong with a face, an activation, a study file
+
+
+def test_a_face_with_an_inverted_element(slab, tmp_path) -> None:
+    bad = slab.copy(deep=True)
+    bad["connectivity"][7] = bad["connectivity"][7].values[[4, 5, 6, 7, 0, 1, 2, 3]]
+    one_sentence(run("face", "check", stored(bad, tmp_path)), "FaceError", "element 8", "inverted")
+
+
+def test_a_muscle_without_an_element(slab, tmp_path) -> None:
+    keep = np.flatnonzero(slab["bundle_muscle"].values != 3)
+    bad = stored(slab.isel(bundle_element=keep), tmp_path)
+    one_sentence(run("face", "check", bad), "FaceError", "LAO_L", "no element")
+
+
+def test_an_activation_outside_0_and_1(laboratory, recording, tmp_path) -> None:
+    truth = recording["true_activation"].rename(time_true="time").rename("activation")
+    truth[4, 10] = 1.2
+    path = stored(truth.to_dataset().assign_attrs(origin="simulated"), tmp_path)
+    result = run("simulate", path, "--out", tmp_path / "m.nc", "--face", laboratory / "face.nc")
+    one_sentence(result, "activation", r"1\.2", "0.*1")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[simulation]\nsigma_mx = 1e5\n", ("simulation.sigma_mx", "did you mean 'sigma_max'")),
+        ("[signals.filter]\nlow = 600.0\n", ("low", "600", "below high")),
+        ("strategies = ['act_9']\n", ("act_9", "act_rel")),
+    ],
+)
+def test_a_study_file_with_a_mistake(tmp_path, text, said) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    one_sentence(run("study", "run", path, "--out", tmp_path / "o"), "ConfigurationError", *said)
+
+
+def test_a_study_whose_folder_holds_no_recording(laboratory, tmp_path) -> None:
+    (tmp_path / "empty").mkdir()
+    study = study_file(laboratory, tmp_path, tmp_path / "empty")
+    result = run("study", "run", study, "--out", tmp_path / "o")
+    one_sentence(result, "DataError", "empty")
+
+
+def test_a_folder_that_cannot_be_written(laboratory, tmp_path) -> None:
+    (tmp_path / "file").write_text("")
+    study = study_file(laboratory, tmp_path)
+    result = run("study", "run", study, "--out", tmp_path / "file" / "out", "--workers", 1)
+    one_sentence(result, "StoreError", "file")
+
+
+def test_unknown_instruction_and_solver_are_named(laboratory, recording, tmp_path) -> None:
+    path = stored(recording, tmp_path)
+    one_sentence(
+        run("volunteers", "--instructions", "Q", "--out", tmp_path), "ConfigurationError", "'Q'"
+    )
+    result = run("activate", path, "--out", tmp_path / "a.nc", "--strategy", "act_reel")
+    one_sentence(result, "ConfigurationError", "act_reel", "act_rel")
+
+
+def test_a_partial_study_exits_1_and_names_each_failure_once(
+    laboratory, recording, tmp_path
+) -> None:
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    stored(recording, folder, "good.nc")
+    stored(with_a_gap(recording).assign_attrs(repetition=2), folder, "bad.nc")
+    study = study_file(laboratory, tmp_path, folder)
+    result = run("study", "run", study, "--out", tmp_path / "out", "--workers", 1)
+    assert result.exit_code == 1, result.output
+    assert sum("failed:SignalError: " in line for line in result.stderr.splitlines()) == 1
+
+
+def test_an_interruption_is_said_and_exits_130(laboratory, tmp_path, monkeypatch) -> None:
+    from emgface.study import run as run_module
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run_module, "run_trial", interrupted)
+    study = study_file(laboratory, tmp_path)
+    result = run("study", "run", study, "--out", tmp_path / "out", "--workers", 1)
+    assert result.exit_code == 130
+    assert "run the same command to continue" in result.stderr
+
+
+def test_debug_shows_the_traceback(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("EMGFACE_DEBUG", "")  # restored afterwards, whatever the command sets
+    result = run("--debug", "face", "check", tmp_path / "no.nc")
+    assert result.exit_code == 1 and type(result.exception).__name__ == "FaceError"
