@@ -18,3 +18,7 @@ class AlignmentError(AnalysisError):
 
 class CubeError(AnalysisError):
     """Results of trials do not form a cube: unknown label, duplicate, unknown marker."""
+
+
+class StatisticsError(AnalysisError):
+    """A test cannot be made as asked: unknown strategy or variable, impossible option."""

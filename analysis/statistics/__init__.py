@@ -1,0 +1,1 @@
+"""Inference on a cube: what six volunteers can and cannot show."""

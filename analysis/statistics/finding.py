@@ -1,0 +1,224 @@
+"""The one form in which every method returns what it found."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+import numpy as np
+import xarray as xr
+
+from analysis.errors import StatisticsError
+from analysis.statistics.paired import Array, Paired
+
+Verdict = Literal["met", "by design", "doubtful", "violated", "not checked"]
+
+COUNTS: Final = ("pairs", "lost_failed", "lost_missing", "lost_undefined", "clipped")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One assumption of a method and how it was checked.
+
+    Attributes
+    ----------
+    assumption : str
+        What the method needs, in a few words.
+    verdict : str
+        "met", "by design", "doubtful", "violated" or "not checked".
+    check : str
+        What was looked at and found, in a sentence.
+    """
+
+    assumption: str
+    verdict: Verdict
+    check: str
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a method found for one contrast; NaN where there is nothing to say.
+
+    Attributes
+    ----------
+    contrast : str
+        "first - second".
+    estimate, lower, upper : float
+        Estimate and its interval, in the units of the result.
+    p, smallest_p : float
+        Probability, and the smallest one that the design can reach [1].
+    n : int
+        Volunteers that entered.
+    sentence : str
+        The finding in plain English.
+    counts : dict of str to int
+        See `analysis.statistics.paired.Paired`.
+    checks : tuple of Check
+        The same assumptions in every contrast of a result.
+    further : dict of str to float
+        What only this method has.
+    """
+
+    contrast: str
+    estimate: float = math.nan
+    lower: float = math.nan
+    upper: float = math.nan
+    p: float = math.nan
+    smallest_p: float = math.nan
+    n: int = 0
+    sentence: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict[str, int])
+    checks: tuple[Check, ...] = ()
+    further: Mapping[str, float] = field(default_factory=dict[str, float])
+
+
+def collected(
+    findings: Sequence[Finding], *, method: str, level: float, attrs: Mapping[str, Any]
+) -> xr.Dataset:
+    """Put the findings of a method in one labelled Dataset.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        One per contrast.
+    method : str
+        Name of the method, with its source.
+    level : float
+        Nominal level of the intervals [1].
+    attrs : mapping
+        Further attributes; ``units`` becomes that of estimate and interval.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dims contrast, bound (lower, upper), assumption: ``estimate``, ``interval``, ``p``,
+        ``p_holm`` (over the contrasts), ``smallest_p``, ``smallest_p_holm``, ``n`` (volunteers),
+        the counts of pairs, texts ``verdict`` and ``check`` per assumption, text ``sentence``;
+        attributes ``method``, ``level`` and ``sentence`` of the whole.
+    """
+    attrs = dict(attrs)
+    units = {"units": str(attrs.pop("units", "1"))}
+    one = {"units": "1"}
+    dim = "contrast"
+    result = xr.Dataset(
+        coords={dim: np.array([f.contrast for f in findings], dtype=str),
+                "bound": ["lower", "upper"]}
+    )  # fmt: skip
+    bounds = np.array([(f.lower, f.upper) for f in findings], dtype=np.float64).reshape(-1, 2)
+    result["estimate"] = (dim, np.array([f.estimate for f in findings], dtype=np.float64), units)
+    result["interval"] = ((dim, "bound"), bounds, units)
+    p = np.array([f.p for f in findings], dtype=np.float64)
+    least = np.array([f.smallest_p for f in findings], dtype=np.float64)
+    for name, values in (
+        ("p", p),
+        ("p_holm", holm(p)),
+        ("smallest_p", least),
+        ("smallest_p_holm", np.minimum(1.0, least * max(1, int(np.isfinite(p).sum())))),
+    ):
+        result[name] = (dim, values, one)
+    result["n"] = (dim, np.array([f.n for f in findings], dtype=int), one)
+    for name in COUNTS:
+        result[name] = (dim, np.array([f.counts.get(name, 0) for f in findings], dtype=int), one)
+    for name in findings[0].further if findings else ():
+        result[name] = (dim, np.array([f.further[name] for f in findings]), one)
+    result["sentence"] = (dim, np.array([f.sentence for f in findings], dtype=str))
+    if findings and findings[0].checks:
+        result = result.assign(
+            verdict=((dim, "assumption"), [[c.verdict for c in f.checks] for f in findings]),
+            check=((dim, "assumption"), [[c.check for c in f.checks] for f in findings]),
+        )
+        result["assumption"] = [c.assumption for c in findings[0].checks]
+    told = [f.sentence for f in findings] or [
+        "There is nothing to compare: a contrast needs two strategies."
+    ]
+    result.attrs = {"method": method, "level": level, **attrs, "sentence": " ".join(told)}
+    return result
+
+
+def check_level(level: float) -> None:
+    """Raise for a level that is no probability."""
+    if not 0 < level < 1:
+        raise StatisticsError(f"the level is {level}, expected between 0 and 1")
+
+
+def holm(p: Array) -> Array:
+    """Holm's step-down adjustment of probabilities; NaN stays NaN and is not counted.
+
+    Notes
+    -----
+    Source: Holm 1979, Scandinavian Journal of Statistics 6:65.
+    """
+    p = np.asarray(p, dtype=np.float64)
+    adjusted = np.full(p.shape, np.nan)
+    known = np.flatnonzero(np.isfinite(p))
+    order = known[np.argsort(p[known], kind="stable")]
+    raised = p[order] * np.arange(len(order), 0, -1)
+    adjusted[order] = np.minimum(1.0, np.maximum.accumulate(raised))
+    return adjusted
+
+
+def shown_p(p: float) -> str:
+    """Write a probability as journals do."""
+    if math.isnan(p):
+        return "p undefined"
+    return "p < 0.001" if p < 1e-3 else f"p = {p:.2g}" if p < 0.0995 else f"p = {p:.2f}"
+
+
+def persons(n: int) -> str:
+    """Count volunteers in words that agree."""
+    return f"{n} volunteer" if n == 1 else f"{n} volunteers"
+
+
+def lost(counts: Mapping[str, int]) -> str:
+    """Say how many pairs are not in a finding, empty where all are."""
+    causes = {why: counts.get(f"lost_{why}", 0) for why in ("failed", "missing", "undefined")}
+    total = sum(causes.values())
+    if not total:
+        return ""
+    listed = ", ".join(f"{count} {why}" for why, count in causes.items() if count)
+    return f" {total} of {total + counts['pairs']} pairs are not in it ({listed})."
+
+
+def too_few(
+    data: Paired, checks: tuple[Check, ...] = (), further: Sequence[str] = ()
+) -> Finding | None:
+    """Return the finding of a contrast that no test can be made of; None where one can."""
+    n = len(data.values)
+    if n > 1:
+        return None
+    estimate = float(data.values[0]) if n else math.nan
+    text = "no pair of scored trials, so nothing is known."
+    if n:
+        text = (
+            f"{data.shown(estimate)} in the only volunteer with a pair; one volunteer allows no "
+            "test and no interval."
+        )
+    return Finding(
+        data.label,
+        estimate,
+        n=n,
+        sentence=f"{data.label}: {text}{lost(data.counts)}",
+        counts=data.counts,
+        checks=checks,
+        further=dict.fromkeys(further, math.nan),
+    )
+
+
+def left_out(data: Paired) -> Check:
+    """Check that what is not in a contrast does not decide it."""
+    gone = sum(data.counts[f"lost_{why}"] for why in ("failed", "missing", "undefined"))
+    absent = data.means.sizes["volunteer"] - len(data.values)
+    name = "pairs are lost by chance"
+    if not gone:
+        return Check(name, "met", "No pair is lost.")
+    text = f"{gone} of {gone + data.counts['pairs']} pairs are lost"
+    text += f", all those of {persons(absent)}" if absent else ""
+    text += ": a trial that fails because of its strategy would bias the contrast."
+    return Check(name, "doubtful", text)
+
+
+INDEPENDENT: Final = Check(
+    "volunteers are independent",
+    "by design",
+    "One number per volunteer enters; markers, repetitions and instructions are averaged.",
+)

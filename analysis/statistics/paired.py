@@ -1,0 +1,274 @@
+"""Paired differences between strategies, with every pair that is not in them counted.
+
+The volunteer is the unit: markers, repetitions and instructions of one person are not
+independent. Two strategies are compared within the same trial and marker; the differences are
+averaged over repetitions, then over instructions and markers, to one number per volunteer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Final, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from analysis.cube import MARKER_DIMS
+from analysis.errors import StatisticsError
+from analysis.tables import SHOWN
+from analysis.trajectory import names
+from analysis.typed import selected, texts
+
+Array = NDArray[np.float64]
+Scale = Literal["z", "raw"]
+
+LIMIT: Final = 0.9999
+"""Greatest |rho| that Fisher's z is taken of; beyond it one value would outweigh all others."""
+
+WHY: Final = ("failed", "missing", "undefined")
+"""Why a pair is lost; the first that applies to either side counts."""
+
+
+@dataclass(frozen=True)
+class Paired:
+    """The differences of one contrast.
+
+    Attributes
+    ----------
+    label : str
+        "first - second".
+    differences : xarray.DataArray
+        first - second on the scale of the analysis, dims volunteer, repetition and the rest; NaN
+        where not both are defined.
+    means : xarray.DataArray
+        One number per volunteer, NaN for a volunteer without a pair.
+    counts : dict of str to int
+        ``pairs`` in use, those lost by cause (``lost_failed``, ``lost_missing``,
+        ``lost_undefined``), and ``clipped``, those in use of which a value was clipped.
+    unit, factor
+        How a difference is written for reading.
+    """
+
+    label: str
+    differences: xr.DataArray
+    means: xr.DataArray
+    counts: dict[str, int]
+    unit: str = ""
+    factor: float = 1.0
+
+    def shown(self, value: float) -> str:
+        """Write a difference in the unit that is read."""
+        return f"{value * self.factor:+z.2f}{self.unit}"
+
+    def shown_interval(self, lower: float, upper: float, level: float) -> str:
+        """Write an interval with its level."""
+        if np.isnan(lower) or np.isnan(upper):
+            return "no interval"
+        if np.isinf(lower) or np.isinf(upper):
+            return f"no bounded {100 * level:.3g} % interval"
+        low, high = lower * self.factor, upper * self.factor
+        return f"{100 * level:.3g} % interval {low:z.2f} to {high:z.2f}"
+
+    @property
+    def values(self) -> Array:
+        """The means of the volunteers that have any pair, shape (n,)."""
+        found = self.means.values
+        return found[np.isfinite(found)]
+
+    @property
+    def volunteers(self) -> list[str]:
+        """Labels of `values`."""
+        kept = np.isfinite(self.means.values)
+        return [str(label) for label in self.means["volunteer"].values[kept]]
+
+
+def fisher_z(rho: xr.DataArray, *, limit: float = LIMIT) -> xr.DataArray:
+    """Fisher's variance-stabilising transform of a correlation.
+
+    z = artanh(clip(rho, -limit, limit))
+
+    Parameters
+    ----------
+    rho : xarray.DataArray
+        Correlations [1]; NaN stays NaN.
+    limit : float
+        Greatest |rho| that is transformed, below 1, where z is infinite.
+
+    Returns
+    -------
+    xarray.DataArray
+        z [1], same dims.
+
+    Raises
+    ------
+    StatisticsError
+        `limit` lies outside 0-1, or a value outside -1 to 1.
+    """
+    if not 0 < limit < 1:
+        raise StatisticsError(f"the limit of Fisher's z is {limit}, expected between 0 and 1")
+    values = np.asarray(rho.values, dtype=np.float64)
+    if (np.abs(values) > 1 + 1e-9).any():
+        raise StatisticsError(
+            f"found a correlation of {np.nanmax(np.abs(values)):.4g}, expected -1 to 1: "
+            "Fisher's z is for correlations, use scale='raw'"
+        )
+    return rho.copy(data=np.arctanh(np.clip(values, -limit, limit))).assign_attrs(units="1")
+
+
+def scaled(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.DataArray:
+    """Return the values of scored trials on the scale of the analysis, NaN elsewhere.
+
+    Raises
+    ------
+    StatisticsError
+        Unknown variable or scale, or dims beyond those of a cube.
+    """
+    if variable not in cube or "marker" not in cube[variable].dims:
+        known = [str(name) for name, data in cube.data_vars.items() if "marker" in data.dims]
+        known = [name for name in known if cube[name].dtype.kind == "f"]
+        raise StatisticsError(f"cannot test {variable!r}, expected one of {names(known)}")
+    if scale not in ("z", "raw"):
+        raise StatisticsError(f"the scale is {scale!r}, expected 'z' or 'raw'")
+    lacking = [dim for dim in MARKER_DIMS if dim not in cube[variable].dims]
+    if lacking:
+        raise StatisticsError(
+            f"{variable} lacks the dim {names(lacking)}: keep it by selecting with a list"
+        )
+    data = cube[variable].where(texts(cube["status"]) == "ok")
+    data = data.where(np.isfinite(data)).transpose(*MARKER_DIMS, ...)
+    return fisher_z(data, limit=limit) if scale == "z" else data
+
+
+def chosen_contrasts(
+    labels: Sequence[str], contrasts: Sequence[tuple[str, str]] | None
+) -> list[tuple[str, str]]:
+    """Return the pairs (first, second) to compare; all pairs, later minus earlier, if not given.
+
+    Raises
+    ------
+    StatisticsError
+        A label that the cube does not have, or a label against itself.
+    """
+    if contrasts is None:
+        return [(second, first) for first, second in combinations(labels, 2)]
+    for first, second in contrasts:
+        wrong = [label for label in (first, second) if label not in labels]
+        if wrong or first == second:
+            raise StatisticsError(
+                f"cannot compare {first!r} with {second!r}, expected two of {names([*labels])}"
+            )
+    return [(first, second) for first, second in contrasts]
+
+
+def paired(
+    cube: xr.Dataset,
+    first: str,
+    second: str,
+    *,
+    dim: str = "strategy",
+    variable: str = "rho",
+    scale: Scale = "z",
+    limit: float = LIMIT,
+) -> Paired:
+    """Take the differences between two labels of a dim, within trial and marker.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+    first, second : str
+        Labels of `dim`; the difference is first - second.
+    dim : str
+        What is compared, ``"strategy"`` or another dim.
+    variable, scale, limit
+        As in `analysis.statistics.sign_flip`.
+
+    Returns
+    -------
+    Paired
+        Differences, one mean per volunteer, and counts.
+
+    Raises
+    ------
+    StatisticsError
+        Unknown variable or scale.
+    """
+    data = scaled(cube, variable, scale, limit)
+    status = texts(cube["status"]).broadcast_like(data).transpose(*data.dims)
+    sides = [selected(data, {dim: label}).drop_vars(dim) for label in (first, second)]
+    kinds = [selected(status, {dim: label}).drop_vars(dim).values for label in (first, second)]
+    differences = sides[0] - sides[1]
+    defined = np.isfinite(differences.values)
+    failed = np.any([np.char.startswith(kind.astype(str), "failed") for kind in kinds], axis=0)
+    missing = np.any([kind == "missing" for kind in kinds], axis=0) & ~failed
+    counts = {
+        "pairs": int(defined.sum()),
+        "lost_failed": int((~defined & failed).sum()),
+        "lost_missing": int((~defined & missing).sum()),
+        "lost_undefined": int((~defined & ~failed & ~missing).sum()),
+        "clipped": 0,
+    }
+    if scale == "z":
+        most = float(np.arctanh(limit))
+        at_limit = [np.abs(side.values) >= most for side in sides]
+        counts["clipped"] = int((defined & (at_limit[0] | at_limit[1])).sum())
+    _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
+    unit = " in z" if scale == "z" else "" if unit == "1" else f" {unit}"
+    label = f"{first} - {second}"
+    return Paired(label, differences, volunteer_means(differences), counts, unit, factor)
+
+
+def volunteer_means(data: xr.DataArray, *keep: str) -> xr.DataArray:
+    """Average over repetitions, then over all but the volunteers and the dims to keep."""
+    data = data.mean("repetition", skipna=True)
+    rest = [dim for dim in data.dims if dim not in ("volunteer", *keep)]
+    return data.mean(rest, skipna=True)
+
+
+def analysed(
+    cube: xr.Dataset, variable: str, scale: Scale | None, limit: float
+) -> tuple[xr.DataArray, Scale, dict[str, Any]]:
+    """Return the values on their scale, that scale, and what a result says of its data.
+
+    Raises
+    ------
+    StatisticsError
+        Unknown variable or scale, or a cube with further axes, whose levels are no repetitions
+        of each other.
+    """
+    used: Scale = scale if scale is not None else ("z" if variable == "rho" else "raw")
+    data = scaled(cube, variable, used, limit)
+    extra = [str(dim) for dim in data.dims[len(MARKER_DIMS) :]]
+    if extra:
+        raise StatisticsError(
+            f"the cube has the further dims {names(extra)}: select one level of each, or use "
+            "analysis.sensitivity"
+        )
+    attrs: dict[str, Any] = {
+        "variable": variable,
+        "scale": "Fisher z" if used == "z" else "as it is",
+        "units": str(cube[variable].attrs.get("units", "1")),
+        "origin": str(cube.attrs["origin"]),
+    }
+    return data, used, attrs | ({"clipped_at": limit} if used == "z" else {})
+
+
+def all_paired(
+    cube: xr.Dataset,
+    contrasts: Sequence[tuple[str, str]] | None,
+    variable: str,
+    scale: Scale | None,
+    limit: float,
+) -> tuple[list[Paired], dict[str, Any]]:
+    """Return the differences of every contrast, and what a result says of its data.
+
+    Raises
+    ------
+    StatisticsError
+        As `analysed` and `chosen_contrasts`.
+    """
+    _, used, attrs = analysed(cube, variable, scale, limit)
+    pairs = chosen_contrasts([str(label) for label in cube["strategy"].values], contrasts)
+    data = [paired(cube, *each, variable=variable, scale=used, limit=limit) for each in pairs]
+    return data, attrs

@@ -1,0 +1,243 @@
+"""How many volunteers would settle a contrast, by simulation."""
+
+import math
+from collections.abc import Sequence
+from typing import Final, Literal
+
+import numpy as np
+import xarray as xr
+from scipy.stats import chi2, t
+
+from analysis.errors import StatisticsError
+from analysis.statistics.finding import persons
+from analysis.statistics.paired import LIMIT, Array, Scale, all_paired
+from analysis.statistics.ranks import signed_rank_counts
+from analysis.statistics.sign_flip import TIED, sign_patterns
+
+Test = Literal["sign_flip", "wilcoxon", "t"]
+
+VOLUNTEERS: Final = (4, 6, 8, 10, 12, 16, 20, 30)
+
+
+def simulated_power(
+    effect: float,
+    standard_deviation: float,
+    *,
+    volunteers: Sequence[int] = VOLUNTEERS,
+    test: Test = "sign_flip",
+    alpha: float = 0.05,
+    target: float = 0.8,
+    simulations: int = 2000,
+    draws: int = 999,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Find the power of a test of normal mean differences for several numbers of volunteers.
+
+    Parameters
+    ----------
+    effect : float
+        True mean difference, on the scale of the analysis.
+    standard_deviation : float
+        Of the volunteers' mean differences, same scale.
+    volunteers : sequence of int
+        Numbers to try, 2 or more each.
+    test : {"sign_flip", "wilcoxon", "t"}
+        Two-sided test over volunteers.
+    alpha : float
+        Size of the test [1].
+    target : float
+        Power that is wanted [1].
+    simulations : int
+        Studies simulated for each number.
+    draws : int
+        Random sign patterns for more than 12 volunteers; all patterns up to there.
+    seed : int
+        Of the simulated studies.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dim volunteers: ``power`` [1] with its ``monte_carlo_error`` and ``smallest_p``;
+        ``volunteers_needed``, the smallest number tried that reaches `target`, NaN where none
+        does; attribute ``sentence``.
+
+    Raises
+    ------
+    StatisticsError
+        An option outside its range.
+
+    Notes
+    -----
+    A test whose smallest p lies above alpha has no power whatever the effect.
+    """
+    if not standard_deviation > 0 or not math.isfinite(effect):
+        raise StatisticsError(
+            f"effect and standard deviation are {effect} and {standard_deviation}, expected a "
+            "number and one above 0"
+        )
+    if test not in ("sign_flip", "wilcoxon", "t"):
+        raise StatisticsError(f"the test is {test!r}, expected 'sign_flip', 'wilcoxon' or 't'")
+    if not volunteers or min(volunteers) < 2 or simulations < 1 or draws < 1:
+        raise StatisticsError("expected 2 or more volunteers, and at least one simulation and draw")
+    if not 0 < alpha < 1 or not 0 < target < 1:
+        raise StatisticsError(f"alpha and target are {alpha} and {target}, expected 0 to 1")
+    rng = np.random.default_rng(seed)
+    power, least = np.zeros(len(volunteers)), np.zeros(len(volunteers))
+    for index, n in enumerate(volunteers):
+        studies = effect + standard_deviation * rng.standard_normal((simulations, n))
+        p, least[index] = _chances(studies, test, draws, seed)
+        power[index] = float(np.mean(p <= alpha * (1 + 1e-9)))
+    one = {"units": "1"}
+    enough = [n for n, reached in sorted(zip(volunteers, power, strict=True)) if reached >= target]
+    needed = enough[0] if enough else None
+    result = xr.Dataset(
+        {
+            "power": ("volunteers", power, one),
+            "monte_carlo_error": ("volunteers", np.sqrt(power * (1 - power) / simulations), one),
+            "smallest_p": ("volunteers", least, one),
+            "volunteers_needed": ((), math.nan if needed is None else float(needed), one),
+        },
+        coords={"volunteers": list(volunteers)},
+    )
+    what = f"a difference of {effect:.2g} with standard deviation {standard_deviation:.2g}"
+    found = f"would need {persons(needed)}" if needed else f"needs more than {max(volunteers)}"
+    names = {"sign_flip": "sign-flip", "wilcoxon": "Wilcoxon", "t": "t"}
+    sentence = f"To show {what} with power {target:.2g}, the {names[test]} test {found}."
+    result.attrs = {
+        "method": "power by simulation of normal mean differences",
+        "test": test, "effect": effect, "standard_deviation": standard_deviation,
+        "alpha": alpha, "target": target, "simulations": simulations, "draws": draws,
+        "seed": seed, "sentence": sentence,
+    }  # fmt: skip
+    return result
+
+
+def power(
+    cube: xr.Dataset,
+    *,
+    effect: float | None = None,
+    contrasts: Sequence[tuple[str, str]] | None = None,
+    variable: str = "rho",
+    scale: Scale | None = None,
+    level: float = 0.95,
+    limit: float = LIMIT,
+    volunteers: Sequence[int] = VOLUNTEERS,
+    test: Test = "sign_flip",
+    alpha: float = 0.05,
+    target: float = 0.8,
+    simulations: int = 1000,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Ask how many volunteers would settle each contrast of a cube.
+
+    Parameters
+    ----------
+    cube, contrasts, variable, scale, limit
+        As in `analysis.statistics.sign_flip.sign_flip`.
+    effect : float, optional
+        Difference to be shown, on the scale of the analysis. Without it the one observed is
+        taken, which makes the answer as uncertain as that estimate: a difference that matters is
+        the better choice.
+    level : float
+        Of the interval of the standard deviation.
+    volunteers, test, alpha, target, simulations, seed
+        As in `simulated_power`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dims contrast, volunteers, spread (lower, estimate, upper): ``power`` [1] at the standard
+        deviation observed and at both ends of its interval, ``monte_carlo_error``,
+        ``volunteers_needed`` (contrast, spread), ``effect`` (contrast),
+        ``standard_deviation`` (contrast, spread), ``n`` (contrast), ``sentence`` (contrast). NaN
+        where there is no variation to build on.
+
+    Raises
+    ------
+    StatisticsError
+        Unknown strategy or variable, further dims, or an option outside its range.
+    """
+    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
+    spreads = ("lower", "estimate", "upper")
+    shape = (len(data), len(spreads))
+    found = np.full((*shape, len(volunteers)), np.nan)
+    errors, deviations, needed = found.copy(), np.full(shape, np.nan), np.full(shape, np.nan)
+    effects = np.full(len(data), math.nan)
+    sentences: list[str] = []
+    for row, each in enumerate(data):
+        values = each.values
+        n = len(values)
+        effects[row] = effect if effect is not None else (values.mean() if n else math.nan)
+        if n < 2 or not np.ptp(values) > 0:
+            sentences.append(f"{each.label}: {persons(n)} show no variation to plan with.")
+            continue
+        sd = float(values.std(ddof=1))
+        tail = (1.0 - level) / 2.0
+        deviations[row] = [
+            sd * math.sqrt((n - 1) / float(chi2.ppf(q, n - 1))) for q in (1.0 - tail, 0.5, tail)
+        ]
+        deviations[row, 1] = sd
+        for column in range(len(spreads)):
+            result = simulated_power(
+                float(effects[row]), float(deviations[row, column]), volunteers=volunteers,
+                test=test, alpha=alpha, target=target, simulations=simulations, seed=seed,
+            )  # fmt: skip
+            found[row, column] = result["power"].values
+            errors[row, column] = result["monte_carlo_error"].values
+            needed[row, column] = float(result["volunteers_needed"])
+        shown = [f"{k:.0f}" if np.isfinite(k) else f"over {max(volunteers)}" for k in needed[row]]
+        chosen = "the observed difference" if effect is None else "a difference"
+        sentences.append(
+            f"{each.label}: to show {chosen} of {each.shown(float(effects[row]))} with power "
+            f"{target:.2g}, {shown[1]} volunteers are needed ({shown[0]} to {shown[2]} for the "
+            f"{100 * level:.3g} % interval of the spread between {persons(n)})."
+        )
+    one, units = {"units": "1"}, {"units": attrs["units"]}
+    contrast = np.array([each.label for each in data], dtype=str)
+    dims = ("contrast", "spread")
+    return xr.Dataset(
+        {
+            "power": ((*dims, "volunteers"), found, one),
+            "monte_carlo_error": ((*dims, "volunteers"), errors, one),
+            "volunteers_needed": (dims, needed, one),
+            "effect": ("contrast", effects, units),
+            "standard_deviation": (dims, deviations, units),
+            "n": ("contrast", np.array([len(each.values) for each in data], dtype=int), one),
+            "sentence": ("contrast", np.array(sentences, dtype=str)),
+        },
+        coords={"contrast": contrast, "spread": list(spreads), "volunteers": list(volunteers)},
+        attrs={
+            **attrs,
+            "method": "power by simulation of normal mean differences",
+            "test": test, "alpha": alpha, "target": target, "simulations": simulations,
+            "seed": seed, "level": level,
+            "sentence": " ".join(sentences) or "There is nothing to plan: one strategy.",
+        },
+    )  # fmt: skip
+
+
+def _chances(studies: Array, test: Test, draws: int, seed: int) -> tuple[Array, float]:
+    """Return the two-sided p of every study, shape (studies, n), and the smallest possible."""
+    n = studies.shape[1]
+    if test == "t":
+        error = studies.std(axis=1, ddof=1) / math.sqrt(n)
+        size: Array = np.abs(studies.mean(axis=1)) / error
+        return np.asarray(2.0 * t.sf(size, n - 1), dtype=np.float64), 0.0
+    if test == "wilcoxon":
+        ranks = np.argsort(np.argsort(np.abs(studies), axis=1), axis=1) + 1
+        positive = np.where(studies > 0, ranks, 0).sum(axis=1)
+        _, chances = signed_rank_counts(np.arange(1.0, n + 1.0))
+        below = np.cumsum(chances[::2])
+        extreme = np.minimum(positive, n * (n + 1) // 2 - positive)
+        return np.minimum(1.0, 2.0 * below[extreme]), 2.0 / 2**n
+    if n <= 12:
+        patterns = sign_patterns(n)
+    else:
+        drawn = np.random.default_rng(seed).integers(0, 2, size=(draws, n))
+        patterns = np.concatenate([np.ones((1, n)), 1.0 - 2.0 * drawn])
+    p = np.empty(len(studies))
+    for start in range(0, len(studies), 500):
+        size = np.abs(studies[start : start + 500] @ patterns.T)
+        observed = size[:, :1] - TIED * np.abs(studies[start : start + 500]).sum(1, keepdims=True)
+        p[start : start + 500] = (size >= observed).mean(axis=1)
+    return p, max(2.0 / 2**n, 1.0 / len(patterns))

@@ -1,0 +1,272 @@
+"""Rank tests on the volunteers: Wilcoxon for two strategies, Friedman for all of them."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from itertools import permutations
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import chi2, rankdata
+
+from analysis.statistics.finding import (
+    INDEPENDENT,
+    Check,
+    Finding,
+    check_level,
+    collected,
+    left_out,
+    lost,
+    persons,
+    shown_p,
+    too_few,
+)
+from analysis.statistics.paired import (
+    LIMIT,
+    Array,
+    Paired,
+    Scale,
+    all_paired,
+    analysed,
+    volunteer_means,
+)
+
+MOST_STATES: Final = 20_000
+"""Sums of ranks that an exact Friedman test keeps; beyond, the chi-square limit is used."""
+
+
+def wilcoxon(
+    cube: xr.Dataset,
+    *,
+    contrasts: Sequence[tuple[str, str]] | None = None,
+    variable: str = "rho",
+    scale: Scale | None = None,
+    level: float = 0.95,
+    limit: float = LIMIT,
+) -> xr.Dataset:
+    """Wilcoxon signed-rank test of the volunteers' mean differences, exact also with ties.
+
+    Parameters
+    ----------
+    cube, contrasts, variable, scale, level, limit
+        As in `analysis.statistics.sign_flip.sign_flip`.
+
+    Returns
+    -------
+    xarray.Dataset
+        See `analysis.statistics.finding.collected`: ``estimate`` is the Hodges-Lehmann median of
+        the pairwise averages, ``interval`` its exact bounds; besides ``statistic`` (sum of the
+        ranks of positive differences), ``zeros`` (volunteers without a difference, not ranked)
+        and ``coverage`` [1]. ``p_holm`` adjusts over the contrasts.
+
+    Raises
+    ------
+    StatisticsError
+        Unknown strategy or variable, further dims, or a level outside 0-1.
+
+    Notes
+    -----
+    With n volunteers no p lies below 2 / 2^n, which Holm multiplies by the number of contrasts:
+    0.094 for six volunteers and three contrasts. Source: Wilcoxon 1945, Biometrics Bulletin 1:80;
+    interval: Hollander, Wolfe and Chicken 2014, section 3.3.
+    """
+    check_level(level)
+    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
+    method = "Wilcoxon signed ranks over volunteers, exact, Holm over contrasts"
+    findings = [_signed_ranks(each, level, len(data)) for each in data]
+    return collected(findings, method=method, level=level, attrs=attrs)
+
+
+def friedman(
+    cube: xr.Dataset,
+    *,
+    variable: str = "rho",
+    scale: Scale | None = None,
+    limit: float = LIMIT,
+) -> xr.Dataset:
+    """Friedman test whether any strategy ranks above another, on volunteer means.
+
+    Only values that all strategies have are averaged, so that all are ranked on the same trials
+    and markers.
+
+    Parameters
+    ----------
+    cube, variable, scale, limit
+        As in `analysis.statistics.sign_flip.sign_flip`.
+
+    Returns
+    -------
+    xarray.Dataset
+        See `analysis.statistics.finding.collected`, one contrast "all strategies": ``estimate``
+        is Kendall's W [1], 0 for no agreement between volunteers and 1 for the same order in all;
+        no interval. Besides ``statistic`` (chi-square), ``p_chi2`` (its limit for many
+        volunteers) and ``mean_rank`` (strategy), 1 the lowest.
+
+    Raises
+    ------
+    StatisticsError
+        Unknown variable, or further dims.
+
+    Notes
+    -----
+    Exact by enumeration of all orders within volunteers while their sums of ranks are few (three
+    strategies: up to about 100 volunteers); ``exact`` says so. Source: Friedman 1937, Journal of
+    the American Statistical Association 32:675.
+    """
+    data, _, attrs = analysed(cube, variable, scale, limit)
+    complete = data.notnull().all("strategy")
+    means = volunteer_means(data.where(complete), "strategy").transpose("volunteer", "strategy")
+    table = means.values[np.isfinite(means.values).all(axis=1)]
+    kept = int(complete.sum())
+    lost = {"pairs": kept, "lost_undefined": complete.size - kept}
+    findings = [_friedman(table, lost)] if data.sizes["strategy"] > 1 else []
+    method = "Friedman over volunteers (Friedman 1937), on values that all strategies have"
+    result = collected(findings, method=method, level=math.nan, attrs=attrs | {"units": "1"})
+    ranks = rankdata(table, axis=1).mean(axis=0) if len(table) else np.full(table.shape[1], np.nan)
+    result["mean_rank"] = ("strategy", ranks, {"units": "1"})
+    result["strategy"] = data["strategy"].values
+    return result
+
+
+def signed_rank_counts(ranks: Array) -> tuple[NDArray[np.int64], Array]:
+    """Return twice each possible sum of positive ranks and its probability under random signs."""
+    # Mid-ranks are multiples of one half.
+    doubled = np.rint(2.0 * ranks).astype(np.int64)
+    chances = np.ones(1)
+    for rank in doubled:
+        longer = np.zeros(len(chances) + int(rank))
+        longer[: len(chances)] += 0.5 * chances
+        longer[int(rank) :] += 0.5 * chances
+        chances = longer
+    return np.arange(len(chances), dtype=np.int64), chances
+
+
+def wilcoxon_p(values: Array) -> tuple[float, float]:
+    """Return the sum of positive ranks and its exact two-sided p; zeros are not ranked."""
+    moved = values[values != 0]
+    if not len(moved):
+        return 0.0, 1.0
+    ranks = np.asarray(rankdata(np.abs(moved)), dtype=np.float64)
+    positive = float(ranks[moved > 0].sum())
+    sums, chances = signed_rank_counts(ranks)
+    found = round(2.0 * positive)
+    tails = float(chances[sums <= found].sum()), float(chances[sums >= found].sum())
+    return positive, min(1.0, 2.0 * min(tails))
+
+
+def hodges_lehmann(values: Array, level: float) -> tuple[float, float, float, float]:
+    """Return the median of pairwise averages, the bounds of its interval, and the exact level."""
+    first, second = np.triu_indices(len(values))
+    averages = np.sort((values[first] + values[second]) / 2.0)
+    _, chances = signed_rank_counts(np.arange(1.0, len(values) + 1.0))
+    below: Array = np.cumsum(chances[::2])
+    rank = int(np.searchsorted(below, (1.0 - level) / 2.0 + 1e-12, side="right"))
+    middle = float(np.median(averages))
+    if rank == 0:
+        return middle, -math.inf, math.inf, 1.0
+    covered = 1.0 - 2.0 * float(below[rank - 1])
+    return middle, float(averages[rank - 1]), float(averages[-rank]), covered
+
+
+def friedman_p(table: Array) -> tuple[float, float, float, bool]:
+    """Friedman's test of a table, shape (volunteers, strategies).
+
+    Returns
+    -------
+    statistic : float
+        Chi-square corrected for ties; 0 where all strategies tie in every volunteer.
+    p, p_chi2 : float
+        Probability by enumeration where feasible, and by the chi-square limit.
+    exact : bool
+        Whether `p` is exact.
+    """
+    n, k = table.shape
+    ranks = np.asarray(rankdata(table, axis=1), dtype=np.float64)
+    spread = float(((ranks - (k + 1) / 2.0) ** 2).sum())
+    if spread == 0.0:
+        return 0.0, 1.0, 1.0, True
+    sums: Array = ranks.sum(axis=0)
+    statistic = (k - 1) * float(((sums - n * (k + 1) / 2.0) ** 2).sum()) / spread
+    tail: Any = chi2.sf(statistic, k - 1)
+    p_chi2 = float(tail)
+    # The sum of squares of doubled sums of ranks orders tables like the statistic, in integers.
+    found = int((np.rint(2.0 * sums).astype(np.int64) ** 2).sum())
+    states: dict[tuple[int, ...], float] = {(0,) * k: 1.0}
+    for row in np.rint(2.0 * ranks).astype(np.int64).tolist():
+        if k > 5:
+            return statistic, p_chi2, p_chi2, False
+        orders = Counter(permutations(row))
+        total = sum(orders.values())
+        following: dict[tuple[int, ...], float] = {}
+        for state, chance in states.items():
+            for order, times in orders.items():
+                # The order of the strategies does not matter to the statistic.
+                reached = tuple(sorted(a + b for a, b in zip(state, order, strict=True)))
+                following[reached] = following.get(reached, 0.0) + chance * times / total
+        states = following
+        if len(states) > MOST_STATES:
+            return statistic, p_chi2, p_chi2, False
+    p = sum(chance for state, chance in states.items() if sum(s * s for s in state) >= found)
+    return statistic, min(1.0, float(p)), p_chi2, True
+
+
+def _signed_ranks(data: Paired, level: float, contrasts: int) -> Finding:
+    symmetric = Check(
+        "differences are symmetric about their median",
+        "not checked",
+        "Needed for p and interval; few volunteers cannot show it.",
+    )
+    checks = (INDEPENDENT, symmetric, left_out(data))
+    few = too_few(data, checks, ("statistic", "zeros", "coverage"))
+    if few is not None:
+        return few
+    values = data.values
+    n, zeros = len(values), int((values == 0).sum())
+    statistic, p = wilcoxon_p(values)
+    estimate, lower, upper, coverage = hodges_lehmann(values, level)
+    least = min(1.0, 2.0 / 2**n)
+    reach = min(1.0, least * contrasts)
+    sentence = (
+        f"{data.label}: median {data.shown(estimate)} over {persons(n)} "
+        f"({data.shown_interval(lower, upper, coverage)}; Wilcoxon {shown_p(p)}; after Holm over "
+        f"{contrasts} contrasts no p below {reach:.2g} is possible).{lost(data.counts)}"
+    )
+    if reach > 1.0 - level:
+        sentence += f" So this test cannot reach {1.0 - level:.2g} here, whatever the data."
+    return Finding(
+        data.label, estimate, lower, upper, p, least, n, sentence, data.counts, checks,
+        {"statistic": statistic, "zeros": float(zeros), "coverage": coverage},
+    )  # fmt: skip
+
+
+def _friedman(table: Array, counts: dict[str, int]) -> Finding:
+    n, k = table.shape
+    gone = counts["lost_undefined"]
+    name = "all strategies"
+    complete = Check(
+        "values are lost by chance",
+        "doubtful" if gone else "met",
+        f"{gone} of {gone + counts['pairs']} values are left out because a strategy lacks them.",
+    )
+    if n < 2:
+        text = f"{name}: {persons(n)} with values of all of them, so there is nothing to rank."
+        further = {"statistic": math.nan, "p_chi2": math.nan, "exact": math.nan}
+        return Finding(
+            name, n=n, sentence=text, counts=counts, checks=(INDEPENDENT, complete),
+            further=further,
+        )  # fmt: skip
+    statistic, p, p_chi2, exact = friedman_p(table)
+    agreement = statistic / (n * (k - 1))
+    least = math.factorial(k) ** (1.0 - n)
+    sentence = (
+        f"{name}: order agrees between {persons(n)} with Kendall's W = {agreement:.2f} "
+        f"(Friedman chi-square {statistic:.2f}, {shown_p(p)} "
+        f"{'by enumeration' if exact else 'by the chi-square limit'}). {complete.check}"
+    )
+    return Finding(
+        name, agreement, math.nan, math.nan, p, least, n, sentence, counts,
+        (INDEPENDENT, complete),
+        {"statistic": statistic, "p_chi2": p_chi2, "exact": float(exact)},
+    )  # fmt: skip

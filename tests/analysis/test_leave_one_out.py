@@ -1,0 +1,32 @@
+"""Leaving volunteers out against repeating the test on the rest."""
+
+import numpy as np
+import pytest
+from synthetic_scores import fail, of_differences
+
+from analysis.statistics.calibration import simulated_scores
+from analysis.statistics.leave_one_out import leave_one_volunteer_out
+from analysis.statistics.sign_flip import sign_flip
+
+
+def test_same_as_the_test_on_the_rest() -> None:
+    cube = fail(simulated_scores(5), volunteer="v4", strategy="act_rel")
+    found = leave_one_volunteer_out(cube)
+    for volunteer in cube["volunteer"].values:
+        rest = sign_flip(cube.drop_sel(volunteer=volunteer))
+        ours = found.sel(volunteer=volunteer)
+        kept = np.isfinite(ours["estimate_without"].values)
+        assert list(kept) == [True, volunteer != "v4", volunteer != "v4"]
+        np.testing.assert_allclose(ours["estimate_without"][kept], rest["estimate"][kept])
+        np.testing.assert_allclose(ours["p_without"][kept], rest["p"][kept])
+    bounds = found["estimate_without"]
+    np.testing.assert_allclose(found["interval"].sel(bound="lower"), bounds.min("volunteer"))
+    np.testing.assert_allclose(found["p"], found["p_without"].max("volunteer"))
+    assert list(found["n"].values) == [6, 5, 5]
+
+
+def test_one_volunteer_makes_the_effect() -> None:
+    found = leave_one_volunteer_out(of_differences([-0.1, -0.1, -0.1, 1.5]))
+    assert float(found["sign_changes"][0]) == 1
+    assert "most changed without v4; the sign changes without 1" in found.attrs["sentence"]
+    assert float(found["smallest_p"][0]) == pytest.approx(0.25)

@@ -1,0 +1,81 @@
+"""Power against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from statsmodels.stats.power import TTestPower
+from synthetic_scores import of_differences
+
+from analysis.errors import StatisticsError
+from analysis.statistics.calibration import simulated_scores
+from analysis.statistics.power import power, simulated_power
+
+
+def within(found, expected) -> None:
+    """Within four Monte Carlo errors of the truth."""
+    error = np.sqrt(np.asarray(expected) * (1 - np.asarray(expected)) / found.attrs["simulations"])
+    assert (np.abs(found["power"].values - expected) <= 4 * error).all()
+
+
+def test_t_test_has_the_noncentral_power() -> None:
+    found = simulated_power(0.5, 0.6, volunteers=(4, 6, 12, 20), test="t", simulations=4000)
+    exact = [TTestPower().power(0.5 / 0.6, n, 0.05) for n in (4, 6, 12, 20)]
+    within(found, exact)
+
+
+@pytest.mark.parametrize("test", ["sign_flip", "wilcoxon"])
+def test_six_volunteers_must_all_agree(test: str) -> None:
+    """Only the two patterns of one sign reach 2/64, so power is P(all +) + P(all -)."""
+    found = simulated_power(0.5, 0.6, volunteers=(5, 6), test=test, simulations=4000)
+    plus = norm.cdf(0.5 / 0.6)
+    within(found, [0.0, plus**6 + (1 - plus) ** 6])
+    np.testing.assert_allclose(found["smallest_p"], [2 / 32, 2 / 64])
+
+
+def test_without_an_effect_power_is_size() -> None:
+    found = simulated_power(0.0, 1.0, volunteers=(6, 16), simulations=4000)
+    within(found, [2 / 64, 0.05])
+
+
+def test_volunteers_needed() -> None:
+    found = simulated_power(0.5, 0.6, volunteers=(20, 6, 12))
+    assert float(found["volunteers_needed"]) == 20
+    assert "would need 20 volunteers" in found.attrs["sentence"]
+    never = simulated_power(0.01, 0.6, volunteers=(6, 12))
+    assert np.isnan(float(never["volunteers_needed"]))
+    assert "needs more than 12" in never.attrs["sentence"]
+
+
+def test_power_of_a_cube() -> None:
+    cube = simulated_scores(3, effects=(0.0, 0.6, 0.6))
+    found = power(cube, effect=0.4, volunteers=(6, 20), simulations=300)
+    spread = found["standard_deviation"]
+    assert (spread.diff("spread") > 0).all()
+    # More spread, less power; and a larger study has more of it.
+    assert (found["power"].diff("spread") <= 0).all()
+    assert (found["power"].diff("volunteers") >= 0).all()
+    assert "to show a difference of +0.40 in z with power 0.8" in str(found["sentence"].values[0])
+
+
+def test_nothing_to_plan_with() -> None:
+    for values in ([0.4], [0.4, 0.4, 0.4]):
+        found = power(of_differences(values), simulations=10)
+        assert np.isnan(found["power"]).all()
+        assert "no variation to plan with" in found.attrs["sentence"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"standard_deviation": 0.0},
+        {"effect": np.nan},
+        {"test": "z"},
+        {"volunteers": (1, 6)},
+        {"volunteers": ()},
+        {"alpha": 5},
+        {"target": 80},
+    ],
+)
+def test_impossible_options(options: dict) -> None:
+    with pytest.raises(StatisticsError):
+        simulated_power(**{"effect": 0.5, "standard_deviation": 1.0, **options})
