@@ -80,7 +80,7 @@ def fit_crossed(y: Array, X: Array, factors: Mapping[str, NDArray[np.int64]]) ->
     # The criterion may have a second valley near the bound; the better of two starts is kept.
     tried = [
         minimize(
-            equations.criterion, np.full(len(names), start), method="L-BFGS-B",
+            equations.criterion, np.full(len(names), start), method="L-BFGS-B", jac="3-point",
             bounds=[(0.0, LARGEST)] * len(names), options={"ftol": 1e-14, "gtol": 1e-7},
         )
         for start in (1.0, 0.1)

@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from itertools import permutations
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -182,15 +182,14 @@ def friedman_p(table: Array) -> tuple[float, float, float, bool]:
     exact : bool
         Whether `p` is exact.
     """
-    n, k = table.shape
+    n, k = map(int, table.shape)
     ranks = np.asarray(rankdata(table, axis=1), dtype=np.float64)
     spread = float(((ranks - (k + 1) / 2.0) ** 2).sum())
     if spread == 0.0:
         return 0.0, 1.0, 1.0, True
     sums: Array = ranks.sum(axis=0)
     statistic = (k - 1) * float(((sums - n * (k + 1) / 2.0) ** 2).sum()) / spread
-    tail: Any = chi2.sf(statistic, k - 1)
-    p_chi2 = float(tail)
+    p_chi2 = float(chi2.sf(statistic, k - 1))
     # The sum of squares of doubled sums of ranks orders tables like the statistic, in integers.
     found = int((np.rint(2.0 * sums).astype(np.int64) ** 2).sum())
     states: dict[tuple[int, ...], float] = {(0,) * k: 1.0}
