@@ -1,0 +1,16 @@
+"""A parametric lower face: measures, presets and random volunteers, at any resolution."""
+
+from emgface.face.template.build import template_face
+from emgface.face.template.measures import Measures, parse_measures
+from emgface.face.template.norms import norms_table
+from emgface.face.template.volunteers import PRESETS, preset_measures, random_measures
+
+__all__ = [
+    "PRESETS",
+    "Measures",
+    "norms_table",
+    "parse_measures",
+    "preset_measures",
+    "random_measures",
+    "template_face",
+]

@@ -1,0 +1,92 @@
+"""Where the template is held by bone, and where its markers sit."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.face.model import FREE, MANDIBLE, SKULL
+from emgface.face.template.grid import LAYERS, MARKER_RAY, Grid
+from emgface.face.template.surface import Surfaces
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_POWER: Final = 4.0
+"""Exponent of the superellipse in which the inner surface is free."""
+
+
+def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
+    """What holds every node: the rim and the inner surface outside lips and cheeks are on bone.
+
+    The inner surface is free between the upper and lower fornix of the vestibule, which lies near
+    the root of the lips in the midline and opens towards the cheek, as far as the masseter.
+
+    Returns
+    -------
+    ndarray, shape (nodes,)
+        Values of `emgface.face.model`: free, mandible (below the mouth) or skull.
+    """
+    m = surfaces.measures
+    q, lip = grid.left_rays
+    place = surfaces.places(q, lip, grid.s)
+    xi, tau = place[..., 0], place[..., 1]
+    cheek = np.clip(xi / (0.30 * m.face_width), 0.0, 1.0) ** 2
+    upper = 0.85 * m.upper_lip_height + cheek * (0.15 * m.upper_lip_height + 0.12 * m.nose_height)
+    lower = 0.90 * m.lower_lip_height + cheek * (0.60 * m.chin_height - 0.90 * m.lower_lip_height)
+    height = np.where(tau >= 0.0, upper, lower)
+    outside = (xi / (0.58 * m.face_width)) ** _POWER + (np.abs(tau) / height) ** _POWER >= 1.0
+    held = np.zeros((*outside.shape, LAYERS + 1), dtype=bool)
+    held[..., 0] = outside
+    held[:, -1, :] = True
+    bone = np.where(tau >= 0.0, SKULL, MANDIBLE)[..., None]
+    return grid.unfold(np.where(held, bone, FREE)).reshape(-1).astype(np.int8)
+
+
+def lip_marker_nodes(grid: Grid) -> Integers:
+    """Nodes of the lip markers, on the vermilion border, in the order of `LIP_MARKERS`."""
+    quarter = grid.rays // 4
+    lateral, paramedian = (round(MARKER_RAY[k] * quarter) for k in ("lateral", "paramedian"))
+    half = grid.rays // 2
+    left = [quarter, lateral, paramedian, half - lateral, half - paramedian]
+    corner, upper_lateral, upper_paramedian, lower_lateral, lower_paramedian = left
+    rays = [
+        corner,
+        upper_lateral,
+        upper_paramedian,
+        -upper_paramedian,
+        -upper_lateral,
+        -corner,
+        lower_lateral,
+        lower_paramedian,
+        -lower_paramedian,
+        -lower_lateral,
+    ]
+    return grid.index[np.array(rays) % grid.rays, grid.rings[0], LAYERS]
+
+
+def lip_opening_nodes(grid: Grid) -> Integers:
+    """Midline nodes of the upper and the lower margin, on the skin side."""
+    return grid.index[[0, grid.rays // 2], 0, LAYERS]
+
+
+def face_marker_positions(surfaces: Surfaces) -> Floats:
+    """Rigid points in the order of `FACE_MARKERS` [m].
+
+    Temple, nasion and rhinion lie on the skin; the forehead lies above the template, where the
+    markers of a recording sit on skin that moves with the skull.
+    """
+    m = surfaces.measures
+    top = m.upper_lip_height
+    place = np.array(
+        [
+            (0.66 * m.face_width, top + 0.35 * m.nose_height),
+            (0.0, top + 0.98 * m.nose_height),
+            (0.0, top + 0.70 * m.nose_height),
+        ]
+    )
+    temple, nasion, rhinion = surfaces.points(place, np.ones(3))
+    nasion[0] = rhinion[0] = 0.0
+    forehead = nasion + [-0.22 * m.face_width, -0.06 * m.face_depth, 0.35 * m.nose_height]
+    mirror = np.array([-1.0, 1.0, 1.0])
+    return np.array([forehead, forehead * mirror, temple, temple * mirror, nasion, rhinion])

@@ -1,0 +1,163 @@
+"""The template as a face model: from measures and a resolution to a checked Dataset."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import FaceError
+from emgface.face.model import Bundle, Fibre, build_face
+from emgface.face.quality import element_centres
+from emgface.face.template.attachments import (
+    face_marker_positions,
+    fixed_nodes,
+    lip_marker_nodes,
+    lip_opening_nodes,
+)
+from emgface.face.template.calibrate import calibrated_surfaces
+from emgface.face.template.grid import Grid, make_grid
+from emgface.face.template.measures import Measures
+from emgface.face.template.muscles import RADIUS, Muscles, place_muscles
+from emgface.face.template.surface import Surfaces
+from emgface.face.template.volunteers import preset_measures, random_measures
+
+Floats = NDArray[np.float64]
+Warp = Callable[[Floats], Floats]
+
+_LARGEST_SKIN_SHARE = 0.35
+"""Skin is at most this share of the tissue where that is thin."""
+_MIDLINE = 5e-3
+"""Width over which the two sides of an asymmetric face blend [m]."""
+
+
+def template_face(
+    *,
+    resolution: str | int = "medium",
+    measures: Measures | Mapping[str, float] | None = None,
+    preset: str = "adult",
+    seed: int | None = None,
+    radius: float = RADIUS,
+    name: str = "",
+) -> xr.Dataset:
+    """Generate a lower face from the eyes to the chin, with ten muscle pairs and the markers.
+
+    Parameters
+    ----------
+    resolution : str or int
+        "coarse" (576 elements), "medium" (2448), "fine" (6480) or about how many elements.
+    measures : Measures or mapping, optional
+        All measures, or some that replace those of the preset or of the drawn volunteer [m].
+    preset : str
+        Group of people, a name of `emgface.face.template.volunteers.PRESETS`.
+    seed : int, optional
+        Draw a random volunteer of the group; without it the face has the means of the group.
+    radius : float
+        Elements whose centre lies nearer than this to a fibre belong to the muscle [m].
+    name : str
+        Name of the face; made from preset and seed if empty.
+
+    Returns
+    -------
+    xarray.Dataset
+        Of schema face_model, origin "generated"; the measures [m] are attributes.
+
+    Raises
+    ------
+    FaceError
+        A measure is impossible, a name unknown, the resolution out of range, a muscle outside the
+        tissue, or the face fails `emgface.face.model.check_face`.
+
+    Notes
+    -----
+    Right and left mirror each other bit by bit unless `width_asymmetry` or `droop` is given. The
+    frame has y = 0 at the tragia and z = 0 between the lips.
+
+    Examples
+    --------
+    >>> face = template_face(resolution="coarse", measures={"mouth_width": 0.052})
+    >>> face.attrs["origin"], face.sizes["element"]
+    ('generated', 576)
+    """
+    if isinstance(measures, Measures):
+        if seed is not None:
+            raise FaceError(
+                "both a full set of measures and a seed are given, expected one of them: pass a "
+                "mapping to replace single measures of a volunteer"
+            )
+        own = measures
+    else:
+        drawn = preset_measures(preset) if seed is None else random_measures(seed, preset=preset)
+        own = drawn.with_values(measures or {})
+    if not radius > 0:
+        raise FaceError(f"the muscle radius is {radius} m, expected a positive length")
+
+    grid = make_grid(resolution)
+    surfaces = calibrated_surfaces(own)
+    position = node_positions(surfaces, grid)
+    muscles = place_muscles(surfaces, grid, position, radius=radius)
+    face_markers = face_marker_positions(surfaces)
+    if own.width_asymmetry or own.droop:
+        warp = _asymmetry(own, surfaces.mouth_half_width)
+        muscles = _warped(muscles, element_centres(position, grid.connectivity), warp)
+        position, face_markers = warp(position), warp(face_markers)
+    if not name:
+        name = f"template face ({preset}" + ("" if seed is None else f", volunteer {seed}") + ")"
+    return build_face(
+        position=position,
+        connectivity=grid.connectivity,
+        layer=grid.layer,
+        fixed=fixed_nodes(surfaces, grid),
+        fibres=muscles.fibres,
+        bundles=muscles.bundles,
+        marker_node=lip_marker_nodes(grid),
+        face_marker_position=face_markers,
+        lip_opening_node=lip_opening_nodes(grid),
+        name=name,
+        origin="generated",
+        source="emgface.face.template",
+        attrs={
+            "muscle_radius": radius,
+            "preset": preset,
+            "seed": "" if seed is None else seed,
+            "rays": grid.rays,
+            "rings": grid.n_rings,
+            **{f"measure_{key}": value for key, value in asdict(own).items()},
+        },
+    )
+
+
+def node_positions(surfaces: Surfaces, grid: Grid) -> Floats:
+    """Positions (nodes, 3) of the symmetric face [m]."""
+    q, lip = grid.left_rays
+    skin, inner = surfaces.sheets(q, lip, grid.s)
+    thickness = np.linalg.norm(skin - inner, axis=-1)
+    share = np.minimum(surfaces.measures.skin_thickness / thickness, _LARGEST_SKIN_SHARE)
+    return grid.positions(skin, inner, share)
+
+
+def _asymmetry(m: Measures, corner: float) -> Warp:
+    """Widen the right, narrow the left, and let the left mouth corner hang."""
+
+    def warp(points: Floats) -> Floats:
+        x, y, z = points.T
+        wider = 0.5 * m.width_asymmetry * (np.hypot(x, _MIDLINE) - _MIDLINE)
+        side = 0.5 * (1.0 + np.tanh(-x / (0.5 * corner)))
+        near = np.exp(-((z / 0.022) ** 2) - ((np.abs(x) - corner) / 0.030) ** 2)
+        return np.column_stack([x + wider, y, z - m.droop * side * near])
+
+    return warp
+
+
+def _warped(muscles: Muscles, centres: Floats, warp: Warp) -> Muscles:
+    """Carry fibres and directions along with a deformation."""
+    step = 1e-6
+    bundles: list[Bundle] = []
+    for bundle in muscles.bundles:
+        at, along = centres[bundle.element], step * bundle.direction
+        direction = warp(at + along) - warp(at - along)
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        bundles.append(Bundle(bundle.muscle, bundle.element, direction))
+    fibres = [Fibre(f.muscle, warp(f.position)) for f in muscles.fibres]
+    return Muscles(fibres, bundles)

@@ -1,0 +1,120 @@
+"""Measures taken on the finished surface, and surfaces on which they come out as asked.
+
+Relief, curvature and the directions of the tissue shift landmarks by up to a few millimetres from
+where the construction was told to put them. The construction is therefore told something else, found
+by repeating: new parameter = old parameter + (wanted - measured).
+"""
+
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.errors import FaceError
+from emgface.face.template.measures import MM, Measures
+from emgface.face.template.outline import MARGIN, MIDDLE, PERIORAL, RIM, VERMILION
+from emgface.face.template.surface import Surfaces
+
+Floats = NDArray[np.float64]
+
+TOLERANCE: Final = 0.05e-3
+"""Difference between a measure and what is measured on the surface at which the search ends [m]."""
+LARGEST_MISS: Final = 0.5e-3
+"""Largest such difference that is accepted when the search does not end [m]."""
+_ROUNDS: Final = 60
+_MIDLINE_S: Final = np.unique(
+    np.concatenate([np.linspace(MARGIN, RIM, 201), [VERMILION, PERIORAL]])
+)
+
+
+@dataclass(frozen=True)
+class _Parameters(Measures):
+    """What the construction is told; no measures of anyone, so unchecked."""
+
+    def __post_init__(self) -> None:
+        """Accept what no face has."""
+
+
+def surface_measures(surfaces: Surfaces) -> dict[str, float]:
+    """Measure a surface between its landmarks.
+
+    Parameters
+    ----------
+    surfaces : Surfaces
+
+    Returns
+    -------
+    dict
+        Those measures that landmarks of the skin define, by name [m].
+    """
+    s = _MIDLINE_S
+    ends = np.zeros(2)
+    skin, _ = surfaces.sheets(ends, np.array([1.0, -1.0]), s)
+    upper, lower = skin
+    at = {ring: int(np.flatnonzero(s == ring)[0]) for ring in (MARGIN, VERMILION, PERIORAL, RIM)}
+    border, base = at[VERMILION], at[PERIORAL]
+    subnasale = upper[base]
+    pronasale = upper[base + int(np.argmax(upper[base:, 1]))]
+    corner, _ = surfaces.sheets(np.ones(1), np.ones(1), np.array([MARGIN]))
+    # The face is widest above the level of the mouth, near the rim.
+    q = np.linspace(0.4, 1.0, 13)
+    wide, _ = surfaces.sheets(q, np.ones(13), np.linspace(MIDDLE, RIM, 25))
+    return {
+        "mouth_width": 2.0 * float(corner[0, 0, 0]),
+        "upper_lip_height": float(subnasale[2]),
+        "upper_vermilion_height": float(upper[border, 2]),
+        "lower_vermilion_height": -float(lower[border, 2]),
+        "lower_lip_height": -float(lower[base, 2]),
+        "chin_height": -float(lower[:, 2].min()),
+        "nose_height": float(upper[-1, 2] - subnasale[2]),
+        "nose_protrusion": float(np.linalg.norm(pronasale - subnasale)),
+        "face_width": 2.0 * float(wide[..., 0].max()),
+        "face_depth": float(subnasale[1]),
+        "upper_lip_protrusion": float(upper[:base, 1].max() - subnasale[1]),
+        "lower_lip_protrusion": float(lower[:base, 1].max() - subnasale[1]),
+        "chin_protrusion": float(lower[base:, 1].max() - subnasale[1]),
+        "lip_gap": float(upper[0, 2] - lower[0, 2]),
+    }
+
+
+def calibrated_surfaces(measures: Measures) -> Surfaces:
+    """Surfaces whose landmarks lie as the measures say.
+
+    Parameters
+    ----------
+    measures : Measures
+
+    Returns
+    -------
+    Surfaces
+        Its own `measures` are what the construction had to be told.
+
+    Raises
+    ------
+    FaceError
+        A measure cannot be reached beside the others; the message names it.
+    """
+    told = {field.name: float(getattr(measures, field.name)) for field in fields(measures)}
+    best: tuple[float, dict[str, float], Surfaces] | None = None
+    for _ in range(_ROUNDS):
+        surfaces = Surfaces(_Parameters(**told))
+        found = surface_measures(surfaces)
+        miss = {name: getattr(measures, name) - value for name, value in found.items()}
+        size = max(map(abs, miss.values()))
+        if best is None or size < best[0]:
+            best = size, miss, surfaces
+        if size <= TOLERANCE:
+            break
+        for name, difference in miss.items():
+            told[name] += 0.7 * difference
+    assert best is not None
+    size, miss, surfaces = best
+    if size <= LARGEST_MISS:
+        return surfaces
+    worst = max(miss, key=lambda name: abs(miss[name]))
+    raise FaceError(
+        f"{worst} of {getattr(measures, worst) / MM:.1f} mm cannot be reached beside the other "
+        f"measures (nearest {(getattr(measures, worst) - miss[worst]) / MM:.1f} mm): bring it nearer "
+        "to the mean or change its neighbours"
+    )

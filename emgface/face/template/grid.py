@@ -1,0 +1,171 @@
+"""The O-grid of the template: rays from the mouth slit, rings round it, three layers.
+
+Rays are numbered round the mouth from the upper midline over the left corner, the lower midline and
+the right corner; rings from the margin of the lips outwards; sheets from the inner surface to the
+skin. Ray r and ray (R - r) mod R mirror each other.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.errors import FaceError
+from emgface.face.template.outline import CURVES
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+LAYERS: Final = 3
+RESOLUTIONS: Final = {"coarse": 576, "medium": 2448, "fine": 6480}
+"""Named numbers of elements."""
+RAYS_PER_STEP: Final = 24
+"""Rays come in this multiple, so that midlines, corners and markers lie on rays."""
+MARKER_RAY: Final = {"paramedian": 1.0 / 6.0, "lateral": 0.5}
+"""Rays q of the lip markers, on the peak of the Cupid's bow and half way round to the corner."""
+RINGS_OVER_RAYS: Final = 0.36
+_SHARES: Final = np.array([0.18, 0.31, 0.28, 0.23])
+"""Share of the rings between one curve of the outline and the next."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Numbers of rays and of rings between the curves of the outline."""
+
+    rays: int
+    rings: tuple[int, int, int, int]
+
+    @property
+    def n_rings(self) -> int:
+        """Elements from the margin of the lips to the rim."""
+        return sum(self.rings)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Nodes over rays, rings and sheets."""
+        return self.rays, self.n_rings + 1, LAYERS + 1
+
+    @cached_property
+    def s(self) -> Floats:
+        """Ring coordinate of every ring of nodes, shape (n_rings + 1,)."""
+        parts = [
+            np.linspace(low, high, n, endpoint=False)
+            for low, high, n in zip(CURVES[:-1], CURVES[1:], self.rings, strict=True)
+        ]
+        return np.concatenate([*parts, [1.0]])
+
+    @cached_property
+    def left_rays(self) -> tuple[Floats, Floats]:
+        """Coordinates q and lip of the rays from the upper over the left to the lower midline."""
+        quarter = self.rays // 4
+        q = np.arange(quarter + 1) / quarter
+        upper, lower = np.ones(quarter + 1), -np.ones(quarter)
+        return np.concatenate([q, q[-2::-1]]), np.concatenate([upper, lower])
+
+    @cached_property
+    def index(self) -> Integers:
+        """Node at (ray, ring, sheet)."""
+        return np.arange(np.prod(self.shape)).reshape(self.shape)
+
+    @cached_property
+    def connectivity(self) -> Integers:
+        """Elements (n, 8) in VTK order, rings within rays within layers."""
+        here = self.index
+        after = np.roll(here, -1, axis=0)
+        # One who looks at the face sees up, left (its left), down run clockwise.
+        corners = (here[:, :-1], after[:, :-1], after[:, 1:], here[:, 1:])
+        quads = np.stack(corners, axis=-1)
+        rows = [
+            np.concatenate([quads[:, :, k], quads[:, :, k + 1]], axis=-1).reshape(-1, 8)
+            for k in range(LAYERS)
+        ]
+        return np.concatenate(rows)
+
+    @cached_property
+    def layer(self) -> Integers:
+        """Layer of every element."""
+        return np.repeat(np.arange(LAYERS), self.rays * self.n_rings)
+
+    @cached_property
+    def element_place(self) -> tuple[Integers, Integers]:
+        """Ray and ring of every element."""
+        ray, ring = np.divmod(np.arange(self.rays * self.n_rings), self.n_rings)
+        return np.tile(ray, LAYERS), np.tile(ring, LAYERS)
+
+    @cached_property
+    def mirror_element(self) -> Integers:
+        """Element that mirrors each element."""
+        ray, ring = self.element_place
+        return (self.layer * self.rays + (self.rays - 1 - ray)) * self.n_rings + ring
+
+    @cached_property
+    def mirror_node(self) -> Integers:
+        """Node that mirrors each node."""
+        return self.index[-np.arange(self.rays) % self.rays].reshape(-1)
+
+    def unfold(self, left: Floats) -> Floats:
+        """All rays from those of the left half, for values (left rays, ...) that are even in x."""
+        return np.concatenate([left, left[-2:0:-1]])
+
+    def positions(self, skin: Floats, inner: Floats, skin_share: Floats) -> Floats:
+        """Node positions from the two surfaces of the left half.
+
+        Parameters
+        ----------
+        skin, inner : ndarray, shape (left rays, rings, 3)
+            x counts to the left [m].
+        skin_share : ndarray, shape (left rays, rings)
+            Thickness of the outer layer over the whole.
+
+        Returns
+        -------
+        ndarray, shape (nodes, 3)
+            x counts to the right [m].
+        """
+        below = (1.0 - skin_share)[..., None]
+        sheets = [inner, inner + 0.5 * below * (skin - inner), inner + below * (skin - inner), skin]
+        left = np.stack(sheets, axis=2)
+        left[[0, -1], ..., 0] = 0.0
+        every = self.unfold(left)
+        every[: len(left), ..., 0] *= -1.0
+        return every.reshape(-1, 3)
+
+
+def make_grid(resolution: str | int) -> Grid:
+    """Choose rays and rings for a resolution.
+
+    Parameters
+    ----------
+    resolution : str or int
+        A name of `RESOLUTIONS` or about how many elements.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    FaceError
+        The name is unknown or the number below 400 or above 200 000.
+    """
+    if isinstance(resolution, str):
+        if resolution not in RESOLUTIONS:
+            raise FaceError(
+                f"the resolution is {resolution!r}, expected one of {', '.join(RESOLUTIONS)} or a "
+                "number of elements"
+            )
+        wanted = RESOLUTIONS[resolution]
+    else:
+        wanted = int(resolution)
+    if not 400 <= wanted <= 200_000:
+        raise FaceError(f"the resolution is {wanted} elements, expected 400 to 200000")
+    columns = wanted / LAYERS
+    steps = max(1, round(np.sqrt(columns / RINGS_OVER_RAYS) / RAYS_PER_STEP))
+    rays = steps * RAYS_PER_STEP
+    total = max(6, round(columns / rays))
+    rings = np.maximum(1, np.floor(_SHARES * total)).astype(int)
+    while rings.sum() < total:
+        rings[np.argmax(_SHARES * total - rings)] += 1
+    return Grid(rays, (int(rings[0]), int(rings[1]), int(rings[2]), int(rings[3])))

@@ -1,0 +1,252 @@
+"""The ten muscles of a side: courses by landmarks, the two rings by ring and layer.
+
+A course is a row of points in the chart with their depth, from 0 on the inner surface to 1 on the
+skin. Sources of the courses: Standring (ed.), Gray's Anatomy, chapter Face and scalp (origins,
+insertions, layers); Stavness et al., Coupled biomechanical modeling of the face (the set of
+muscles, rings of orbicularis oris as closed loops). Depths and the split into fibres are chosen.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from emgface.errors import FaceError
+from emgface.face.bundles import elements_within, fibre_directions
+from emgface.face.model import OUTER, Bundle, Fibre
+from emgface.face.quality import element_centres
+from emgface.face.template.grid import Grid
+from emgface.face.template.measures import Measures
+from emgface.face.template.outline import PERIORAL, VERMILION
+from emgface.face.template.surface import Surfaces
+from emgface.muscles import MODELLED
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+RADIUS: Final = 5e-3
+"""Elements whose centre lies nearer than this to a fibre belong to the muscle [m] (Eskes et al.
+2017)."""
+MODIOLUS: Final = 9e-3
+"""Distance of the modiolus from the mouth corner along the skin [m]."""
+RINGS: Final[Mapping[str, tuple[float, float]]] = {
+    "OOM": (0.0, VERMILION),
+    "OOP": (VERMILION, VERMILION + 0.75 * (PERIORAL - VERMILION)),
+}
+"""Rings s that the parts of orbicularis oris fill, in the two layers below the skin."""
+_RING_DEPTH: Final = 0.4
+_SAMPLES: Final = 60
+_MIRROR: Final = np.array([-1.0, 1.0, 1.0])
+
+Course = tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True)
+class Muscles:
+    """Fibres and elements of both sides of a symmetric face."""
+
+    fibres: list[Fibre]
+    bundles: list[Bundle]
+
+
+def courses(m: Measures, corner: float) -> dict[str, tuple[Course, ...]]:
+    """Fibres of the left side from origin to insertion, in the chart.
+
+    Parameters
+    ----------
+    m : Measures
+    corner : float
+        Half width of the mouth along the skin [m].
+
+    Returns
+    -------
+    dict
+        Muscle to its fibres, each a row of (xi [m], tau [m], depth [1]).
+    """
+    top, nose, chin, wide = m.upper_lip_height, m.nose_height, m.chin_height, m.face_width
+    lower = m.lower_lip_height
+    modiolus = corner + MODIOLUS
+    wing = 0.5 * m.nose_width
+    return {
+        # Zygomatic bone, lateral.
+        "ZYG": (
+            (
+                (0.47 * wide, top + 0.40 * nose, 0.10),
+                (0.38 * wide, 0.55 * (top + 0.40 * nose), 0.35),
+                (modiolus, 0.002, 0.45),
+                (corner + 0.002, 0.0, 0.50),
+            ),
+        ),
+        # Fascia over parotid gland and masseter, superficial.
+        "RIS": (
+            (
+                (0.62 * wide, 0.006, 0.55),
+                (0.42 * wide, 0.001, 0.60),
+                (modiolus, -0.001, 0.55),
+                (corner + 0.002, -0.001, 0.55),
+            ),
+        ),
+        # Frontal process of the maxilla beside the nose; to the upper lip and the wing of the nose.
+        "LLSAN": (
+            (
+                (0.75 * wing, top + 0.80 * nose, 0.20),
+                (wing + 0.004, top + 0.40 * nose, 0.40),
+                (wing + 0.004, top + 0.10 * nose, 0.50),
+                (0.62 * corner, 0.5 * (top + m.upper_vermilion_height), 0.55),
+                (0.55 * corner, m.upper_vermilion_height, 0.55),
+            ),
+            (
+                (0.75 * wing, top + 0.80 * nose, 0.20),
+                (wing + 0.001, top + 0.40 * nose, 0.40),
+                (wing + 0.002, top + 0.12 * nose, 0.60),
+            ),
+        ),
+        # Canine fossa below the infraorbital foramen.
+        "LAO": (
+            (
+                (0.20 * wide, top + 0.26 * nose, 0.05),
+                (0.23 * wide, 0.70 * top, 0.25),
+                (modiolus - 0.002, 0.003, 0.40),
+            ),
+            (
+                (0.26 * wide, top + 0.26 * nose, 0.05),
+                (0.27 * wide, 0.70 * top, 0.25),
+                (modiolus, 0.003, 0.40),
+            ),
+        ),
+        # Alveolar processes opposite the molars and the raphe behind them, deepest in the cheek.
+        "BUC": (
+            ((0.56 * wide, 0.012, 0.10), (0.42 * wide, 0.008, 0.20), (corner, 0.004, 0.30)),
+            ((0.56 * wide, -0.012, 0.10), (0.42 * wide, -0.008, 0.20), (corner, -0.004, 0.30)),
+        ),
+        # Oblique line of the mandible between symphysis and mental foramen.
+        "DLI": (
+            (
+                (0.17 * wide, -0.80 * chin, 0.10),
+                (0.13 * wide, -0.55 * chin, 0.40),
+                (0.30 * corner, -m.lower_vermilion_height, 0.55),
+            ),
+            (
+                (0.22 * wide, -0.76 * chin, 0.10),
+                (0.18 * wide, -0.52 * chin, 0.40),
+                (0.60 * corner, -m.lower_vermilion_height, 0.55),
+            ),
+        ),
+        # Oblique line of the mandible lateral of and over the former; to the modiolus.
+        "DAO": (
+            (
+                (0.23 * wide, -0.92 * chin, 0.15),
+                (0.25 * wide, -0.50 * chin, 0.55),
+                (modiolus - 0.002, -0.002, 0.55),
+            ),
+            (
+                (0.32 * wide, -0.82 * chin, 0.15),
+                (0.31 * wide, -0.45 * chin, 0.55),
+                (modiolus, -0.002, 0.55),
+            ),
+        ),
+        # Incisive fossa; to the skin of the chin.
+        "MEN": (
+            (
+                (0.035 * wide, -0.95 * lower, 0.05),
+                (0.04 * wide, -0.5 * (lower + 0.72 * chin), 0.45),
+                (0.05 * wide, -0.72 * chin, 0.85),
+            ),
+            (
+                (0.06 * wide, -0.95 * lower, 0.05),
+                (0.075 * wide, -0.5 * (lower + 0.70 * chin), 0.45),
+                (0.085 * wide, -0.70 * chin, 0.85),
+            ),
+        ),
+    }
+
+
+def place_muscles(
+    surfaces: Surfaces,
+    grid: Grid,
+    position: Floats,
+    *,
+    radius: float = RADIUS,
+) -> Muscles:
+    """Fibres and muscle elements of a symmetric face.
+
+    Besides the elements within the radius, a muscle owns those that its fibres pass through, so
+    that none has a gap on a coarse grid. The skin layer belongs to no muscle. Elements of the rings
+    point along the ring.
+
+    Parameters
+    ----------
+    surfaces : Surfaces
+    grid : Grid
+    position : ndarray, shape (nodes, 3)
+        Of the symmetric face, x counting to the right [m].
+    radius : float
+        Distance from a fibre [m].
+
+    Returns
+    -------
+    Muscles
+
+    Raises
+    ------
+    FaceError
+        A point of a muscle lies outside the tissue; the message names muscle and point.
+    """
+    centres = element_centres(position, grid.connectivity)
+    ray, ring = grid.element_place
+    soft = np.flatnonzero((grid.layer != OUTER) & (ray < grid.rays // 2))
+    along = _ring_directions(grid, position)
+    rays = courses(surfaces.measures, surfaces.mouth_half_width)
+    fibres: list[Fibre] = []
+    bundles: list[Bundle] = []
+    for muscle in MODELLED:
+        if muscle in RINGS:
+            low, high = RINGS[muscle]
+            middle = 0.5 * (grid.s[1:] + grid.s[:-1])[ring[soft]]
+            element = soft[(middle > low) & (middle < high)]
+            direction = along[element]
+            left = [_ring_fibre(surfaces, grid, 0.5 * (low + high))]
+        else:
+            left = [_in_space(surfaces, muscle, course) for course in rays[muscle]]
+            element = _elements(centres[soft], left, radius)
+            element = soft[element]
+            direction = fibre_directions(centres[element], left)
+        fibres += [Fibre(f"{muscle}_L", points) for points in left]
+        bundles.append(Bundle(f"{muscle}_L", element, direction))
+        bundles.append(Bundle(f"{muscle}_R", grid.mirror_element[element], direction * _MIRROR))
+    fibres += [Fibre(f"{f.muscle[:-1]}R", f.position * _MIRROR) for f in fibres]
+    return Muscles(fibres, bundles)
+
+
+def _in_space(surfaces: Surfaces, muscle: str, course: Course) -> Floats:
+    points = np.array(course)
+    try:
+        return surfaces.points(points[:, :2], points[:, 2])
+    except FaceError as error:
+        raise FaceError(f"{muscle}: {error}") from error
+
+
+def _ring_fibre(surfaces: Surfaces, grid: Grid, s: float) -> Floats:
+    q, lip = grid.left_rays
+    skin, inner = surfaces.sheets(q, lip, np.array([s]))
+    points = (inner + _RING_DEPTH * (skin - inner))[:, 0] * _MIRROR
+    points[[0, -1], 0] = 0.0
+    return points
+
+
+def _ring_directions(grid: Grid, position: Floats) -> Floats:
+    """Unit vectors along the rings at the centres of the elements."""
+    corners = position[grid.connectivity]
+    vector = corners[:, [1, 2, 5, 6]].mean(axis=1) - corners[:, [0, 3, 4, 7]].mean(axis=1)
+    return vector / np.linalg.norm(vector, axis=1, keepdims=True)
+
+
+def _elements(centres: Floats, fibres: list[Floats], radius: float) -> Integers:
+    near = elements_within(centres, fibres, radius)
+    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None, None]
+    on_fibres = np.concatenate([(f[:-1] + t * np.diff(f, axis=0)).reshape(-1, 3) for f in fibres])
+    passed = KDTree(centres).query(on_fibres)[1]
+    return np.union1d(near, passed).astype(np.int64)

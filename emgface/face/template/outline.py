@@ -1,0 +1,121 @@
+"""The chart of the lower face and the closed curves in it that carry the grid.
+
+The chart is a flat map of the skin: xi runs laterally along the skin from the midline (left is
+positive here; the right side is its mirror image), tau along the midline profile, with tau = 0 at
+the mouth and up positive; both [m]. Rays leave the mouth slit, rings surround it. A point is named
+by its ray, q from 0 (midline) to 1 (mouth corner) of the upper (lip = 1) or lower lip (lip = -1),
+and its ring, s from 0 (margin of the lip) to 1 (rim of the face).
+
+Five curves, each a function of the ray, carry the rings: margin of the lips, vermilion border,
+border of the perioral region (subnasale, nasolabial fold, mentolabial sulcus), middle of the face
+(side of the nose, cheek, chin) and rim (nasion, below the orbit, ear, angle of the jaw, submental
+skin).
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from emgface.face.template.measures import Measures
+
+Floats = NDArray[np.float64]
+
+MARGIN, VERMILION, PERIORAL, MIDDLE, RIM = 0.0, 0.18, 0.47, 0.76, 1.0
+"""Rings s of the five curves."""
+CURVES: Final = (MARGIN, VERMILION, PERIORAL, MIDDLE, RIM)
+
+_EVEN_SHARE: Final = 0.2
+"""How much of an even spacing of rays is mixed into that of an ellipse, against tiny corner cells."""
+_CORNER_RIM: Final = 3.5e-3
+"""Distance of the vermilion border from the mouth corner [m]."""
+_PERIORAL_WIDTH: Final = 0.55
+"""Half width of the perioral region beyond the corner, over the half width of the mouth."""
+_BOW_WIDTH: Final = 3.2e-3
+"""Width of the peaks of the Cupid's bow [m]."""
+
+
+def lateral_share(q: Floats) -> Floats:
+    """Lateral position of a ray on the margin of the lips, over the half width of the mouth."""
+    return (1.0 - _EVEN_SHARE) * np.sin(0.5 * np.pi * q) + _EVEN_SHARE * q
+
+
+def chart(measures: Measures, half_width: float, q: Floats, lip: Floats, s: Floats) -> Floats:
+    """Place of every ray and ring in the chart.
+
+    Parameters
+    ----------
+    measures : Measures
+    half_width : float
+        Half width of the mouth along the skin [m].
+    q, lip : ndarray, shape (rays,)
+        Ray and lip (1 upper, -1 lower).
+    s : ndarray, shape (rings,)
+        Ring from 0 to 1.
+
+    Returns
+    -------
+    ndarray, shape (rays, rings, 2)
+        xi and tau [m].
+    """
+    knots = np.stack(_curves(measures, half_width, q, lip))
+    return np.moveaxis(PchipInterpolator(CURVES, knots, axis=0)(s), 0, 1)
+
+
+def _curves(m: Measures, half_width: float, q: Floats, lip: Floats) -> list[Floats]:
+    share = lateral_share(q)
+    height = np.sqrt(np.clip(1.0 - share**2, 0.0, None))
+    angle = 0.5 * np.pi * q
+    upper = lip > 0
+
+    # Blunt ends keep the angle between the lips at the corner away from zero.
+    slit = 0.5 * m.lip_gap * np.sqrt(np.clip(1.0 - share**6, 0.0, None))
+    margin = _curve(half_width * share, lip * slit)
+
+    vermilion = np.where(upper, m.upper_vermilion_height, m.lower_vermilion_height)
+    rise = (vermilion - 0.5 * m.lip_gap) * height**1.2
+    peak = (share * half_width - 0.5 * m.philtrum_width) / _BOW_WIDTH
+    dip = np.exp(-((0.5 * m.philtrum_width / _BOW_WIDTH) ** 2))
+    bow = m.cupid_bow * (np.exp(-(peak**2)) - dip) * height
+    border = _curve(
+        (half_width + _CORNER_RIM) * share, lip * (slit + rise + np.where(upper, bow, 0.0))
+    )
+
+    perioral = _oval(
+        half_width * (1.0 + _PERIORAL_WIDTH),
+        np.where(upper, m.upper_lip_height, m.lower_lip_height),
+        angle,
+        lip,
+        power=2.0,
+    )
+    middle = _oval(
+        half_width + 0.29 * m.face_width,
+        np.where(upper, m.upper_lip_height + 0.5 * m.nose_height, 0.92 * m.chin_height),
+        angle,
+        lip,
+        power=2.2,
+    )
+    rim = _oval(
+        0.84 * m.face_width,
+        np.where(upper, m.upper_lip_height + m.nose_height, m.chin_height + 0.2 * m.face_depth),
+        angle - np.where(upper, 0.12 * np.sin(2.0 * angle), 0.0),
+        lip,
+        power=2.5,
+    )
+    # Below the eye the rim dips to the orbit.
+    across = (rim[:, 0] / m.face_width - 0.29) / 0.17
+    orbit = np.exp(-(across**2)) - np.exp(-((0.29 / 0.17) ** 2))
+    rim[:, 1] -= np.where(upper, 0.27 * m.nose_height * orbit, 0.0)
+    return [margin, border, perioral, middle, rim]
+
+
+def _curve(xi: Floats, tau: Floats) -> Floats:
+    return np.stack([xi, tau], axis=-1)
+
+
+def _oval(width: float, height: Floats, angle: Floats, lip: Floats, *, power: float) -> Floats:
+    """Superellipse whose points lie in the directions of those of an ellipse."""
+    x, z = np.sin(angle), np.cos(angle)
+    scale = (x**power + np.abs(z) ** power) ** (-1.0 / power)
+    return _curve(width * x * scale, lip * height * z * scale)

@@ -1,0 +1,146 @@
+"""What the template adds to the plain head: lips, nose, cheeks and chin, and the tissue's thickness.
+
+Places are (..., 2) in the chart (xi, tau), lengths in metres; `corner` is the half width of the
+mouth along the skin.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from emgface.face.template.measures import Measures
+from emgface.face.template.outline import MARGIN, PERIORAL, VERMILION, lateral_share
+
+Floats = NDArray[np.float64]
+
+LIP_PROFILE: Final = PchipInterpolator(
+    [
+        MARGIN,
+        0.75 * VERMILION,
+        VERMILION,
+        VERMILION + 0.4 * (PERIORAL - VERMILION),
+        PERIORAL,
+        1.0,
+    ],
+    [1.0, 1.0, 0.88, 0.45, 0.0, 0.0],
+)
+"""Relief of the lips over their protrusion, by ring, but for the roll towards the margin."""
+LIP_ROLL: Final = PchipInterpolator(
+    [MARGIN, 0.35 * VERMILION, 0.75 * VERMILION, 1.0], [1.0, 0.29, 0.0, 0.0]
+)
+"""How far the vermilion rolls back towards the margin, over the roll at the margin, by ring."""
+LIP_DEPTH: Final = PchipInterpolator([MARGIN, VERMILION, PERIORAL, 1.0], [1.0, 0.95, 0.0, 0.0])
+"""How much of the protrusion the teeth carry, by ring; the rest of the relief is tissue."""
+
+NOSE_DEPTH: Final = 0.8
+"""Share of the relief of the nose that bone and cartilage carry."""
+_RIDGE: Final = PchipInterpolator(
+    [-0.2, 0.0, 0.14, 0.28, 0.42, 0.70, 0.95, 1.2, 1.5],
+    [0.0, 0.06, 0.62, 1.0, 0.84, 0.44, 0.15, 0.08, 0.08],
+)
+"""Forward relief of the ridge of the nose over its protrusion, by height from subnasale."""
+_NOSE_WIDTH: Final = PchipInterpolator(
+    [-0.2, 0.1, 0.3, 0.6, 1.0, 1.5], [0.95, 0.85, 0.68, 0.5, 0.5, 0.6]
+)
+"""Half width of the ridge over that of the nose, by height from subnasale."""
+
+MOUTH_BACK: Final = 2.0e-3
+"""How far the head without relief lies behind subnasale at the mouth [m]."""
+CHIN_PAD: Final = 3.5e-3
+"""Relief of the chin [m]."""
+
+
+def sulcus_back(m: Measures) -> float:
+    """How far the mentolabial sulcus lies behind subnasale: deeper over a receding chin [m]."""
+    return 4.8e-3 - 0.4 * m.chin_protrusion
+
+
+def lip_protrusion(m: Measures, q: Floats, lip: Floats) -> Floats:
+    """Protrusion of the lip along a ray [m]."""
+    share = lateral_share(q)
+    protrusion = np.where(
+        lip > 0,
+        m.upper_lip_protrusion + MOUTH_BACK,
+        m.lower_lip_protrusion + 0.5 * (MOUTH_BACK + sulcus_back(m)),
+    )
+    return protrusion * (1.0 - share**2) ** 0.8
+
+
+def lip_roll(m: Measures, q: Floats, lip: Floats) -> Floats:
+    """How far the margin lies behind the crest of the lip [m], no more than its height."""
+    height = np.where(lip > 0, m.upper_vermilion_height, m.lower_vermilion_height)
+    height = (height - 0.5 * m.lip_gap) * (1.0 - lateral_share(q) ** 2)
+    return np.minimum(0.7 * lip_protrusion(m, q, lip), 0.8 * height)
+
+
+def relief(m: Measures, place: Floats, corner: float) -> Floats:
+    """Cheek, cheekbone, chin and fold beside the mouth along the normal [m]."""
+    xi, tau = place[..., 0], place[..., 1]
+    cheekbone = (
+        m.cheekbone_prominence
+        * _bump((xi - 0.40 * m.face_width) / 0.030)
+        * _bump((tau - m.upper_lip_height - 0.30 * m.nose_height) / 0.020)
+    )
+    cheek = (
+        m.cheek_fullness * _bump((xi - 0.36 * m.face_width) / 0.024) * _bump((tau - 0.010) / 0.026)
+    )
+    chin = CHIN_PAD * _bump(xi / 0.017) * _bump((tau + 0.74 * m.chin_height) / 0.011)
+    fold = -0.0020 * _bump((xi - corner - 0.010) / 0.009) * _bump((tau - 0.002) / 0.014)
+    return cheekbone + cheek + chin + fold
+
+
+def nose(m: Measures, place: Floats) -> Floats:
+    """Displacement (..., 3) of the nose [m]: forward, and its tip downward."""
+    xi, tau = place[..., 0], place[..., 1]
+    up = (tau - m.upper_lip_height) / m.nose_height
+    ridge = _RIDGE(np.clip(up, -0.2, 1.5)) * m.nose_protrusion
+    width = 0.5 * m.nose_width * _NOSE_WIDTH(np.clip(up, -0.2, 1.5))
+    across = np.exp(-(np.abs(xi / width) ** 2.2))
+    forward = ridge * across
+    wing = (
+        0.35
+        * m.nose_protrusion
+        * _bump((xi - 0.36 * m.nose_width) / 0.007)
+        * _bump((up - 0.19) / 0.12)
+    )
+    down = 0.24 * m.nose_protrusion * across * _bump((up - 0.26) / 0.15)
+    zero = np.zeros_like(xi)
+    return np.stack([zero, forward + wing, -down], axis=-1)
+
+
+def thickness(m: Measures, place: Floats, corner: float, low: float) -> Floats:
+    """Thickness of the tissue [m]: the measured ones, blended between their landmarks."""
+    top, wide = m.upper_lip_height, m.face_width
+    sites = (
+        # xi, tau, thickness
+        (0.0, 0.3 * top, m.upper_lip_thickness),
+        (0.0, -0.4 * m.lower_lip_height, m.lower_lip_thickness),
+        (corner, 0.0, m.cheek_thickness),
+        (0.0, top, m.philtrum_thickness),
+        (0.0, -m.lower_lip_height, m.chin_thickness),
+        (0.0, -0.75 * m.chin_height, m.chin_thickness),
+        (0.0, low, m.jaw_thickness),
+        (0.40 * wide, low, m.jaw_thickness),
+        (0.75 * wide, 0.6 * low, m.jaw_thickness),
+        (0.38 * wide, 0.005, m.cheek_thickness),
+        (0.60 * wide, 0.0, m.cheek_thickness),
+        (0.25 * wide, top + 0.5 * m.nose_height, m.cheekbone_thickness),
+        (0.50 * wide, top + 0.5 * m.nose_height, m.cheekbone_thickness),
+        (0.75 * wide, top + 0.5 * m.nose_height, m.cheekbone_thickness),
+        (0.0, top + 0.45 * m.nose_height, m.nose_thickness),
+        (0.0, top + m.nose_height, m.nose_thickness),
+    )
+    weight = np.stack(
+        [
+            (0.3 + ((place[..., 0] - x) / 0.022) ** 2 + ((place[..., 1] - t) / 0.014) ** 2) ** -2.0
+            for x, t, _ in sites
+        ]
+    )
+    value = np.array([site[2] for site in sites])
+    return np.tensordot(value, weight, axes=1) / weight.sum(axis=0)
+
+
+def _bump(distance: Floats) -> Floats:
+    return np.exp(-(distance**2))

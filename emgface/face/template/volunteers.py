@@ -1,0 +1,143 @@
+"""Measures of groups of people, and of random members of a group."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from emgface.errors import FaceError
+from emgface.face.template.measures import MM, Measures
+from emgface.face.template.norms import NORMS
+
+TRUNCATION: Final = 2.5
+"""Standard deviations beyond which a measure is drawn again."""
+_ATTEMPTS: Final = 1000
+
+_OLDER: Final = {
+    # Lengthening and thinning of the lips, a wider mouth, a longer nose.
+    "upper_lip_height": 1.12,
+    "upper_vermilion_height": 0.75,
+    "lower_vermilion_height": 0.85,
+    "upper_lip_thickness": 0.85,
+    "lower_lip_thickness": 0.90,
+    "mouth_width": 1.03,
+    "nose_height": 1.04,
+    "cupid_bow": 0.6,
+    "skin_thickness": 0.9,
+}
+_CHILD: Final = 0.86
+
+PRESETS: Final[Mapping[str, str]] = {
+    "adult": "half way between the means of men and women",
+    "woman": "means of women",
+    "man": "means of men",
+    "older_woman": (
+        "woman of about 70: longer upper lip and thinner vermilion, in the direction reported by "
+        "Iblher et al. 2008, J Plast Reconstr Aesthet Surg 61:1170-1176; the factors are chosen"
+    ),
+    "older_man": "man of about 70, with the factors of older_woman",
+    "girl": "child of about eight: every length of the woman times 0.86, which is chosen",
+    "boy": "child of about eight: every length of the man times 0.86, which is chosen",
+}
+"""Groups of people and where their means come from."""
+
+
+def preset_measures(preset: str = "adult") -> Measures:
+    """Mean measures of a group.
+
+    Parameters
+    ----------
+    preset : str
+        A name of `PRESETS`.
+
+    Returns
+    -------
+    Measures
+
+    Raises
+    ------
+    FaceError
+        The name is unknown.
+    """
+    mean, _ = _distribution(preset)
+    return Measures(**mean)
+
+
+def random_measures(seed: int, *, preset: str = "adult", spread: float = 1.0) -> Measures:
+    """Draw the measures of one person of a group.
+
+    Every measure is drawn by itself from a normal distribution cut at 2.5 standard deviations;
+    correlations between measures are not published for this set and are left out. A person whose
+    measures contradict each other (see `Measures`) is drawn again.
+
+    Parameters
+    ----------
+    seed : int
+        The same seed gives the same person.
+    preset : str
+        A name of `PRESETS`; "adult" draws from women and men in equal shares.
+    spread : float
+        Factor on the standard deviations, at least 0.
+
+    Returns
+    -------
+    Measures
+
+    Raises
+    ------
+    FaceError
+        The name is unknown, the spread negative or so wide that no person is possible.
+    """
+    if not spread >= 0.0:
+        raise FaceError(f"the spread of the volunteers is {spread}, expected a number >= 0")
+    if preset not in PRESETS:
+        _distribution(preset)
+    generator = np.random.default_rng(seed)
+    why = ""
+    for _ in range(_ATTEMPTS):
+        group = preset
+        if preset == "adult":
+            group = ("woman", "man")[generator.integers(2)]
+        mean, deviation = _distribution(group)
+        values = {
+            name: mean[name] + spread * deviation[name] * _truncated(generator) for name in mean
+        }
+        try:
+            return Measures(**values)
+        except FaceError as error:
+            why = str(error)
+    raise FaceError(
+        f"no possible person in {_ATTEMPTS} draws with spread {spread:g} (the last: {why}): expected "
+        "a smaller spread"
+    )
+
+
+def _truncated(generator: np.random.Generator) -> float:
+    while True:
+        value = float(generator.standard_normal())
+        if abs(value) <= TRUNCATION:
+            return value
+
+
+def _distribution(preset: str) -> tuple[dict[str, float], dict[str, float]]:
+    """Means and standard deviations [m] of the measures of a group."""
+    if preset not in PRESETS:
+        raise FaceError(f"unknown preset {preset!r}, expected one of {', '.join(PRESETS)}")
+    mean: dict[str, float] = {}
+    deviation: dict[str, float] = {}
+    for norm in NORMS:
+        (man, man_sd), (woman, woman_sd) = norm.men, norm.women
+        if preset == "adult":
+            value, spread = 0.5 * (man + woman), 0.5 * (man_sd + woman_sd)
+        elif preset in ("man", "older_man", "boy"):
+            value, spread = man, man_sd
+        else:
+            value, spread = woman, woman_sd
+        factor = 1.0
+        if preset.startswith("older"):
+            factor = _OLDER.get(norm.name, 1.0)
+        elif preset in ("girl", "boy"):
+            factor = _CHILD
+        mean[norm.name] = value * factor * MM
+        deviation[norm.name] = spread * factor * MM
+    return mean, deviation
