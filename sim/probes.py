@@ -125,8 +125,8 @@ class Iterations:
     """How every interval was solved: iterations, factorisations, steps, rejected attempts, residual."""
 
     def variables(self) -> tuple[Variable, ...]:
-        """Five counts and the residual."""
-        counts = ("iterations", "factorisations", "steps", "rejected", "shifts")
+        """Six counts and the residual."""
+        counts = ("iterations", "factorisations", "steps", "rejected", "shifts", "indefinite")
         return (*(Variable(name, "1") for name in counts), Variable("residual", "N"))
 
     def record(
@@ -134,13 +134,14 @@ class Iterations:
     ) -> tuple[Array | float, ...]:
         """Copy the report; zeros for the initial state."""
         if report is None:
-            return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            return (0.0,) * 7
         return (
             report.iterations,
             report.factorisations,
             report.steps,
             report.rejected,
             report.shifts,
+            report.indefinite,
             report.residual,
         )
 

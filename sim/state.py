@@ -86,6 +86,8 @@ class StepReport:
         Smallest accepted fraction of a Newton step.
     shifts : int
         Times the matrix had to be made positive definite.
+    indefinite : int
+        Steps solved with a matrix that is not positive definite.
     """
 
     h: float
@@ -98,3 +100,4 @@ class StepReport:
     increment: float = float("nan")
     line_search: float = 1.0
     shifts: int = 0
+    indefinite: int = 0

@@ -132,4 +132,5 @@ def _united(reports: list[StepReport], rejected: int) -> StepReport:
         increment=max(r.increment for r in reports),
         line_search=min(r.line_search for r in reports),
         shifts=sum(r.shifts for r in reports),
+        indefinite=sum(r.indefinite for r in reports),
     )

@@ -31,6 +31,10 @@ BLEMKER = 0
 GENERIC = 1
 CONSTANT = 2
 
+# At rest every stretch sits on the kink of the passive curve, give or take rounding: the side without
+# slope is taken, lest the stiffness of a resting face depend on the last bit of a root.
+KINK = 1e-12
+
 # Gauss-Legendre points and weights on (0, 1): the generic passive energy has no elementary form.
 _GAUSS = np.polynomial.legendre.leggauss(16)
 GAUSS_X = 0.5 * (_GAUSS[0] + 1.0)
@@ -117,7 +121,7 @@ def blemker(p, stretch, activation):
     """dw/dstretch = sigma_max/stretch_opt (f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
     r = stretch / p[1]
     w_pas, f_pas, k_pas = 0.0, 0.0, 0.0
-    if r > 1.0:  # at rest the stretch sits on this kink: the zero-slope side is taken
+    if r > 1.0 + KINK:
         w_pas, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2] / p[1], r)
     w, f, k = p[0] * w_pas, p[0] / p[1] * f_pas, p[0] / (p[1] * p[1]) * k_pas
     if activation != 0.0:

@@ -32,6 +32,8 @@ class Workspace:
     def __init__(self, system: System, linear: str = "auto") -> None:
         self.linear: LinearSolver = linear_solver(linear)
         self.linear.analyse(system.pattern)
+        self._pattern = system.pattern
+        self._indefinite: LinearSolver | None = None
         self.factor_of: tuple[type, float] | None = None
         """Integrator and step that the latest factor was made for, set by one that reuses factors."""
         self.secants = SecantMemory()
@@ -73,6 +75,29 @@ class Workspace:
                 shifted[diagonal] += tau * mass
                 tau *= 4.0
         raise AssertionError("unreachable: the loop returns or raises")
+
+    def solve_any(self, values: Array, rhs: Array) -> tuple[Array, bool]:
+        """Solve with a matrix that need not be positive definite; tells whether it is.
+
+        Raises
+        ------
+        SingularSystem
+            The matrix is singular or holds NaN.
+        """
+        self.factor_of = None
+        self.secants.clear()
+        try:
+            with self.timed("factorisation"):
+                self.linear.factorise(values)
+            return self.solve(rhs), True
+        except NotPositiveDefinite:
+            if self._indefinite is None:
+                self._indefinite = linear_solver(indefinite=True)
+                self._indefinite.analyse(self._pattern)
+            with self.timed("factorisation"):
+                self._indefinite.factorise(values)
+            with self.timed("solution"):
+                return self._indefinite.solve(rhs), False
 
     def has_factor_for(self, integrator: type, h: float) -> bool:
         """Whether the latest factor belongs to this integrator and step, but for rounding of h."""

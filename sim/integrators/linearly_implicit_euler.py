@@ -17,7 +17,8 @@ class LinearlyImplicitEuler:
 
     Notes
     -----
-    A matrix that is not positive definite is shifted by multiples of M; the report says how often.
+    The equation is solved as it stands also when its matrix is not positive definite, as strongly
+    active muscles make it; the report counts such steps as ``indefinite``.
     """
 
     order: ClassVar[int] = 1
@@ -41,13 +42,14 @@ class LinearlyImplicitEuler:
         mass, diagonal = system.mass, system.pattern.diagonal
         A = h * D + h * h * K
         A[diagonal] += mass
-        shifts = work.factorise(A, mass, diagonal)
         v0 = system.reduce(state.v)
-        v1 = work.solve(mass * v0 + h * system.reduce(at_start.f))
+        v1, definite = work.solve_any(A, mass * v0 + h * system.reduce(at_start.f))
         q1 = system.expand(system.reduce(state.q) + h * v1, state.q)
         t1 = state.t + h
         with work.timed("force"):
             least, element = system.smallest_J(q1)
         require_upright(element, least, t1)
         new = State(t1, q1, system.expand(v1, state.v), state.memory)
-        return new, StepReport(h=h, smallest_J=least, factorisations=1 + shifts, shifts=shifts)
+        return new, StepReport(
+            h=h, smallest_J=least, factorisations=1 if definite else 2, indefinite=int(not definite)
+        )

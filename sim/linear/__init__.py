@@ -5,15 +5,26 @@ from collections.abc import Callable
 
 from sim.errors import SceneError
 from sim.linear.contract import LinearSolver, NotPositiveDefinite
-from sim.linear.pardiso import Pardiso, pardiso_is_available
+from sim.linear.pardiso import Pardiso, PardisoLDLt, pardiso_is_available
 from sim.linear.superlu import SuperLU
 
-LINEAR_SOLVERS: dict[str, Callable[[], LinearSolver]] = {"pardiso": Pardiso, "superlu": SuperLU}
+LINEAR_SOLVERS: dict[str, Callable[[], LinearSolver]] = {
+    "pardiso": Pardiso,
+    "pardiso_ldlt": PardisoLDLt,
+    "superlu": SuperLU,
+}
 """Every linear solver; the tests walk this table."""
 
 
-def linear_solver(name: str = "auto") -> LinearSolver:
+def linear_solver(name: str = "auto", *, indefinite: bool = False) -> LinearSolver:
     """Return a fresh solver by name; "auto" is PARDISO where it can be loaded, else SuperLU.
+
+    Parameters
+    ----------
+    name : str
+        A key of `LINEAR_SOLVERS`, or "auto".
+    indefinite : bool
+        Whether "auto" must serve matrices that are not positive definite.
 
     Raises
     ------
@@ -21,12 +32,13 @@ def linear_solver(name: str = "auto") -> LinearSolver:
         The name is unknown, or PARDISO was asked for and is not installed.
     """
     if name == "auto":
-        name = "pardiso" if pardiso_is_available() else "superlu"
+        cholesky_or_ldlt = "pardiso_ldlt" if indefinite else "pardiso"
+        name = cholesky_or_ldlt if pardiso_is_available() else "superlu"
     if name not in LINEAR_SOLVERS:
         raise SceneError(
             f"unknown linear solver {name!r}, expected 'auto' or one of {[*LINEAR_SOLVERS]}"
         )
-    if name == "pardiso" and not pardiso_is_available():
+    if name.startswith("pardiso") and not pardiso_is_available():
         raise SceneError(
             f"pardiso is not available on this {platform.machine()} machine: install pypardiso or "
             "use 'superlu'"
@@ -39,6 +51,7 @@ __all__ = [
     "LinearSolver",
     "NotPositiveDefinite",
     "Pardiso",
+    "PardisoLDLt",
     "SuperLU",
     "linear_solver",
     "pardiso_is_available",

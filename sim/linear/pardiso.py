@@ -1,4 +1,4 @@
-"""MKL PARDISO through pypardiso: Cholesky factors of the upper triangle."""
+"""MKL PARDISO through pypardiso: Cholesky or LDLt factors of the upper triangle."""
 
 import importlib
 import weakref
@@ -13,7 +13,7 @@ from sim.linear.contract import NotPositiveDefinite
 from sim.pattern import SymmetricPattern
 from sim.state import Array
 
-SYMMETRIC_POSITIVE_DEFINITE = 2
+SYMMETRIC_POSITIVE_DEFINITE, SYMMETRIC_INDEFINITE = 2, -2
 ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
 
 
@@ -38,9 +38,10 @@ class Pardiso:
     """PARDISO for symmetric positive definite matrices; one symbolic analysis per pattern."""
 
     name = "pardiso"
+    _matrix_type = SYMMETRIC_POSITIVE_DEFINITE
 
     def __init__(self) -> None:
-        self._solver: Any = _wrapper().PyPardisoSolver(mtype=SYMMETRIC_POSITIVE_DEFINITE)
+        self._solver: Any = _wrapper().PyPardisoSolver(mtype=self._matrix_type)
         self._factorised = False
 
     def _call(self, phase: int, rhs: Array) -> Array:
@@ -98,6 +99,13 @@ class Pardiso:
         if not np.isfinite(x).all():
             raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
         return x
+
+
+class PardisoLDLt(Pardiso):
+    """PARDISO for symmetric indefinite matrices, Bunch-Kaufman pivoting within supernodes."""
+
+    name = "pardiso_ldlt"
+    _matrix_type = SYMMETRIC_INDEFINITE
 
 
 def _release(solver: Any, matrix: csr_array, none: Array) -> None:

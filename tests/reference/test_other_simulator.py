@@ -5,6 +5,7 @@ the deviatoric and fibre laws, the shape functions, the quadrature and the assem
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,3 +124,76 @@ def test_forces_and_stiffness_of_elements(unit, soft):
         stiffness = np.array(case["stiffness_active"])
         error = np.abs(dense(system, K) - stiffness).max() / np.abs(stiffness).max()
         assert error < ROUNDING, (case["name"], error)
+
+
+def test_trajectories_of_the_patch(shared, unit):
+    """Backward Euler with one solution per step, 40 steps: equal but for rounding."""
+    folder = shared / "artisynth_reference" / "unit"
+    cases = json.loads((folder / "unit_dynamics.json").read_text())["cases"]
+    patch = next(c for c in unit["elements"]["cases"] if c["name"] == "patch_ELEMENT_blemker")
+    soft = {"softNODAL": "NODAL", "softELEMENT": "ELEMENT"}
+    ran = 0
+    for case in cases:
+        if case["integrator"] != "ConstrainedBackwardEuler" or case["incomp"] not in soft:
+            continue
+        ran += 1
+        scene = system_and_positions(
+            {**patch, "soft": soft[case["incomp"]], "muscle": case["muscle"]}
+        )[0].scene
+        gravity = (sim.Gravity((0.0, 0.0, case["gravity_z"])),) if case["gravity_z"] else ()
+        system = sim.compile_scene(
+            replace(scene, terms=scene.terms + gravity, damping=sim.Rayleigh(19.0, 0.055))
+        )
+        state, work = system.rest_state(), sim.Workspace(system)
+        control = system.control(np.array([case["excitation"]]))
+        for step in range(1, 41):
+            state, _ = sim.LinearlyImplicitEuler().step(system, state, control, case["h"], work)
+            if str(step) in case["steps"]:
+                expected = np.array(case["steps"][str(step)]["pos"])
+                assert np.abs(state.q - expected).max() < 1e-12, (case["incomp"], step)
+    assert ran == 4
+
+
+@pytest.fixture(scope="module")
+def their_face(shared):
+    """Mesh, muscles and fixed nodes of the reference face as the other program had them."""
+    model = json.loads((shared / "artisynth_reference" / "refmodel_model.json").read_text())
+    blocks, place = {"hex8": [], "wedge6": []}, []
+    for element in model["elements"]:
+        name = "hex8" if element["type"] == "HexElement" else "wedge6"
+        order = THEIR_HEX if name == "hex8" else range(6)
+        place.append((name, len(blocks[name])))
+        blocks[name].append([element["nodes"][i] for i in order])
+    index = np.array([i if n == "hex8" else len(blocks["hex8"]) + i for n, i in place])
+    bundles = {k: b for k, b in model["muscles"].items() if b["element_indices"]}
+    rows = [index[b["element_indices"]] for b in bundles.values()]
+    muscles = sim.Muscles(
+        tuple(bundles),
+        np.concatenate(rows),
+        np.repeat(np.arange(len(rows)), [len(r) for r in rows]),
+        np.concatenate([b["directions"] for b in bundles.values()]),
+        sim.Blemker(100e3),
+    )
+    mesh = sim.mesh_from_arrays(model["rest_positions"], **blocks)
+    return mesh, muscles, sim.Fixed(np.array(model["fixed_node_indices"])), model["node_mass"]
+
+
+@pytest.mark.parametrize("soft", ["ELEMENT", "NODAL"])
+@pytest.mark.parametrize("activation", [None, 0.3])
+def test_forces_of_the_whole_face(shared, their_face, soft, activation):
+    mesh, muscles, fixed, node_mass = their_face
+    data = np.load(shared / "artisynth_reference" / "full_internal_force.npz")
+    system = solid_system(
+        mesh,
+        None,
+        sim.QuadraticBulk(0.0),
+        None if activation is None else muscles,
+        reductions=(fixed,),
+        terms=VOLUME[soft],
+    )
+    np.testing.assert_allclose(system.node_mass, node_mass, rtol=1e-12)
+    control = system.control(np.full(len(system.muscles), activation or 0.0))
+    name = "nomuscle" if activation is None else f"allmuscles{activation}"
+    expected = data[f"force_{soft}_{name}"]
+    error = np.abs(-system.force(data["pos"], control).f - expected).max()
+    assert error < 1e-12 * np.abs(expected).max()
