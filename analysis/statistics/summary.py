@@ -1,0 +1,155 @@
+"""All tests of a study at once, what they conclude together, and their table."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from analysis.statistics.bootstrap import hierarchical_bootstrap
+from analysis.statistics.equivalence import equivalence
+from analysis.statistics.finding import persons, shown_p
+from analysis.statistics.leave_one_out import leave_one_volunteer_out
+from analysis.statistics.mixed_model import mixed_model
+from analysis.statistics.ranks import friedman, wilcoxon
+from analysis.statistics.sign_flip import sign_flip
+from analysis.tables import SHOWN, Column, Table, recordings
+
+
+def study_statistics(
+    cube: xr.Dataset,
+    *,
+    variable: str = "rho",
+    margin: float | None = None,
+    level: float = 0.95,
+    draws: int = 2000,
+    seed: int = 0,
+) -> dict[str, xr.Dataset]:
+    """Apply every test to a cube.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+    variable : str
+        ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
+    margin : float, optional
+        Of equivalence, on the scale of the analysis; without it equivalence is not tested.
+    level : float
+        Of the intervals.
+    draws, seed : int
+        Bootstrap samples, and the seed of all that is drawn.
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        ``sign_flip``, ``mixed_model``, ``friedman``, ``wilcoxon``, ``bootstrap``,
+        ``leave_one_out`` and, with a margin, ``equivalence``.
+
+    Raises
+    ------
+    StatisticsError
+        Unknown variable, further dims, or an option outside its range.
+    """
+    found = {
+        "sign_flip": sign_flip(cube, variable=variable, level=level, seed=seed),
+        "mixed_model": mixed_model(cube, variable=variable, level=level),
+        "friedman": friedman(cube, variable=variable),
+        "wilcoxon": wilcoxon(cube, variable=variable, level=level),
+        "bootstrap": hierarchical_bootstrap(
+            cube, variable=variable, level=level, draws=draws, seed=seed
+        ),
+        "leave_one_out": leave_one_volunteer_out(cube, variable=variable),
+    }
+    if margin is not None:
+        found["equivalence"] = equivalence(cube, variable=variable, margin=margin)
+    return found
+
+
+def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
+    """Say of every contrast whether a difference is shown, by the exact joint test.
+
+    Parameters
+    ----------
+    found : mapping of str to xarray.Dataset
+        Result of `study_statistics`.
+
+    Returns
+    -------
+    list of str
+        One sentence per contrast, or one that says that there is none. A difference is shown
+        where the sign-flip p over all contrasts jointly is at most 1 - level.
+    """
+    exact = found["sign_flip"]
+    alpha = 1.0 - float(exact.attrs["level"])
+    variable, origin = str(exact.attrs["variable"]), str(exact.attrs["origin"])
+    told: list[str] = []
+    for index, contrast in enumerate(exact["contrast"].values):
+        row = exact.isel(contrast=index)
+        p, least, n = float(row["p_joint"]), float(row["smallest_p"]), int(row["n"])
+        if math.isnan(p) or n < 2:
+            told.append(f"{contrast}: {persons(n)} with pairs, so nothing is tested.")
+        elif p <= alpha * (1 + 1e-9):
+            higher = "higher" if float(row["estimate"]) > 0 else "lower"
+            told.append(
+                f"{contrast}: {variable} is {higher} with the first ({shown_p(p)} jointly, "
+                f"{persons(n)}, {recordings(origin)})."
+            )
+        elif least > alpha:
+            told.append(
+                f"{contrast}: {persons(n)} are too few for any p below {least:.2g}; no difference "
+                "can be shown."
+            )
+        else:
+            told.append(
+                f"{contrast}: no difference in {variable} is shown ({shown_p(p)} jointly, "
+                f"{persons(n)}), which does not show that there is none."
+            )
+    return told or [str(exact.attrs["sentence"])]
+
+
+def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
+    """List estimate, interval and p of every test and contrast.
+
+    Parameters
+    ----------
+    found : mapping of str to xarray.Dataset
+        Result of `study_statistics`.
+
+    Returns
+    -------
+    Table
+        One row per test and contrast. The unit of the estimate is in the column ``in``.
+    """
+    columns = (
+        Column("test"), Column("contrast"), Column("in"), Column("estimate"), Column("lower"),
+        Column("upper"), Column("p", digits=3), Column("p Holm", digits=3),
+        Column("p joint", digits=3), Column("smallest p", digits=3), Column("volunteers"),
+        Column("pairs"), Column("pairs lost"),
+    )  # fmt: skip
+    rows: list[tuple[object, ...]] = []
+    for name, each in found.items():
+        variable = str(each.attrs["variable"])
+        _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
+        if each.attrs["scale"] == "Fisher z":
+            unit = "z"
+        if name == "friedman":
+            unit, factor = "Kendall's W", 1.0
+        unit = variable if unit == "1" else unit
+        for index, contrast in enumerate(each["contrast"].values):
+            row = each.isel(contrast=index)
+            bounds = np.asarray(row["interval"].values, dtype=np.float64) * factor
+            joint = float(row["p_joint"]) if "p_joint" in row else math.nan
+            gone = sum(int(row[f"lost_{why}"]) for why in ("failed", "missing", "undefined"))
+            numbers = [float(row["estimate"]) * factor, float(bounds[0]), float(bounds[1])]
+            numbers += [float(row["p"]), float(row["p_holm"]), joint, float(row["smallest_p"])]
+            counts = (int(row["n"]), int(row["pairs"]), gone)
+            rows.append((name.replace("_", " "), str(contrast), unit, *numbers, *counts))
+    first = next(iter(found.values()))
+    origin = str(first.attrs["origin"])
+    note = (
+        "Sign flips and Wilcoxon are exact; the mixed model uses t; equivalence has a small p "
+        "where strategies are alike; the bounds of leave one out are the extreme estimates."
+    )
+    title = f"tests of {first.attrs['variable']}, {recordings(origin)}"
+    return Table(title, columns, tuple(rows), origin, note)

@@ -1,0 +1,168 @@
+"""Every test gives a labelled result, whatever the cube; planted differences are found."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+import xarray as xr
+from statsmodels.stats.multitest import multipletests
+from synthetic_cubes import cube as small_cube
+from synthetic_scores import fail, of_rho
+
+from analysis.cube import Trial, build_cube
+from analysis.statistics.bootstrap import hierarchical_bootstrap
+from analysis.statistics.calibration import calibration, simulated_scores
+from analysis.statistics.equivalence import equivalence
+from analysis.statistics.finding import COUNTS, holm
+from analysis.statistics.leave_one_out import leave_one_volunteer_out
+from analysis.statistics.mixed_model import mixed_model
+from analysis.statistics.ranks import friedman, wilcoxon
+from analysis.statistics.sign_flip import sign_flip
+from analysis.statistics.summary import conclusions, statistics_table, study_statistics
+
+METHODS = {
+    "sign_flip": sign_flip,
+    "wilcoxon": wilcoxon,
+    "friedman": friedman,
+    "mixed_model": mixed_model,
+    "bootstrap": partial(hierarchical_bootstrap, draws=100),
+    "equivalence": partial(equivalence, margin=0.3),
+    "leave_one_out": leave_one_volunteer_out,
+}
+
+
+def all_failed() -> xr.Dataset:
+    error = ValueError("no")
+    labels = [(v, "A", 1, s) for v in ("v1", "v2") for s in ("act_all", "act_3")]
+    return build_cube([Trial.failed(*label, error, origin="simulated") for label in labels])
+
+
+CUBES = {
+    "whole": simulated_scores(1),
+    "with failures": small_cube(),
+    "one volunteer": simulated_scores(1, volunteers=1),
+    "two volunteers": simulated_scores(1, volunteers=2),
+    "one strategy": simulated_scores(1).isel(strategy=[0]),
+    "all failed, no markers": all_failed(),
+    "all failed": fail(simulated_scores(1), strategy=["act_all", "act_3", "act_rel"]),
+    "one strategy failed": fail(simulated_scores(1), strategy="act_3"),
+    "identical": of_rho(np.full((6, 2, 2, 3, 3), 0.7)),
+    "perfect": of_rho(np.ones((6, 1, 1, 3, 1))),
+    "single values": simulated_scores(1, instructions=1, repetitions=1, markers=1),
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("case", CUBES)
+def test_every_method_answers_every_cube(name: str, case: str) -> None:
+    cube = CUBES[case]
+    found = METHODS[name](cube)
+    assert found.attrs["sentence"].endswith(".")
+    for attribute in ("method", "level", "variable", "scale", "origin"):
+        assert attribute in found.attrs
+    assert found["interval"].dims == ("contrast", "bound")
+    if case == "one strategy":
+        assert found.sizes["contrast"] == 0
+        assert "needs two strategies" in found.attrs["sentence"]
+        return
+    assert found.sizes["contrast"] == (1 if name == "friedman" else len(cube["strategy"]) // 2 * 3
+                                       if len(cube["strategy"]) > 2 else 1)  # fmt: skip
+    assert set(np.unique(found["verdict"])) <= {"met", "by design", "doubtful", "not checked"}
+    p = found["p"].values[np.isfinite(found["p"].values)]
+    least = found["smallest_p"].values[np.isfinite(found["p"].values)]
+    assert ((p >= least - 1e-12) & (p <= 1)).all()
+    assert (found["p_holm"] >= found["p"]).where(np.isfinite(found["p"]), True).all()
+    low, high = found["interval"].transpose("bound", "contrast").values
+    known = np.isfinite(low) & np.isfinite(high)
+    assert (low[known] <= high[known]).all()
+    total = sum(int(found[count].isel(contrast=0)) for count in COUNTS if count != "clipped")
+    assert total == cube["rho"].size // cube.sizes["strategy"]
+    if case in ("one volunteer", "all failed", "all failed, no markers"):
+        assert np.isnan(found["p"]).all()
+    if case == "identical" and name in ("sign_flip", "wilcoxon", "friedman", "leave_one_out"):
+        assert (found["p"] == 1).all()
+
+
+@pytest.mark.parametrize("variable", ["amplitude_ratio", "rmse"])
+def test_other_variables_are_tested_as_they_are(variable: str) -> None:
+    found = study_statistics(simulated_scores(1), variable=variable, draws=100)
+    assert all(each.attrs["scale"] == "as it is" for each in found.values())
+    units = simulated_scores(1)[variable].attrs["units"]
+    assert found["mixed_model"]["mean"].attrs["units"] == units
+    assert found["friedman"]["estimate"].attrs["units"] == "1"
+
+
+def test_holm_against_statsmodels() -> None:
+    p = np.random.default_rng(0).uniform(0, 0.2, 7)
+    np.testing.assert_allclose(holm(p), multipletests(p, method="holm")[1])
+    with_gap = holm(np.array([0.01, np.nan, 0.03]))
+    np.testing.assert_allclose(with_gap, [0.02, np.nan, 0.03])
+
+
+def test_a_planted_difference_is_found_and_none_is_invented() -> None:
+    planted = simulated_scores(7, effects=(0.0, 0.8, 0.8), sd_interaction=0.1, repetitions=4)
+    found = study_statistics(planted, margin=0.4, draws=200)
+    told = conclusions(found)
+    assert "act_3 - act_all: rho is higher with the first" in told[0]
+    assert "simulated recordings" in told[0]
+    assert "act_rel - act_all: rho is higher with the first" in told[1]
+    assert "no difference in rho is shown" in told[2]
+    assert (found["mixed_model"]["p_holm"].values[:2] < 0.05).all()
+    assert (found["bootstrap"]["interval"].values[:2] > 0).all()
+    assert "equivalent within" in str(found["equivalence"]["sentence"].values[2])
+    none = conclusions(study_statistics(simulated_scores(7), draws=100))
+    assert all("no difference in rho is shown" in text for text in none)
+
+
+def test_too_few_volunteers_are_said_to_be() -> None:
+    told = conclusions(study_statistics(simulated_scores(3, volunteers=4), draws=100))
+    assert all("too few for any p below 0.12" in text for text in told)
+    one = conclusions(study_statistics(simulated_scores(3, volunteers=1), draws=100))
+    assert all("nothing is tested" in text for text in one)
+    single = conclusions(study_statistics(CUBES["one strategy"], draws=100))
+    assert single == ["There is nothing to compare: a contrast needs two strategies."]
+
+
+def test_table_lists_every_test() -> None:
+    found = study_statistics(small_cube(), margin=0.3, draws=100)
+    table = statistics_table(found)
+    assert "simulated recordings" in table.title
+    assert len(table.rows) == 6 * 3 + 1
+    row = next(row for row in table.rows if row[:2] == ("sign flip", "act_3 - act_all"))
+    assert row[2] == "z"
+    assert row[3] == pytest.approx(float(found["sign_flip"]["estimate"][0]))
+    assert row[-3:] == (2, int(found["sign_flip"]["pairs"][0]), 24 - row[-2])
+    assert "sign flip" in table.text()
+
+
+@pytest.mark.slow
+def test_size_and_coverage_for_six_volunteers() -> None:
+    """Exact tests have their exact size, 2/64; where a method does not hold, the table says so."""
+    found = calibration(simulations=400, seed=50)
+    nominal = {"sign flip": 2 / 64, "Wilcoxon": 2 / 64, "mixed model, t": 0.05, "equivalence": 0.05}
+
+    def away(name: str, variable: str, truth: float) -> float:
+        error = np.sqrt(truth * (1 - truth) / 400)
+        return (float(found[variable].sel(method=name)) - truth) / error
+
+    for name, truth in nominal.items():
+        assert abs(away(name, "size", truth)) < 4, name
+    # The interval of both exact tests has the level 62/64, that of equivalence 0.9.
+    assert abs(away("sign flip", "coverage", 62 / 64)) < 4
+    assert abs(away("Wilcoxon", "coverage", 62 / 64)) < 4
+    assert abs(away("mixed model, t", "coverage", 0.95)) < 4
+    assert abs(away("equivalence", "coverage", 0.90)) < 4
+    assert away("sign flip, joint", "size", 0.05) < 3
+    assert float(found["size"].sel(method="Wilcoxon, Holm")) == 0.0
+    assert away("bootstrap, percentile", "coverage", 0.95) < -3
+    wald, t = (float(found["size"].sel(method=f"mixed model, {m}")) for m in ("Wald", "t"))
+    assert wald > t
+
+
+def test_calibration_of_unknown_methods() -> None:
+    with pytest.raises(ValueError, match="cannot measure z_test"):
+        calibration(methods=["z_test"])
+    found = calibration(methods=["friedman"], simulations=3, volunteers=4)
+    assert found.sizes["method"] == 2
+    assert np.isnan(found["coverage"]).all()
