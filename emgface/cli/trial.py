@@ -35,12 +35,12 @@ def activate(
     from emgface.dataset import read_recording
     from emgface.netcdf import write_netcdf
     from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration, load_study
-    from emgface.study.stages import true_activation_of
+    from emgface.study.truth import true_activation_of
 
     configuration = load_study(study) if study else StudyConfiguration()
     given = read_recording(recording, mapping=mapping)
     if strategy == TRUE_STRATEGY:
-        activation = true_activation_of(given, configuration)
+        activation = true_activation_of(given, configuration.signals.resampling)
     else:
         activation = activation_of(
             given, configuration.signals, strategy=strategy, instruction=instruction
@@ -127,7 +127,7 @@ def score(
     from emgface.netcdf import read_netcdf, write_netcdf
     from emgface.study.configuration import StudyConfiguration, load_study
     from emgface.study.faces import study_face
-    from emgface.study.stages import measured_during
+    from emgface.study.measured import measured_during
 
     configuration = load_study(study) if study else StudyConfiguration()
     given = read_recording(recording, mapping=mapping)

@@ -10,18 +10,16 @@ import xarray as xr
 
 from analysis.align import align
 from analysis.scores import score
-from emgface.activation import activation_of, check_activation, feature_range
-from emgface.errors import ConfigurationError, FeatureWarning, MarkerError
+from emgface.activation import activation_of, feature_range
+from emgface.errors import FeatureWarning
 from emgface.face.recipe import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.head import in_head_frame
-from emgface.muscles import LIP_MARKERS
-from emgface.parameters import HeadFrameParameters
-from emgface.resampling import resample, simulation_times
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
+from emgface.study.measured import measured_during
 from emgface.study.policy import lower_sigma_max
 from emgface.study.store import Result, Stage, Store, dataset_digest
 from emgface.study.table import Recording
+from emgface.study.truth import true_activation_of
 from sim.errors import SimulationError
 
 _SIGNALS = (
@@ -34,16 +32,27 @@ _SIGNALS = (
     "emgface.resampling",
     "emgface.signals",
     "emgface.strategies",
+    "emgface.study.truth",
 )
 _MECHANICS = ("sim", "emgface.face.recipe")
-_MATCHING = ("emgface.head", "emgface.resampling", "analysis")
+_ALIGNMENT = (
+    "analysis.align",
+    "analysis.components",
+    "analysis.lag",
+    "analysis.trajectory",
+    "analysis.typed",
+    "emgface.head",
+    "emgface.resampling",
+    "emgface.signals",
+    "emgface.study.measured",
+)
 
 RANGE = Stage("range", _SIGNALS)
 ACTIVATION = Stage("activation", _SIGNALS)
 REST = Stage("rest", _MECHANICS)
 MOTION = Stage("motion", (*_MECHANICS, "emgface.study.policy"))
-ALIGNED = Stage("aligned", (*_MATCHING, "emgface.study.stages"))
-SCORES = Stage("scores", ("analysis",))
+ALIGNED = Stage("aligned", _ALIGNMENT)
+SCORES = Stage("scores", ("analysis.scores", "analysis.trajectory", "analysis.typed"))
 STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)
 
 
@@ -124,7 +133,7 @@ class Laboratory:
                 ACTIVATION,
                 {"recording": recording.digest},
                 {"trial_strategy": strategy, **parameters},
-                lambda: true_activation_of(recording.dataset, self.study),
+                lambda: true_activation_of(recording.dataset, chain.resampling),
                 label=label,
             )
         inputs = {"recording": recording.digest}
@@ -263,91 +272,6 @@ def activation_digest(activation: xr.DataArray) -> str:
         coords={"muscle": activation["muscle"].values, "time": activation["time"].values},
     )
     return dataset_digest(bare)
-
-
-def true_activation_of(recording: xr.Dataset, study: StudyConfiguration) -> xr.Dataset:
-    """Take the activation that produced a simulated recording.
-
-    Parameters
-    ----------
-    recording : Dataset
-        Recording with ``true_activation(muscle, time_true)``.
-    study : StudyConfiguration
-        Resampling.
-
-    Returns
-    -------
-    Dataset
-        ``activation(muscle, time)`` [1] over the time that markers were recorded as well.
-
-    Raises
-    ------
-    ConfigurationError
-        If the recording has no true activation.
-    """
-    if "true_activation" not in recording:
-        raise ConfigurationError(
-            "activation_source = 'true' needs recordings that carry true_activation, found a "
-            f"{recording.attrs.get('origin', '')} one without it: use 'estimated'"
-        )
-    truth = recording["true_activation"].rename(time_true="time")
-    time, frames = truth["time"].values, recording["time_marker"].values
-    start, stop = max(time[0], frames[0]), min(time[-1], frames[-1])
-    times = simulation_times(float(start), float(stop), study.signals.resampling)
-    activation = resample(truth, times, bounded=True)
-    check_activation(activation)
-    keep = ("volunteer", "instruction", "repetition", "origin")
-    attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
-    activation.attrs = {"units": "1", "long_name": "muscle activation, true"}
-    return activation.to_dataset(name="activation").assign_attrs(attrs, strategy=TRUE_STRATEGY)
-
-
-def measured_during(
-    recording: xr.Dataset,
-    motion: xr.Dataset,
-    face: xr.Dataset,
-    head_frame: HeadFrameParameters,
-) -> xr.Dataset:
-    """Measured lip positions in the frame of the face, while the simulation lasts.
-
-    Parameters
-    ----------
-    recording, motion : Dataset
-        Of one trial.
-    face : Dataset
-        Face model, whose face markers give the head frame.
-    head_frame : HeadFrameParameters
-        How the head's motion is removed.
-
-    Returns
-    -------
-    Dataset
-        ``position(marker, axis, time)`` [m], time [s] as simulated, sampled with its period.
-
-    Raises
-    ------
-    MarkerError, SignalError
-        If markers are missing or lost too long, or do not cover the time.
-    """
-    head = in_head_frame(recording["position"], head_frame, face["face_marker_position"])
-    lips = head.sel(marker=list(LIP_MARKERS))
-    simulated, frames = motion["time"].values, lips["time_marker"].values
-    times = motion.attrs["recorded_start"] + motion.attrs["recorded_pace"] * simulated
-    # The activation may end between two frames: rounding must not ask for one beyond the last.
-    covered = (times >= frames[0] - 1e-9) & (times <= frames[-1] + 1e-9)
-    if not covered.any():
-        raise MarkerError(
-            f"markers were recorded from {frames[0]:.4g} to {frames[-1]:.4g} s, the motion was "
-            f"simulated for {times[0]:.4g} to {times[-1]:.4g} s of the recording: expected the "
-            "recording that the activation came from"
-        )
-    sampled = resample(lips, times[covered], dim="time_marker")
-    sampled = sampled.assign_coords(time=("time", simulated[covered], {"units": "s"}))
-    sampled.attrs = {"units": "m"}
-    keep = ("volunteer", "instruction", "repetition", "origin")
-    attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
-    attrs |= {k: head.attrs[k] for k in ("residual_rms", "bridged") if k in head.attrs}
-    return sampled.to_dataset(name="position").assign_attrs(attrs)
 
 
 def steps_of(motion: xr.Dataset) -> float:

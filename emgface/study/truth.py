@@ -1,0 +1,45 @@
+"""The activation that produced a simulated recording."""
+
+import xarray as xr
+
+from emgface.activation import check_activation
+from emgface.errors import ConfigurationError
+from emgface.parameters import ResamplingParameters
+from emgface.resampling import resample, simulation_times
+
+
+def true_activation_of(recording: xr.Dataset, resampling: ResamplingParameters) -> xr.Dataset:
+    """Take the activation that produced a simulated recording.
+
+    Parameters
+    ----------
+    recording : Dataset
+        Recording with ``true_activation(muscle, time_true)``.
+    resampling : ResamplingParameters
+        Times wanted.
+
+    Returns
+    -------
+    Dataset
+        ``activation(muscle, time)`` [1] over the time that markers were recorded as well.
+
+    Raises
+    ------
+    ConfigurationError
+        If the recording has no true activation.
+    """
+    if "true_activation" not in recording:
+        raise ConfigurationError(
+            "activation_source = 'true' needs recordings that carry true_activation, found a "
+            f"{recording.attrs.get('origin', '')} one without it: use 'estimated'"
+        )
+    truth = recording["true_activation"].rename(time_true="time")
+    time, frames = truth["time"].values, recording["time_marker"].values
+    start, stop = max(time[0], frames[0]), min(time[-1], frames[-1])
+    times = simulation_times(float(start), float(stop), resampling)
+    activation = resample(truth, times, bounded=True)
+    check_activation(activation)
+    keep = ("volunteer", "instruction", "repetition", "origin")
+    attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
+    activation.attrs = {"units": "1", "long_name": "muscle activation, true"}
+    return activation.to_dataset(name="activation").assign_attrs(attrs, strategy="true")

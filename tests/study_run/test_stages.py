@@ -1,0 +1,70 @@
+"""Every stage names all the code that its results depend on, or a stale result could be served."""
+
+import ast
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from emgface.study.stages import STAGES
+from emgface.volunteers.simulate import MOTION, REST
+
+PACKAGES = ("emgface", "sim", "analysis")
+PASSIVE = {
+    "emgface.errors",  # names of failures, which are not stored
+    "analysis.errors",
+    "emgface.muscles",  # names that stand in the datasets themselves
+    "emgface.parameters",  # values, which are in the digest as parameters
+    "emgface.face.simulation_parameters",
+}
+
+
+def source(module: str) -> Path:
+    spec = importlib.util.find_spec(module)
+    assert spec is not None and spec.origin is not None, module
+    return Path(spec.origin)
+
+
+def imported(module: str) -> set[str]:
+    """First-party modules that a module imports, by its text."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(source(module).read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                is_first = node.module.split(".")[0] in PACKAGES
+                exists = is_first and importlib.util.find_spec(node.module) is not None
+                try:
+                    is_module = exists and importlib.util.find_spec(inner) is not None
+                except ModuleNotFoundError:
+                    is_module = False
+                found.add(inner if is_module else node.module)
+    return {name for name in found if name.split(".")[0] in PACKAGES}
+
+
+@pytest.mark.parametrize("stage", [*STAGES, REST, MOTION], ids=lambda stage: stage.name)
+def test_the_code_version_covers_everything_a_stage_imports(stage) -> None:
+    def covered(module: str) -> bool:
+        return module in PASSIVE or any(
+            module == named or module.startswith(f"{named}.") for named in stage.modules
+        )
+
+    waiting, seen, uncovered = list(stage.modules), set(), set()
+    while waiting:
+        module = waiting.pop()
+        if module in seen or module in PASSIVE or module.split(".")[0] == "sim":
+            continue  # sim is listed whole, and imports nothing of the other two packages
+        seen.add(module)
+        for name in imported(module):
+            if not covered(name):
+                uncovered.add(f"{module} imports {name}")
+            else:
+                waiting.append(name)
+    assert not uncovered
+
+
+def test_the_check_sees_an_import_that_is_not_listed() -> None:
+    assert "emgface.signals" in imported("emgface.resampling")
+    assert "emgface.face.simulation_parameters" in imported("emgface.face.recipe")
