@@ -168,4 +168,11 @@ def make_grid(resolution: str | int) -> Grid:
     rings = np.maximum(1, np.floor(_SHARES * total)).astype(int)
     while rings.sum() < total:
         rings[np.argmax(_SHARES * total - rings)] += 1
+    # A third of the perioral rings is a whole number at every resolution, so that orbicularis oris
+    # has the same edges at every resolution.
+    rings[1] = max(3, 3 * round(rings[1] / 3))
+    while rings.sum() > total and rings[2:].max() > 1:
+        rings[2 + np.argmax(rings[2:])] -= 1
+    while rings.sum() < total:
+        rings[2 + np.argmin(rings[2:])] += 1
     return Grid(rays, (int(rings[0]), int(rings[1]), int(rings[2]), int(rings[3])))

@@ -34,9 +34,14 @@ MODIOLUS: Final = 9e-3
 """Distance of the modiolus from the mouth corner along the skin [m]."""
 RINGS: Final[Mapping[str, tuple[float, float]]] = {
     "OOM": (0.0, VERMILION),
-    "OOP": (VERMILION, VERMILION + 0.75 * (PERIORAL - VERMILION)),
+    "OOP": (VERMILION + (PERIORAL - VERMILION) / 3.0, PERIORAL),
 }
-"""Rings s that the parts of orbicularis oris fill, in the two layers below the skin."""
+"""Rings s that the parts of orbicularis oris fill, in the two layers below the skin.
+
+The peripheral part begins a third of the way from the vermilion border to the edge of the perioral
+region: the further out it lies, the more the lips protrude (Stavness et al., section Lip morphology
+affects protrusion and rounding), and at the border itself the template draws them in.
+"""
 _RING_DEPTH: Final = 0.4
 _SAMPLES: Final = 60
 _MIRROR: Final = np.array([-1.0, 1.0, 1.0])

@@ -1,0 +1,237 @@
+"""What each muscle does alone: simulated displacement of the lips against the anatomical action.
+
+Simulated with every muscle pair by itself, without gravity, from rest to a steady activation.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import ActivationError
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import MODELLED, MUSCLE_NAMES
+from sim import (
+    Activation,
+    ConvergedEuler,
+    HalvingStep,
+    RestRayleigh,
+    SmallestJ,
+    Workspace,
+    compile_scene,
+    simulate,
+)
+
+Floats = NDArray[np.float64]
+
+GRAY: Final = "Standring (ed.), Gray's Anatomy, Face and scalp"
+STAVNESS: Final = "Stavness et al., Coupled biomechanical modeling of the face"
+
+
+@dataclass(frozen=True)
+class Action:
+    """The textbook action of one muscle pair.
+
+    Attributes
+    ----------
+    text, source : str
+        What the muscle does, and who says so.
+    signs : tuple
+        Each a marker of the left side, an axis and the sign of its displacement; a comparison of
+        two signs needs no threshold.
+    """
+
+    text: str
+    source: str
+    signs: tuple[tuple[str, str, int], ...]
+
+
+ACTIONS: Final[Mapping[str, Action]] = {
+    "ZYG": Action(
+        "draws the corner up and laterally",
+        GRAY,
+        (("corner_left", "x", -1), ("corner_left", "z", 1)),
+    ),
+    "RIS": Action(
+        "draws the corner laterally (and back)",
+        GRAY,
+        (("corner_left", "x", -1), ("corner_left", "y", -1)),
+    ),
+    "LLSAN": Action(
+        "raises the upper lip",
+        GRAY,
+        (("upper_lateral_left", "z", 1), ("upper_paramedian_left", "z", 1)),
+    ),
+    "LAO": Action("raises the corner", GRAY, (("corner_left", "z", 1),)),
+    "BUC": Action(
+        "presses cheek and lips against the teeth, draws the corner back",
+        GRAY,
+        (("corner_left", "x", -1), ("corner_left", "y", -1)),
+    ),
+    "OOP": Action(
+        "narrows the mouth and protrudes the lips",
+        STAVNESS,
+        (
+            ("corner_left", "x", 1),
+            ("corner_left", "y", 1),
+            ("upper_paramedian_left", "y", 1),
+            ("lower_paramedian_left", "y", 1),
+        ),
+    ),
+    "OOM": Action(
+        "narrows the mouth and closes the lips",
+        STAVNESS,
+        (
+            ("corner_left", "x", 1),
+            ("upper_paramedian_left", "z", -1),
+            ("lower_paramedian_left", "z", 1),
+        ),
+    ),
+    "DLI": Action(
+        "draws the lower lip down and a little laterally",
+        GRAY,
+        (
+            ("lower_paramedian_left", "z", -1),
+            ("lower_lateral_left", "z", -1),
+            ("lower_lateral_left", "x", -1),
+        ),
+    ),
+    "DAO": Action("draws the corner down", GRAY, (("corner_left", "z", -1),)),
+    "MEN": Action(
+        "raises the lower lip",
+        GRAY,
+        (("lower_paramedian_left", "z", 1), ("lower_lateral_left", "z", 1)),
+    ),
+}
+"""Textbook actions of the modelled muscles."""
+
+
+def steady_positions(
+    face: xr.Dataset,
+    activations: Sequence[Mapping[str, float]],
+    *,
+    parameters: SimulationParameters | None = None,
+    rise: float = 0.3,
+    duration: float = 0.8,
+    step: float = 0.05,
+    integrator: ConvergedEuler | None = None,
+) -> tuple[Floats, Floats]:
+    """Move a face from rest by steady activations, one after the other, each from rest.
+
+    Parameters
+    ----------
+    face : xarray.Dataset
+        A face_model.
+    activations : sequence of mapping
+        For every run muscle such as ``ZYG_L`` to its activation from 0 to 1; the rest is silent.
+    parameters : SimulationParameters, optional
+        Laws and loads; by default sigma_max is 100 kPa and gravity off.
+    rise, duration, step : float
+        Time over which the activation rises, end of the run and time step [s].
+    integrator : ConvergedEuler, optional
+        With other tolerances, for instance.
+
+    Returns
+    -------
+    position : ndarray, shape (runs, nodes, 3)
+        Node positions at the end [m].
+    smallest_J : ndarray, shape (runs,)
+        Smallest det F over each run [1].
+
+    Raises
+    ------
+    ActivationError
+        A muscle is unknown.
+    ControlError, InvertedElement, NotConverged, SingularSystem
+        As `sim.simulate`.
+
+    Notes
+    -----
+    Damping takes the stiffness at rest (`sim.RestRayleigh`), which stays positive under any
+    activation; a steady state does not depend on it.
+    """
+    if parameters is None:
+        parameters = SimulationParameters(sigma_max=100e3, gravity=False)
+    scene = compose_scene(face, parameters)
+    damping = RestRayleigh(alpha=parameters.alpha, beta=parameters.beta)
+    system = compile_scene(replace(scene, damping=damping))
+    names = list(system.muscles)
+    work = Workspace(system)
+    positions, smallest = [], []
+    for run in activations:
+        unknown = [name for name in run if name not in names]
+        if unknown:
+            raise ActivationError(
+                f"unknown muscle {unknown[0]!r}, expected some of {', '.join(names)}"
+            )
+        values = np.zeros((2, len(names)))
+        values[1] = [run.get(name, 0.0) for name in names]
+        trajectory, state = simulate(
+            system,
+            Activation(np.array([0.0, rise]), values),
+            duration=duration,
+            integrator=integrator or ConvergedEuler(),
+            steps=HalvingStep(step),
+            probes=(SmallestJ(),),
+            work=work,
+        )
+        positions.append(state.q)
+        smallest.append(float(trajectory["smallest_J"].min()))
+    return np.stack(positions), np.array(smallest)
+
+
+def muscle_actions(
+    face: xr.Dataset, *, activation: float = 0.5, muscles: Sequence[str] = MODELLED
+) -> pd.DataFrame:
+    """Displacement of the lips by every muscle pair alone, beside its textbook action.
+
+    Parameters
+    ----------
+    face : xarray.Dataset
+        A face_model.
+    activation : float
+        Of both muscles of a pair [1].
+    muscles : sequence of str
+        Some of `emgface.muscles.MODELLED`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Index `muscle`; displacement [mm] of the left corner, the left upper and lower paramedian
+        marker along x (positive: medially), y (forward) and z (up), change of the lip opening
+        along z [mm], smallest det F, the action, its source and whether all signs agree.
+
+    Raises
+    ------
+    ControlError, InvertedElement, NotConverged, SingularSystem
+        As `steady_positions`.
+    """
+    runs = [{f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles]
+    position, smallest = steady_positions(face, runs)
+    moved = 1e3 * (position - face["position"].values)
+    marker = {
+        str(name): int(k)
+        for name, k in zip(face["marker"].values, face["marker_node"].values, strict=True)
+    }
+    upper, lower = (int(node) for node in face["lip_opening_node"].values)
+    rows = {}
+    for k, muscle in enumerate(muscles):
+        row: dict[str, object] = {"name": MUSCLE_NAMES[muscle]}
+        for name in ("corner_left", "upper_paramedian_left", "lower_paramedian_left"):
+            for axis, value in zip("xyz", moved[k, marker[name]], strict=True):
+                row[f"{name.removesuffix('_left')} {axis}"] = float(value)
+        row["opening z"] = float(moved[k, upper, 2] - moved[k, lower, 2])
+        row["smallest det F"] = float(smallest[k])
+        action = ACTIONS[muscle]
+        row["action"], row["source"] = action.text, action.source
+        row["agrees"] = all(
+            sign * moved[k, marker[name], "xyz".index(axis)] > 0.0
+            for name, axis, sign in action.signs
+        )
+        rows[muscle] = row
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("muscle")

@@ -1,0 +1,77 @@
+"""What the muscles of the template do, simulated."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.errors import ActivationError
+from emgface.face.template.actions import ACTIONS, muscle_actions, steady_positions
+from emgface.face.template.grid import make_grid
+from emgface.muscles import LIP_MARKERS, MODELLED
+from sim import ConvergedEuler
+
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def test_every_muscle_has_an_action_with_source() -> None:
+    assert set(ACTIONS) == set(MODELLED)
+    for action in ACTIONS.values():
+        assert action.source and action.signs
+        for marker, axis, sign in action.signs:
+            assert marker in LIP_MARKERS and marker.endswith("left")
+            assert axis in "xyz" and sign in (-1, 1)
+
+
+def check_actions(face: xr.Dataset, muscles: tuple[str, ...] = MODELLED) -> None:
+    table = muscle_actions(face, muscles=muscles)
+    assert table["agrees"].all(), table.loc[~table["agrees"]].T
+    assert (table["smallest det F"] > 0.1).all()
+    # The named motion is not a by-product: it is millimetres, as in a face.
+    size = {
+        "ZYG": ("corner z", 1.0),
+        "RIS": ("corner x", -1.0),
+        "LLSAN": ("upper_paramedian z", 1.0),
+        "LAO": ("corner z", 1.0),
+        "BUC": ("corner y", -1.0),
+        "OOP": ("corner x", 1.0),
+        "OOM": ("opening z", -1.0),
+        "DLI": ("lower_paramedian z", -1.0),
+        "DAO": ("corner z", -1.0),
+        "MEN": ("lower_paramedian z", 1.0),
+    }
+    for muscle in muscles:
+        column, sign = size[muscle]
+        assert sign * table.loc[muscle, column] > 1.0, (muscle, column)
+
+
+def test_some_muscles_act_as_in_the_atlas(coarse: xr.Dataset) -> None:
+    check_actions(coarse, ("ZYG", "LLSAN", "OOP", "DAO"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["coarse", "medium"])
+def test_all_muscles_act_as_in_the_atlas(name: str, request: pytest.FixtureRequest) -> None:
+    check_actions(request.getfixturevalue(name))
+
+
+def test_a_mirrored_activation_gives_the_mirrored_motion(coarse: xr.Dataset) -> None:
+    """A crooked smile to the left is the mirror image of one to the right, to a nanometre."""
+    left = {"ZYG_L": 0.5, "RIS_L": 0.3, "OOP_R": 0.2, "DAO_R": 0.4}
+    other = {"L": "R", "R": "L"}
+    right = {name[:-1] + other[name[-1]]: value for name, value in left.items()}
+    (one, two), _ = steady_positions(
+        coarse,
+        [left, right],
+        duration=0.3,
+        integrator=ConvergedEuler(tolerance=1e-12, residual_tolerance=1e-9),
+    )
+    moved = np.linalg.norm(one - coarse["position"].values, axis=1)
+    assert moved.max() > 2e-3
+    image = make_grid("coarse").mirror_node
+    np.testing.assert_allclose(one[image] * MIRROR, two, rtol=0, atol=1e-9)
+    assert np.abs(one[image] * MIRROR - one).max() > 1e-3
+
+
+def test_unknown_muscle(coarse: xr.Dataset) -> None:
+    with pytest.raises(ActivationError, match="unknown muscle 'ZYG', expected some of ZYG_L"):
+        steady_positions(coarse, [{"ZYG": 0.5}])
