@@ -40,6 +40,12 @@ def stages(result) -> list[str]:
     return sorted(event.stage for event in result.computed())
 
 
+def stored(result, stage: str, out: Path) -> Path:
+    """File of the first result of a stage, in a copy of the study's folder."""
+    digest = next(event.digest for event in result.events if event.stage == stage)
+    return out / "store" / stage / f"{digest}.nc"
+
+
 def test_every_trial_has_a_status_and_scores(finished) -> None:
     cube = read_netcdf(finished.path, "cube")
     assert dict(cube.sizes) == {
@@ -71,12 +77,12 @@ def test_a_second_run_computes_nothing_and_gives_the_same_cube(laboratory, finis
 def test_only_what_was_deleted_is_computed_again(laboratory, finished, tmp_path: Path) -> None:
     out = tmp_path / "study"
     shutil.copytree(laboratory / "study", out)
-    motions = sorted((out / "store" / "motion").glob("*.nc"))
-    motions[0].unlink()
-    motions[0].with_suffix(".json").unlink()
+    victim = stored(finished, "motion", out)
+    victim.unlink()
+    victim.with_suffix(".json").unlink()
     again = run_study(configured(laboratory), out)
     assert stages(again) == ["motion"]
-    assert again.computed()[0].digest == motions[0].stem
+    assert again.computed()[0].digest == victim.stem
     np.testing.assert_array_equal(again.cube["rho"].values, finished.cube["rho"].values)
 
 
@@ -104,7 +110,7 @@ def test_a_changed_score_leaves_the_simulations_alone(laboratory, finished) -> N
 def test_a_damaged_result_is_said_and_computed_again(laboratory, finished, tmp_path) -> None:
     out = tmp_path / "study"
     shutil.copytree(laboratory / "study", out)
-    victim = sorted((out / "store" / "aligned").glob("*.nc"))[0]
+    victim = stored(finished, "aligned", out)
     victim.write_bytes(victim.read_bytes()[:1000])
     said: list[str] = []
 
