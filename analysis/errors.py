@@ -22,3 +22,7 @@ class CubeError(AnalysisError):
 
 class StatisticsError(AnalysisError):
     """A test cannot be made as asked: unknown strategy or variable, impossible option."""
+
+
+class FigureError(AnalysisError):
+    """Data cannot be drawn: other dims or units, or nothing to draw."""

@@ -1,7 +1,19 @@
 """Figures of a study. Every one says whether its recordings were measured or simulated."""
 
-from analysis.figures.alignment import synchronisation
+from analysis.figures.activations import activation_heat_map, feature_boxes
+from analysis.figures.alignment import marker_traces, synchronisation
 from analysis.figures.boxes import box_plots
+from analysis.figures.choices import sensitivity_plot
+from analysis.figures.emg import emg_with_features
 from analysis.figures.style import save
 
-__all__ = ["box_plots", "save", "synchronisation"]
+__all__ = [
+    "activation_heat_map",
+    "box_plots",
+    "emg_with_features",
+    "feature_boxes",
+    "marker_traces",
+    "save",
+    "sensitivity_plot",
+    "synchronisation",
+]

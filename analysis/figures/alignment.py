@@ -2,12 +2,14 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import xarray as xr
 
 from analysis.cube import TRIAL_DIMS
 from analysis.errors import CubeError
 from analysis.figures.style import FIRST, SECOND, blank, heading, legend, styled
-from analysis.trajectory import names
+from analysis.trajectory import checked, names, same_markers, same_time
+from analysis.typed import selected
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,6 +66,66 @@ def synchronisation(aligned: xr.Dataset) -> "Figure":
     before.set_ylabel("first coefficient [mm]")
     legend(figure, before.get_lines(), ["simulation", "recording"])
     heading(figure, f"synchronisation {_which(aligned)}", _origin(aligned))
+    return figure
+
+
+@styled
+def marker_traces(
+    aligned: xr.Dataset, simulated: xr.Dataset, scores: xr.Dataset | None = None
+) -> "Figure":
+    """Draw every marker along x, y and z: the recording, aligned, and its simulation.
+
+    Parameters
+    ----------
+    aligned : xarray.Dataset
+        Result of `analysis.align.align`.
+    simulated : xarray.Dataset
+        ``position`` (marker, axis, time) [m], the simulation that was aligned with.
+    scores : xarray.Dataset, optional
+        ``rho`` (marker), written beside the markers.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Displacements about the mean over the samples measured, in millimetres, all on one scale.
+
+    Raises
+    ------
+    CubeError
+        The dataset holds no alignment.
+    TrajectoryError
+        The two trajectories have different markers or times.
+    """
+    if "b_aligned" not in aligned:
+        raise CubeError("the dataset lacks b_aligned, expected the result of analysis.align.align")
+    model = checked(simulated, "simulated")
+    given = same_markers(checked(aligned, "aligned"), model)
+    same_time(given, model)
+    inside = np.isfinite(given.values).all(axis=(0, 1))
+    time = model["time"].values - model["time"].values[0]
+    markers = [str(label) for label in model["marker"].values]
+    axes_names = [str(label) for label in model["axis"].values] if "axis" in given.dims else []
+    traces: list[np.ndarray] = []
+    for data in (model.values, given.values):
+        traces.append(1e3 * (data - data[:, :, inside].mean(axis=2, keepdims=True)))
+    most = float(max(np.nanmax(np.abs(each)) for each in traces))
+    figure = blank(7.5, 1.0 + 0.72 * len(markers))
+    panels = figure.subplots(len(markers), 3, squeeze=False, sharex=True, sharey=True)
+    for row, marker in enumerate(markers):
+        for column, panel in enumerate(panels[row]):
+            panel.plot(time, traces[0][row, column], label="simulation", **FIRST)
+            panel.plot(time, traces[1][row, column], label="recording, aligned", **SECOND)
+            panel.set_ylim(-1.05 * most, 1.05 * most)
+        text = marker.replace("_", "\n")
+        if scores is not None:
+            rho = float(selected(scores["rho"], {"marker": marker}))
+            text += f"\nrho = {rho:.2f}" if np.isfinite(rho) else "\nrho undefined"
+        panels[row, 0].set_ylabel(text, rotation=0, ha="right", va="center", fontsize="small")
+    for column, panel in enumerate(panels[-1]):
+        panel.set_xlabel("time [s]")
+        panels[0, column].set_title(f"{axes_names[column]} [mm]")
+    legend(figure, panels[0, 0].get_lines())
+    heading(figure, f"markers {_which(aligned)}", _origin(aligned))
     return figure
 
 

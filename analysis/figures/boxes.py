@@ -9,7 +9,7 @@ import xarray as xr
 from analysis.cube import MARKER_DIMS
 from analysis.descriptives import descriptives
 from analysis.errors import CubeError
-from analysis.figures.style import COLOURS, HATCHES, blank, heading, legend, styled, ticks
+from analysis.figures.style import COLOURS, HATCHES, blank, box, heading, legend, styled, ticks
 from analysis.tables import SHOWN
 from analysis.trajectory import names
 from analysis.typed import selected
@@ -109,25 +109,7 @@ def _boxes(panel: "Axes", data: xr.DataArray, dim: str) -> None:
             values = values[np.isfinite(values)]
             if not len(values):
                 continue
-            panel.boxplot(
-                [values],
-                positions=[place + (i - (len(strategies) - 1) / 2) * width],
-                widths=0.85 * width,
-                patch_artist=True,
-                showmeans=True,
-                manage_ticks=False,
-                boxprops={"facecolor": COLOURS[i % 7], "hatch": HATCHES[i % 7], "linewidth": 0.7},
-                medianprops={"color": "black", "linewidth": 1.6},
-                meanprops={
-                    "marker": "o",
-                    "markersize": 4,
-                    "markerfacecolor": "white",
-                    "markeredgecolor": "black",
-                },
-                flierprops={"marker": "x", "markersize": 3, "markeredgewidth": 0.7},
-                whiskerprops={"linewidth": 0.7},
-                capprops={"linewidth": 0.7},
-            )
+            box(panel, values, place + (i - (len(strategies) - 1) / 2) * width, 0.85 * width, i)
     text = [str(label).replace("_", "\n") if dim == "marker" else str(label) for label in labels]
     ticks(panel, "x", range(len(labels)), text)
     panel.set_xlim(-0.6, len(labels) - 0.4)

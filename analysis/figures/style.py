@@ -11,6 +11,9 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, ParamSpec, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from analysis.tables import recordings
 
 if TYPE_CHECKING:
@@ -73,6 +76,11 @@ def blank(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def grid(figure: "Figure", rows: int = 1, columns: int = 1, **options: Any) -> list[list[Any]]:
+    """Divide a figure into rows and columns of panels."""
+    return cast(Any, figure).subplots(rows, columns, squeeze=False, **options).tolist()
+
+
 def heading(figure: "Figure", what: str, origin: str) -> None:
     """Set the title: what is drawn, and whether it was measured or simulated."""
     text = f"{' '.join(what.split())} ({recordings(origin)})"
@@ -93,6 +101,43 @@ def ticks(panel: "Axes", which: str, places: Sequence[float], texts: Sequence[st
     """Label places along an axis, ``"x"`` or ``"y"``, in small type where there are many."""
     size = "x-small" if len(texts) > 8 else "medium"
     getattr(cast(Any, panel), f"set_{which}ticks")(list(places), list(texts), fontsize=size)
+
+
+def box(
+    panel: "Axes",
+    values: NDArray[np.float64],
+    place: float,
+    width: float,
+    which: int,
+    *,
+    whiskers: float | tuple[float, float] = 1.5,
+) -> None:
+    """Draw one box in the colour and hatch number `which`.
+
+    Quartiles, median as a line, mean as a dot; whiskers to the last value within so many
+    interquartile ranges, values beyond as crosses, or between two percentiles, none beyond.
+    """
+    panel.boxplot(
+        [values],
+        positions=[place],
+        widths=width,
+        whis=whiskers,
+        showfliers=isinstance(whiskers, float),
+        patch_artist=True,
+        showmeans=True,
+        manage_ticks=False,
+        boxprops={"facecolor": COLOURS[which % 7], "hatch": HATCHES[which % 7], "linewidth": 0.7},
+        medianprops={"color": "black", "linewidth": 1.6},
+        meanprops={
+            "marker": "o",
+            "markersize": 4,
+            "markerfacecolor": "white",
+            "markeredgecolor": "black",
+        },
+        flierprops={"marker": "x", "markersize": 3, "markeredgewidth": 0.7},
+        whiskerprops={"linewidth": 0.7},
+        capprops={"linewidth": 0.7},
+    )
 
 
 def save(figure: "Figure", path: str | Path, *, dpi: int = 200) -> Path:

@@ -194,7 +194,7 @@ def calibration(
     Returns
     -------
     xarray.Dataset
-        Dim method: ``size`` [1], share of p <= alpha (over all contrasts for joint and Holm, one
+        Dim test: ``size`` [1], share of p <= alpha (over all contrasts for joint and Holm, one
         contrast otherwise); ``coverage`` [1] of the interval, nominal 0.95 (equivalence 0.90; the
         exact ones choose the next level they can reach); each with its Monte Carlo error,
         ``size_error`` and ``coverage_error``; NaN where a method has no p or no interval.
@@ -225,10 +225,10 @@ def calibration(
     size = np.where(np.isnan(p[0]), np.nan, (p <= alpha * (1 + 1e-9)).mean(axis=0))
     coverage = held.mean(axis=0)
     one = {"units": "1"}
-    result = xr.Dataset(coords={"method": labels})
+    result = xr.Dataset(coords={"test": labels})
     for name, share in (("size", size), ("coverage", coverage)):
-        result[name] = ("method", share, one)
-        result[f"{name}_error"] = ("method", np.sqrt(share * (1 - share) / simulations), one)
+        result[name] = ("test", share, one)
+        result[f"{name}_error"] = ("test", np.sqrt(share * (1 - share) / simulations), one)
     result.attrs = {"alpha": alpha, "simulations": simulations, "seed": seed, **model}
     return result
 

@@ -85,9 +85,10 @@ def sign_flip(
     """
     check_level(level)
     data, attrs = all_paired(cube, contrasts, variable, scale, limit)
-    joint = _joint([each.means.values for each in data], draws, seed)
+    joint = joint_p([each.means.values for each in data], draws, seed)
     findings = [
-        _finding(each, float(p), level, draws, seed) for each, p in zip(data, joint, strict=True)
+        flip_finding(each, float(p), level, draws, seed)
+        for each, p in zip(data, joint, strict=True)
     ]
     method = "sign-flip permutation over volunteers (Fisher 1935)"
     return collected(findings, method=method, level=level, attrs={**attrs, "seed": seed})
@@ -139,7 +140,8 @@ def sign_flip_interval(values: Array, patterns: Array, level: float) -> tuple[fl
     return low, high, 1.0 - (rank + always - 1) / len(patterns)
 
 
-def _finding(data: Paired, joint: float, level: float, draws: int, seed: int) -> Finding:
+def flip_finding(data: Paired, joint: float, level: float, draws: int, seed: int) -> Finding:
+    """Test one contrast; `joint` is its p over all contrasts."""
     few = too_few(data, _checks(data), ("p_joint", "coverage"))
     if few is not None:
         return few
@@ -172,7 +174,7 @@ def _checks(data: Paired) -> tuple[Check, ...]:
     return INDEPENDENT, symmetric, left_out(data)
 
 
-def _joint(means: Sequence[Array], draws: int, seed: int) -> Array:
+def joint_p(means: Sequence[Array], draws: int, seed: int) -> Array:
     """Adjust over contrasts: p of the largest |sum| over root sum of squares, flipped together."""
     if not means:
         return np.zeros(0)

@@ -144,7 +144,7 @@ def test_size_and_coverage_for_six_volunteers() -> None:
 
     def away(name: str, variable: str, truth: float) -> float:
         error = np.sqrt(truth * (1 - truth) / 400)
-        return (float(found[variable].sel(method=name)) - truth) / error
+        return (float(found[variable].sel(test=name)) - truth) / error
 
     for name, truth in nominal.items():
         assert abs(away(name, "size", truth)) < 4, name
@@ -154,9 +154,9 @@ def test_size_and_coverage_for_six_volunteers() -> None:
     assert abs(away("mixed model, t", "coverage", 0.95)) < 4
     assert abs(away("equivalence", "coverage", 0.90)) < 4
     assert away("sign flip, joint", "size", 0.05) < 3
-    assert float(found["size"].sel(method="Wilcoxon, Holm")) == 0.0
+    assert float(found["size"].sel(test="Wilcoxon, Holm")) == 0.0
     assert away("bootstrap, percentile", "coverage", 0.95) < -3
-    wald, t = (float(found["size"].sel(method=f"mixed model, {m}")) for m in ("Wald", "t"))
+    wald, t = (float(found["size"].sel(test=f"mixed model, {m}")) for m in ("Wald", "t"))
     assert wald > t
 
 
@@ -164,5 +164,5 @@ def test_calibration_of_unknown_methods() -> None:
     with pytest.raises(ValueError, match="cannot measure z_test"):
         calibration(methods=["z_test"])
     found = calibration(methods=["friedman"], simulations=3, volunteers=4)
-    assert found.sizes["method"] == 2
+    assert found.sizes["test"] == 2
     assert np.isnan(found["coverage"]).all()

@@ -1,0 +1,177 @@
+"""Muscle activations: one trial as a heat map, all trials as box plots."""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
+import xarray as xr
+
+from analysis.cube import TRIAL_DIMS
+from analysis.errors import FigureError
+from analysis.figures.style import (
+    COLOURS,
+    HATCHES,
+    SHADES,
+    blank,
+    box,
+    grid,
+    heading,
+    legend,
+    styled,
+    ticks,
+)
+from analysis.trajectory import names
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SIDES: Final = {"L": "left", "R": "right"}
+
+
+@styled
+def activation_heat_map(activation: xr.Dataset) -> "Figure":
+    """Draw the activation of every muscle over time.
+
+    Parameters
+    ----------
+    activation : xarray.Dataset
+        ``activation`` (muscle, time) [1], 0 to 1, time in seconds; attributes origin and, as far
+        as known, volunteer, instruction, repetition, strategy.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One row per muscle in the order given; the labels of muscles that stay at 0 are grey.
+
+    Raises
+    ------
+    FigureError
+        No activation of that form.
+    """
+    data = _of(activation, "activation")
+    muscles = [str(label) for label in data["muscle"].values]
+    values, time = data.values, data["time"].values
+    figure = blank(7.0, 1.2 + 0.19 * len(muscles))
+    panel = grid(figure)[0][0]
+    step = (time[-1] - time[0]) / max(1, len(time) - 1)
+    edges = np.concatenate([time - step / 2, [time[-1] + step / 2]])
+    rows = np.arange(len(muscles) + 1) - 0.5
+    mesh = panel.pcolormesh(edges, rows, values, cmap=SHADES, vmin=0.0, vmax=1.0, rasterized=True)
+    panel.invert_yaxis()
+    ticks(panel, "y", range(len(muscles)), muscles)
+    for label, row in zip(panel.get_yticklabels(), values, strict=True):
+        label.set_color("black" if row.any() else "0.6")
+    sides = [muscle.rpartition("_")[2] for muscle in muscles]
+    for place in range(1, len(muscles)):
+        if sides[place] != sides[place - 1]:
+            panel.axhline(place - 0.5, color="white", linewidth=1.5)
+    panel.set_xlabel("time [s]")
+    panel.tick_params(axis="y", length=0)
+    cast(Any, figure).colorbar(mesh, ax=panel, label="activation", pad=0.02)
+    heading(figure, f"muscle activation {_which(activation)}", _origin(activation))
+    return figure
+
+
+@styled
+def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activation") -> "Figure":
+    """Draw how normalised features are distributed per muscle, one panel per instruction.
+
+    Boxes span the quartiles of all samples of all trials of an instruction, with the median as a
+    line and the mean as a dot; whiskers span the 5th to the 95th percentile. Nothing lies
+    beyond the whiskers but samples that are not drawn.
+
+    Parameters
+    ----------
+    activations : iterable of xarray.Dataset
+        One per trial: `variable` (muscle, time) [1]; attribute ``instruction``, and
+        ``volunteer``, which is counted.
+    variable : str
+        What to draw.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Muscles whose names end in _L and _R share a place, left beside right.
+
+    Raises
+    ------
+    FigureError
+        No trial, other muscles, an attribute that is missing, or measured and simulated trials
+        together.
+
+    Notes
+    -----
+    After Fig. 5 of Eskes et al. 2017.
+    """
+    from matplotlib.patches import Patch
+
+    groups: dict[str, list[xr.Dataset]] = {}
+    for trial in activations:
+        _of(trial, variable)
+        if "instruction" not in trial.attrs:
+            raise FigureError("a trial has no attribute 'instruction': it cannot be grouped")
+        groups.setdefault(str(trial.attrs["instruction"]), []).append(trial)
+    if not groups:
+        raise FigureError("there are no trials to draw")
+    every = [trial for group in groups.values() for trial in group]
+    muscles = [str(label) for label in every[0]["muscle"].values]
+    if any([str(label) for label in trial["muscle"].values] != muscles for trial in every):
+        raise FigureError("the trials have different muscles, expected the same in each")
+    origins = {_origin(trial) for trial in every}
+    if len(origins) > 1:
+        raise FigureError("measured and simulated trials cannot share a figure: draw one of each")
+    parts = [muscle.rpartition("_") for muscle in muscles]
+    stems = [stem if side in SIDES else stem + gap + side for stem, gap, side in parts]
+    places = list(dict.fromkeys(stems))
+    sides = [side for side in SIDES if any(part[2] == side for part in parts)]
+    columns = 1 if len(groups) < 3 else 2
+    rows = -(-len(groups) // columns)
+    figure = blank(3.9 * columns + 0.6, 0.7 + 2.0 * rows)
+    axes = [panel for row in grid(figure, rows, columns, sharex=True, sharey=True) for panel in row]
+    for panel, (instruction, trials) in zip(axes, sorted(groups.items()), strict=False):
+        for index, (stem, (_, _, side)) in enumerate(zip(stems, parts, strict=True)):
+            values = np.concatenate([trial[variable].transpose("muscle", "time").values[index]
+                                     for trial in trials])  # fmt: skip
+            paired = side in SIDES
+            which = sides.index(side) if paired else 0
+            shift = (which - (len(sides) - 1) / 2) * 0.4 if paired else 0.0
+            place = places.index(stem) + shift
+            box(panel, values, place, 0.34, which, whiskers=(5, 95))
+        people = {str(trial.attrs.get("volunteer", "")) for trial in trials} - {""}
+        count = f"{len(trials)} trials" + (f", {len(people)} volunteers" if people else "")
+        panel.set_title(f"{instruction} ({count})")
+        panel.set_ylim(-0.03, 1.03)
+        ticks(panel, "x", range(len(places)), places)
+        panel.tick_params(axis="x", rotation=60)
+    for panel in axes[len(groups) :]:
+        panel.set_visible(False)
+    for row in range(rows):
+        axes[row * columns].set_ylabel("normalised")
+    if sides:
+        patches = [
+            Patch(facecolor=COLOURS[i], hatch=HATCHES[i], edgecolor="black", label=SIDES[side])
+            for i, side in enumerate(sides)
+        ]
+        legend(figure, patches)
+    what = "normalised features" if variable == "activation" else variable
+    heading(figure, f"{what} per muscle and instruction", origins.pop())
+    return figure
+
+
+def _of(data: xr.Dataset, variable: str) -> xr.DataArray:
+    """Return a variable over muscle and time, or raise."""
+    if variable not in data or set(data[variable].dims) != {"muscle", "time"}:
+        found = [f"{name} {tuple(map(str, each.dims))}" for name, each in data.data_vars.items()]
+        raise FigureError(
+            f"expected a variable {variable!r} with dims (muscle, time), found "
+            f"{names(found) or 'none'}"
+        )
+    return data[variable].transpose("muscle", "time")
+
+
+def _which(data: xr.Dataset) -> str:
+    return " ".join(str(data.attrs[name]) for name in TRIAL_DIMS if name in data.attrs)
+
+
+def _origin(data: xr.Dataset) -> str:
+    return str(data.attrs.get("origin", "unlabelled"))

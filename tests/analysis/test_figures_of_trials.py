@@ -1,0 +1,155 @@
+"""Figures of single trials and of choices draw what they are given, or say why not."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from synthetic_emg import CHANNELS, activation, signals
+from synthetic_trajectories import MARKERS, trajectory
+from test_sensitivity import factorial
+
+from analysis.align import align
+from analysis.errors import CubeError, FigureError
+from analysis.figures import (
+    activation_heat_map,
+    emg_with_features,
+    feature_boxes,
+    marker_traces,
+    save,
+    sensitivity_plot,
+)
+from analysis.scores import score
+from analysis.sensitivity import sensitivity
+
+
+def test_heat_map_holds_every_activation() -> None:
+    data = activation(strategy="act_rel", repetition=3)
+    figure = activation_heat_map(data)
+    panel = figure.axes[0]
+    np.testing.assert_allclose(panel.collections[0].get_array(), data["activation"])
+    assert panel.collections[0].get_clim() == (0.0, 1.0)
+    labels = panel.get_yticklabels()
+    assert [label.get_text() for label in labels] == list(data["muscle"].values)
+    assert [label.get_text() for label in labels if label.get_color() == "0.6"] == [
+        "MEN_L",
+        "MEN_R",
+    ]
+    assert figure.get_suptitle() == "muscle activation v0 A 3 act_rel (simulated recordings)"
+
+
+def test_feature_boxes_show_the_medians() -> None:
+    trials = [activation(instruction, seed) for instruction in "BA" for seed in range(3)]
+    figure = feature_boxes(trials)
+    panels = figure.axes
+    assert [panel.get_title() for panel in panels] == [
+        "A (3 trials, 3 volunteers)",
+        "B (3 trials, 3 volunteers)",
+    ]
+    drawn = sorted(
+        (float(np.mean(line.get_xdata())), float(line.get_ydata()[0]))
+        for line in panels[0].get_lines()
+        if line.get_linewidth() == 1.6
+    )
+    pooled = np.concatenate([trial["activation"].values for trial in trials[3:]], axis=1)
+    # Left beside right: muscle k on the left, k + 10 on the right.
+    expected = [float(np.median(pooled[k + side])) for k in range(10) for side in (0, 10)]
+    np.testing.assert_allclose([y for _, y in drawn], expected)
+    assert "simulated recordings" in figure.get_suptitle()
+
+
+def test_signals_and_features() -> None:
+    raw, filtered, feature = signals()
+    figure = emg_with_features(raw, filtered, feature, origin="simulated", label="v1 A 1")
+    assert len(figure.axes) == 14
+    left, right = figure.axes[4], figure.axes[5]
+    assert left.get_ylabel() == "RIS L"
+    expected = 1e6 * (filtered[2] - filtered[2].mean())
+    np.testing.assert_allclose(left.get_lines()[1].get_ydata(), expected)
+    np.testing.assert_allclose(right.get_lines()[0].get_ydata(), feature[2])
+    assert figure.get_suptitle() == "electromyogram v1 A 1 (simulated recordings)"
+    one = emg_with_features(raw, filtered, feature[:2], channels=["MEN_L"], origin="measured")
+    assert one.axes[1].texts[0].get_text() == "no feature"
+    assert "measured recordings" in one.get_suptitle()
+
+
+def test_marker_traces() -> None:
+    measured = trajectory(shift=0.2, origin="simulated", volunteer="v1", noise=2e-4)
+    model = trajectory(amplitude=3e-3)
+    found = align(measured, model)
+    scores = score(found, model)
+    figure = marker_traces(found, model, scores)
+    assert len(figure.axes) == 30
+    inside = np.isfinite(found["position"].values).all(axis=(0, 1))
+    panel = figure.axes[3 * 4 + 1]
+    for line, data in zip(panel.get_lines(), (model, found), strict=True):
+        one = data["position"].sel(marker=MARKERS[4], axis="y").values
+        np.testing.assert_allclose(line.get_ydata(), 1e3 * (one - one[inside].mean()), atol=1e-9)
+    label = figure.axes[12].get_ylabel()
+    assert f"rho = {float(scores['rho'].sel(marker=MARKERS[4])):.2f}" in label
+    assert "v1 (simulated recordings)" in figure.get_suptitle()
+    with pytest.raises(CubeError, match="lacks b_aligned"):
+        marker_traces(model, model)
+
+
+def test_sensitivity_puts_the_farthest_axis_on_top() -> None:
+    cube = factorial().transpose("phase", "mapping_stage", ...)
+    found = sensitivity(cube)
+    figure = sensitivity_plot(found)
+    panel = figure.axes[0]
+    assert [label.get_text() for label in panel.get_yticklabels()] == [
+        "mapping stage = feature",
+        "mapping stage = activation",
+        "phase = causal",
+    ]
+    black = [line for line in panel.get_lines() if line.get_marker() == "o"]
+    order = [1, 2, 0]
+    np.testing.assert_allclose(
+        [line.get_xdata()[0] for line in black if line.get_color() == "black"],
+        found["estimate"].values[order],
+    )
+    assert [line.get_markerfacecolor() for line in black] == ["black", "black", "white"]
+    assert figure.get_suptitle() == "what moves rho (simulated recordings)"
+
+
+@pytest.mark.parametrize("suffix", ["svg", "pdf"])
+def test_vectors_keep_their_text_and_are_the_same_twice(tmp_path, suffix: str) -> None:
+    paths = [
+        save(feature_boxes([activation()]), tmp_path / f"{name}.{suffix}") for name in ("a", "b")
+    ]
+    content = paths[0].read_bytes()
+    assert content == paths[1].read_bytes()
+    if suffix == "svg":
+        assert b"(simulated recordings)</text>" in content
+    else:
+        assert b"/FontFile2" in content
+
+
+def test_settings_of_the_user_do_not_matter() -> None:
+    import matplotlib
+
+    plain = activation_heat_map(activation()).axes[0].xaxis.label.get_fontsize()
+    with matplotlib.rc_context({"font.size": 30.0, "axes.labelsize": 30.0}):
+        inside = activation_heat_map(activation()).axes[0].xaxis.label.get_fontsize()
+        assert matplotlib.rcParams["font.size"] == 30.0
+    assert plain == inside == 9.0
+
+
+def test_what_cannot_be_drawn() -> None:
+    raw, filtered, feature = signals()
+    with pytest.raises(FigureError, match="variable 'activation'"):
+        activation_heat_map(xr.Dataset({"rho": ("marker", [1.0])}))
+    with pytest.raises(FigureError, match="no trials"):
+        feature_boxes([])
+    with pytest.raises(FigureError, match="no attribute 'instruction'"):
+        feature_boxes([activation().drop_attrs()])
+    with pytest.raises(FigureError, match="measured and simulated"):
+        feature_boxes([activation(), activation(origin="measured")])
+    with pytest.raises(FigureError, match="different muscles"):
+        feature_boxes([activation(), activation().isel(muscle=[0, 1])])
+    with pytest.raises(FigureError, match="cannot draw OOS_X, expected 1 to 14 of OOS_L"):
+        emg_with_features(raw, filtered, feature, channels=["OOS_X"], origin="measured")
+    with pytest.raises(FigureError, match="in 'V'"):
+        emg_with_features(raw.drop_attrs(), filtered, feature, origin="measured")
+    with pytest.raises(FigureError, match="the feature has dims"):
+        emg_with_features(raw, filtered, filtered, channels=CHANNELS[:1], origin="measured")
+    with pytest.raises(FigureError, match="at least one choice"):
+        sensitivity_plot(raw.to_dataset(name="emg"))
