@@ -1,10 +1,12 @@
 """Datasets as netCDF files: written whole or not at all, read back identical."""
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import h5py
 import netCDF4
 import numpy as np
 import xarray as xr
@@ -16,7 +18,10 @@ from emgface.schema import validate
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _JSON = "json_attributes"
 """Attribute that names those of its owner which are JSON text."""
-_COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
+_EXPANSION = 1100
+"""Most bytes in memory for each byte of a file; zeros deflate to about 1/1030."""
+_COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
+"""With check sums: a flipped bit is an error, not a value."""
 
 
 def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
@@ -83,11 +88,13 @@ def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
         If its content does not follow the declaration.
     """
     path = Path(path)
-    with open_netcdf(path):
-        pass
+    with open_netcdf(path) as opened:
+        _check_sizes(path, opened)
+        if opened.disk_format == "HDF5":
+            _check_texts(path)
     try:
         dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False)
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError, AttributeError, KeyError, TypeError) as error:
         raise DataError(_damaged(path)) from error
     dataset = dataset.drop_encoding()
     for part in (dataset, *dataset.variables.values()):
@@ -132,6 +139,43 @@ def open_netcdf(path: Path) -> netCDF4.Dataset:
         return netCDF4.Dataset(path)
     except (OSError, RuntimeError) as error:
         raise DataError(_damaged(path)) from error
+
+
+def _check_sizes(path: Path, opened: netCDF4.Dataset) -> None:
+    """Refuse a file whose damaged counts would fill the memory."""
+    room = _EXPANSION * path.stat().st_size
+    for name, variable in opened.variables.items():
+        # Not variable.size, which wraps around.
+        size = getattr(variable.dtype, "itemsize", 1)
+        if math.prod(variable.shape) * size > room:
+            raise DataError(
+                f"{path.name}: {name!r} has the shape {variable.shape} in a file of "
+                f"{path.stat().st_size} bytes; expected arrays that fit: it is damaged, copy or "
+                "write it again."
+            )
+
+
+def _check_texts(path: Path) -> None:
+    """Refuse a file with a text longer than the file, for which the HDF5 library makes room."""
+    longest = path.stat().st_size
+    lengths: list[np.ndarray] = []
+
+    def visit(_: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or h5py.check_string_dtype(item.dtype) is None:
+            return
+        start = item.id.get_offset()  # None where it is stored in pieces
+        if start is not None and item.id.get_type().is_variable_str():
+            # A length of 4 bytes, an address of 8 and an index of 4 for each text.
+            held = np.memmap(path, np.uint8, "r", start, (int(item.size), 16))
+            lengths.append(np.ascontiguousarray(held[:, :4]).view("<u4").ravel())
+
+    try:
+        with h5py.File(path, "r") as opened:
+            opened.visititems(visit)
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError) as error:
+        raise DataError(_damaged(path)) from error
+    if any(bool((held > longest).any()) for held in lengths):
+        raise DataError(_damaged(path))
 
 
 def _damaged(path: Path) -> str:

@@ -17,8 +17,8 @@ SUFFIXES = (".mat", ".h5", ".hdf5")
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MATLAB = b"MATLAB 7.3"
-_EXPANSION = 2000
-"""Largest size of an array over that of its compressed file; zeros deflate to about 1/1030."""
+_EXPANSION = 1100
+"""Most values for each byte of a file; zeros deflate to about 1/1030, and bytes are the smallest."""
 
 
 def read_array(path: Path, name: str) -> np.ndarray:

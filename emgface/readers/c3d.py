@@ -9,6 +9,7 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.readers._build import Part, assemble_parts, position_array, unique_labels, voltages
+from emgface.readers._c3d_structure import check_structure
 
 SUFFIXES = (".c3d",)
 FORMAT = "C3D"
@@ -70,6 +71,7 @@ def _open(path: Path) -> Any:
 
     if not path.is_file():
         raise DataError(f"No file {path}; expected a C3D file: see the spelling of the path.")
+    check_structure(path)
     try:
         content = ezc3d.c3d(str(path))
     except (OSError, RuntimeError, ValueError, IndexError) as error:

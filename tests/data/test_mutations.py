@@ -1,0 +1,176 @@
+"""Damaged files: a typed error or a valid recording, in bounded time, whatever the damage."""
+
+import random
+import shutil
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import xarray as xr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from emgface.bids import write_bids
+from emgface.dataset import read_recording, write_recording
+from emgface.errors import EmgfaceError
+from emgface.schema import validate
+from tests.data.conftest import recording
+from tests.data.test_c3d import make_c3d
+from tests.data.test_edf import packed
+from tests.data.test_poly5 import make_poly5, signals
+from tests.data.test_trc import content
+
+LONGEST = 5.0
+"""Seconds after which a read counts as hanging; a sound one takes milliseconds."""
+
+
+def netcdf(folder: Path) -> tuple[Path, Path]:
+    path = write_recording(recording().isel(time_emg=slice(0, 64)), folder / "a.nc")
+    return path, path
+
+
+def c3d(folder: Path) -> tuple[Path, Path]:
+    make_c3d(folder / "a.c3d")
+    return folder / "a.c3d", folder / "a.c3d"
+
+
+def poly5(folder: Path) -> tuple[Path, Path]:
+    path = make_poly5(folder / "a.poly5", signals())
+    return path, path
+
+
+def edf(folder: Path) -> tuple[Path, Path]:
+    counts = np.random.default_rng(4).integers(-32768, 32767, size=(2, 3, 50))
+    (folder / "a.edf").write_bytes(packed(counts))
+    return folder / "a.edf", folder / "a.edf"
+
+
+def trc(folder: Path) -> tuple[Path, Path]:
+    (folder / "a.trc").write_text(content())
+    return folder / "a.trc", folder / "a.trc"
+
+
+def bids(folder: Path, ending: str) -> tuple[Path, Path]:
+    path, motion = write_bids(recording(), folder)
+    files = {"bdf": path, "motion": motion, "json": path.with_suffix(".json")}
+    files["channels"] = next(path.parent.glob("*channels.tsv"))
+    return path, files[ending]
+
+
+def csv(folder: Path, ending: str) -> tuple[Path, Path]:
+    rng = np.random.default_rng(1)
+    rows = "\n".join(",".join(f"{v:.4f}" for v in row) for row in rng.normal(size=(30, 2)))
+    (folder / "a.csv").write_text(f"E1,E2\n{rows}\n")
+    path = folder / "a.toml"
+    path.write_text('schema = "recording"\n[emg]\nfile = "a.csv"\nrate = 100.0\nunit = "mV"\n')
+    return path, folder / f"a.{ending}"
+
+
+def matlab(folder: Path, version: int) -> tuple[Path, Path]:
+    values = np.random.default_rng(1).normal(size=(60, 3))
+    if version == 5:
+        scipy.io.savemat(folder / "a.mat", {"rec": {"emg": values}})
+    else:
+        with h5py.File(folder / "a.mat", "w") as opened:
+            opened.create_dataset("rec/emg", data=values.T, chunks=(3, 20), compression=4)
+    path = folder / "a.toml"
+    name = "rec.emg" if version == 5 else "rec/emg"
+    path.write_text(
+        f'schema = "recording"\n[emg]\nfile = "a.mat"\nvariable = "{name}"\nrate = 100\n'
+        f'unit = "mV"\ndims = ["{"time" if version == 5 else "channel"}", '
+        f'"{"channel" if version == 5 else "time"}"]\n'
+    )
+    return path, folder / "a.mat"
+
+
+FORMATS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
+    "netcdf": netcdf,
+    "c3d": c3d,
+    "poly5": poly5,
+    "edf": edf,
+    "trc": trc,
+    "bids bdf": lambda folder: bids(folder, "bdf"),
+    "bids motion": lambda folder: bids(folder, "motion"),
+    "bids json": lambda folder: bids(folder, "json"),
+    "bids channels": lambda folder: bids(folder, "channels"),
+    "csv": lambda folder: csv(folder, "csv"),
+    "toml": lambda folder: csv(folder, "toml"),
+    "mat 5": lambda folder: matlab(folder, 5),
+    "mat 7.3": lambda folder: matlab(folder, 7),
+}
+
+
+def mutated(whole: bytes, rng: random.Random) -> bytes:
+    """Damage a file in one of the ways files are damaged."""
+    kind = rng.randrange(7)
+    data = bytearray(whole)
+    early = rng.randrange(min(len(data), 1024))  # headers lie at the beginning
+    anywhere = rng.randrange(len(data))
+    if kind == 0:
+        return bytes(data[:anywhere])
+    if kind == 1:
+        for _ in range(rng.randrange(1, 8)):
+            at = rng.choice([early, anywhere, rng.randrange(len(data))])
+            data[at] ^= 1 << rng.randrange(8)
+    elif kind == 2:  # huge or negative counts
+        size = rng.choice([2, 4, 8])
+        data[early : early + size] = rng.choice([b"\xff", b"\x7f", b"\x00", b"9"]) * size
+    elif kind == 3:  # bytes that are no UTF-8
+        data[early:early] = bytes(rng.randrange(128, 256) for _ in range(4))
+    elif kind == 4:  # a piece of another place
+        other = rng.randrange(len(data))
+        data[early : early + 32] = data[other : other + 32]
+    elif kind == 5:
+        del data[early : early + rng.randrange(1, 64)]
+    else:
+        data += bytes(rng.randrange(256) for _ in range(rng.randrange(1, 600)))
+    return bytes(data)
+
+
+def attempt(path: Path) -> str:
+    """Read a file; return ok or the name of the error, and fail on anything untyped."""
+    began = time.monotonic()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = read_recording(path)
+        assert isinstance(found, xr.Dataset)
+        validate(found, "recording")
+        outcome = "ok"
+    except EmgfaceError as error:
+        assert str(error)
+        outcome = type(error).__name__
+    assert time.monotonic() - began < LONGEST
+    return outcome
+
+
+# ezc3d and the HDF5 library are compiled: a crash of theirs would end this process.
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("count", [50, pytest.param(500, marks=pytest.mark.slow)])
+def test_damage_gives_a_typed_error(name: str, count: int, tmp_path: Path) -> None:
+    path, target = FORMATS[name](tmp_path)
+    assert attempt(path) == "ok"
+    whole, rng = target.read_bytes(), random.Random(name)
+    outcomes: dict[str, int] = {}
+    for _ in range(count):
+        target.write_bytes(mutated(whole, rng))
+        outcome = attempt(path)
+        outcomes[outcome] = outcomes.get(outcome, 0) + 1
+    # Flipped samples are valid ones; truncations and damaged headers are not.
+    assert outcomes.get("ok", 0) < 0.7 * count, outcomes
+    target.write_bytes(b"")
+    assert attempt(path) != "ok"
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.binary(max_size=400), name=st.sampled_from([".edf", ".poly5", ".trc", ".nc"]))
+def test_any_bytes_give_a_typed_error(data: bytes, name: str, tmp_path_factory) -> None:
+    folder = tmp_path_factory.mktemp("bytes")
+    (folder / f"a{name}").write_bytes(data)
+    assert attempt(folder / f"a{name}") != "ok"
+    shutil.rmtree(folder)
