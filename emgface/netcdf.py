@@ -163,10 +163,11 @@ def _check_texts(path: Path) -> None:
     def visit(_: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or h5py.check_string_dtype(item.dtype) is None:
             return
+        count = math.prod(item.shape)
         start = item.id.get_offset()  # None where it is stored in pieces
         if start is not None and item.id.get_type().is_variable_str():
             # A length of 4 bytes, an address of 8 and an index of 4 for each text.
-            held = np.memmap(path, np.uint8, "r", start, (int(item.size), 16))
+            held = np.memmap(path, np.uint8, "r", start, (count, 16))
             lengths.append(np.ascontiguousarray(held[:, :4]).view("<u4").ravel())
 
     try:
