@@ -32,8 +32,8 @@ def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
     place = surfaces.places(q, lip, grid.s)
     xi, tau = place[..., 0], place[..., 1]
     cheek = np.clip(xi / (0.30 * m.face_width), 0.0, 1.0) ** 2
-    upper = 0.85 * m.upper_lip_height + cheek * (0.15 * m.upper_lip_height + 0.12 * m.nose_height)
-    lower = 0.90 * m.lower_lip_height + cheek * (0.60 * m.chin_height - 0.90 * m.lower_lip_height)
+    upper = 0.70 * m.upper_lip_height + cheek * (0.30 * m.upper_lip_height + 0.12 * m.nose_height)
+    lower = 0.75 * m.lower_lip_height + cheek * (0.60 * m.chin_height - 0.75 * m.lower_lip_height)
     height = np.where(tau >= 0.0, upper, lower)
     outside = (xi / (0.58 * m.face_width)) ** _POWER + (np.abs(tau) / height) ** _POWER >= 1.0
     held = np.zeros((*outside.shape, LAYERS + 1), dtype=bool)
