@@ -95,7 +95,7 @@ def demo(
     from emgface.study.template import study_template
     from emgface.volunteers.simulate import make_volunteers
 
-    plan = demo_study(out_path, quick=quick)
+    plan, workers = demo_study(out_path, quick=quick), cores()
     say("All of this demonstration is simulated: volunteers, sEMG and motion.")
     face = study_face(plan.face)
     save_face(face, out_path / "face.nc")
@@ -108,10 +108,11 @@ def demo(
             instructions=plan.recordings.instructions,
             seed=plan.seed,
             parameters=plan.simulation,
+            workers=workers,
             observer=ProgressObserver(bar),
         )
     write_text(study_template(plan), out_path / "study.toml")
-    code = _run(plan, out_path / "study", min(2, cores()))
+    code = _run(plan, out_path / "study", workers)
     say(
         f"Face: {out_path / 'face.nc'}. Recordings: {out_path / 'volunteers' / 'recordings'}. "
         f"Study file, to change and run again with 'emgface study run': {out_path / 'study.toml'}."

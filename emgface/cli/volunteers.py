@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from emgface.cli.console import ProgressObserver, progress, say
-from emgface.cli.machine import announce_compilation
+from emgface.cli.machine import announce_compilation, cores
 
 
 def volunteers(
@@ -18,6 +18,10 @@ def volunteers(
         Path | None, typer.Option(help="Face model; the block of lip tissue when absent.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the whole set.")] = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes that simulate at the same time; one per core."),
+    ] = None,
     study: Annotated[
         Path | None, typer.Option("--study", help="Study file whose simulation table applies.")
     ] = None,
@@ -40,6 +44,7 @@ def volunteers(
             instructions=tuple(instructions),
             seed=seed,
             parameters=configuration.simulation,
+            workers=workers or cores(),
             observer=ProgressObserver(bar),
         )
     say(f"Wrote {len(paths)} simulated recordings to {out_path / 'recordings'}.")

@@ -17,10 +17,10 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.observer import Observer, Silent
 from emgface.study.one_trial import run_trial
-from emgface.study.parallel import in_parallel
 from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store, dataset_digest, write_text
 from emgface.study.table import Intake, plan_trials, take_in, take_in_references
+from emgface.study.workers import in_parallel
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import xarray as xr
@@ -12,6 +13,7 @@ from emgface.face.recipe import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, INSTRUCTIONS
 from emgface.study.observer import Observer, Silent
+from emgface.study.parallel import in_processes
 from emgface.study.policy import lower_sigma_max
 from emgface.study.store import Stage, Store, dataset_digest
 from emgface.volunteers.emg import synthesise_emg
@@ -70,6 +72,7 @@ def make_volunteers(
     seed: int = 0,
     parameters: SimulationParameters | None = None,
     duration: float = TRIAL_DURATION,
+    workers: int = 1,
     observer: Observer | None = None,
 ) -> list[Path]:
     """Simulate volunteers and write their recordings.
@@ -92,6 +95,8 @@ def make_volunteers(
         Mechanics; sigma_max and tissue stiffness are replaced by the person's.
     duration : float
         Length of a trial [s].
+    workers : int
+        Processes that simulate at the same time; the recordings do not depend on it.
     observer : Observer, optional
         Told what happens.
 
@@ -115,22 +120,99 @@ def make_volunteers(
             f"instruction {unknown[0]!r} is unknown, expected some of {', '.join(INSTRUCTIONS)}"
         )
     observer = observer or Silent()
-    parameters = parameters or SimulationParameters()
-    store = Store(out / "store", report=observer.message)
-    observer.begin(n * len(instructions) * repetitions)
-    paths: list[Path] = []
-    for index in range(1, n + 1):
-        person = draw_volunteer(index, seed)
-        own_face = person_face(face, person.geometry_scale)
-        own = _Mover(store, own_face, person_parameters(person, parameters), observer)
-        for instruction in instructions:
-            for repetition in range(1, repetitions + 1):
-                observer.working(f"{person.name} {instruction} {repetition}")
-                recording = simulate_recording(person, own, instruction, repetition, duration)
-                path = out / "recordings" / f"{person.name}_{instruction}_{repetition}.nc"
-                paths.append(write_recording(recording, path))
-                observer.finished(f"{person.name} {instruction} {repetition}", "ok")
-    return paths
+    setup = _Setup(face, out, seed, parameters or SimulationParameters(), duration)
+    # Volunteers vary fastest, so that processes begin with faces of their own to settle.
+    jobs = [
+        (index, instruction, repetition)
+        for repetition in range(1, repetitions + 1)
+        for instruction in instructions
+        for index in range(1, n + 1)
+    ]
+    observer.begin(len(jobs))
+    written: dict[_Place, Path] = {}
+    if workers == 1:
+        recorder = _Recorder(setup, observer)
+        for job in jobs:
+            observer.working("S{:02d} {} {}".format(*job))
+            written[job] = recorder.record(job)
+            observer.finished("S{:02d} {} {}".format(*job), "ok")
+    else:
+        results = in_processes(_work, jobs, workers, begin=_begin, arguments=(setup,))
+        for k, (path, messages) in results:
+            written[jobs[k]] = path
+            for text in messages:
+                observer.message(text)
+            observer.finished("S{:02d} {} {}".format(*jobs[k]), "ok")
+    return [written[job] for job in sorted(jobs)]
+
+
+_Place = tuple[int, str, int]
+"""Index of the volunteer, instruction, repetition."""
+
+
+@dataclass(frozen=True)
+class _Setup:
+    """What all recordings of a set share."""
+
+    face: xr.Dataset
+    out: Path
+    seed: int
+    parameters: SimulationParameters
+    duration: float
+
+
+class _Recorder:
+    """Makes recordings, each person's face being scaled and settled once."""
+
+    def __init__(self, setup: _Setup, observer: Observer) -> None:
+        self._setup, self._observer = setup, observer
+        self._store = Store(setup.out / "store", report=observer.message)
+        self._people: dict[int, tuple[SimulatedVolunteer, _Mover]] = {}
+
+    def record(self, place: _Place) -> Path:
+        """Make one recording and write it."""
+        index, instruction, repetition = place
+        person, own = self._person(index)
+        recording = simulate_recording(person, own, instruction, repetition, self._setup.duration)
+        path = self._setup.out / "recordings" / f"{person.name}_{instruction}_{repetition}.nc"
+        return write_recording(recording, path)
+
+    def _person(self, index: int) -> tuple[SimulatedVolunteer, "_Mover"]:
+        if index not in self._people:
+            person = draw_volunteer(index, self._setup.seed)
+            face = person_face(self._setup.face, person.geometry_scale)
+            parameters = person_parameters(person, self._setup.parameters)
+            mover = _Mover(self._store, face, parameters, self._observer)
+            self._people[index] = (person, mover)
+        return self._people[index]
+
+
+class _Notes(Silent):
+    """Keeps what a worker process has to say until its job is done."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def message(self, text: str) -> None:
+        """Keep a sentence."""
+        self.texts.append(text)
+
+
+_recorder: _Recorder | None = None
+_notes = _Notes()
+"""The recorder of a worker process, and what it has to say."""
+
+
+def _begin(setup: _Setup) -> None:
+    global _recorder
+    _recorder = _Recorder(setup, _notes)
+
+
+def _work(place: _Place) -> tuple[Path, list[str]]:
+    assert _recorder is not None, "every worker begins with its recorder"
+    _notes.texts.clear()
+    path = _recorder.record(place)
+    return path, list(_notes.texts)
 
 
 class _Mover:

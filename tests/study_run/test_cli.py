@@ -134,7 +134,8 @@ def test_usable_recordings_pass_the_check(laboratory: Path) -> None:
 
 def test_volunteers_are_written(laboratory: Path, tmp_path: Path) -> None:
     study = study_file(laboratory, tmp_path)
-    result = run("volunteers", "--n", 1, "--instructions", "C", "--out", tmp_path, "--study", study)
+    result = run("volunteers", "--n", 1, "--instructions", "C", "--out", tmp_path, "--study", study,
+                 "--workers", 1)  # fmt: skip
     assert result.exit_code == 0, result.output
     assert (tmp_path / "recordings" / "S01_C_1.nc").exists()
 

@@ -74,6 +74,19 @@ def test_the_same_seed_gives_the_same_files_and_stored_motions_are_reused(
     assert {p: p.stat().st_mtime_ns for p in (out / "store").rglob("*.nc")} == stored
 
 
+def test_two_processes_write_the_files_of_one(made, slab, tmp_path: Path) -> None:
+    paths = make_volunteers(
+        slab, tmp_path, n=1, instructions=("B", "E"), seed=4, parameters=PARAMETERS, workers=2
+    )
+    assert [path.name for path in paths] == ["S01_B_1.nc", "S01_E_1.nc"]
+    for path, other in zip(paths, made[1], strict=True):
+        first, second = read_recording(path), read_recording(other)
+        # threads may change the last digits of a product (emg of 1e-4 V), and those of a
+        # factorisation, and so where an iteration stops
+        np.testing.assert_allclose(first["emg"], second["emg"], rtol=0, atol=1e-15)
+        np.testing.assert_allclose(first["position"], second["position"], atol=2e-6)
+
+
 def test_a_person_has_a_scaled_face_and_tissue_of_its_own(slab) -> None:
     person = draw_volunteer(1, 4)
     face = person_face(slab, person.geometry_scale)

@@ -1,0 +1,89 @@
+"""The trials of a study in several processes, all on the same store."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import xarray as xr
+
+from analysis.trial import Trial
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.faces import study_face
+from emgface.study.one_trial import run_trial
+from emgface.study.parallel import in_processes
+from emgface.study.stages import Laboratory
+from emgface.study.store import Event, Result, Store
+from emgface.study.table import PlannedTrial, load_recording
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a worker gives back: the trial's result, what was stored, whom to tell what."""
+
+    outcome: Trial
+    events: list[Event]
+    muted: set[str]
+    messages: list[str]
+
+
+def in_parallel(
+    bench: Laboratory,
+    trials: Sequence[PlannedTrial],
+    extents: Mapping[str, Result],
+    workers: int,
+) -> Iterator[tuple[PlannedTrial, Done]]:
+    """Run trials in several processes and yield them as they finish.
+
+    Parameters
+    ----------
+    bench : Laboratory
+        Store folder and configuration are handed to the workers.
+    trials : sequence of PlannedTrial
+        What to run.
+    extents : mapping of str to Result
+        Range of the features per volunteer, where needed.
+    workers : int
+        Number of processes.
+
+    Yields
+    ------
+    PlannedTrial
+        Which one has finished.
+    Done
+        How.
+    """
+    bench.rest(bench.study.simulation)  # once here, or every worker would compute it
+    jobs = [(_without_data(trial), extents.get(trial.place[0])) for trial in trials]
+    arguments = (bench.study, bench.store.folder)
+    for index, done in in_processes(_work, jobs, workers, begin=_begin, arguments=arguments):
+        yield trials[index], done
+
+
+_bench: Laboratory | None = None
+_messages: list[str] = []
+"""The laboratory of a worker process, and what it has to say."""
+
+
+def _begin(study: StudyConfiguration, folder: Path) -> None:
+    global _bench
+    store = Store(folder, report=_messages.append)
+    _bench = Laboratory(store, study_face(study.face), study, _messages.append)
+
+
+def _without_data(trial: PlannedTrial) -> PlannedTrial:
+    """Leave the samples of a usable recording behind: a worker reads the file itself."""
+    recording = trial.recording
+    if recording is None or recording.error is not None:
+        return trial
+    return replace(trial, recording=replace(recording, dataset=xr.Dataset(), digest=""))
+
+
+def _work(job: tuple[PlannedTrial, Result | None]) -> Done:
+    assert _bench is not None, "every worker begins with its laboratory"
+    trial, extent = job
+    recording = trial.recording
+    if recording is not None and recording.error is None:
+        recording = load_recording(recording.path, _bench.study.recordings)
+    before, _messages[:] = len(_bench.store.events), []
+    outcome = run_trial(_bench, replace(trial, recording=recording), extent)
+    return Done(outcome, _bench.store.events[before:], set(_bench.muted), list(_messages))
