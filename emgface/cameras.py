@@ -1,0 +1,329 @@
+"""Cameras: calibration from known points, and markers in space from their tracks in the images.
+
+A camera maps a point X in space to pixels by x = K d(R X + t): R and t turn and shift X into the
+frame of the camera, d divides by depth and distorts, K holds focal lengths and principal point.
+Sources: Abdel-Aziz and Karara 1971, ASP Symposium on Close-Range Photogrammetry (direct linear
+transform); Hartley and Zisserman 2004, Multiple View Geometry, 2nd ed., sections 7.1 and 12.2;
+Brown 1971, Photogrammetric Engineering 37:855 (distortion).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+from emgface.errors import MarkerError
+from emgface.muscles import AXES
+
+FEWEST_POINTS = 6
+"""Points that determine a camera, not all in one plane."""
+_UNDISTORTING = 50
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibrated camera.
+
+    Attributes
+    ----------
+    intrinsics : ndarray, shape (3, 3) [pixel]
+        Upper triangular matrix K.
+    rotation : ndarray, shape (3, 3)
+        R, from the laboratory to the camera, which looks along its third axis.
+    translation : ndarray, shape (3,) [m]
+        t.
+    distortion : ndarray, shape (4,)
+        Radial k1, k2 and tangential p1, p2.
+    residual : float [pixel]
+        Root-mean-square distance of the calibration points, 0 where not calibrated.
+    """
+
+    intrinsics: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
+    distortion: np.ndarray
+    residual: float = 0.0
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Return the pixels of points in space.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 3) [m]
+            Points.
+
+        Returns
+        -------
+        ndarray, shape (..., 2) [pixel]
+            Pixels; NaN for a point behind the camera.
+        """
+        seen = np.asarray(points) @ self.rotation.T + self.translation
+        depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
+        bent = self._distorted(seen[..., :2] / depth)
+        return bent @ self.intrinsics[:2, :2].T + self.intrinsics[:2, 2]
+
+    def normalised(self, pixels: np.ndarray) -> np.ndarray:
+        """Return undistorted image coordinates, x/z and y/z in the frame of the camera.
+
+        Parameters
+        ----------
+        pixels : ndarray, shape (..., 2) [pixel]
+            Pixels.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            Coordinates; NaN where distortion cannot be undone.
+        """
+        bent = np.asarray(pixels, dtype=float) - self.intrinsics[:2, 2]
+        bent = bent @ np.linalg.inv(self.intrinsics[:2, :2]).T
+        found = bent.copy()
+        for _ in range(_UNDISTORTING):  # a fixed point; a few steps suffice for usual lenses
+            found = found + (bent - self._distorted(found))
+        left = np.abs(self._distorted(found) - bent).max(axis=-1, keepdims=True)
+        return np.where(left < 1e-9, found, np.nan)
+
+    def _distorted(self, plain: np.ndarray) -> np.ndarray:
+        k1, k2, p1, p2 = self.distortion
+        x, y = plain[..., 0], plain[..., 1]
+        square = x**2 + y**2
+        radial = 1.0 + k1 * square + k2 * square**2
+        return np.stack(
+            [
+                x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x**2),
+                y * radial + p1 * (square + 2.0 * y**2) + 2.0 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+
+
+def calibrate_camera(points: np.ndarray, pixels: np.ndarray, *, distortion: bool = True) -> Camera:
+    """Calibrate a camera from points of known position.
+
+    The direct linear transform of normalised points gives a camera without distortion; its
+    parameters and the distortion then minimise the distances in the image.
+
+    Parameters
+    ----------
+    points : ndarray, shape (points, 3) [m]
+        Known positions, at least six and not in one plane.
+    pixels : ndarray, shape (points, 2) [pixel]
+        Where the camera sees them.
+    distortion : bool
+        Fit k1, k2, p1, p2 too; needs at least ten points spread over the image.
+
+    Returns
+    -------
+    Camera
+        The camera, with the residual of the fit.
+
+    Raises
+    ------
+    MarkerError
+        If the points are too few, lie in one plane, or no camera sees them so.
+    """
+    points, pixels = np.asarray(points, dtype=float), np.asarray(pixels, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3 or pixels.shape != (len(points), 2):
+        raise MarkerError(
+            f"found points of shape {points.shape} and pixels of shape {pixels.shape}, expected "
+            "(points, 3) and (points, 2)"
+        )
+    usable = np.isfinite(points).all(axis=1) & np.isfinite(pixels).all(axis=1)
+    points, pixels = points[usable], pixels[usable]
+    needed = FEWEST_POINTS + (4 if distortion else 0)
+    if len(points) < needed:
+        raise MarkerError(
+            f"found {len(points)} calibration points, expected at least {needed}: show more points"
+            + (", or fit no distortion" if distortion else "")
+        )
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[2] < 1e-3 * spread[0]:
+        raise MarkerError(
+            "the calibration points lie in one plane, expected points at several depths: use a "
+            "frame with depth, or several positions of the plane"
+        )
+    start = _decomposed(_linear(points, pixels))
+    return _refined(start, points, pixels, distortion)
+
+
+def _linear(points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Direct linear transform: the 3 x 4 matrix P with pixels ~ P (X, 1)."""
+    shift, size = points.mean(axis=0), np.sqrt(3.0) / points.std(axis=0).max()
+    shift2, size2 = pixels.mean(axis=0), np.sqrt(2.0) / pixels.std(axis=0).max()
+    space = np.column_stack([(points - shift) * size, np.ones(len(points))])
+    image = (pixels - shift2) * size2
+    zero = np.zeros_like(space)
+    rows = np.concatenate(
+        [
+            np.hstack([space, zero, -image[:, :1] * space]),
+            np.hstack([zero, space, -image[:, 1:] * space]),
+        ]
+    )
+    matrix = np.linalg.svd(rows)[2][-1].reshape(3, 4)
+    to_pixels = np.array([[1 / size2, 0, shift2[0]], [0, 1 / size2, shift2[1]], [0, 0, 1]])
+    to_unit = np.eye(4)
+    to_unit[:3, :3] *= size
+    to_unit[:3, 3] = -size * shift
+    return to_pixels @ matrix @ to_unit
+
+
+def _decomposed(matrix: np.ndarray) -> Camera:
+    """Split a projection matrix into K, R and t."""
+    triangle, rotation = scipy.linalg.rq(matrix[:, :3])
+    signs = np.diag(np.sign(np.diag(triangle)))
+    triangle, rotation = triangle @ signs, signs @ rotation
+    translation = np.linalg.solve(triangle, matrix[:, 3])
+    if np.linalg.det(rotation) < 0:  # P is known up to its sign
+        rotation, translation = -rotation, -translation
+    return Camera(triangle / triangle[2, 2], rotation, translation, np.zeros(4))
+
+
+def _refined(start: Camera, points: np.ndarray, pixels: np.ndarray, bend: bool) -> Camera:
+    """Minimise the distances in the image; no skew, two focal lengths."""
+    focal = start.intrinsics
+    turn = Rotation.from_matrix(start.rotation)
+
+    def camera(values: np.ndarray) -> Camera:
+        scale = values[:4] * np.array([focal[0, 0], focal[1, 1], focal[0, 2], focal[1, 2]])
+        intrinsics = np.array([[scale[0], 0, scale[2]], [0, scale[1], scale[3]], [0, 0, 1]])
+        rotation = (Rotation.from_rotvec(values[4:7]) * turn).as_matrix()
+        distortion = values[10:] if bend else np.zeros(4)
+        return Camera(intrinsics, rotation, start.translation + values[7:10], distortion)
+
+    def distances(values: np.ndarray) -> np.ndarray:
+        away = camera(values).project(points) - pixels
+        return np.nan_to_num(away, nan=1e6).ravel()
+
+    first = np.concatenate([np.ones(4), np.zeros(6 + (4 if bend else 0))])
+    found = scipy.optimize.least_squares(distances, first, x_scale="jac", method="lm")
+    best = camera(found.x)
+    residual = float(np.sqrt(np.mean(np.sum(found.fun.reshape(-1, 2) ** 2, axis=1))))
+    extent = np.ptp(pixels, axis=0).max()
+    if not residual < 0.1 * extent:
+        raise MarkerError(
+            f"no camera sees the calibration points so: the best misses them by {residual:.3g} "
+            f"pixels over {extent:.3g}, expected a few: see whether points and pixels are in the "
+            "same order"
+        )
+    return Camera(best.intrinsics, best.rotation, best.translation, best.distortion, residual)
+
+
+def triangulate(tracks: xr.DataArray, cameras: Sequence[Camera]) -> xr.Dataset:
+    """Find markers in space from their tracks in several images.
+
+    For each marker and frame the homogeneous linear equations of all cameras that see it give a
+    position, which three Gauss-Newton steps move to the least squares of the image distances.
+
+    Parameters
+    ----------
+    tracks : DataArray, dims (camera, marker, image_axis, time_marker) [pixel]
+        Horizontal and vertical pixel; NaN where a camera does not see the marker.
+    cameras : sequence of Camera
+        One for each entry of the dim camera.
+
+    Returns
+    -------
+    Dataset
+        ``position(marker, axis, time_marker)`` [m], NaN where fewer than two cameras see the
+        marker; ``reprojection_error(marker, time_marker)`` [pixel], root-mean-square distance of
+        the images over the cameras that see it; ``views(marker, time_marker)`` [1], their number.
+
+    Raises
+    ------
+    MarkerError
+        If the dims or the number of cameras do not fit.
+    """
+    dims = ("camera", "marker", "image_axis", "time_marker")
+    if set(tracks.dims) != set(dims) or tracks.sizes.get("image_axis") != 2:
+        raise MarkerError(
+            f"found tracks of dims {tracks.dims} and shape {tracks.shape}, expected "
+            f"{', '.join(dims)} with two image axes"
+        )
+    if tracks.sizes["camera"] != len(cameras) or len(cameras) < 2:
+        raise MarkerError(
+            f"found {len(cameras)} cameras for {tracks.sizes['camera']} tracks, expected one each "
+            "and at least two"
+        )
+    pixels = tracks.transpose("camera", "marker", "time_marker", "image_axis").values
+    shape = pixels.shape[1:3]
+    flat = pixels.reshape(len(cameras), -1, 2).astype(float)
+    seen = np.asarray(np.isfinite(flat).all(axis=2))
+    points = _intersection(flat, seen, cameras)
+    for _ in range(3):
+        points = _improved(points, flat, seen, cameras)
+    away = np.stack([c.project(points) for c in cameras]) - flat
+    square = np.where(seen, np.sum(away**2, axis=2), 0.0)
+    views = seen.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = np.sqrt(square.sum(axis=0) / views)
+    lost = (views < 2) | ~np.isfinite(points).all(axis=1)
+    points[lost], error[lost] = np.nan, np.nan
+    coords = {"marker": tracks["marker"], "time_marker": tracks["time_marker"]}
+    return xr.Dataset(
+        {
+            "position": (
+                ("marker", "axis", "time_marker"),
+                points.reshape(*shape, 3).transpose(0, 2, 1),
+                {"units": "m"},
+            ),
+            "reprojection_error": (
+                ("marker", "time_marker"), error.reshape(shape), {"units": "pixel"},
+            ),
+            "views": (("marker", "time_marker"), views.reshape(shape), {"units": "1"}),
+        },
+        {**coords, "axis": list(AXES)},
+    )  # fmt: skip
+
+
+def _intersection(pixels: np.ndarray, seen: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+    """Linear solution, shape (points, 3): x (r3 X + t3) = r1 X + t1 for each image coordinate."""
+    left = np.zeros((pixels.shape[1], 3, 3))
+    right = np.zeros((pixels.shape[1], 3))
+    for camera, image, there in zip(cameras, pixels, seen, strict=True):
+        plain = camera.normalised(image)
+        good = there & np.isfinite(plain).all(axis=1)
+        for axis in (0, 1):
+            value = np.where(good, plain[:, axis], 0.0)[:, None]
+            row = camera.rotation[axis] - value * camera.rotation[2]
+            known = value[:, 0] * camera.translation[2] - camera.translation[axis]
+            row, known = row * good[:, None], known * good
+            left += row[:, :, None] * row[:, None, :]
+            right += row * known[:, None]
+    return _solved(left, right, seen.sum(axis=0) >= 2)
+
+
+def _improved(
+    points: np.ndarray, pixels: np.ndarray, seen: np.ndarray, cameras: Sequence[Camera]
+) -> np.ndarray:
+    """One Gauss-Newton step on the image distances, derivatives by central differences."""
+    step = 1e-6
+    left = np.zeros((len(points), 3, 3))
+    right = np.zeros((len(points), 3))
+    for camera, image, there in zip(cameras, pixels, seen, strict=True):
+        slope = np.stack(
+            [
+                (camera.project(points + shift) - camera.project(points - shift)) / (2 * step)
+                for shift in step * np.eye(3)
+            ],
+            axis=2,
+        )
+        away = image - camera.project(points)
+        good = there & np.isfinite(slope).all(axis=(1, 2)) & np.isfinite(away).all(axis=1)
+        slope = np.where(good[:, None, None], slope, 0.0)
+        away = np.where(good[:, None], away, 0.0)
+        left += np.einsum("pki,pkj->pij", slope, slope)
+        right += np.einsum("pki,pk->pi", slope, away)
+    move = _solved(left, right, seen.sum(axis=0) >= 2)
+    return points + np.where(np.isfinite(move), move, 0.0)
+
+
+def _solved(left: np.ndarray, right: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Solve 3 x 3 systems; NaN where a point is not determined."""
+    result = np.full(right.shape, np.nan)
+    firm = usable & (np.linalg.cond(left) < 1e15)
+    result[firm] = np.linalg.solve(left[firm], right[firm][:, :, None])[:, :, 0]
+    return result

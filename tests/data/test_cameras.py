@@ -1,0 +1,155 @@
+"""Three synthetic cameras around a face: calibrated, and markers found where they are."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+from emgface.cameras import Camera, calibrate_camera, triangulate
+from emgface.errors import MarkerError
+
+ANGLES = (-35.0, 0.0, 35.0)
+PIXEL = 2.0
+FRAMES = 20
+
+
+def camera(angle: float, distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> Camera:
+    """Return a camera of 1280 x 1024 pixels, 0.8 m in front of the face at y = 0."""
+    turn = Rotation.from_euler("z", angle, degrees=True).as_matrix()
+    place = turn @ np.array([0.0, 0.8, 0.02])
+    look = -place / np.linalg.norm(place)
+    side = np.cross(look, [0, 0, 1.0])
+    side /= np.linalg.norm(side)
+    rotation = np.stack([side, np.cross(look, side), look])
+    intrinsics = np.array([[1900.0, 0, 655], [0, 1910.0, 500], [0, 0, 1]])
+    return Camera(intrinsics, rotation, -rotation @ place, np.array(distortion))
+
+
+def bent() -> list[Camera]:
+    return [camera(a, (-0.12, 0.05, 0.002, -0.001)) for a in ANGLES]
+
+
+def frame() -> np.ndarray:
+    """Return the points of a calibration frame, 0.2 m wide and 0.12 m deep."""
+    return np.stack(
+        np.meshgrid([-0.1, -0.03, 0.04, 0.1], [-0.06, 0.0, 0.06], [-0.1, 0.0, 0.1]), axis=-1
+    ).reshape(-1, 3)
+
+
+def markers() -> np.ndarray:
+    rng = np.random.default_rng(2)
+    rest = rng.uniform([-0.06, -0.04, -0.08], [0.06, 0.05, 0.08], size=(7, 3))
+    time = np.arange(FRAMES)
+    return rest[:, :, None] + 0.01 * np.sin(0.3 * time + np.arange(7)[:, None, None])
+
+
+def images(cameras: list[Camera], points: np.ndarray) -> xr.DataArray:
+    pixels = np.stack([c.project(points.transpose(0, 2, 1)) for c in cameras])
+    return xr.DataArray(
+        pixels.transpose(0, 1, 3, 2),
+        dims=("camera", "marker", "image_axis", "time_marker"),
+        coords={"marker": [f"m{i}" for i in range(7)], "time_marker": np.arange(FRAMES) / 100},
+    )
+
+
+def test_a_projection_is_that_of_similar_triangles() -> None:
+    front = camera(0.0)
+    point = np.array([[0.05, 0.1, 0.02]])  # 0.7 m before the camera, at its height
+    centre, beside = front.project(np.array([[0.0, 0.0, 0.02]])), front.project(point)
+    assert abs(beside[0, 0] - centre[0, 0]) == pytest.approx(1900 * 0.05 / 0.7, rel=2e-3)
+    assert np.isnan(front.project(np.array([[0.0, 2.0, 0.0]]))).all()
+
+
+def test_distortion_is_undone() -> None:
+    rng = np.random.default_rng(0)
+    for one in bent():
+        points = rng.uniform(-0.1, 0.1, size=(50, 3))
+        seen = points @ one.rotation.T + one.translation
+        found = one.normalised(one.project(points))
+        np.testing.assert_allclose(found, seen[:, :2] / seen[:, 2:], atol=1e-12)
+
+
+@pytest.mark.parametrize("distorted", [False, True])
+def test_a_camera_is_found_from_a_frame(distorted: bool) -> None:
+    for truth in bent() if distorted else [camera(a) for a in ANGLES]:
+        found = calibrate_camera(frame(), truth.project(frame()), distortion=distorted)
+        assert found.residual < 1e-6
+        np.testing.assert_allclose(found.intrinsics, truth.intrinsics, rtol=1e-6, atol=1e-3)
+        np.testing.assert_allclose(found.rotation, truth.rotation, atol=1e-8)
+        np.testing.assert_allclose(found.translation, truth.translation, atol=1e-7)
+        np.testing.assert_allclose(found.distortion, truth.distortion, atol=1e-4)
+
+
+def test_markers_are_found_where_they_are() -> None:
+    found = triangulate(images(bent(), markers()), bent())
+    np.testing.assert_allclose(found["position"], markers(), atol=1e-9)
+    assert float(found["reprojection_error"].max()) < 1e-6
+    assert (found["views"] == 3).all() and found["position"].attrs["units"] == "m"
+
+
+def test_noise_in_the_images_gives_the_expected_error_in_space() -> None:
+    cameras, rng = bent(), np.random.default_rng(5)
+    calibrated = [
+        calibrate_camera(frame(), c.project(frame()) + 0.1 * rng.normal(size=(len(frame()), 2)))
+        for c in cameras
+    ]
+    tracks = images(cameras, markers())
+    noisy = tracks + 0.2 * rng.normal(size=tracks.shape)
+    error = triangulate(noisy, calibrated)
+    away = error["position"].values - markers()
+    # 0.2 pixels over 1900 pixels of focal length at 0.8 m are 0.08 mm in each image.
+    assert 0.02e-3 < np.sqrt(np.mean(away**2)) < 0.2e-3
+    # Six coordinates less three unknowns: rms over three views of 0.2 sqrt(2 * 3 / 6).
+    rms = float(np.sqrt((error["reprojection_error"] ** 2).mean()))
+    assert rms == pytest.approx(0.2, rel=0.15)
+
+
+def test_the_least_squares_are_those_of_a_general_optimiser() -> None:
+    from scipy.optimize import least_squares
+
+    cameras, rng = bent(), np.random.default_rng(6)
+    tracks = images(cameras, markers()) + PIXEL * rng.normal(size=(3, 7, 2, FRAMES))
+    found = triangulate(tracks, cameras)["position"].values[3, :, 4]
+    pixels = tracks.values[:, 3, :, 4]
+    best = least_squares(
+        lambda x: np.concatenate([c.project(x) - p for c, p in zip(cameras, pixels, strict=True)]),
+        found + 0.001, xtol=1e-14, ftol=1e-14, gtol=1e-14,
+    )  # fmt: skip
+    np.testing.assert_allclose(found, best.x, atol=1e-9)
+
+
+def test_two_views_suffice_and_one_does_not() -> None:
+    tracks = images(bent(), markers())
+    tracks[0, 2, :, 5] = np.nan
+    tracks[0, 3, :, 6] = tracks[2, 3, 1, 6] = np.nan
+    found = triangulate(tracks, bent())
+    np.testing.assert_allclose(found["position"][2, :, 5], markers()[2, :, 5], atol=1e-9)
+    assert np.isnan(found["position"][3, :, 6]).all() and np.isnan(
+        found["reprojection_error"][3, 6]
+    )
+    assert (int(found["views"][2, 5]), int(found["views"][3, 6])) == (2, 1)
+    assert int(np.isnan(found["position"]).sum()) == 3
+
+
+def test_a_wrong_match_has_a_large_reprojection_error() -> None:
+    tracks = images(bent(), markers())
+    tracks[1, 0, :, 3] = tracks[1, 1, :, 3]
+    error = triangulate(tracks, bent())["reprojection_error"]
+    assert float(error[0, 3]) > 5.0 and float(error.max()) == float(error[0, 3])
+
+
+def test_what_determines_no_camera_is_refused() -> None:
+    pixels = camera(0.0).project(frame())
+    with pytest.raises(MarkerError, match="found 9 calibration points, expected at least 10"):
+        calibrate_camera(frame()[:9], pixels[:9])
+    flat = frame()[frame()[:, 1] == 0]
+    with pytest.raises(MarkerError, match="lie in one plane"):
+        calibrate_camera(flat, camera(0.0).project(flat), distortion=False)
+    with pytest.raises(MarkerError, match="no camera sees the calibration points so"):
+        calibrate_camera(frame(), np.random.default_rng(0).permutation(pixels), distortion=False)
+    with pytest.raises(MarkerError, match="expected .points, 3. and .points, 2."):
+        calibrate_camera(frame(), pixels[:5])
+    with pytest.raises(MarkerError, match="found 2 cameras for 3 tracks"):
+        triangulate(images(bent(), markers()), bent()[:2])
+    with pytest.raises(MarkerError, match="expected camera, marker, image_axis, time_marker"):
+        triangulate(images(bent(), markers()).isel(camera=0), bent())
