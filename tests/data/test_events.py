@@ -1,0 +1,202 @@
+"""Clocks put together, trials cut and repetitions found, against what was put in."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from emgface.errors import DataError, SignalError
+from emgface.events import cut_trials, find_repetitions, read_events
+from emgface.schema import validate
+from emgface.synchronise import ClockFit, cut, fit_clocks, overlap, rising_edges, synchronise
+
+RATE = 1000.0
+
+
+def long(duration: float = 20.0) -> xr.Dataset:
+    """Return EMG whose values are its times in microseconds, and a marker at its time in mm."""
+    emg, marker = np.arange(int(duration * RATE)) / RATE, np.arange(int(duration * 100)) / 100
+    return xr.Dataset(
+        {
+            "emg": (("channel", "time_emg"), emg[None] * 1e-6, {"units": "V"}),
+            "position": (
+                ("marker", "axis", "time_marker"),
+                np.tile(marker * 1e-3, (1, 3, 1)),
+                {"units": "m"},
+            ),
+        },
+        {
+            "channel": ["ZYG_L"],
+            "marker": ["corner_left"],
+            "axis": ["x", "y", "z"],
+            "time_emg": ("time_emg", emg, {"units": "s"}),
+            "time_marker": ("time_marker", marker, {"units": "s"}),
+        },
+        {"origin": "measured", "volunteer": "V01"},
+    )
+
+
+def test_edges_are_interpolated_and_bounces_left_out() -> None:
+    time = np.arange(0, 5, 0.01)
+    signal = np.clip((time - 1.0) / 0.02, 0, 1)
+    signal[time > 2] = 0.0
+    signal[time > 2.995] = 1.0
+    signal[(time > 3.015) & (time < 3.025)] = 0.0  # a bounce
+    np.testing.assert_allclose(rising_edges(signal, time), [1.01, 2.995], atol=1e-9)
+    np.testing.assert_allclose(rising_edges(signal, time, threshold=0.25)[0], 1.005, atol=1e-9)
+    with pytest.raises(SignalError, match="never rises through 2"):
+        rising_edges(signal, time, threshold=2.0)
+
+
+def test_a_single_pulse_is_found() -> None:
+    time = np.arange(0, 5, 0.001)
+    assert rising_edges(np.where((time > 2) & (time < 2.01), 5.0, 0.0), time) == pytest.approx(
+        2.0005
+    )
+
+
+@pytest.mark.parametrize("offset", [-3.2, 0.0, 17.25])
+def test_clocks_are_related_with_drift_and_missing_triggers(offset: float) -> None:
+    rng = np.random.default_rng(3)
+    marker = np.cumsum(rng.uniform(1, 4, size=12))
+    emg = offset + (1 + 4e-5) * marker + rng.normal(scale=2e-4, size=12)
+    emg = np.append(np.delete(emg, [2, 7]), emg[-1] + 50.0)
+    fit = fit_clocks(emg, np.delete(marker, 4))
+    assert fit.matched == 9
+    assert fit.offset == pytest.approx(offset, abs=1e-3)
+    assert fit.rate == pytest.approx(1 + 4e-5, abs=3e-5)
+    assert fit.residual < 1e-3
+
+
+def test_triggers_that_do_not_decide_are_refused() -> None:
+    with pytest.raises(SignalError, match="agree as well for an offset of"):
+        fit_clocks(np.arange(5.0), np.arange(4.0))
+    with pytest.raises(SignalError, match="found 0 triggers of the EMG"):
+        fit_clocks(np.array([]), np.arange(4.0))
+    with pytest.raises(SignalError, match="differ by 0.20%"):
+        fit_clocks(np.array([0.0, 1.002, 4.008, 6.012]), np.array([0.0, 1, 4, 6]))
+    assert fit_clocks(np.array([2.5]), np.array([1.0])) == ClockFit(1.5, 1.0, 1, 0.0)
+
+
+def test_markers_are_put_on_the_clock_of_the_emg() -> None:
+    given = long()
+    moved = synchronise(given, offset=0.35)
+    np.testing.assert_allclose(moved["time_marker"], given["time_marker"] + 0.35, atol=1e-12)
+    np.testing.assert_array_equal(moved["position"], given["position"])
+    assert moved["time_marker"].attrs["units"] == "s"
+    by_fit = synchronise(given, clocks=ClockFit(0.35, 1.00002, 5, 1e-4))
+    np.testing.assert_allclose(by_fit["time_marker"], 0.35 + 1.00002 * given["time_marker"].values)
+    assert "5 triggers" in by_fit["time_marker"].attrs["clock_relation"]
+    validate(by_fit, "recording")
+    with pytest.raises(SignalError, match="either an offset in seconds or a fit"):
+        synchronise(given)
+    with pytest.raises(SignalError, match="expected an overlap: see the sign"):
+        synchronise(given, offset=25.0)
+    with pytest.raises(SignalError, match="lacks EMG or markers"):
+        synchronise(given.drop_vars(["emg", "channel", "time_emg"]), offset=0.0)
+
+
+def test_the_shared_span_is_kept() -> None:
+    shared = overlap(synchronise(long(), offset=0.35))
+    assert shared["time_emg"].values[0] == 0.0
+    assert abs(shared["time_marker"].values[0]) <= 0.5 / RATE
+    # At one instant, EMG and marker now differ by the offset between their clocks.
+    assert shared["emg"].values[0, 0] * 1e6 == pytest.approx(0.35, abs=1e-9)
+    assert shared["position"].values[0, 0, 0] == 0.0
+
+
+def test_spans_are_cut_at_the_samples() -> None:
+    piece = cut(long(), 2.0, 3.0)
+    assert (piece.sizes["time_emg"], piece.sizes["time_marker"]) == (1001, 101)
+    assert piece["emg"].values[0, 0] == 2e-6 and piece["time_emg"].values[0] == 0.0
+    with pytest.raises(SignalError, match="holds 0 samples of time_emg"):
+        cut(long(), 30.0, 31.0)
+
+
+def test_trials_are_cut_by_events(tmp_path: Path) -> None:
+    (tmp_path / "sub-1_task-all_events.tsv").write_text(
+        "onset\tduration\ttrial_type\n2.0\t1.5\tA\n5.0\t1.0\tB\n8.0\t2.0\tA\n"
+    )
+    events = read_events(tmp_path / "sub-1_task-all_events.tsv")
+    trials = list(cut_trials(long(), events, before=0.5, after=0.25))
+    names = [(t.attrs["instruction"], t.attrs["repetition"]) for t in trials]
+    assert names == [("A", 1), ("B", 1), ("A", 2)]
+    starts = [t["emg"].values[0, 0] * 1e6 for t in trials]
+    assert starts == pytest.approx([1.5, 4.5, 7.5])
+    assert [t["time_emg"].values[-1] for t in trials] == pytest.approx([2.25, 1.75, 2.75])
+    assert trials[2].attrs["cut_from"] == [7.5, 10.25]
+    validate(trials[0], "recording")
+    late = pd.DataFrame({"onset": [19.5], "duration": [1.0], "label": ["C"]})
+    with pytest.raises(SignalError, match="event 'C' at 19.5 s needs 19.5 to 20.5 s and time_emg"):
+        list(cut_trials(long(), late))
+
+
+def test_events_that_are_none_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "events.tsv"
+    for text, match in (
+        ("time\tduration\n1\t2\n", "expected onset and duration"),
+        ("onset\tduration\nx\t2\n", "expected seconds or n/a"),
+        ("onset\tduration\nn/a\t2\n", "an event without onset"),
+    ):
+        path.write_text(text)
+        with pytest.raises(DataError, match=match):
+            read_events(path)
+
+
+def test_the_events_of_the_published_example(shared: Path) -> None:
+    root = shared / "recordings" / "bids-emg-examples" / "emg_Multimodal" / "sub-01"
+    if not root.is_dir():
+        pytest.skip("the BIDS example is not there")
+    events = read_events(root / "sub-01_task-pullstand_events.tsv")
+    assert set(events["label"]) == {"stimulus"} and set(events["duration"]) == {1.0}
+    assert events["onset"].iloc[0] == 16.09725 and (np.diff(events["onset"]) > 0).all()
+
+
+def bursts(noise: float) -> tuple[xr.DataArray, list[tuple[float, float]]]:
+    rng = np.random.default_rng(8)
+    spans = [(1.0, 2.5), (4.6, 6.0), (8.1, 9.7), (11.9, 13.2)]
+    time = np.arange(int(15 * RATE)) / RATE
+    drive = sum(np.where((time > a) & (time < b), 1.0, 0.0) for a, b in spans)
+    # Two channels of very different gain, one of which is at rest throughout.
+    values = np.stack([1e-4 * drive, 1e-6 * drive, 0 * time]) * rng.normal(size=(3, time.size))
+    values += np.array([[1e-4], [1e-6], [1e-6]]) * noise * rng.normal(size=values.shape)
+    coords = {"channel": ["a", "b", "c"], "time_emg": time}
+    return xr.DataArray(values, coords, ("channel", "time_emg"), attrs={"units": "V"}), spans
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1])
+def test_repetitions_are_found_in_emg(noise: float) -> None:
+    signal, spans = bursts(noise)
+    found = find_repetitions(signal)
+    assert len(found) == len(spans)
+    for (start, stop), onset, duration in zip(
+        spans, found["onset"], found["duration"], strict=True
+    ):
+        assert onset == pytest.approx(start, abs=0.1)
+        assert onset + duration == pytest.approx(stop, abs=0.1)
+
+
+def test_repetitions_are_found_in_motion() -> None:
+    time = np.arange(1500) / 100
+    way = sum(np.exp(-(((time - c) / 0.4) ** 2)) for c in (2.0, 6.0, 10.0, 13.0)) * 8e-3
+    values = np.stack([way, 0.2 * way, 0 * way])[None]
+    values += 2e-5 * np.random.default_rng(0).normal(size=values.shape)
+    coords = {"marker": ["m"], "axis": ["x", "y", "z"], "time_marker": time}
+    positions = xr.DataArray(values, coords, ("marker", "axis", "time_marker"))
+    found = find_repetitions(positions)
+    centres = found["onset"] + found["duration"] / 2
+    assert centres.to_list() == pytest.approx([2.0, 6.0, 10.0, 13.0], abs=0.1)
+
+
+def test_what_holds_no_bursts_is_refused() -> None:
+    signal, _ = bursts(0.02)
+    with pytest.raises(SignalError, match="expected rest between bursts"):
+        find_repetitions(signal.isel(channel=[2]))
+    with pytest.raises(SignalError, match="never changes"):
+        find_repetitions(0 * signal)
+    with pytest.raises(SignalError, match="no burst lasts 5 s"):
+        find_repetitions(signal, least_duration=5.0, least_rest=0.1)
+    with pytest.raises(SignalError, match="has gaps"):
+        find_repetitions(signal.where(signal["time_emg"] > 1))
