@@ -14,6 +14,7 @@ from sim import (
     Activation,
     Blemker,
     ConvergedEuler,
+    ElementVolume,
     Energies,
     Fixed,
     Generic,
@@ -26,6 +27,7 @@ from sim import (
     Material,
     MooneyRivlin,
     Muscles,
+    NodalVolume,
     NotConverged,
     Opening,
     PassiveRayleigh,
@@ -44,6 +46,7 @@ from sim import (
     simulate,
 )
 from sim.probes import Probe
+from sim.scene import Term
 from sim.steps import FixedStep
 from sim.terms import Gravity
 
@@ -119,7 +122,9 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
         law = Blemker(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
     else:
         law = Generic(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
-    bulk = LogarithmicBulk(p.kappa) if p.bulk_potential == "logarithmic" else QuadraticBulk(p.kappa)
+    pointwise = p.kappa if p.incompressibility == "pointwise" else 0.0
+    logarithmic = p.bulk_potential == "logarithmic"
+    bulk = LogarithmicBulk(pointwise) if logarithmic else QuadraticBulk(pointwise)
     order = element_order(face)
     muscles = Muscles(
         names=tuple(map(str, face["muscle"].values)),
@@ -130,10 +135,16 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
     )
     tissue = Material(MooneyRivlin(p.C10, p.C20), bulk, density=p.density)
     solid = Solid(materials=(tissue,), muscles=muscles)
-    terms = (solid, Gravity(GRAVITY)) if p.gravity else (solid,)
+    terms: list[Term] = [solid]
+    if p.incompressibility == "element":
+        terms.append(ElementVolume(p.kappa))
+    elif p.incompressibility == "nodal":
+        terms.append(NodalVolume(p.kappa))
+    if p.gravity:
+        terms.append(Gravity(GRAVITY))
     damping = DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None
     fixed = np.flatnonzero(face["fixed"].values)
-    return Scene(mesh=mesh, terms=terms, reductions=(Fixed(fixed),), damping=damping)
+    return Scene(mesh=mesh, terms=tuple(terms), reductions=(Fixed(fixed),), damping=damping)
 
 
 def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:

@@ -75,6 +75,14 @@ class SimulationParameters(Parameters):
         source=f"{ESKES} (Blemker); the published model's source (generic)",
         note="'generic' has no dependence of the active stress on length",
     )
+    incompressibility: Literal["pointwise", "element", "nodal"] = parameter(
+        "pointwise",
+        "Volume that a pressure belongs to: a Gauss point, an element, or the region of a node.",
+        unit="-",
+        source=f"{ESKES}, Incompressibility (nodal)",
+        note="'nodal' cures locking best and costs most; 'element' and 'nodal' take the quadratic "
+        "potential",
+    )
     bulk_potential: Literal["logarithmic", "quadratic"] = parameter(
         "logarithmic",
         "kappa/2 (ln J)^2 or kappa/2 (J - 1)^2.",
@@ -131,6 +139,11 @@ class SimulationParameters(Parameters):
 
     @model_validator(mode="after")
     def _startable(self) -> "SimulationParameters":
+        if self.incompressibility != "pointwise" and self.bulk_potential != "quadratic":
+            raise ValueError(
+                f"incompressibility = '{self.incompressibility}' has the quadratic potential "
+                "only: set bulk_potential = 'quadratic'"
+            )
         if self.sigma_max < self.sigma_max_policy.minimum:
             raise ValueError(
                 f"sigma_max = {self.sigma_max:g} Pa is below sigma_max_policy.minimum = "

@@ -69,6 +69,7 @@ def test_the_template_writes_the_values_of_a_study() -> None:
         ("[simulation]\nstep = nan\n", "simulation.step.*finite"),
         ("[simulation]\nsolver = 'newton'\n", "'newton'.*converged.*linearly_implicit"),
         ("[simulation]\nsigma_max = 1e3\n", "sigma_max = 1000 Pa is below"),
+        ("[simulation]\nincompressibility = 'nodal'\n", "bulk_potential = 'quadratic'"),
         ("[alignment]\nscale_range = [1.1, 1.2]\n", "does not span 1"),
         ("[recordings]\ninstructions = ['A', 'G']\n", "instruction G is unknown.*A, B, C, D, E, F"),
         ("strategies = ['act_3', 'act_3']\n", "each only once"),

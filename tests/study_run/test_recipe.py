@@ -103,6 +103,18 @@ def test_the_two_solvers_agree_to_first_order_in_the_step(slab, settled) -> None
     assert difference[1] < 0.7 * difference[0]
 
 
+@pytest.mark.parametrize("kind", ["pointwise", "element", "nodal"])
+def test_a_large_bulk_modulus_keeps_the_volume_whatever_its_pressure_belongs_to(slab, kind) -> None:
+    change = {"incompressibility": kind, "bulk_potential": "quadratic", "gravity": False}
+    drive = activation(0.5, "OOP_L", "OOP_R")
+    spread = []
+    for kappa in (5e3, 500e3):
+        parameters = PARAMETERS.model_copy(update=change | {"kappa": kappa})
+        motion = simulate_face(slab, drive, parameters)
+        spread.append(1.0 - float(motion["smallest_J"].min()))
+    assert 0.0 < spread[1] < spread[0]
+
+
 def test_normalised_timing_takes_one_step_per_sample(slab, settled) -> None:
     slow = activation(0.2, "MEN_L", duration=2.0)
     parameters = PARAMETERS.model_copy(update={"timing": "normalised"})
