@@ -203,6 +203,15 @@ def calibration(
     ------
     StatisticsError
         Unknown method or no simulation.
+
+    Notes
+    -----
+    Six volunteers, the defaults of `simulated_scores`, 1000 cubes (seed 1000), Monte Carlo error
+    0.006 to 0.009. Size at 0.05: sign flip and Wilcoxon 0.036 (exactly 2/64), sign flip jointly
+    0.029, Wilcoxon after Holm 0, Friedman 0.034 (chi-square limit 0.048), mixed model 0.050 with
+    t and 0.070 with Wald, equivalence 0.047. Coverage: sign flip and Wilcoxon 0.964 (exactly
+    62/64), mixed model 0.950 (Wald 0.930), bootstrap 0.959 expanded and 0.906 plain, equivalence
+    0.906 of 0.90.
     """
     wrong = [name for name in methods if name not in METHODS]
     if wrong or simulations < 1:
