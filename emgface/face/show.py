@@ -87,21 +87,16 @@ def face_figure(ds: xr.Dataset) -> Figure:
     FigureCanvasAgg(figure)
     kind = "generated" if ds.attrs["origin"] == "generated" else "imported"
     figure.suptitle(f"{ds.attrs['name']} ({kind}: {ds.attrs['source']}), mm\n")
-    faces, element = boundary_faces(ds["connectivity"].values)
-    skin = np.zeros(ds.sizes["node"], dtype=bool)
-    skin[sheet_nodes(ds, OUTER)] = True
-    of_skin = (ds["layer"].values[element] == OUTER) & skin[faces].all(axis=1)
+    visible, of_skin = skin_faces(ds)
     position = ds["position"].values * MM
-    # Rims belong to the picture of the skin; the inner sheet would only hide behind it.
-    rim = skin[faces].any(axis=1) | of_skin
     for column, (title, (elevation, azimuth)) in enumerate(VIEWS.items(), start=1):
-        above = _axes(figure, column, position, elevation, azimuth)
+        above = view_axes(figure, column, position, elevation, azimuth)
         above.set_title(f"{title}: skin and markers")
-        _draw_skin(above, position, faces[rim], alpha=1.0)
+        draw_skin(above, position, visible, alpha=1.0)
         _draw_markers(above, ds, position, elevation, azimuth)
-        below = _axes(figure, column + len(VIEWS), position, elevation, azimuth)
+        below = view_axes(figure, column + len(VIEWS), position, elevation, azimuth)
         below.set_title(f"{title}: muscle fibres and fixed nodes")
-        _draw_skin(below, position, faces[of_skin], alpha=0.10)
+        draw_skin(below, position, of_skin, alpha=0.10)
         _draw_fixed(below, ds, position)
         _draw_fibres(below, ds)
         if column == 1:
@@ -118,13 +113,62 @@ def face_figure(ds: xr.Dataset) -> Figure:
     return figure
 
 
-def _axes(figure: Figure, place: int, position: Floats, elevation: int, azimuth: int) -> Axes3D:
-    axes = figure.add_subplot(2, len(VIEWS), place, projection="3d", computed_zorder=False)
+def skin_faces(ds: xr.Dataset) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Boundary faces that a look from outside meets, and those of the skin alone.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        A face_model.
+
+    Returns
+    -------
+    visible, of_skin : ndarray of int, shape (faces, 4)
+        Nodes of each face; the visible ones include the rims, not the inner sheet behind.
+    """
+    faces, element = boundary_faces(ds["connectivity"].values)
+    skin = np.zeros(ds.sizes["node"], dtype=bool)
+    skin[sheet_nodes(ds, OUTER)] = True
+    of_skin = (ds["layer"].values[element] == OUTER) & skin[faces].all(axis=1)
+    return faces[skin[faces].any(axis=1) | of_skin], faces[of_skin]
+
+
+def view_axes(
+    figure: Figure,
+    place: int,
+    position: Floats,
+    elevation: int,
+    azimuth: int,
+    *,
+    layout: tuple[int, int] = (2, len(VIEWS)),
+    zoom: float = 1.0,
+) -> Axes3D:
+    """Axes that show a face in millimetres from one side, to scale.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    place : int
+        Place among the subplots, from 1.
+    position : ndarray, shape (nodes, 3)
+        What must fit [mm].
+    elevation, azimuth : int
+        Of the camera [degrees], see `VIEWS`.
+    layout : tuple of int
+        Rows and columns of subplots.
+    zoom : float
+        Factor on the size in the axes [1].
+
+    Returns
+    -------
+    mpl_toolkits.mplot3d.axes3d.Axes3D
+    """
+    axes = figure.add_subplot(*layout, place, projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     axes.view_init(elev=elevation, azim=azimuth)
     axes.set_proj_type("ortho")
     low, high = position.min(axis=0), position.max(axis=0)
-    axes.set_box_aspect(tuple(high - low), zoom=1.1 if elevation == 0 else 0.95)  # pyright: ignore[reportArgumentType]
+    axes.set_box_aspect(tuple(high - low), zoom=zoom * (1.1 if elevation == 0 else 0.95))  # pyright: ignore[reportArgumentType]
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set(xlabel="x", ylabel="y", zlabel="z")
     axes.zaxis.labelpad = -4
@@ -151,7 +195,20 @@ def _visible(offset: Floats, camera: Floats) -> NDArray[np.bool_]:
     return offset[:, :2] @ camera[:2] > -0.15 * np.linalg.norm(offset[:, :2], axis=1)
 
 
-def _draw_skin(axes: Axes3D, position: Floats, faces: NDArray[np.integer], *, alpha: float) -> None:
+def draw_skin(
+    axes: Axes3D, position: Floats, faces: NDArray[np.integer], *, alpha: float = 1.0
+) -> None:
+    """Draw faces of the skin with light from the upper front.
+
+    Parameters
+    ----------
+    axes : mpl_toolkits.mplot3d.axes3d.Axes3D
+    position : ndarray, shape (nodes, 3)
+        [mm]
+    faces : ndarray of int, shape (faces, 4)
+    alpha : float
+        Opacity [1].
+    """
     corners = position[faces]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     length = np.linalg.norm(normal, axis=1, keepdims=True)

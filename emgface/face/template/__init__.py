@@ -1,5 +1,6 @@
 """A parametric lower face: measures, presets and random volunteers, at any resolution."""
 
+from emgface.face.template.arches import Arch, dental_arches
 from emgface.face.template.build import template_face
 from emgface.face.template.measures import Measures, parse_measures
 from emgface.face.template.norms import norms_table
@@ -7,7 +8,9 @@ from emgface.face.template.volunteers import PRESETS, preset_measures, random_me
 
 __all__ = [
     "PRESETS",
+    "Arch",
     "Measures",
+    "dental_arches",
     "norms_table",
     "parse_measures",
     "preset_measures",

@@ -128,7 +128,9 @@ class Surfaces:
         m = self.measures
         y, z = np.moveaxis(self._profile[0](tau), -1, 0)
         angle = np.interp(np.abs(xi), self._angle[1], self._angle[0]) * np.sign(xi)
-        fade = _smooth_step((0.04 - tau) / (0.04 - self.tau_gnathion))
+        # The rise of the jaw begins below the mouth and, towards the ear, above it.
+        begin = 0.012 + 0.028 * np.clip(np.abs(xi) / (0.75 * m.face_width), 0.0, 1.0) ** 2
+        fade = _smooth_step((begin - tau) / (begin - self.tau_gnathion))
         rise = m.jaw_rise * (np.abs(xi) / (0.75 * m.face_width)) ** 1.8 * fade
         return np.stack([self._half_widths(tau) * np.sin(angle), y * np.cos(angle), z + rise], -1)
 

@@ -1,0 +1,131 @@
+"""The gestures of the six instructions on a face: levels, demands and pictures, simulated."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from emgface.errors import DataError
+from emgface.face.show import MM, VIEWS, draw_skin, skin_faces, view_axes
+from emgface.face.template.actions import steady_positions
+
+Floats = NDArray[np.float64]
+
+_SMILE: Final = {"ZYG": 0.5, "RIS": 0.3, "LAO": 0.3, "LLSAN": 0.2}
+GESTURES: Final[Mapping[str, tuple[str, Mapping[str, float], Mapping[str, float]]]] = {
+    # Name; activation of the left and of the right muscles.
+    "A": ("purse lips", {"OOP": 0.5, "OOM": 0.1, "BUC": 0.05}, {}),
+    "B": ("raise upper lip", {"LLSAN": 0.5}, {}),
+    "C": ("depress mouth corners", {"DAO": 0.5, "MEN": 0.2}, {}),
+    "D": ("voluntary smile", {**_SMILE, "DLI": 0.1, "DAO": 0.05}, {}),
+    "E": (
+        "to the left with closed mouth",
+        {"ZYG": 0.4, "RIS": 0.4, "BUC": 0.2, "OOP": 0.1, "OOM": 0.05},
+        {"OOP": 0.2, "OOM": 0.05},
+    ),
+    "F": ("closed mouth smile", {**_SMILE, "OOP": 0.1, "OOM": 0.05, "BUC": 0.1}, {}),
+}
+"""One held gesture of every instruction, by muscles of Table 1 of Eskes et al. 2017; where no level
+is given for the right side, it is that of the left. The levels are chosen."""
+
+
+def gesture_activation(instruction: str) -> dict[str, float]:
+    """Activation of every muscle that takes part in a gesture.
+
+    Parameters
+    ----------
+    instruction : str
+        A to F.
+
+    Returns
+    -------
+    dict
+        Muscle such as ``ZYG_L`` to activation [1].
+
+    Raises
+    ------
+    DataError
+        The instruction is unknown.
+    """
+    if instruction not in GESTURES:
+        raise DataError(f"unknown instruction {instruction!r}, expected one of {[*GESTURES]}")
+    _, left, right = GESTURES[instruction]
+    return {f"{muscle}_L": level for muscle, level in left.items()} | {
+        f"{muscle}_R": level for muscle, level in (right or left).items()
+    }
+
+
+def gesture_positions(
+    face: xr.Dataset, instructions: tuple[str, ...] = tuple(GESTURES)
+) -> dict[str, Floats]:
+    """Simulate the held gestures.
+
+    Parameters
+    ----------
+    face : xarray.Dataset
+        A face_model.
+    instructions : tuple of str
+        Some of A to F.
+
+    Returns
+    -------
+    dict
+        Instruction to node positions (nodes, 3) [m].
+
+    Raises
+    ------
+    DataError
+        An instruction is unknown.
+    InvertedElement, NotConverged, SingularSystem
+        As `emgface.face.template.actions.steady_positions`.
+    """
+    runs = [gesture_activation(instruction) for instruction in instructions]
+    positions, _ = steady_positions(face, runs)
+    return dict(zip(instructions, positions, strict=True))
+
+
+def draw_gestures(
+    face: xr.Dataset, positions: Mapping[str, Floats], path: Path, *, dpi: int = 100
+) -> Path:
+    """Draw a face at rest and in every gesture, from the front, the side and obliquely.
+
+    Parameters
+    ----------
+    face : xarray.Dataset
+        A face_model.
+    positions : mapping
+        Instruction to node positions [m], as `gesture_positions` gives them.
+    path : Path
+        Picture to write.
+    dpi : int
+        Dots per inch.
+
+    Returns
+    -------
+    Path
+        The picture.
+    """
+    shown = {"rest": face["position"].values, **positions}
+    every = np.concatenate(list(shown.values())) * MM
+    figure = Figure(figsize=(3.2 * len(shown), 3.2 * len(VIEWS)))
+    FigureCanvasAgg(figure)
+    figure.suptitle(f"{face.attrs['name']}: held gestures, simulated without contact")
+    faces, _ = skin_faces(face)
+    layout = (len(VIEWS), len(shown))
+    for row, (elevation, azimuth) in enumerate(VIEWS.values()):
+        for column, (name, position) in enumerate(shown.items()):
+            place = row * len(shown) + column + 1
+            axes = view_axes(figure, place, every, elevation, azimuth, layout=layout, zoom=1.45)
+            axes.set_axis_off()
+            if row == 0:
+                axes.set_title(name if name == "rest" else f"{name}: {GESTURES[name][0]}")
+            draw_skin(axes, position * MM, faces)
+    figure.subplots_adjust(0, 0, 1, 0.93, 0, 0)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=dpi)
+    return path
