@@ -120,7 +120,7 @@ def frame(given: "pd.DataFrame") -> Rows:
 
     def cell(value: object) -> str:
         if isinstance(value, float):
-            return "" if value != value else f"{value:.6g}"
+            return "" if value != value else f"{value:.6g}" if abs(value) >= 1 else f"{value:.3g}"
         return str(value)
 
     return Rows(
@@ -129,14 +129,24 @@ def frame(given: "pd.DataFrame") -> Rows:
     )
 
 
-def table_of(rows: Rows, title: str) -> Table:
-    """Lay out a table."""
-    table = Table(title=title, title_justify="left", box=None, header_style="bold")
-    for head in rows.heads:
-        table.add_column(head)
+def show_table(rows: Rows, title: str) -> None:
+    """Print a table as wide as it needs to be: a name that is cut off is no name."""
+    table = Table(title=escape(title), title_justify="left", box=None, header_style="bold")
+    for index, head in enumerate(rows.heads):
+        numbers = all(_is_number(cells[index]) for cells in rows.cells)
+        table.add_column(head, no_wrap=True, justify="right" if numbers else "left")
     for cells in rows.cells:
         table.add_row(*(escape(cell) for cell in cells))
-    return table
+    wanted = out.measure(table, options=out.options.update(max_width=10_000)).maximum
+    Console(width=max(wanted, out.width)).print(table)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell or "0")
+    except ValueError:
+        return False
+    return True
 
 
 class Bar:

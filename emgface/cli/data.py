@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli.console import BAD_INPUT, fail, frame, out, say, table_of
+from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 
 app = typer.Typer(no_args_is_help=True, help="Recordings: examine them before use.")
 
@@ -43,7 +43,7 @@ def check(
                 continue
             report = check_recording(recording, study=study)
             origin = recording.attrs.get("origin", "")
-            out.print(table_of(frame(report[list(COLUMNS)]), f"{file.name} ({origin})"))
+            show_table(frame(report[list(COLUMNS)]), f"{file.name} ({origin})")
             bad = problems(report)
             n_bad += bool(bad)
             for sentence in bad:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli.console import frame, out, say, table_of
+from emgface.cli.console import frame, say, show_table
 
 app = typer.Typer(no_args_is_help=True, help="Face models: import, check, show.")
 importing = typer.Typer(no_args_is_help=True, help="Make a face model of published geometry.")
@@ -59,8 +59,8 @@ def check(path: FacePath) -> None:
 
     face = load_face(path)
     report = face_report(face)
-    out.print(table_of(frame(report.summary), f"{face.attrs['name']} ({face.attrs['origin']})"))
-    out.print(table_of(frame(report.muscles), "muscles, volumes in mm3"))
+    show_table(frame(report.summary), f"{face.attrs['name']} ({face.attrs['origin']})")
+    show_table(frame(report.muscles), "muscles, volumes in mm3")
 
 
 @app.command()

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli.console import out, progress, say, table_of
+from emgface.cli.console import progress, say, show_table
 from emgface.cli.machine import announce_compilation
 
 StudyPath = Annotated[
@@ -46,7 +46,7 @@ def activate(
             given, configuration.signals, strategy=strategy, instruction=instruction
         )
     write_netcdf(activation, out_path, "activation")
-    out.print(table_of(activation_rows(activation), f"{recording.name}, {given.attrs['origin']}"))
+    show_table(activation_rows(activation), f"{recording.name}, {given.attrs['origin']}")
     if plot is not None:
         draw_activation(activation, plot)
         say(f"Wrote {plot}.")
@@ -143,5 +143,5 @@ def score(
     scores = score_trial(aligned, motion, **configuration.score.model_dump())
     write_netcdf(scores, out_path, "scores")
     title = f"{recording.name} ({given.attrs['origin']}), shift {float(scores['shift']):.3f} s"
-    out.print(table_of(score_rows(scores), title))
+    show_table(score_rows(scores), title)
     say(f"Wrote {out_path}.")
