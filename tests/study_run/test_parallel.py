@@ -1,0 +1,93 @@
+"""Processes that do independent jobs: all results come, and none outlives its parent."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from emgface.study.parallel import THREADS, in_processes
+
+ROOT = Path(__file__).resolve().parents[2]
+_offset = 0
+
+
+def begin(offset: int) -> None:
+    global _offset
+    _offset = offset
+
+
+def square(number: int) -> tuple[int, int, list[str | None]]:
+    return number**2 + _offset, os.getpid(), [os.environ.get(name) for name in THREADS]
+
+
+def fail_at_two(number: int) -> int:
+    if number == 2:
+        raise ZeroDivisionError
+    return number
+
+
+def mark_and_wait(folder: str) -> None:
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(120)
+
+
+def test_every_job_is_done_once_in_another_process_of_one_thread() -> None:
+    before = {name: os.environ.get(name) for name in THREADS}
+    found = dict(in_processes(square, range(6), 2, begin=begin, arguments=(100,)))
+    assert {index: result[0] for index, result in found.items()} == {
+        number: number**2 + 100 for number in range(6)
+    }
+    assert os.getpid() not in {result[1] for result in found.values()}
+    assert all(result[2] == ["1"] * len(THREADS) for result in found.values())
+    assert {name: os.environ.get(name) for name in THREADS} == before
+
+
+def test_a_failure_of_a_job_reaches_the_caller() -> None:
+    with pytest.raises(ZeroDivisionError):
+        dict(in_processes(fail_at_two, range(4), 2, begin=begin, arguments=(0,)))
+
+
+def is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["interrupted", "killed"])
+def test_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals) -> None:
+    program = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from emgface.study.parallel import in_processes\n"
+        "from tests.study_run.test_parallel import begin, mark_and_wait\n"
+        "if __name__ == '__main__':\n"
+        f"    list(in_processes(mark_and_wait, [{str(tmp_path)!r}] * 2, 2, begin=begin, "
+        "arguments=(0,)))\n"
+    )
+    script = tmp_path / "parent.py"
+    script.write_text(program)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    parent = subprocess.Popen([sys.executable, script], env=environment, stderr=subprocess.DEVNULL)
+    try:
+        workers: list[int] = []
+        for _ in range(600):
+            workers = [int(path.name) for path in tmp_path.iterdir() if path.name.isdigit()]
+            if len(workers) == 2:
+                break
+            time.sleep(0.1)
+        assert len(workers) == 2, "the workers did not begin within a minute"
+        parent.send_signal(how)
+        assert parent.wait(timeout=60) != 0
+        for _ in range(300):
+            if not any(map(is_running, workers)):
+                break
+            time.sleep(0.1)
+        assert not any(map(is_running, workers))
+    finally:
+        parent.kill()
