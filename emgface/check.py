@@ -9,6 +9,7 @@ import xarray as xr
 from emgface._rules import nearest
 from emgface.labels import constant_value
 from emgface.parameters import HeadFrameParameters
+from emgface.quality.findings import findings
 from emgface.schema import declaration
 
 LARGEST_VARIATION = 10e-3
@@ -29,7 +30,11 @@ class _Finding(NamedTuple):
 
 
 def check_recording(
-    recording: xr.Dataset, *, study: bool = False, max_gap: float | None = None
+    recording: xr.Dataset,
+    *,
+    study: bool = False,
+    max_gap: float | None = None,
+    quality: bool = True,
 ) -> pd.DataFrame:
     """Examine every channel and marker of a recording.
 
@@ -42,6 +47,9 @@ def check_recording(
     max_gap : float, optional
         Longest gap [s] of a marker that is interpolated later; the default of
         `emgface.parameters.HeadFrameParameters`.
+    quality : bool
+        Also measure hum, artefacts, drift, saturation, baseline, cross-talk, noise of markers,
+        and exchanged names, see `emgface.quality`.
 
     Returns
     -------
@@ -49,7 +57,8 @@ def check_recording(
         Columns ``name``, ``kind`` (channel or marker), ``rate`` [Hz], ``duration`` [s] (samples
         over rate), ``unit``, ``finite`` (share of samples), ``longest_gap`` [s], ``constant``,
         ``rms`` (about zero for a channel, about its mean for a marker), ``smallest``,
-        ``largest``, ``verdict`` (ok, warning, error) and ``reason``.
+        ``largest``, the measures of `emgface.quality` (NaN where they do not apply),
+        ``verdict`` (ok, warning, error) and ``reason``.
 
     Notes
     -----
@@ -71,10 +80,14 @@ def check_recording(
         for label, values in zip(position["marker"].values, position.values, strict=True):
             row = _row(str(label), "marker", "m", values, clock)
             rows.append(_judged(row, _marker(row, clock, limit)))
+    if quality:
+        rows = _with_quality(rows, recording)
     if study:
         rows += _absent(rows)
-    columns = list(rows[0]) if rows else ["name", "kind", "verdict", "reason"]
-    return pd.DataFrame(rows, columns=columns)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    last = ["verdict", "reason"]
+    columns = [name for name in columns if name not in last] or ["name", "kind"]
+    return pd.DataFrame(rows, columns=columns + last)
 
 
 def problems(table: pd.DataFrame, verdict: Verdict = "error") -> list[str]:
@@ -98,6 +111,23 @@ def problems(table: pd.DataFrame, verdict: Verdict = "error") -> list[str]:
         for kind, name, found, reason in zip(*columns, strict=True)
         if found == verdict
     ]
+
+
+def _with_quality(rows: list[dict[str, object]], recording: xr.Dataset) -> list[dict[str, object]]:
+    """Add measures to the rows, and what stands out to their reasons."""
+    measures, found = findings(recording)
+    result: list[dict[str, object]] = []
+    for row in rows:
+        key = (str(row["kind"]), str(row["name"]))
+        told = [text for kind, name, text in found if (kind, name) == key]
+        if key[0] == "marker" and row is next(r for r in rows if r["kind"] == "marker"):
+            told += [text for kind, name, text in found if (kind, name) == ("marker", "")]
+        verdict, reason = str(row["verdict"]), str(row["reason"])
+        if told:
+            verdict = "warning" if verdict == "ok" else verdict
+            reason = "; ".join([*([reason] if reason else []), *told])
+        result.append({**row, **measures.get(key, {}), "verdict": verdict, "reason": reason})
+    return result
 
 
 class _Clock(NamedTuple):

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS, MUSCLES
+from emgface.quality.markers import LAYOUT
 
 S = {"units": "s"}
 ONE = {"units": "1"}
@@ -17,7 +18,9 @@ def recording() -> xr.Dataset:
     rng = np.random.default_rng(1)
     emg = rng.normal(scale=1e-4, size=(len(CHANNELS), 512))
     markers = FACE_MARKERS + LIP_MARKERS
-    position = rng.normal(scale=0.05, size=(len(markers), 3, 25))
+    rest = 0.025 * np.array([LAYOUT[name] for name in markers])[:, :, None]
+    position = rest + 0.003 * np.sin(0.2 * np.arange(25) + rng.uniform(size=(len(markers), 3, 1)))
+    position += 2e-5 * rng.normal(size=position.shape)
     position[2, :, 7:9] = np.nan
     return xr.Dataset(
         {

@@ -1,0 +1,260 @@
+"""Each fault is put into a clean signal, and measured and told as what it is."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+from emgface.check import check_recording, problems
+from emgface.errors import SignalError
+from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
+from emgface.quality import (
+    cross_talk,
+    emg_quality,
+    mains_hum,
+    marker_quality,
+    remove_hum,
+    swapped_markers,
+    swapped_sides,
+)
+from emgface.quality.markers import LAYOUT
+from emgface.volunteers.emg import band_limited_noise
+
+RATE = 2048.0
+MARKERS = FACE_MARKERS + LIP_MARKERS
+
+
+def noise(rows: int = 14, seconds: float = 8.0, seed: int = 1) -> np.ndarray:
+    """Return muscle-like noise of 50 uV with a second of rest at both ends, over 2 uV of noise."""
+    rng = np.random.default_rng(seed)
+    n = int(seconds * RATE)
+    time = np.arange(n) / RATE
+    drive = np.where((time > 1) & (time < seconds - 1), 50e-6, 0.0)
+    return drive * band_limited_noise(rows, n, RATE, rng) + 2e-6 * rng.normal(size=(rows, n))
+
+
+def emg(values: np.ndarray, names: tuple[str, ...] = CHANNELS) -> xr.DataArray:
+    time = np.arange(values.shape[1]) / RATE
+    coords = {"channel": list(names[: len(values)]), "time_emg": ("time_emg", time, {"units": "s"})}
+    return xr.DataArray(values, coords, ("channel", "time_emg"), "emg", {"units": "V"})
+
+
+def face(frames: int = 200, seed: int = 0, deform: float = 0.1) -> np.ndarray:
+    """Return the markers of a turned, shifted, scaled and deformed face in motion [m]."""
+    rng = np.random.default_rng(seed)
+    rest = np.array([LAYOUT[m] for m in MARKERS])
+    size = np.linalg.norm(rest, axis=1, keepdims=True)
+    rest = 0.026 * (rest + deform * size * rng.normal(size=rest.shape) / 3)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    move = 0.004 * np.sin(0.05 * np.arange(frames) + rng.uniform(0, 6, size=(len(rest), 3, 1)))
+    return (rest @ turn.T + rng.normal(size=3))[:, :, None] + move
+
+
+def positions(values: np.ndarray) -> xr.DataArray:
+    time = ("time_marker", np.arange(values.shape[2]) / 100, {"units": "s"})
+    coords = {"marker": list(MARKERS), "axis": ["x", "y", "z"], "time_marker": time}
+    return xr.DataArray(
+        values, coords, ("marker", "axis", "time_marker"), "position", {"units": "m"}
+    )
+
+
+def recording(values: np.ndarray, places: np.ndarray | None = None) -> xr.Dataset:
+    parts = {"emg": emg(values)} | ({} if places is None else {"position": positions(places)})
+    return xr.Dataset(parts, attrs={"origin": "simulated"})
+
+
+def test_a_clean_recording_has_no_finding() -> None:
+    table = check_recording(recording(noise(), face(800)))
+    assert set(table["verdict"]) == {"ok"}, table["reason"].to_list()
+    channels = table[table["kind"] == "channel"]
+    assert (channels["hum"] < 0.03).all() and (channels["common"] < 0.02).all()
+    assert channels["baseline"].between(1e-6, 3e-6).all()
+    # 50 uV over 2 uV at rest, of which the band holds three quarters of the amplitude.
+    assert channels["snr"].between(27, 34).all()
+
+
+@pytest.mark.parametrize("mains", [50.0, 60.0])
+@pytest.mark.parametrize("amplitude", [15e-6, 30e-6, 100e-6])
+def test_hum_is_measured_as_it_was_added(mains: float, amplitude: float) -> None:
+    time = np.arange(int(8 * RATE)) / RATE
+    values = noise(1)[0]
+    plain = np.mean(values**2)
+    values = values + amplitude * (
+        np.sin(2 * np.pi * mains * time) + 0.3 * np.sin(2 * np.pi * 3 * mains * time)
+    )
+    found = mains_hum(values, RATE)
+    added = amplitude**2 * (1 + 0.3**2) / 2
+    assert found.frequency == mains
+    # Hum and muscle beat: over 8 s a line of 1/8 Hz holds 1/960 of a spectrum 120 Hz wide, and the
+    # product of both has that standard deviation; besides, the lines hold a part of the muscle's.
+    beat = np.sqrt(2 * added * plain / 960)
+    assert found.rms**2 == pytest.approx(added, abs=3 * beat + 0.03 * plain)
+    assert found.share == pytest.approx(added / (added + plain), abs=0.06)
+
+
+def test_much_hum_is_told_and_removed() -> None:
+    time = np.arange(int(8 * RATE)) / RATE
+    values = noise()
+    hum = 100e-6 * (np.sin(2 * np.pi * 50 * time) + 0.2 * np.sin(2 * np.pi * 250 * time))
+    dirty = recording(np.concatenate([values[:3], values[3:4] + hum, values[4:]]))
+    (sentence,) = problems(check_recording(dirty), "warning")
+    assert sentence.startswith("channel ZYG_L: ") and "mains hum of 50 Hz" in sentence
+    clean = remove_hum(dirty["emg"], 50.0)
+    # What is left is what the lines hold of the muscle's own spectrum, not of hum.
+    never = emg_quality(remove_hum(emg(values), 50.0)).loc["ZYG_L", "hum"]
+    assert emg_quality(clean).loc["ZYG_L", "hum"] == pytest.approx(never, abs=0.005)
+    inner = slice(2048, -2048)
+    left = clean.sel(channel="ZYG_L").values[inner] - values[3][inner]
+    assert np.std(left) < 0.3 * np.std(values[3][inner])  # 2 Hz in every 50, edges included
+    assert np.corrcoef(clean.sel(channel="ZYG_L").values[inner], values[3][inner])[0, 1] > 0.95
+    assert clean.attrs["notch_lines"] == 20
+    one = remove_hum(dirty["emg"], 50.0, harmonics=False)
+    assert one.attrs["notch_lines"] == 1
+
+
+def test_a_notch_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(SignalError, match="notch of 2 Hz at 1100 Hz does not fit"):
+        remove_hum(emg(noise(1)), 1100.0)
+
+
+def faults() -> dict[str, tuple[np.ndarray, str]]:
+    time = np.arange(int(8 * RATE)) / RATE
+    whole = noise(1, seed=5)[0]
+    stuck, railed = whole.copy(), whole.copy()
+    stuck[6000:6300] = stuck[5999]
+    railed = np.clip(whole, -1e-4, 1.0)
+    swing = sum(np.sin(2 * np.pi * f * time + f) for f in (4.0, 7.0, 9.0))
+    return {
+        "artefact": (whole + 1e-4 * swing, "lies below 15 Hz: movement artefact"),
+        "drift": (whole + 2e-3 * time / 8, "drifts by 1.8"),
+        "stuck": (stuck, "stays at one value for 0.147 s: dropout"),
+        "saturated": (railed, "on the rails: saturated"),
+        "baseline": (whole + 40e-6 * np.random.default_rng(2).normal(size=time.size), "baseline 2"),
+    }
+
+
+@pytest.mark.parametrize("fault", ["artefact", "drift", "stuck", "saturated", "baseline"])
+def test_each_fault_of_a_channel_is_told(fault: str) -> None:
+    values = noise()
+    values[6], text = faults()[fault]
+    table = check_recording(recording(values))
+    (sentence,) = problems(table, "warning")
+    assert sentence.startswith("channel MEN_L: ") and text in sentence
+    before = emg_quality(emg(noise(7, seed=5)[6:]))[fault].iloc[0]
+    assert table.set_index("name").loc["MEN_L", fault] > 4 * max(before, 0)
+
+
+def test_measures_of_what_cannot_be_judged_are_absent() -> None:
+    values = noise(3)
+    values[0, 5], values[1] = np.nan, 1e-3
+    table = emg_quality(emg(values))
+    assert table.loc[["OOS_L", "OOI_L"]].isna().all(axis=None) and table.loc["RIS_L"].notna().all()
+    assert emg_quality(emg(values[2:, :2000])).isna().all(axis=None)
+    assert "common" not in check_recording(recording(values[:2])).columns
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
+def test_cross_talk_is_found_as_it_was_mixed(share: float) -> None:
+    sources = noise(2, seed=3)
+    mixed = np.array([[1, share], [share, 1]]) @ sources
+    (row,) = cross_talk(emg(mixed, ("OOS_L", "OOI_L"))).to_dict("records")
+    assert row["share"] == pytest.approx(share, abs=0.03)
+    assert row["correlation"] == pytest.approx(2 * share / (1 + share**2), abs=0.05)
+    assert row["common"] == row["correlation"] ** 2
+
+
+def test_cross_talk_is_found_with_its_delay() -> None:
+    sources = noise(2, seed=4)
+    late = 0.7 * np.roll(sources[0], 8) + 0.7 * sources[1]
+    (row,) = cross_talk(emg(np.stack([late, sources[0]]), ("a", "b"))).to_dict("records")
+    assert row["lag"] == 8 / RATE  # the first follows the second
+    assert row["correlation"] == pytest.approx(np.sqrt(0.5), abs=0.05)
+    values = noise()
+    values[7] = 0.8 * values[7] + 0.8 * values[0]  # OOS_R hears OOS_L
+    found = problems(check_recording(recording(values)), "warning")
+    assert any("channel OOS_L: shares" in text and "with OOS_R" in text for text in found)
+
+
+def test_noise_and_leaps_of_markers_are_measured() -> None:
+    values = face(400)
+    rng = np.random.default_rng(1)
+    for scale in (5e-5, 1e-3):
+        found = marker_quality(positions(values + scale * rng.normal(size=values.shape)))
+        np.testing.assert_allclose(found["noise"], np.sqrt(3) * scale, rtol=0.2)
+    values[9, :, 100] += 0.02
+    table = check_recording(recording(noise(), values))
+    (sentence,) = problems(table, "warning")
+    assert (
+        sentence.startswith("marker upper_paramedian_right: moves at up to") and "leaps" in sentence
+    )
+
+
+def test_names_exchanged_in_a_trial_are_found() -> None:
+    values = face(200)
+    i, j = MARKERS.index("upper_lateral_left"), MARKERS.index("upper_paramedian_left")
+    exchanged = values.copy()
+    exchanged[[i, j], :, 120:] = values[[j, i], :, 120:]
+    (row,) = swapped_markers(positions(exchanged)).to_dict("records")
+    assert (row["first"], row["second"], row["time"]) == (MARKERS[i], MARKERS[j], 1.2)
+    assert row["ratio"] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("corner_left", "corner_right"), ("upper_paramedian_left", "lower_lateral_right"),
+     ("nasion", "rhinion"), ("forehead_left", "temple_left")],
+)  # fmt: skip
+def test_names_exchanged_throughout_are_found(first: str, second: str) -> None:
+    i, j = MARKERS.index(first), MARKERS.index(second)
+    values = face(20, seed=3, deform=0.05)
+    values[[i, j]] = values[[j, i]]
+    found = swapped_markers(positions(values))
+    assert {(r.first, r.second) for r in found.itertuples()} == {(first, second)}
+    assert found["time"].isna().all()
+
+
+def test_a_mirrored_face_is_told() -> None:
+    values = face(20)
+    values[:, 0] *= -1
+    (row,) = swapped_markers(positions(values)).to_dict("records")
+    assert (row["first"], row["second"]) == ("left", "right")
+    text = problems(check_recording(recording(noise(), values)), "warning")
+    assert any("axes are a mirror image" in sentence for sentence in text)
+
+
+def test_faces_of_many_shapes_are_not_suspected() -> None:
+    suspected = sum(
+        len(swapped_markers(positions(face(5, seed=s, deform=0.15)))) for s in range(40)
+    )
+    assert suspected == 0
+
+
+def sided(sign: float) -> xr.Dataset:
+    """Return a mouth drawn left, right, left by the muscles of that side, or of the other."""
+    seconds = 8.0
+    rng = np.random.default_rng(7)
+    time = np.arange(int(seconds * RATE)) / RATE
+    frames = np.arange(int(seconds * 100)) / 100
+    draw = np.sin(2 * np.pi * time / 4)
+    drive = np.where([[c.endswith("_L")] for c in CHANNELS], sign * draw, -sign * draw)
+    values = 50e-6 * np.clip(drive, 0.05, None) * band_limited_noise(14, time.size, RATE, rng)
+    places = face(frames.size)
+    left, right = MARKERS.index("corner_left"), MARKERS.index("corner_right")
+    way = np.sin(2 * np.pi * frames / 4)
+    places[left, 0] += 0.012 * np.clip(way, 0, None)
+    places[right, 0] -= 0.012 * np.clip(-way, 0, None)
+    return recording(values, places)
+
+
+def test_exchanged_sides_are_found_in_movements_to_one_side() -> None:
+    right = swapped_sides(sided(1.0))
+    assert len(right) == 4 and not right["swapped"].any() and (right["correlation"] > 0.5).all()
+    wrong = swapped_sides(sided(-1.0))
+    assert wrong["swapped"].all()
+    text = problems(check_recording(sided(-1.0)), "warning")
+    assert sum("see whether left and right are exchanged" in sentence for sentence in text) == 4
+
+
+def test_equal_sides_tell_nothing() -> None:
+    assert not swapped_sides(recording(noise(), face(800)))["swapped"].any()
+    assert swapped_sides(recording(noise())).empty
