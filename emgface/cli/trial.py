@@ -138,7 +138,7 @@ def score(
         measured,
         motion,
         smallest_motion=configuration.score.smallest_motion,
-        **configuration.alignment.model_dump(),
+        **configuration.alignment.arguments(),
     )
     scores = score_trial(aligned, motion, **configuration.score.model_dump())
     write_netcdf(scores, out_path, "scores")

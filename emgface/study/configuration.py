@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -119,12 +119,21 @@ class AlignmentParameters(Parameters):
         le=1,
     )
     least_gain: float = parameter(
-        0.1,
+        0.2,
         "Fraction of unexplained variance a larger shift or a stretch must remove.",
         unit="1",
         source=OWN,
         ge=0,
         lt=1,
+    )
+    cutoff: float = parameter(
+        10.0,
+        "Low-pass edge of the coefficient vectors while they are matched; 0 takes them as they "
+        "are.",
+        unit="Hz",
+        source=OWN,
+        note="the positions that are scored are not filtered",
+        ge=0,
     )
     sign: Literal["correlation", "direction"] = parameter(
         "correlation",
@@ -143,6 +152,10 @@ class AlignmentParameters(Parameters):
     subsample: bool = parameter(
         True, "Whether the shift is refined between samples.", unit="-", source=OWN
     )
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the options of `analysis.align.align`."""
+        return {**self.model_dump(), "cutoff": self.cutoff or None}
 
     @model_validator(mode="after")
     def _spanning(self) -> "AlignmentParameters":

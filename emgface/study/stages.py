@@ -236,7 +236,7 @@ class Laboratory:
                 measured_during(recording.dataset, motion.dataset, self.face, head),
                 motion.dataset,
                 smallest_motion=self.study.score.smallest_motion,
-                **choices.model_dump(),
+                **choices.arguments(),
             ),
             label=label,
         )

@@ -1,14 +1,22 @@
 """The study file: what it accepts, and what it says about what it does not."""
 
+import inspect
 import tomllib
 from pathlib import Path
 
 import pytest
 from pydantic import BaseModel, ValidationError
 
+from analysis.align import align
+from analysis.scores import score
 from emgface.errors import ConfigurationError
 from emgface.parameters import configure
-from emgface.study.configuration import StudyConfiguration, load_study
+from emgface.study.configuration import (
+    AlignmentParameters,
+    ScoreParameters,
+    StudyConfiguration,
+    load_study,
+)
 from emgface.study.template import study_template
 
 
@@ -102,3 +110,19 @@ def test_a_study_cannot_be_changed_after_it_was_read() -> None:
 
 def test_true_activations_are_one_strategy_of_their_own() -> None:
     assert StudyConfiguration(activation_source="true").strategy_names == ("true",)
+
+
+def defaults(function) -> dict[str, object]:
+    return {
+        name: given.default
+        for name, given in inspect.signature(function).parameters.items()
+        if given.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+
+
+def test_the_study_offers_every_option_of_alignment_and_score_with_its_default() -> None:
+    options = defaults(align)
+    options.pop("smallest_motion")  # one choice of the study, made under score
+    assert AlignmentParameters().arguments() == options
+    assert ScoreParameters().model_dump() == defaults(score)
+    assert AlignmentParameters(cutoff=0.0).arguments()["cutoff"] is None
