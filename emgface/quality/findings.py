@@ -9,7 +9,7 @@ import xarray as xr
 from emgface.errors import SignalError
 from emgface.quality.cross_talk import cross_talk
 from emgface.quality.emg import emg_quality
-from emgface.quality.markers import marker_quality, swapped_markers
+from emgface.quality.markers import LAYOUT, marker_quality, swapped_markers
 from emgface.quality.sides import swapped_sides
 
 MUCH_HUM = 0.1
@@ -29,7 +29,9 @@ MUCH_COMMON = 0.25
 MUCH_NOISE = 1e-3
 """Noise of a marker [m]."""
 TOO_FAST = 1.5
-"""Speed of a marker [m/s] that no face reaches."""
+"""Speed [m/s] that no marker on a face reaches."""
+TOO_FAST_ELSEWHERE = 15.0
+"""Speed [m/s] that no other marker on a body reaches in a laboratory."""
 
 Finding = tuple[str, str, str]
 """Kind (channel or marker), name, sentence."""
@@ -58,13 +60,13 @@ def findings(
     try:
         if "emg" in recording:
             for name, row in _rows(emg_quality(recording["emg"])):
-                measures["channel", name] = row
+                measures["channel", name] = {**row, "common": np.nan}
                 found += [("channel", name, text) for text in _channel(row)]
             pairs = cross_talk(recording["emg"])
             for a, b, r, _, common, share in pairs.itertuples(index=False):
                 for name in (a, b):
                     row = measures["channel", name]
-                    row["common"] = max(common, row.get("common", 0.0))
+                    row["common"] = float(np.fmax(common, row["common"]))
                 if common > MUCH_COMMON:
                     text = f"shares {common:.0%} of its power with {b} (r = {r:.2f}, "
                     text += f"cross-talk {share:.0%}): see the distance of the electrodes"
@@ -72,7 +74,7 @@ def findings(
         if "position" in recording:
             for name, row in _rows(marker_quality(recording["position"])):
                 measures["marker", name] = row
-                found += [("marker", name, text) for text in _marker(row)]
+                found += [("marker", name, text) for text in _marker(name, row)]
             found += _exchanged(swapped_markers(recording["position"]))
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
@@ -111,11 +113,11 @@ def _channel(row: Mapping[str, float]) -> list[str]:
     return found
 
 
-def _marker(row: Mapping[str, float]) -> list[str]:
+def _marker(name: str, row: Mapping[str, float]) -> list[str]:
     found: list[str] = []
     if row["noise"] > MUCH_NOISE:
         found.append(f"noise of {row['noise'] * 1e3:.3g} mm: see calibration and light")
-    if row["largest_speed"] > TOO_FAST:
+    if row["largest_speed"] > (TOO_FAST if name in LAYOUT else TOO_FAST_ELSEWHERE):
         found.append(f"moves at up to {row['largest_speed']:.3g} m/s: leaps, or a wrong match")
     return found
 
