@@ -10,11 +10,13 @@ import xarray as xr
 from emgface.labels import constant_value
 from emgface.muscles import SIDES
 from emgface.quality.emg import in_muscle_band
-from emgface.quality.hum import LEAST_DURATION
+from emgface.quality.hum import LEAST_DURATION, mains_hum, remove_hum
 from emgface.signals import TIME_EMG, sampling_rate
 from emgface.volunteers.emg import ACROSS, NEIGHBOURS
 
 COLUMNS = ("channel", "neighbour", "correlation", "lag", "common", "share")
+STRONG_HUM = 0.1
+"""Share of a channel's power that is mains hum, above which it is removed before comparing."""
 LARGEST_LAG = 0.01
 """Largest delay between two electrodes [s]: 40 mm at 4 m/s."""
 
@@ -37,7 +39,7 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
     Parameters
     ----------
     emg : DataArray, dims (channel, time_emg) [V]
-        Raw signal; it is filtered to 15-500 Hz here.
+        Raw signal; it is filtered to 15-500 Hz here, and strong hum is removed.
     pairs : iterable of tuple of str, optional
         Channels to compare; the neighbours on the face, as far as they are there, or all pairs
         of channels that are no channels of the face.
@@ -77,9 +79,20 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
         pairs = [pair for pair in neighbours() if set(pair) <= set(signals)]
         names = list(signals)
         pairs = pairs or [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
-    heard = {name: in_muscle_band(values, rate) for name, values in signals.items()}
+    heard = {
+        name: in_muscle_band(_without_hum(emg.sel(channel=[name]), values, rate), rate)
+        for name, values in signals.items()
+    }
     rows = [(a, b, *_common(heard[a], heard[b], rate)) for a, b in pairs if {a, b} <= set(heard)]
     return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _without_hum(emg: xr.DataArray, values: np.ndarray, rate: float) -> np.ndarray:
+    """Remove strong hum, which all channels share without hearing each other."""
+    hum = mains_hum(values, rate)
+    if hum.share < STRONG_HUM or hum.frequency >= 0.5 * rate:
+        return values
+    return remove_hum(emg, hum.frequency).values[0]
 
 
 def _common(a: np.ndarray, b: np.ndarray, rate: float) -> tuple[float, float, float, float]:

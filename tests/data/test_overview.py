@@ -1,0 +1,68 @@
+"""The overview page shows every row, its verdict and that data are simulated."""
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+
+from emgface.check import check_recording
+from emgface.quality.figure import COLOURS, overview_figure
+from tests.data.test_quality import MARKERS, face, noise, recording
+
+
+def texts(figure: Figure) -> list[str]:
+    suptitle = figure.get_suptitle()
+    return [suptitle, *(t.get_text() for axes in figure.axes for t in axes.texts)]
+
+
+def labels(figure: Figure) -> dict[str, str]:
+    return {
+        label.get_text(): label.get_color()
+        for axes in figure.axes
+        for label in axes.get_yticklabels()
+        if label.get_text()
+    }
+
+
+def faulty() -> xr.Dataset:
+    values, places = noise(), face(800)
+    values[3], places[4, :, 100:130] = 0.0, np.nan
+    values[5] += 2e-3 * np.linspace(0, 1, values.shape[1])
+    named = {"volunteer": "V03", "instruction": "D", "repetition": 2}
+    return recording(values, places).assign_attrs(named)
+
+
+def test_the_page_names_trial_rows_and_findings() -> None:
+    trial = faulty()
+    table = check_recording(trial)
+    figure = overview_figure(trial, table)
+    assert texts(figure)[0] == "V03 D 2 (SIMULATED): 27 ok, 1 warning, 2 error"
+    found = labels(figure)
+    assert set(MARKERS) <= set(found) and len(found) >= 30
+    assert (found["ZYG_L"], found["nasion"]) == (COLOURS["error"], COLOURS["error"])
+    assert (found["DAO_L"], found["MEN_L"]) == (COLOURS["warning"], COLOURS["ok"])
+    words = " ".join(texts(figure))
+    for part in (
+        "error: channel ZYG_L: constant",
+        "marker nasion: lost for 0.3 s",
+        "DAO_L: drifts",
+    ):
+        assert part in words
+    lost = [line for line in figure.axes[2].lines if line.get_marker() == "|"]
+    assert sum(len(np.asarray(line.get_xdata())) for line in lost) == 30
+    figure.canvas.draw()
+
+
+def test_either_part_may_be_absent_and_nothing_may_stand_out() -> None:
+    trial = recording(noise(), face(800))
+    for part in (trial[["emg"]], trial[["position"]]):
+        figure = overview_figure(part.assign_attrs(origin="measured", source="a.c3d"))
+        assert texts(figure)[0].startswith("a.c3d (measured): ")
+        assert "Nothing stands out." in texts(figure)
+        figure.canvas.draw()
+
+
+def test_rows_beyond_the_page_are_counted() -> None:
+    many = xr.concat([recording(noise(14))["emg"] for _ in range(3)], "channel")
+    many = many.assign_coords(channel=[f"c{i}" for i in range(42)])
+    figure = overview_figure(xr.Dataset({"emg": many}, attrs={"origin": "simulated"}))
+    assert "18 more not drawn" in texts(figure)
