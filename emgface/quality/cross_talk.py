@@ -61,9 +61,11 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
     Notes
     -----
     r^2 as the common part: Winter, Fuglevand and Archer 1994, J Electromyogr Kinesiol 4:15-26.
-    Two independent sources of equal power, each heard by the other electrode with amplitude c,
-    correlate at r = 2 c / (1 + c^2), hence c = (1 - sqrt(1 - r^2)) / r. Muscles that contract
-    together do not correlate by that alone: their motor units fire independently.
+    Of two independent sources of powers P and Q, each heard by the other electrode with amplitude
+    c, the covariance is c (P + Q) and the sum of variances (1 + c^2) (P + Q). With q their ratio,
+    c = (1 - sqrt(1 - 4 q^2)) / (2 q), whatever the powers; a silent muscle beside a strong one has
+    a large r and a small c. Muscles that contract together do not correlate by that alone: their
+    motor units fire independently.
     """
     rate = sampling_rate(emg[TIME_EMG])
     signals = {
@@ -106,5 +108,6 @@ def _common(a: np.ndarray, b: np.ndarray, rate: float) -> tuple[float, float, fl
     near = whole[middle - most : middle + most + 1]
     at = int(np.argmax(np.abs(near)))
     r = float(np.clip(near[at], -1.0, 1.0))
-    share = (1.0 - np.sqrt(1.0 - r**2)) / abs(r) if r else 0.0
+    q = abs(r) * norm / (np.sum(a**2) + np.sum(b**2))
+    share = (1.0 - np.sqrt(max(1.0 - 4.0 * q**2, 0.0))) / (2.0 * q) if q else 0.0
     return r, (at - most) / rate, r**2, float(share)

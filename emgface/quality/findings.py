@@ -14,6 +14,8 @@ from emgface.quality.sides import swapped_sides
 
 MUCH_HUM = 0.1
 """Share of power in the lines of the mains."""
+LOUD_HUM = 5e-6
+"""Root mean square [V] of hum below which it disturbs no surface EMG, however silent the muscle."""
 MUCH_ARTEFACT = 0.5
 """Share of power below the band of muscles."""
 MUCH_DRIFT = 1e-3
@@ -24,8 +26,8 @@ MUCH_SATURATION = 0.001
 """Share of samples on the rails."""
 LOUD_BASELINE = 20e-6
 """Root mean square at rest [V]."""
-MUCH_COMMON = 0.25
-"""Part of the power that two channels share, correlation 0.5."""
+MUCH_CROSS_TALK = 0.25
+"""Amplitude with which an electrode hears its neighbour's muscle; equal ones correlate at 0.5."""
 MUCH_NOISE = 1e-3
 """Noise of a marker [m]."""
 TOO_FAST = 1.5
@@ -50,8 +52,8 @@ def findings(
     Returns
     -------
     dict of (kind, name) to dict
-        Measures of `emg_quality` and `marker_quality`, and ``common``, the largest part of a
-        channel's power that it shares with a neighbour.
+        Measures of `emg_quality` and `marker_quality`; ``common`` and ``cross_talk``, the largest
+        that `cross_talk` finds between a channel and a neighbour.
     list of tuple
         Kind, name and one clause for each thing to look at.
     """
@@ -60,14 +62,15 @@ def findings(
     try:
         if "emg" in recording:
             for name, row in _rows(emg_quality(recording["emg"])):
-                measures["channel", name] = {**row, "common": np.nan}
+                measures["channel", name] = {**row, "common": np.nan, "cross_talk": np.nan}
                 found += [("channel", name, text) for text in _channel(row)]
             pairs = cross_talk(recording["emg"])
             for a, b, r, _, common, share in pairs.itertuples(index=False):
                 for name in (a, b):
                     row = measures["channel", name]
                     row["common"] = float(np.fmax(common, row["common"]))
-                if common > MUCH_COMMON:
+                    row["cross_talk"] = float(np.fmax(share, row["cross_talk"]))
+                if share > MUCH_CROSS_TALK:
                     text = f"shares {common:.0%} of its power with {b} (r = {r:.2f}, "
                     text += f"cross-talk {share:.0%}): see the distance of the electrodes"
                     found.append(("channel", a, text))
@@ -95,7 +98,7 @@ def _rows(table: pd.DataFrame) -> list[tuple[str, dict[str, float]]]:
 def _channel(row: Mapping[str, float]) -> list[str]:
     """Clauses on one channel; a comparison with NaN is false."""
     found: list[str] = []
-    if row["hum"] > MUCH_HUM:
+    if row["hum"] > MUCH_HUM and row["hum_rms"] > LOUD_HUM:
         found.append(
             f"{row['hum']:.0%} of its power is mains hum of {row['hum_frequency']:g} Hz, "
             f"{row['hum_rms'] * 1e6:.3g} uV: see ground and leads, or use a notch"

@@ -163,6 +163,17 @@ def test_cross_talk_is_found_as_it_was_mixed(share: float) -> None:
     assert row["common"] == row["correlation"] ** 2
 
 
+def test_cross_talk_of_a_silent_muscle_is_that_of_its_electrode() -> None:
+    sources = noise(2, seed=3) * np.array([[1.0], [0.02]])
+    mixed = np.array([[1, 0.15], [0.15, 1]]) @ sources
+    (row,) = cross_talk(emg(mixed, ("OOS_L", "OOI_L"))).to_dict("records")
+    assert row["correlation"] > 0.95 and row["share"] == pytest.approx(0.15, abs=0.01)
+    quiet = noise()
+    quiet[:2] = np.array([[1, 0.15], [0.15, 0.02]]) @ quiet[:2]
+    quiet[2:7] = 1e-6 * np.random.default_rng(1).normal(size=quiet[2:7].shape)
+    assert problems(check_recording(recording(quiet)), "warning") == []
+
+
 def test_cross_talk_is_found_with_its_delay() -> None:
     sources = noise(2, seed=4)
     late = 0.7 * np.roll(sources[0], 8) + 0.7 * sources[1]
