@@ -37,7 +37,7 @@ def test_defaults_lie_between_women_and_men() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"mouth_width": 0.2}, "mouth_width is 200 mm, expected 36 mm to 70 mm"),
+        ({"mouth_width": 0.2}, "mouth_width is 200 mm, expected 33 mm to 70 mm"),
         ({"skin_thickness": -1e-3}, "skin_thickness is -1 mm"),
         ({"chin_height": float("nan")}, "chin_height is nan mm"),
         ({"upper_vermilion_height": 0.0139, "upper_lip_height": 0.015}, "upper_vermilion_height"),
