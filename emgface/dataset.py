@@ -75,7 +75,9 @@ def read_recording(
     Parameters
     ----------
     path : str or Path
-        File; its suffix chooses the reader. CSV tables are opened by their TOML sidecar.
+        File; its suffix chooses the reader. Tables, MATLAB and HDF5 arrays are opened by their
+        TOML sidecar (`emgface.readers.csv_toml`), trials of a BIDS dataset by their EMG file, or
+        by ``*_motion.tsv`` where there is none.
     mapping : mapping, LabelMap or path, optional
         Tables ``channels`` and ``markers`` from the labels of the file to names, ``units`` where
         the file names none, and ``volunteer``, ``instruction``, ``repetition``; or a TOML file
@@ -87,7 +89,7 @@ def read_recording(
     -------
     xarray.Dataset
         Recording in SI, gaps as NaN. The attributes tell where it comes from: ``source`` (file
-        name), ``source_digest`` (sha256), and as JSON ``original_names``, ``original_units``,
+        name), ``source_digest`` (sha256), ``device`` where the file names one, and as JSON ``original_names``, ``original_units``,
         ``dropped`` and ``flagged`` (kept although constant).
 
     Raises
