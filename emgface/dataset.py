@@ -89,8 +89,9 @@ def read_recording(
     -------
     xarray.Dataset
         Recording in SI, gaps as NaN. The attributes tell where it comes from: ``source`` (file
-        name), ``source_digest`` (sha256), ``device`` where the file names one, and as JSON ``original_names``, ``original_units``,
-        ``dropped`` and ``flagged`` (kept although constant).
+        name), ``source_digest`` (sha256), ``device`` where the file names one, and as JSON
+        ``original_names``, ``original_units``, ``dropped`` and ``flagged`` (kept although
+        constant).
 
     Raises
     ------
