@@ -120,7 +120,7 @@ def draw_gestures(
     for row, (elevation, azimuth) in enumerate(VIEWS.values()):
         for column, (name, position) in enumerate(shown.items()):
             place = row * len(shown) + column + 1
-            axes = view_axes(figure, place, every, elevation, azimuth, layout=layout, zoom=1.3)
+            axes = view_axes(figure, place, every, elevation, azimuth, layout=layout, zoom=1.2)
             axes.set_axis_off()
             if row == 0:
                 axes.set_title(name if name == "rest" else f"{name}: {GESTURES[name][0]}")
