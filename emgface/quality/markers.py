@@ -24,6 +24,8 @@ FEWEST = 6
 """Markers of the layout that are needed to judge names."""
 BETTER = 0.75
 """Misfit of exchanged names over that of the given ones, below which they are suspected."""
+OPPOSITE = -0.7
+"""Cosine between the ways from one marker to another, below which they are opposite."""
 NEAREST = 0.003
 """Distance [m] that a marker must leap before an exchange within a trial is suspected."""
 
@@ -129,14 +131,32 @@ def _throughout(values: np.ndarray, names: Sequence[str]) -> list[_Row]:
             for j in range(i + 1, len(held)):
                 order = np.arange(len(held))
                 order[[i, j]] = j, i
-                tried.append((_misfit(frame[order], layout), i, j))
-        best, i, j = min(tried)
-        if best >= BETTER * given:
+                left = _misfit(frame[order], layout)
+                # Neighbours change the misfit little, but the way from one to the other turns round.
+                if left < BETTER * given or (left < given and _reversed(frame, layout, i, j)):
+                    tried.append((left, i, j))
+        if not tried:
             break
+        best, i, j = min(tried)
         rows.append((held[i], held[j], float("nan"), best / given))
         frame[[i, j]] = frame[[j, i]]
         given = best
     return rows
+
+
+def _reversed(points: np.ndarray, layout: np.ndarray, i: int, j: int) -> bool:
+    """Tell whether the way from one marker to another is opposite to that of the layout."""
+    others = [k for k in range(len(points)) if k not in (i, j)]
+    turn = _turn(points[others], layout[others])
+    given, expected = turn @ (points[i] - points[j]), layout[i] - layout[j]
+    return bool(given @ expected < OPPOSITE * np.linalg.norm(given) * np.linalg.norm(expected))
+
+
+def _turn(points: np.ndarray, layout: np.ndarray) -> np.ndarray:
+    """Rotation that lays points on the layout best."""
+    a, b = points - points.mean(axis=0), layout - layout.mean(axis=0)
+    u, _, vt = np.linalg.svd(b.T @ a)
+    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
 
 
 def _misfit(points: np.ndarray, layout: np.ndarray) -> float:

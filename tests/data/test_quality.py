@@ -213,7 +213,9 @@ def test_names_exchanged_in_a_trial_are_found() -> None:
 @pytest.mark.parametrize(
     ("first", "second"),
     [("corner_left", "corner_right"), ("upper_paramedian_left", "lower_lateral_right"),
-     ("nasion", "rhinion"), ("forehead_left", "temple_left")],
+     ("nasion", "rhinion"), ("forehead_left", "temple_left"),
+     ("upper_paramedian_left", "upper_paramedian_right"),
+     ("upper_lateral_left", "upper_paramedian_left")],
 )  # fmt: skip
 def test_names_exchanged_throughout_are_found(first: str, second: str) -> None:
     i, j = MARKERS.index(first), MARKERS.index(second)
