@@ -64,7 +64,7 @@ def simulate(
     solver: Annotated[str | None, typer.Option(help="converged or linearly_implicit.")] = None,
 ) -> None:
     """Move the face by an activation."""
-    from emgface.face.recipe import settle_face, simulate_face
+    from emgface.face.motion import settle_face, simulate_face
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.netcdf import read_netcdf, write_netcdf
     from emgface.parameters import configure

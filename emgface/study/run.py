@@ -14,11 +14,12 @@ from emgface.errors import EmgfaceError
 from emgface.muscles import LIP_MARKERS
 from emgface.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.digest import dataset_digest
 from emgface.study.faces import study_face
 from emgface.study.observer import Observer, Silent
 from emgface.study.one_trial import run_trial
 from emgface.study.stages import Laboratory
-from emgface.study.store import Event, Result, Store, dataset_digest, write_text
+from emgface.study.store import Event, Result, Store, write_text
 from emgface.study.table import Intake, plan_trials, take_in, take_in_references
 from emgface.study.workers import in_parallel
 

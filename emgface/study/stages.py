@@ -12,12 +12,13 @@ from analysis.align import align
 from analysis.scores import score
 from emgface.activation import activation_of, feature_range
 from emgface.errors import FeatureWarning
-from emgface.face.recipe import settle_face, simulate_face
+from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
+from emgface.study.digest import dataset_digest
 from emgface.study.measured import measured_during
 from emgface.study.policy import lower_sigma_max
-from emgface.study.store import Result, Stage, Store, dataset_digest
+from emgface.study.store import Result, Stage, Store
 from emgface.study.table import Recording
 from emgface.study.truth import true_activation_of
 from sim.errors import SimulationError
@@ -34,7 +35,7 @@ _SIGNALS = (
     "emgface.strategies",
     "emgface.study.truth",
 )
-_MECHANICS = ("sim", "emgface.face.recipe")
+_MECHANICS = ("sim", "emgface.face.motion", "emgface.face.recipe")
 _ALIGNMENT = (
     "analysis.align",
     "analysis.components",

@@ -7,25 +7,21 @@ line of code gives another digest, so that nothing stale is ever served and a st
 interrupted computes only what is absent.
 """
 
-import hashlib
-import importlib.util
 import json
 import time
 import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import xarray as xr
 
 from emgface.errors import StoreError
+from emgface.study.digest import canonical_json, code_version, file_digest, text_digest
 
 SCHEMA_VERSION = 1
-DIGEST_LENGTH = 32
 
 Outcome = Literal["computed", "reused", "recomputed"]
 
@@ -65,85 +61,6 @@ class Result:
     digest: str
     outcome: Outcome
     path: Path
-
-
-def canonical_json(value: Any) -> str:
-    """One text per value: keys sorted, no blanks, NaN refused.
-
-    Raises
-    ------
-    StoreError
-        If the value holds something JSON cannot express, such as NaN or an array.
-    """
-    try:
-        return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise StoreError(
-            f"parameters of a stage cannot be written as JSON ({error}): expected finite numbers, "
-            "text, true or false, lists and tables of these"
-        ) from error
-
-
-def text_digest(text: str) -> str:
-    """SHA-256 of a text, shortened to 128 bits, as hexadecimal digits."""
-    return hashlib.sha256(text.encode()).hexdigest()[:DIGEST_LENGTH]
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file, all 64 hexadecimal digits."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def dataset_digest(dataset: xr.Dataset) -> str:
-    """Digest of the content of a dataset: names, dims, values and attributes, in a fixed order.
-
-    Two files with the same content have the same digest although their bytes may differ.
-    """
-    digest = hashlib.sha256()
-    for name in sorted(dataset.variables, key=str):
-        variable = dataset.variables[name]
-        values = np.ascontiguousarray(variable.values)
-        if values.dtype.kind in "OUS":
-            data = "\0".join(map(str, values.ravel().tolist())).encode()
-            kind = "text"
-        else:
-            data, kind = values.tobytes(), values.dtype.str
-        head = [str(name), list(map(str, variable.dims)), list(values.shape), kind]
-        digest.update(canonical_json(head).encode())
-        digest.update(data)
-        digest.update(canonical_json(_plain(variable.attrs)).encode())
-    digest.update(canonical_json(_plain(dataset.attrs)).encode())
-    return digest.hexdigest()[:DIGEST_LENGTH]
-
-
-def _plain(attrs: Mapping[Any, Any]) -> dict[str, Any]:
-    return {
-        str(key): value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-        for key, value in attrs.items()
-    }
-
-
-@cache
-def code_version(modules: tuple[str, ...]) -> str:
-    """Digest of the source text of modules; a package counts with all modules below it.
-
-    Raises
-    ------
-    StoreError
-        If a name is no importable module with source.
-    """
-    digest = hashlib.sha256()
-    for module in sorted(modules):
-        spec = importlib.util.find_spec(module)
-        if spec is None or spec.origin is None:
-            raise StoreError(f"no source found for {module!r}, expected an importable module")
-        origin = Path(spec.origin)
-        files = sorted(origin.parent.rglob("*.py")) if origin.stem == "__init__" else [origin]
-        for file in files:
-            digest.update(f"{module}:{file.relative_to(origin.parent).as_posix()}\0".encode())
-            digest.update(file.read_bytes())
-    return digest.hexdigest()[:DIGEST_LENGTH]
 
 
 @dataclass

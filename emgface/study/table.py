@@ -12,7 +12,7 @@ from emgface.errors import DataError, EmgfaceError
 from emgface.muscles import INSTRUCTIONS
 from emgface.schema import validate
 from emgface.study.configuration import RecordingsConfiguration
-from emgface.study.store import dataset_digest
+from emgface.study.digest import dataset_digest
 
 Place = tuple[str, str, int]
 """Volunteer, instruction, repetition."""

@@ -5,7 +5,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
 
 
@@ -109,4 +111,40 @@ def draw_volunteer(index: int, seed: int) -> SimulatedVolunteer:
         marker_noise=0.1e-3,
         head_rotation=float(np.deg2rad(rng.uniform(1.0, 3.0))),
         head_shift=float(rng.uniform(1e-3, 4e-3)),
+    )
+
+
+def person_face(face: xr.Dataset, scale: float) -> xr.Dataset:
+    """Scale the geometry of a face.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    scale : float
+        Factor on all positions.
+
+    Returns
+    -------
+    Dataset
+        Face model.
+    """
+    scaled = face.copy()
+    for name in ("position", "fibre_position", "face_marker_position"):
+        scaled[name] = face[name] * scale
+        scaled[name].attrs = dict(face[name].attrs)
+    return scaled
+
+
+def person_parameters(
+    person: SimulatedVolunteer, parameters: SimulationParameters
+) -> SimulationParameters:
+    """Replace the tissue and muscle parameters that differ from person to person."""
+    return parameters.model_copy(
+        update={
+            "sigma_max": person.sigma_max,
+            "C10": parameters.C10 * person.stiffness,
+            "C20": parameters.C20 * person.stiffness,
+            "kappa": parameters.kappa * person.stiffness,
+        }
     )

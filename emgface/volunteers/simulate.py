@@ -9,57 +9,27 @@ import xarray as xr
 
 from emgface.dataset import write_recording
 from emgface.errors import ConfigurationError
-from emgface.face.recipe import settle_face, simulate_face
+from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, INSTRUCTIONS
+from emgface.study.digest import dataset_digest
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import in_processes
 from emgface.study.policy import lower_sigma_max
-from emgface.study.store import Stage, Store, dataset_digest
+from emgface.study.store import Stage, Store
 from emgface.volunteers.emg import synthesise_emg
 from emgface.volunteers.instructions import TRIAL_DURATION, draw_timing, true_activation
 from emgface.volunteers.markers import record_markers
-from emgface.volunteers.person import SimulatedVolunteer, draw_volunteer
+from emgface.volunteers.person import (
+    SimulatedVolunteer,
+    draw_volunteer,
+    person_face,
+    person_parameters,
+)
 
-_MECHANICS = ("sim", "emgface.face.recipe")
+_MECHANICS = ("sim", "emgface.face.motion", "emgface.face.recipe")
 REST = Stage("volunteer_rest", _MECHANICS)
 MOTION = Stage("volunteer_motion", (*_MECHANICS, "emgface.study.policy"))
-
-
-def person_face(face: xr.Dataset, scale: float) -> xr.Dataset:
-    """Scale the geometry of a face.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    scale : float
-        Factor on all positions.
-
-    Returns
-    -------
-    Dataset
-        Face model.
-    """
-    scaled = face.copy()
-    for name in ("position", "fibre_position", "face_marker_position"):
-        scaled[name] = face[name] * scale
-        scaled[name].attrs = dict(face[name].attrs)
-    return scaled
-
-
-def person_parameters(
-    person: SimulatedVolunteer, parameters: SimulationParameters
-) -> SimulationParameters:
-    """Replace the tissue and muscle parameters that differ from person to person."""
-    return parameters.model_copy(
-        update={
-            "sigma_max": person.sigma_max,
-            "C10": parameters.C10 * person.stiffness,
-            "C20": parameters.C20 * person.stiffness,
-            "kappa": parameters.kappa * person.stiffness,
-        }
-    )
 
 
 def make_volunteers(

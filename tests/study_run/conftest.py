@@ -1,7 +1,11 @@
 """A slab of tissue with twenty muscles, small enough that a simulation takes a moment."""
 
+import os
 from pathlib import Path
 
+os.environ.setdefault("MKL_NUM_THREADS", "1")  # heard where no other test has loaded it before
+
+import numba
 import numpy as np
 import pytest
 import xarray as xr
@@ -99,6 +103,15 @@ def slab_face() -> xr.Dataset:
         origin="generated",
         source="a test",
     )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread():
+    """Use one thread: on a slab this small more of them only wait for each other."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,8 @@ import pytest
 import xarray as xr
 
 from emgface.errors import ActivationError
-from emgface.face.recipe import compose_scene, element_order, settle_face, simulate_face
+from emgface.face.motion import settle_face, simulate_face
+from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from sim import ControlError, InvertedElement, compile_scene

@@ -9,7 +9,8 @@ import xarray as xr
 
 from emgface.errors import StoreError
 from emgface.study import store as store_module
-from emgface.study.store import Stage, Store, canonical_json, code_version, dataset_digest
+from emgface.study.digest import canonical_json, code_version, dataset_digest
+from emgface.study.store import Stage, Store
 
 STAGE = Stage("double", ("emgface.study.store",))
 

@@ -9,8 +9,8 @@ import xarray as xr
 from emgface.dataset import read_recording
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
-from emgface.volunteers.person import draw_volunteer
-from emgface.volunteers.simulate import make_volunteers, person_face, person_parameters
+from emgface.volunteers.person import draw_volunteer, person_face, person_parameters
+from emgface.volunteers.simulate import make_volunteers
 
 PARAMETERS = SimulationParameters(step=0.02)
 

@@ -1,0 +1,205 @@
+"""Motion of a face: its equilibrium under gravity, and what an activation does to it."""
+
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import ActivationError
+from emgface.face.recipe import compose_scene, named_elements
+from emgface.face.simulation_parameters import SimulationParameters
+from sim import (
+    Activation,
+    ConvergedEuler,
+    Energies,
+    FixedStep,
+    HalvingStep,
+    Iterations,
+    LinearlyImplicitEuler,
+    Markers,
+    NotConverged,
+    Opening,
+    SmallestJ,
+    State,
+    System,
+    Workspace,
+    compile_scene,
+    resting,
+    simulate,
+)
+from sim.probes import Probe
+
+Progress = Callable[[int, int], None]
+
+SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
+"""Step [s], time between checks [s], longest time [s] and speed [m/s] that counts as rest."""
+
+
+def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:
+    """Positions of all nodes at rest under gravity, all muscles silent.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    parameters : SimulationParameters
+        Laws and loads; sigma_max matters because the passive stress of a fibre scales with it.
+
+    Returns
+    -------
+    Dataset
+        ``node_position(node, axis)`` [m]; attrs ``settling_time`` [s], ``largest_speed`` [m/s] and
+        ``largest_displacement`` [m].
+
+    Raises
+    ------
+    NotConverged
+        If the face still moves after the longest time allowed.
+    InvertedElement
+        If the weight inverts an element; its ``element`` is the id in the face model.
+    """
+    system = compile_scene(compose_scene(face, parameters))
+    state = system.rest_state()
+    speed = np.inf
+    if not parameters.gravity:
+        speed = 0.0
+    work = Workspace(system, parameters.linear_solver)
+    with named_elements(face):
+        while speed > SETTLED_SPEED:
+            if state.t > SETTLE_LIMIT - SETTLE_CHUNK / 2:
+                why = f"the face still moves at {speed:.2g} m/s, expected {SETTLED_SPEED:g} m/s"
+                raise NotConverged((), state.t, why)
+            _, state = simulate(
+                system,
+                resting(len(system.muscles)),
+                duration=SETTLE_CHUNK,
+                integrator=ConvergedEuler(tolerance=1e-9, residual_tolerance=1e-7),
+                steps=HalvingStep(SETTLE_STEP),
+                probes=(),
+                initial=state,
+                work=work,
+            )
+            speed = float(np.linalg.norm(state.v, axis=1).max())
+    moved = np.linalg.norm(state.q - face["position"].values, axis=1).max()
+    return xr.Dataset(
+        {"node_position": (("node", "axis"), state.q, {"units": "m"})},
+        coords={"axis": face["axis"].values},
+        attrs={
+            "settling_time": state.t,
+            "largest_speed": speed,
+            "largest_displacement": float(moved),
+            "origin": "simulated",
+        },
+    )
+
+
+def simulate_face(
+    face: xr.Dataset,
+    activation: xr.DataArray,
+    parameters: SimulationParameters,
+    *,
+    settled: xr.Dataset | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Move a face by an activation.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    activation : DataArray
+        ``(muscle, time)`` [1] of all muscles of the face, values 0-1.
+    parameters : SimulationParameters
+        Laws, loads, solver and step.
+    settled : Dataset, optional
+        Result of `settle_face`, where the motion starts; computed when absent.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after every step.
+
+    Returns
+    -------
+    Dataset
+        ``position(marker, axis, time)`` [m] of the lip markers from time 0, with ``smallest_J``,
+        ``iterations``, ``lip_opening`` [m], energies [J]; attrs ``solver``, ``step`` [s],
+        ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated", and where the motion lies in the
+        recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second).
+
+    Raises
+    ------
+    ActivationError
+        If a muscle of the face has no activation, a name is unknown, or there are fewer than two
+        samples.
+    ControlError
+        If a value is not finite or outside 0-1.
+    InvertedElement, NotConverged, SingularSystem
+        If a step fails; ``element`` is the id in the face model.
+    """
+    system = compile_scene(compose_scene(face, parameters))
+    control, duration, pace = _control(activation, system, parameters)
+    if settled is None:
+        settled = settle_face(face, parameters)
+    rest = system.rest_state()
+    start = State(0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory)
+    converged = parameters.solver == "converged"
+    with named_elements(face):
+        trajectory, _ = simulate(
+            system,
+            control,
+            duration=duration,
+            integrator=ConvergedEuler() if converged else LinearlyImplicitEuler(),
+            steps=HalvingStep(parameters.step) if converged else FixedStep(parameters.step),
+            probes=_probes(face),
+            initial=start,
+            work=Workspace(system, parameters.linear_solver),
+            progress=progress,
+        )
+    trajectory.attrs |= {
+        "solver": parameters.solver,
+        "step": parameters.step,
+        "sigma_max": parameters.sigma_max,
+        "origin": "simulated",
+        "face": str(face.attrs.get("name", "")),
+        "recorded_start": float(activation["time"].values[0]),
+        "recorded_pace": pace,
+    }
+    return trajectory
+
+
+def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
+    names = tuple(map(str, face["marker"].values))
+    probes: list[Probe] = [Markers(face["marker_node"].values.astype(np.int64), names)]
+    if "lip_opening_node" in face:
+        upper, lower = (int(node) for node in face["lip_opening_node"].values)
+        probes.append(Opening(upper, lower))
+    return (*probes, SmallestJ(), Energies(), Iterations())
+
+
+def _control(
+    activation: xr.DataArray, system: System, parameters: SimulationParameters
+) -> tuple[Activation, float, float]:
+    """Activation from time 0, duration [s], and recorded seconds per simulated second [1]."""
+    given = [str(name) for name in activation["muscle"].values]
+    missing = [name for name in system.muscles if name not in given]
+    unknown = [name for name in given if name not in system.muscles]
+    if missing or unknown:
+        found = f"lacks {', '.join(missing)}" if missing else f"names {', '.join(unknown)}"
+        raise ActivationError(
+            f"the activation {found}, expected exactly the muscles of the face: "
+            f"{', '.join(system.muscles)}"
+        )
+    values = activation.sel(muscle=list(system.muscles)).transpose("time", "muscle").values
+    times = np.asarray(activation["time"].values, dtype=np.float64)
+    if len(times) < 2:
+        raise ActivationError(f"the activation has {len(times)} sample, expected at least two")
+    h = parameters.step
+    if parameters.timing == "normalised":
+        simulated = h * np.arange(len(times), dtype=np.float64)
+        pace = float((times[-1] - times[0]) / simulated[-1])
+        return Activation(simulated, values), float(simulated[-1]), pace
+    steps = round((times[-1] - times[0]) / h)  # held over at most half a step at its end
+    if steps < 1:
+        raise ActivationError(
+            f"the activation lasts {times[-1] - times[0]:.4g} s, less than one step of {h:g} s: "
+            "choose a shorter step or timing = 'normalised'"
+        )
+    return Activation(times - times[0], values), h * steps, 1.0
