@@ -1,7 +1,7 @@
 """Step time of a face, split into its phases, in milliseconds and in units U.
 
-U is one numerical factorisation plus one solution of the face's matrix, measured in the same run with the
-same threads, so that figures from different machines compare.
+U is one numerical factorisation plus one solution of the face's matrix, measured in the same run with
+the same threads, so that figures from different machines compare.
 
     python benchmarks/step_time.py FACE.nc [--steps 40] [--repeats 5] [--muscle OOP] [--peak 0.5]
 """

@@ -10,8 +10,16 @@ from sim.errors import (
     SimulationError,
     SingularSystem,
 )
-from sim.integrators import ConvergedEuler, LinearlyImplicitEuler, Workspace
-from sim.laws import Blemker, Constant, Generic, LogarithmicBulk, MooneyRivlin, QuadraticBulk
+from sim.integrators import ConvergedEuler, LinearlyImplicitEuler, Static, Workspace
+from sim.laws import (
+    Blemker,
+    Constant,
+    Generic,
+    LogarithmicBulk,
+    MooneyRivlin,
+    NeoHooke,
+    QuadraticBulk,
+)
 from sim.mesh import Mesh, mesh_from_arrays
 from sim.probes import Energies, Iterations, Markers, Opening, Positions, SmallestJ
 from sim.reductions import Fixed
@@ -46,6 +54,7 @@ __all__ = [
     "MeshError",
     "MooneyRivlin",
     "Muscles",
+    "NeoHooke",
     "NodalVolume",
     "NotConverged",
     "Opening",
@@ -61,6 +70,7 @@ __all__ = [
     "SmallestJ",
     "Solid",
     "State",
+    "Static",
     "StepReport",
     "System",
     "Workspace",

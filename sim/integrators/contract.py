@@ -12,7 +12,6 @@ from sim._kernels import scatter
 from sim.errors import InvertedElement
 from sim.integrators.secant import SecantMemory
 from sim.linear import LinearSolver, NotPositiveDefinite, linear_solver
-from sim.scene import Index
 from sim.state import Array, Control, State, StepReport
 from sim.system import System
 
@@ -50,10 +49,11 @@ class Workspace:
             self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - start
             self.calls[phase] = self.calls.get(phase, 0) + 1
 
-    def factorise(self, values: Array, mass: Array, diagonal: Index, max_shifts: int = 12) -> int:
-        """Factorise; while the matrix is not positive definite, add multiples of the mass.
+    def factorise(self, values: Array, shift: Array, max_shifts: int = 12) -> int:
+        """Factorise; while the matrix is not positive definite, add growing multiples of a diagonal.
 
-        Adding tau M acts as a shorter step would. Returns the number of shifts.
+        Added to the matrix of a time step, multiples of the mass act as a shorter step would. Returns
+        the number of shifts.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class Workspace:
                 if shifts == max_shifts:
                     raise
                 shifted = values.copy()
-                shifted[diagonal] += tau * mass
+                shifted[self._pattern.diagonal] += tau * shift
                 tau *= 4.0
         raise AssertionError("unreachable: the loop returns or raises")
 
@@ -113,8 +113,6 @@ class Workspace:
 class Integrator(Protocol):
     """Advances a state by one step."""
 
-    order: ClassVar[int]
-
     def step(
         self, system: System, state: State, control: Control, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
@@ -126,6 +124,12 @@ class Integrator(Protocol):
             The step failed; the given state is untouched.
         """
         ...
+
+
+class TimeIntegrator(Integrator, Protocol):
+    """An integrator that approaches the motion with a declared order as h falls."""
+
+    order: ClassVar[int]
 
 
 def symmetric_product(system: System, values: Array, x: Array) -> Array:

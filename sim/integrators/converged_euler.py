@@ -1,14 +1,12 @@
 """Implicit Euler solved to a tolerance: Newton on the incremental potential."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from sim.errors import NotConverged
 from sim.integrators.contract import Workspace, require_upright
-from sim.integrators.incremental import IncrementalPotential, Point
-from sim.state import Control, Evaluation, State, StepReport
+from sim.integrators.incremental import IncrementalPotential
+from sim.integrators.newton import Tolerances, minimise
+from sim.state import Control, State, StepReport
 from sim.system import System
 
 
@@ -63,71 +61,12 @@ class ConvergedEuler:
         require_upright(here.element, here.smallest_J, state.t)
         with work.timed("tangent"):
             D = system.damping(state.q, control)
-        problem = IncrementalPotential(system, state, control, h, D, work)
-        point = _start(problem, here)
-        factorisations = shifts = 0
-        made_here = not work.has_factor_for(ConvergedEuler, h)
-        if made_here:
-            factorisations, shifts = _factorise(problem, point, work)
-        residuals, last, shortest = [point.residual], np.inf, 1.0
-        for iteration in range(1, self.max_iterations + 1):
-            direction = work.secants.direction(point.g, lambda r: work.solve(h * h * r))
-            found = problem.search(point, direction)
-            if found is None:
-                if made_here:
-                    raise NotConverged(
-                        tuple(residuals), state.t + h, "no step lowers the potential"
-                    )
-                contraction = np.inf
-            else:
-                length, new = found
-                work.secants.learn(new.d - point.d, new.g - point.g)
-                point = new
-                residuals.append(point.residual)
-                contraction = residuals[-1] / residuals[-2] if length == 1.0 else np.inf
-                shortest = min(shortest, length)
-                moved = length * float(np.abs(direction).max())
-                # what a linearly converging iteration leaves after a move, from the last two moves
-                theta = min(moved / last, 0.99) if last < np.inf else 0.5
-                left, last = moved * theta / (1.0 - theta), moved
-                if left <= self.tolerance and point.residual <= self.residual_tolerance:
-                    q1 = problem.positions(point.d)
-                    v1 = system.expand(point.d / h, state.v)
-                    return State(state.t + h, q1, v1, state.memory), StepReport(
-                        h=h,
-                        smallest_J=point.here.smallest_J,
-                        iterations=iteration,
-                        factorisations=factorisations,
-                        residual=point.residual,
-                        increment=left,
-                        line_search=shortest,
-                        shifts=shifts,
-                    )
-            made_here = contraction > self.keep_factor
-            if made_here:
-                made, shifted = _factorise(problem, point, work)
-                factorisations, shifts = factorisations + made, shifts + shifted
-        raise NotConverged(
-            tuple(residuals), state.t + h, f"limit of {self.max_iterations} iterations"
+        phi = IncrementalPotential(system, state, control, h, D, work)
+        tolerances = Tolerances(
+            self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
         )
-
-
-def _factorise(problem: IncrementalPotential, point: Point, work: Workspace) -> tuple[int, int]:
-    """Renew the factor; returns how many factorisations and shifts that took."""
-    system = problem.system
-    with work.timed("tangent"):
-        A = problem.matrix(point.d)
-    shifts = work.factorise(A, system.mass, system.pattern.diagonal)
-    work.factor_of = (ConvergedEuler, problem.h)
-    return 1 + shifts, shifts
-
-
-def _start(problem: IncrementalPotential, at_rest: Evaluation) -> Point:
-    """Start from the inertial guess d = h v0 where it is feasible and better, else from d = 0."""
-    start = problem.point(np.zeros_like(problem.v0), at_rest)
-    guess = problem.h * problem.v0
-    if not guess.any():
-        return start
-    moved = problem.point(guess)
-    better = moved.here.smallest_J > 0.0 and moved.residual < start.residual
-    return moved if better else start
+        key = (ConvergedEuler, h)
+        end, went = minimise(phi, phi.start(here), work, key, tolerances, state.t + h)
+        velocity = system.expand(end.d / h, state.v)
+        new = State(state.t + h, phi.positions(end.d), velocity, state.memory)
+        return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))

@@ -1,39 +1,11 @@
-"""The incremental potential of one implicit Euler step, and the line search on it."""
-
-from dataclasses import dataclass
+"""The incremental potential of one implicit Euler step."""
 
 import numpy as np
 
 from sim.integrators.contract import Workspace, symmetric_product
+from sim.integrators.newton import Point
 from sim.state import Array, Control, Evaluation, State
 from sim.system import System
-
-ARMIJO = 1e-4
-MAX_HALVINGS = 40
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """A trial configuration.
-
-    Attributes
-    ----------
-    d : (n_free,) displacement since the start of the step [m].
-    g : (n_free,) gradient of the potential, the residual force [N].
-    phi : float
-        Potential, up to a constant [J].
-    here : Evaluation
-    """
-
-    d: Array
-    g: Array
-    phi: float
-    here: Evaluation
-
-    @property
-    def residual(self) -> float:
-        """Largest component of the residual [N]."""
-        return float(np.abs(self.g).max())
 
 
 class IncrementalPotential:
@@ -51,11 +23,11 @@ class IncrementalPotential:
     def __init__(
         self, system: System, state: State, control: Control, h: float, D: Array, work: Workspace
     ) -> None:
-        self.system, self.h = system, h
+        self.system, self.h, self.scale, self.shift = system, h, h * h, system.mass
         self._state, self._control, self._D, self._work = state, control, D, work
-        self._mass, self._w0 = system.mass, system.reduce(state.q)
-        self.v0 = system.reduce(state.v)
-        self._momentum = self._mass * self.v0 / h
+        self._w0 = system.reduce(state.q)
+        self._v0 = system.reduce(state.v)
+        self._momentum = self.shift * self._v0 / h
 
     def positions(self, d: Array) -> Array:
         """Nodal positions (n_nodes, 3)."""
@@ -68,7 +40,7 @@ class IncrementalPotential:
                 here = self.system.force(self.positions(d), self._control)
         product = symmetric_product(self.system, self._D, d)
         product /= self.h
-        product += self._mass * d / self.h**2
+        product += self.shift * d / self.h**2
         g = product - self._momentum - self.system.reduce(here.f)
         phi = 0.5 * float(d @ product) - float(self._momentum @ d) + here.energy
         return Point(d, g, phi, here)
@@ -77,30 +49,15 @@ class IncrementalPotential:
         """h^2 times the second derivative at d, M + h D0 + h^2 K."""
         K = self.system.tangent(self.positions(d), self._control)[1]
         A = self.h * self._D + self.h**2 * K
-        A[self.system.pattern.diagonal] += self._mass
+        A[self.system.pattern.diagonal] += self.shift
         return A
 
-    def search(self, start: Point, direction: Array) -> tuple[float, Point] | None:
-        """Longest tried step with det F > 0 everywhere and sufficient decrease.
-
-        Returns
-        -------
-        (length, point), or None if the direction does not descend or no length serves.
-        """
-        slope = float(start.g @ direction)
-        if not slope < 0.0:
-            return None
-        # phi is a difference of large sums: below this its change is rounding, and the
-        # residual decides instead
-        rounding = 1e-13 * (abs(start.phi) + abs(start.here.energy))
-        length = 1.0
-        for _ in range(MAX_HALVINGS):
-            trial = self.point(start.d + length * direction)
-            if trial.here.smallest_J > 0.0:
-                change = trial.phi - start.phi
-                if change <= ARMIJO * length * slope:
-                    return length, trial
-                if change <= rounding and trial.residual < start.residual:
-                    return length, trial
-            length *= 0.5
-        return None
+    def start(self, at_rest: Evaluation) -> Point:
+        """Begin at the inertial guess d = h v0 where it is feasible and better, else at d = 0."""
+        here = self.point(np.zeros_like(self._v0), at_rest)
+        guess = self.h * self._v0
+        if not guess.any():
+            return here
+        moved = self.point(guess)
+        better = moved.here.smallest_J > 0.0 and moved.residual < here.residual
+        return moved if better else here

@@ -1,0 +1,194 @@
+"""Newton's method with line search on a potential, sharing one factor over many steps."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from sim.errors import NotConverged
+from sim.integrators.contract import Workspace
+from sim.state import Array, Evaluation
+
+ARMIJO = 1e-4
+MAX_HALVINGS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A trial configuration.
+
+    Attributes
+    ----------
+    d : (n_free,) displacement since the start of the step [m].
+    g : (n_free,) gradient of the potential, the residual force [N].
+    phi : float
+        Potential, up to a constant [J].
+    here : Evaluation
+    """
+
+    d: Array
+    g: Array
+    phi: float
+    here: Evaluation
+
+    @property
+    def residual(self) -> float:
+        """Largest component of the residual [N]."""
+        return float(np.abs(self.g).max())
+
+
+class Potential(Protocol):
+    """What the iteration minimises.
+
+    Attributes
+    ----------
+    scale : float
+        `matrix` is this times the second derivative.
+    shift : (n_free,) positive diagonal that makes the matrix positive definite when added often enough.
+    """
+
+    scale: float
+    shift: Array
+
+    def point(self, d: Array) -> Point:
+        """Evaluate potential and gradient; with det F <= 0 somewhere they mean nothing."""
+        ...
+
+    def matrix(self, d: Array) -> Array:
+        """Values of scale times the second derivative at d."""
+        ...
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """When the iteration ends, and when it renews its factor.
+
+    Attributes
+    ----------
+    position : float
+        Largest estimated error of a nodal position left by the iteration [m].
+    residual : float
+        Largest nodal residual force [N].
+    max_iterations : int
+    keep_factor : float
+        The factor is renewed after an iteration that shrinks the residual by less than this.
+    """
+
+    position: float
+    residual: float
+    max_iterations: int
+    keep_factor: float
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """How the iteration went; the fields are those of `sim.state.StepReport`."""
+
+    iterations: int
+    factorisations: int
+    residual: float
+    increment: float
+    line_search: float
+    shifts: int
+
+
+def search(
+    evaluate: Callable[[Array], Point], start: Point, direction: Array
+) -> tuple[float, Point] | None:
+    """Longest tried step with det F > 0 everywhere and sufficient decrease.
+
+    Returns
+    -------
+    (length, point), or None if the direction does not descend or no length serves.
+    """
+    slope = float(start.g @ direction)
+    if not slope < 0.0:
+        return None
+    # phi is a difference of large sums. Where its change may be rounding, the slope along the
+    # direction decides: it must have fallen (the approximate Wolfe condition of Hager and Zhang 2005)
+    rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy))
+    length = 1.0
+    for _ in range(MAX_HALVINGS):
+        trial = evaluate(start.d + length * direction)
+        if trial.here.smallest_J > 0.0:
+            change = trial.phi - start.phi
+            if change <= ARMIJO * length * slope:
+                return length, trial
+            if change <= rounding and abs(float(trial.g @ direction)) <= 0.9 * abs(slope):
+                return length, trial
+        length *= 0.5
+    return None
+
+
+def minimise(
+    potential: Potential,
+    point: Point,
+    work: Workspace,
+    key: tuple[type, float],
+    tolerances: Tolerances,
+    until: float,
+) -> tuple[Point, Iteration]:
+    """Minimum of a potential from a feasible start.
+
+    Parameters
+    ----------
+    potential : Potential
+    point : Point
+        Start, with det F > 0.
+    work : Workspace
+        Holds the factor; one made under the same key is used as it is.
+    key : (type, float)
+        Integrator and step that the factor belongs to.
+    tolerances : Tolerances
+    until : float
+        Time that the step leads to, for messages [s].
+
+    Raises
+    ------
+    NotConverged
+        The tolerances were not met, or no step length lowers the potential.
+    SingularSystem
+        The matrix could not be factorised.
+    """
+    factorisations = shifts = 0
+
+    def renew() -> None:
+        nonlocal factorisations, shifts
+        with work.timed("tangent"):
+            A = potential.matrix(point.d)
+        more = work.factorise(A, potential.shift)
+        work.factor_of = key
+        factorisations, shifts = factorisations + 1 + more, shifts + more
+
+    made_here = not work.has_factor_for(*key)
+    if made_here:
+        renew()
+    residuals, last, shortest = [point.residual], np.inf, 1.0
+    for iteration in range(1, tolerances.max_iterations + 1):
+        direction = work.secants.direction(point.g, lambda r: work.solve(potential.scale * r))
+        found = search(potential.point, point, direction)
+        contraction = np.inf
+        if found is None:
+            if made_here:
+                raise NotConverged(tuple(residuals), until, "no step lowers the potential")
+        else:
+            length, new = found
+            work.secants.learn(new.d - point.d, new.g - point.g)
+            point = new
+            residuals.append(point.residual)
+            if length == 1.0:
+                contraction = residuals[-1] / residuals[-2]
+            shortest = min(shortest, length)
+            moved = length * float(np.abs(direction).max())
+            # what a linearly converging iteration leaves after a move, from the last two moves
+            theta = min(moved / last, 0.99) if last < np.inf else 0.5
+            left, last = moved * theta / (1.0 - theta), moved
+            if left <= tolerances.position and point.residual <= tolerances.residual:
+                return point, Iteration(
+                    iteration, factorisations, point.residual, left, shortest, shifts
+                )
+        made_here = contraction > tolerances.keep_factor
+        if made_here:
+            renew()
+    raise NotConverged(tuple(residuals), until, f"limit of {tolerances.max_iterations} iterations")

@@ -1,0 +1,91 @@
+"""Quasi-static equilibrium: the same iteration without inertia and damping."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from sim.integrators.contract import Workspace, require_upright
+from sim.integrators.newton import Point, Tolerances, minimise
+from sim.state import Array, Control, Evaluation, State, StepReport
+from sim.system import System
+
+
+@dataclass(frozen=True)
+class Static:
+    """The nearest minimum of the energy E(q) under the control of the step's end.
+
+    Time only carries the control: a load is applied in steps by an activation that grows with time, and
+    `HalvingStep` divides the steps that are too large. Velocities are zero.
+
+    Attributes
+    ----------
+    tolerance : float
+        Largest estimated error of a nodal position left by the iteration [m].
+    residual_tolerance : float
+        Largest nodal residual force [N].
+    max_iterations : int
+    keep_factor : float
+        The factor is renewed after an iteration that shrinks the residual by less than this.
+
+    Notes
+    -----
+    The scene must be held so that it cannot move rigidly. A minimum that is not unique (buckling) is
+    the one that the descent from the previous state finds.
+    """
+
+    tolerance: float = 1e-7
+    residual_tolerance: float = 1e-6
+    max_iterations: int = 200
+    keep_factor: float = 0.6
+
+    def step(
+        self, system: System, state: State, control: Control, h: float, work: Workspace
+    ) -> tuple[State, StepReport]:
+        """Find equilibrium under the control; h only advances the time.
+
+        Raises
+        ------
+        InvertedElement
+            det F <= 0 at the start.
+        NotConverged
+            The tolerances were not met, or no step length lowers the energy.
+        SingularSystem
+            The matrix could not be factorised.
+        """
+        energy = _Energy(system, state, control, work)
+        start = energy.point(np.zeros(system.pattern.n))
+        require_upright(start.here.element, start.here.smallest_J, state.t)
+        tolerances = Tolerances(
+            self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
+        )
+        end, went = minimise(energy, start, work, (Static, 0.0), tolerances, state.t + h)
+        q1 = energy.positions(end.d)
+        new = State(state.t + h, q1, np.zeros_like(q1), state.memory)
+        return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))
+
+
+class _Energy:
+    """E(q0 + d) under one control."""
+
+    def __init__(self, system: System, state: State, control: Control, work: Workspace) -> None:
+        self._system, self._state, self._control, self._work = system, state, control, work
+        self._w0 = system.reduce(state.q)
+        self.scale = 1.0
+        self.shift = np.ones(system.pattern.n)
+
+    def positions(self, d: Array) -> Array:
+        """Nodal positions (n_nodes, 3)."""
+        return self._system.expand(self._w0 + d, self._state.q)
+
+    def point(self, d: Array) -> Point:
+        """Evaluate E and its gradient."""
+        with self._work.timed("force"):
+            here: Evaluation = self._system.force(self.positions(d), self._control)
+        return Point(d, -self._system.reduce(here.f), here.energy, here)
+
+    def matrix(self, d: Array) -> Array:
+        """Values of the second derivative K at d."""
+        K = self._system.tangent(self.positions(d), self._control)[1]
+        # a shift by 1 % of the typical stiffness is felt and not overwhelming
+        self.shift = np.full(len(d), 0.01 * np.abs(K[self._system.pattern.diagonal]).mean())
+        return K
