@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from emgface.check import check_recording, problems
 from emgface.errors import SignalError
+from emgface.face.block import block_face
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
 from emgface.quality import (
     cross_talk,
@@ -271,3 +272,12 @@ def test_exchanged_sides_are_found_in_movements_to_one_side() -> None:
 def test_equal_sides_tell_nothing() -> None:
     assert not swapped_sides(recording(noise(), face(800)))["swapped"].any()
     assert swapped_sides(recording(noise())).empty
+
+
+def test_the_markers_of_a_generated_face_are_not_suspected() -> None:
+    model = block_face()
+    lips = model["position"].values[model["marker_node"].values]
+    places = np.concatenate([model["face_marker_position"].values, lips])
+    named = positions(np.repeat(places[:, :, None], 5, axis=2))
+    assert [*model["face_marker"].values, *model["marker"].values] == list(named["marker"].values)
+    assert swapped_markers(named).empty
