@@ -1,6 +1,7 @@
 """MKL PARDISO through pypardiso: Cholesky or LDLt factors of the upper triangle."""
 
 import importlib
+import os
 import weakref
 from functools import cache
 from typing import Any
@@ -14,6 +15,7 @@ from sim.pattern import SymmetricPattern
 from sim.state import Array
 
 SYMMETRIC_POSITIVE_DEFINITE, SYMMETRIC_INDEFINITE = 2, -2
+MKL_PATH = "PYPARDISO_MKL_RT"  # where pypardiso looks first
 ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
 
 
@@ -27,11 +29,24 @@ def pardiso_is_available() -> bool:
 
 
 @cache
-def _wrapper() -> Any:
-    """Module of pypardiso, which loads MKL when its solver is made."""
+def _wrapper() -> tuple[Any, str]:
+    """Module of pypardiso, and the path of the MKL that it found."""
     wrapper = importlib.import_module("pypardiso.pardiso_wrapper")
-    wrapper.PyPardisoSolver()
-    return wrapper
+    return wrapper, str(wrapper.PyPardisoSolver().libmkl._name)
+
+
+def _new_solver(matrix_type: int) -> Any:
+    """Make a solver of pypardiso, sparing it the search for MKL on disk that it starts every time."""
+    wrapper, path = _wrapper()
+    before = os.environ.get(MKL_PATH)
+    os.environ[MKL_PATH] = path
+    try:
+        return wrapper.PyPardisoSolver(mtype=matrix_type)
+    finally:
+        if before is None:
+            del os.environ[MKL_PATH]
+        else:
+            os.environ[MKL_PATH] = before
 
 
 class Pardiso:
@@ -41,7 +56,7 @@ class Pardiso:
     _matrix_type = SYMMETRIC_POSITIVE_DEFINITE
 
     def __init__(self) -> None:
-        self._solver: Any = _wrapper().PyPardisoSolver(mtype=self._matrix_type)
+        self._solver: Any = _new_solver(self._matrix_type)
         self._factorised = False
 
     def _call(self, phase: int, rhs: Array) -> Array:
@@ -49,7 +64,7 @@ class Pardiso:
         try:
             # solve() and factorize() of the wrapper copy and compare the whole matrix at every call
             return self._solver._call_pardiso(self._matrix, rhs)
-        except _wrapper().PyPardisoError as error:
+        except _wrapper()[0].PyPardisoError as error:
             code = int(getattr(error, "value", 0))
             if code == -4:
                 raise NotPositiveDefinite(
