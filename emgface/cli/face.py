@@ -1,13 +1,16 @@
-"""``emgface face``: import, examine and draw face models."""
+"""``emgface face``: import, generate, examine and draw face models."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from emgface.cli.console import frame, say, show_table
 
-app = typer.Typer(no_args_is_help=True, help="Face models: import, check, show.")
+if TYPE_CHECKING:
+    import xarray as xr
+
+app = typer.Typer(no_args_is_help=True, help="Face models: import, build, check, show.")
 importing = typer.Typer(no_args_is_help=True, help="Make a face model of published geometry.")
 app.add_typer(importing, name="import")
 
@@ -45,10 +48,40 @@ def artisynth(
         marker_ring_offset=marker_ring_offset,
     )
     save_face(face, out_path)
-    say(
-        f"Wrote {out_path}: {face.sizes['node']} nodes, {face.sizes['element']} elements, "
-        f"{int((face['fixed'] > 0).sum())} fixed nodes."
+    _say_written(face, out_path)
+
+
+@app.command()
+def build(
+    out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
+    resolution: Annotated[
+        str, typer.Option(help="coarse, medium, fine or about how many elements.")
+    ] = "medium",
+    preset: Annotated[
+        str,
+        typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy."),
+    ] = "adult",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="One measure of the face, as mouth_width=52mm; repeatable."),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Draw a random person of the group in place of its means."),
+    ] = None,
+) -> None:
+    """Generate a lower face of published measures, at any resolution."""
+    from emgface.face.model import save_face
+    from emgface.face.template import parse_measures, template_face
+
+    face = template_face(
+        resolution=int(resolution) if resolution.isdecimal() else resolution,
+        measures=parse_measures(settings or []),
+        preset=preset,
+        seed=seed,
     )
+    save_face(face, out_path)
+    _say_written(face, out_path)
 
 
 @app.command()
@@ -89,4 +122,11 @@ def block(
 
     face = study_face(FaceConfiguration())
     save_face(face, out_path)
-    say(f"Wrote {out_path}: {face.sizes['node']} nodes, {face.sizes['element']} elements.")
+    _say_written(face, out_path)
+
+
+def _say_written(face: "xr.Dataset", path: Path) -> None:
+    say(
+        f"Wrote {path}: {face.attrs['name']} ({face.attrs['origin']}), {face.sizes['node']} nodes, "
+        f"{face.sizes['element']} elements, {int((face['fixed'] > 0).sum())} fixed nodes."
+    )

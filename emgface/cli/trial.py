@@ -68,7 +68,7 @@ def simulate(
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.netcdf import read_netcdf, write_netcdf
     from emgface.parameters import configure
-    from emgface.study.configuration import StudyConfiguration, load_study
+    from emgface.study.configuration import FaceConfiguration, StudyConfiguration, load_study
     from emgface.study.faces import study_face
     from emgface.study.policy import lower_sigma_max
 
@@ -79,7 +79,7 @@ def simulate(
         SimulationParameters, configuration.simulation.model_dump() | changes, where="simulation"
     )
     drive = read_netcdf(activation, "activation")
-    where = configuration.face.model_copy(update={"path": face}) if face else configuration.face
+    where = FaceConfiguration(path=face) if face else configuration.face
     model = study_face(where)
     announce_compilation()
     with progress("simulating") as bar:
@@ -125,14 +125,14 @@ def score(
     from emgface.cli.tables import score_rows
     from emgface.dataset import read_recording
     from emgface.netcdf import read_netcdf, write_netcdf
-    from emgface.study.configuration import StudyConfiguration, load_study
+    from emgface.study.configuration import FaceConfiguration, StudyConfiguration, load_study
     from emgface.study.faces import study_face
     from emgface.study.measured import measured_during
 
     configuration = load_study(study) if study else StudyConfiguration()
     given = read_recording(recording, mapping=mapping)
     motion = read_netcdf(trajectory, "trajectory")
-    where = configuration.face.model_copy(update={"path": face}) if face else configuration.face
+    where = FaceConfiguration(path=face) if face else configuration.face
     measured = measured_during(given, motion, study_face(where), configuration.signals.head_frame)
     aligned = align(
         measured,

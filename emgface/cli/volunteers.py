@@ -27,12 +27,12 @@ def volunteers(
     ] = None,
 ) -> None:
     """Simulate volunteers: known activations, sEMG and lip markers, labelled simulated."""
-    from emgface.study.configuration import StudyConfiguration, load_study
+    from emgface.study.configuration import FaceConfiguration, StudyConfiguration, load_study
     from emgface.study.faces import study_face
     from emgface.volunteers.simulate import make_volunteers
 
     configuration = load_study(study) if study else StudyConfiguration()
-    where = configuration.face.model_copy(update={"path": face}) if face else configuration.face
+    where = FaceConfiguration(path=face) if face else configuration.face
     model = study_face(where)
     announce_compilation()
     with progress("simulated volunteers") as bar:

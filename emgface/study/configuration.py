@@ -6,8 +6,10 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from emgface.errors import ConfigurationError
+from emgface.errors import ConfigurationError, FaceError
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template.grid import make_grid
+from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.muscles import INSTRUCTIONS
 from emgface.parameters import (
     ESKES,
@@ -73,19 +75,72 @@ class BlockParameters(Parameters):
     height: float = parameter(50e-3, "Height.", unit="m", source=OWN, gt=0)
 
 
+class TemplateParameters(Parameters):
+    """The parametric lower face, generated."""
+
+    resolution: str | int = parameter(
+        "medium",
+        "Number of elements: coarse (576), medium (2448), fine (6480) or about how many.",
+        unit="1",
+        source=OWN,
+    )
+    preset: str = parameter(
+        "adult", f"Group of people: {', '.join(PRESETS)}.", unit="-", source=OWN
+    )
+    seed: int | None = parameter(
+        None,
+        "Seed that draws a random person of the group; the means of the group when absent.",
+        unit="1",
+        source=OWN,
+        ge=0,
+    )
+
+    @field_validator("resolution")
+    @classmethod
+    def _possible(cls, value: str | int) -> str | int:
+        try:
+            make_grid(value)
+        except FaceError as error:
+            raise ValueError(str(error)) from error
+        return value
+
+    @field_validator("preset")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        try:
+            preset_measures(value)
+        except FaceError as error:
+            raise ValueError(str(error)) from error
+        return value
+
+
 class FaceConfiguration(Parameters):
-    """Which face model is simulated."""
+    """Which face model is simulated: a file, the template or the block, which is the default."""
 
     path: Path | None = parameter(
         None,
-        "Face model as written by 'emgface face import'; relative to this file. Without it the "
-        "block is generated.",
+        "Face model as written by 'emgface face import' or 'emgface face build'; relative to this "
+        "file. Without path, template and block, the block is generated.",
         unit="-",
         source=OWN,
     )
-    block: BlockParameters = Field(
-        default=BlockParameters(), description="The generated block of lip tissue."
+    template: TemplateParameters | None = Field(
+        default=None, description="The parametric lower face; in place of path and block."
     )
+    block: BlockParameters | None = Field(
+        default=None,
+        description="The generated block of lip tissue; in place of path and template.",
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "FaceConfiguration":
+        given = [name for name in ("path", "template", "block") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(
+                f"{' and '.join(given)} are given, expected one source of the face: delete the "
+                "others"
+            )
+        return self
 
 
 class AlignmentParameters(Parameters):

@@ -3,7 +3,7 @@
 import json
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel
 
@@ -21,7 +21,7 @@ def study_template(study: StudyConfiguration | None = None) -> str:
     Returns
     -------
     str
-        TOML. Parameters without a value stand as comments.
+        TOML. Parameters and tables without a value stand as comments.
     """
     head = (
         "# A study: every parameter with its default, unit and source.\n"
@@ -33,7 +33,7 @@ def study_template(study: StudyConfiguration | None = None) -> str:
 def _table(model: BaseModel, name: str) -> list[str]:
     lines: list[str] = []
     fields = type(model).model_fields
-    tables = {key for key in fields if isinstance(getattr(model, key), BaseModel)}
+    tables = {key: _nested(model, key) for key in fields if _nested(model, key) is not None}
     if name:
         lines += [f"[{name}]"]
     for key, field in fields.items():
@@ -43,13 +43,22 @@ def _table(model: BaseModel, name: str) -> list[str]:
         comment = textwrap.wrap(field.description or "", 96)
         lines += [f"# {line}" for line in comment]
         lines += [f"# {key} =" if value is None else f"{key} = {_value(value)}", ""]
-    for key in fields:
-        if key in tables:
-            nested = getattr(model, key)
-            path = f"{name}.{key}" if name else key
-            title = textwrap.wrap(fields[key].description or "", 96)
-            lines += ["", *(f"# {line}" for line in title), *_table(nested, path)]
+    for key, nested in tables.items():
+        path = f"{name}.{key}" if name else key
+        title = textwrap.wrap(fields[key].description or "", 96)
+        rows = _table(nested, path)
+        if getattr(model, key) is None:
+            rows = [row if row.startswith("#") or not row else f"# {row}" for row in rows]
+        lines += ["", *(f"# {line}" for line in title), *rows]
     return lines
+
+
+def _nested(model: BaseModel, key: str) -> Any:
+    """Table under a name: its value, or the defaults of one that may be left out."""
+    if isinstance(value := getattr(model, key), BaseModel):
+        return value
+    kinds = get_args(type(model).model_fields[key].annotation)
+    return next((k() for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)), None)
 
 
 def _value(value: Any) -> str:

@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 from emgface import __version__
 from emgface.cli import app
 from emgface.dataset import read_recording
+from emgface.face.model import load_face
+from emgface.face.template import random_measures
 from emgface.study.template import study_template
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
@@ -138,6 +140,34 @@ def test_volunteers_are_written(laboratory: Path, tmp_path: Path) -> None:
                  "--workers", 1)  # fmt: skip
     assert result.exit_code == 0, result.output
     assert (tmp_path / "recordings" / "S01_C_1.nc").exists()
+
+
+def test_a_face_is_built_of_measures(tmp_path: Path) -> None:
+    path = tmp_path / "face.nc"
+    result = run("face", "build", "--out", path, "--resolution", "coarse", "--preset", "man",
+                 "--set", "mouth_width=52mm", "--set", "droop=2 mm", "--seed", 5)  # fmt: skip
+    assert result.exit_code == 0, result.output
+    face = load_face(path)
+    assert f"{face.sizes['element']} elements" in result.stderr and "generated" in result.stderr
+    assert face.attrs["measure_mouth_width"] == 52e-3 and face.attrs["measure_droop"] == 2e-3
+    drawn = random_measures(5, preset="man")
+    assert face.attrs["measure_nose_width"] == drawn.nose_width
+    assert run("face", "check", path).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--resolution", "huge"), ("'huge'", "coarse")),
+        (("--resolution", 12), ("12 elements", "400")),
+        (("--preset", "elf"), ("'elf'", "older_woman")),
+        (("--set", "mouth_width=52"), ("mouth_width", "unit", "mm")),
+        (("--set", "mouth_width=500mm"), ("mouth_width is 500 mm",)),
+    ],
+)
+def test_a_face_that_cannot_be_built(tmp_path: Path, options, said) -> None:
+    one_sentence(run("face", "build", "--out", tmp_path / "f.nc", *options), "FaceError", *said)
+    assert list(tmp_path.iterdir()) == []
 
 
 # what is wrong with a recording

@@ -1,8 +1,10 @@
 """The study file: what it accepts, and what it says about what it does not."""
 
 import inspect
+import re
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -10,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from analysis.align import align
 from analysis.scores import score
 from emgface.errors import ConfigurationError
+from emgface.face.template import template_face
 from emgface.parameters import configure
 from emgface.study.configuration import (
     AlignmentParameters,
@@ -17,6 +20,8 @@ from emgface.study.configuration import (
     StudyConfiguration,
     load_study,
 )
+from emgface.study.digest import dataset_digest
+from emgface.study.faces import study_face
 from emgface.study.template import study_template
 
 
@@ -45,11 +50,9 @@ def test_the_template_holds_every_parameter_and_reads_back_as_the_defaults() -> 
     def names(model: type[BaseModel]) -> set[str]:
         found = set()
         for name, field in model.model_fields.items():
-            nested = field.annotation
-            if isinstance(nested, type) and issubclass(nested, BaseModel):
-                found |= names(nested)
-            else:
-                found.add(name)
+            kinds = (field.annotation, *get_args(field.annotation))
+            models = [k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)]
+            found |= names(models[0]) if models else {name}
         return found
 
     for name in names(StudyConfiguration):
@@ -80,6 +83,11 @@ def test_the_template_writes_the_values_of_a_study() -> None:
         ("[simulation]\nincompressibility = 'nodal'\n", "bulk_potential = 'quadratic'"),
         ("[alignment]\nscale_range = [1.1, 1.2]\n", "does not span 1"),
         ("[recordings]\ninstructions = ['A', 'G']\n", "instruction G is unknown.*A, B, C, D, E, F"),
+        ("[face]\npath = 'a.nc'\n[face.block]\n", "path and block are given, expected one source"),
+        ("[face.template]\n[face.block]\n", "template and block are given, expected one source"),
+        ("[face.template]\npreset = 'elf'\n", "face.template.preset.*'elf'.*older_woman"),
+        ("[face.template]\nresolution = 'huge'\n", "face.template.resolution.*'huge'.*coarse"),
+        ("[face.template]\nresolution = 12\n", "face.template.resolution.*400 to 200000"),
         ("strategies = ['act_3', 'act_3']\n", "each only once"),
         ("name = 'a'\nseed 3\n", "not valid TOML.*line 2"),
     ],
@@ -101,6 +109,29 @@ def test_paths_are_relative_to_the_file_and_not_to_the_shell(tmp_path: Path, mon
     study = load_study(path)
     assert study.recordings.folder == tmp_path / "data"
     assert study.face.path == tmp_path / "face.nc"
+
+
+@pytest.mark.parametrize("kind", ["template", "block"])
+def test_a_source_of_the_face_is_chosen_by_taking_away_the_comment_signs(kind: str) -> None:
+    text = study_template()
+    start = text.index(f"# [face.{kind}]")
+    end = text.index("\n\n\n", start)
+    rows = text[start:end].splitlines()
+    chosen = [row.removeprefix("# ") if re.match(r"# (\[|\w+ = )", row) else row for row in rows]
+    study = configure(
+        StudyConfiguration, tomllib.loads(text[:start] + "\n".join(chosen) + text[end:])
+    )
+    given = {name for name, value in study.face if value is not None}
+    assert given == {kind}
+
+
+def test_a_study_simulates_the_template_it_names() -> None:
+    given = {"face": {"template": {"resolution": "coarse", "preset": "woman", "seed": 4}}}
+    face = study_face(configure(StudyConfiguration, given).face)
+    same = template_face(resolution="coarse", preset="woman", seed=4)
+    assert dataset_digest(face) == dataset_digest(same)
+    block = study_face(configure(StudyConfiguration, {}).face)
+    assert block.attrs["source"] == "emgface.face.block"
 
 
 def test_a_study_cannot_be_changed_after_it_was_read() -> None:
