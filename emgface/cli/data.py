@@ -1,13 +1,13 @@
-"""``emgface data``: examine recordings before they are used."""
+"""``emgface data``: examine recordings, and name their labels, before they are used."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 
-app = typer.Typer(no_args_is_help=True, help="Recordings: examine them before use.")
+app = typer.Typer(no_args_is_help=True, help="Recordings: examine and map them before use.")
 
 COLUMNS = ("name", "kind", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
            "reason")  # fmt: skip
@@ -22,20 +22,30 @@ def check(
     mapping: Annotated[
         Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
     ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(help="Overview page to draw (png, svg), or a PDF with one per recording."),
+    ] = None,
 ) -> None:
     """Examine every channel and marker; fail if one cannot be used."""
     from emgface.check import check_recording, problems
-    from emgface.dataset import read_recording, read_recordings
+    from emgface.cli.pages import overview_pages
+    from emgface.dataset import find_recordings, read_recording, read_recordings
     from emgface.errors import EmgfaceError
 
+    def given():
+        for path in paths:
+            if path.is_dir():
+                yield from read_recordings(path, mapping=mapping)
+            else:
+                yield path, read_recording(path, mapping=mapping)
+
+    n_files = 0
+    if page is not None:
+        n_files = sum(len(find_recordings(path)) if path.is_dir() else 1 for path in paths)
     n_bad = n_all = 0
-    for path in paths:
-        given = (
-            read_recordings(path, mapping=mapping)
-            if path.is_dir()
-            else [(path, read_recording(path, mapping=mapping))]
-        )
-        for file, recording in given:
+    with overview_pages(page, n_files) as add_page:
+        for file, recording in given():
             n_all += 1
             if isinstance(recording, EmgfaceError):
                 fail(recording)
@@ -44,6 +54,7 @@ def check(
             report = check_recording(recording, study=study)
             origin = recording.attrs.get("origin", "")
             show_table(frame(report[list(COLUMNS)]), f"{file.name} ({origin})")
+            add_page(recording, report)
             bad = problems(report)
             n_bad += bool(bad)
             for sentence in bad:
@@ -51,3 +62,46 @@ def check(
     say(f"{n_all - n_bad} of {n_all} recordings can be used.")
     if n_bad:
         raise typer.Exit(BAD_INPUT)
+
+
+@app.command(name="map")
+def propose(
+    path: Annotated[Path, typer.Argument(help="Recording under the labels of its file.")],
+    out_path: Annotated[
+        Path | None, typer.Option("--out", help="Mapping file to write (TOML).")
+    ] = None,
+) -> None:
+    """Propose which channel is which muscle and which marker is where, for you to confirm."""
+    from emgface.dataset import read_recording
+    from emgface.errors import DataError
+    from emgface.files import replace_file
+    from emgface.labels import note
+    from emgface.proposal import mapping_text, missing_names, propose_mapping
+
+    if out_path is not None and out_path.exists():
+        raise DataError(
+            f"{out_path} exists and may hold corrections of yours, expected a new name: choose "
+            "another one or delete it"
+        )
+    recording = read_recording(path)
+    tables = {}
+    kinds: tuple[Literal["channel", "marker"], ...] = ("channel", "marker")
+    for kind in kinds:
+        if kind not in recording.coords:
+            continue
+        table = propose_mapping([str(v) for v in recording[kind].values], kind)
+        tables[kind] = table
+        show_table(frame(table), f"{path.name}: {kind}s")
+        for row in table[table["certainty"] == "unresolved"].itertuples():
+            say(f"Unresolved: {kind} {row.label!r} ({row.reason}).")
+        lacking = missing_names(table, kind)
+        if lacking:
+            say(f"No label found for: {', '.join(lacking)}.")
+    for label, reason in note(recording, "dropped").items():
+        say(f"Left out in reading: {label!r} ({reason}).")
+    if out_path is None:
+        say("Nothing written: name a mapping file with --out.")
+        return
+    text = mapping_text(tables.get("channel"), tables.get("marker"))
+    replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+    say(f"Wrote {out_path}: read it, complete what is unresolved, and pass it as --mapping.")

@@ -127,6 +127,6 @@ def block(
 
 def _say_written(face: "xr.Dataset", path: Path) -> None:
     say(
-        f"Wrote {path}: {face.attrs['name']} ({face.attrs['origin']}), {face.sizes['node']} nodes, "
+        f"Wrote {path}: {face.attrs['name']}, {face.attrs['origin']}: {face.sizes['node']} nodes, "
         f"{face.sizes['element']} elements, {int((face['fixed'] > 0).sum())} fixed nodes."
     )

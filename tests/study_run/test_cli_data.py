@@ -1,0 +1,92 @@
+"""The commands that examine recordings: labels are proposed, pages drawn, nothing overwritten."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from emgface.dataset import read_recording
+from emgface.muscles import CHANNELS
+from tests.study_run.test_cli import one_sentence, run, stored
+
+WORDS = {"ZYG_L": "Left zygomaticus", "RIS_R": "EMG 7", "MEN_L": "Trigger"}
+"""Labels as a laboratory might have typed them; the last two name no muscle."""
+
+
+@pytest.fixture
+def foreign(laboratory: Path, tmp_path: Path) -> Path:
+    """Return the file of a recording under other labels."""
+    recording = read_recording(next((laboratory / "recordings").glob("*_B_*.nc")))
+    labels = [WORDS.get(str(name), str(name)) for name in recording["channel"].values]
+    return stored(recording.assign_coords(channel=labels), tmp_path)
+
+
+def test_labels_are_proposed_listed_and_written(foreign: Path, tmp_path: Path) -> None:
+    out = tmp_path / "mapping.toml"
+    result = run("data", "map", foreign, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert "Left zygomaticus" in result.stdout and "corner_left" in result.stdout
+    assert "Unresolved: channel 'EMG 7'" in result.stderr
+    assert "No label found for: RIS_R, MEN_L." in result.stderr.replace(
+        "MEN_L, RIS_R", "RIS_R, MEN_L"
+    )
+    tables = tomllib.loads(out.read_text(encoding="utf-8"))
+    assert tables["channels"]["Left zygomaticus"] == "ZYG_L"
+    assert set(tables["channels"].values()) == set(CHANNELS) - {"RIS_R", "MEN_L"}
+    assert len(tables["markers"]) == 16
+    completed = out.read_text(encoding="utf-8")
+    for label, name in (("EMG 7", "RIS_R"), ("Trigger", "MEN_L")):
+        completed = completed.replace(f'# "{label}" = ""', f'"{label}" = "{name}"')
+    out.write_text(completed, encoding="utf-8")
+    assert set(read_recording(foreign, mapping=out, study=True)["channel"].values) == set(CHANNELS)
+
+
+def test_a_mapping_file_is_not_overwritten(foreign: Path, tmp_path: Path) -> None:
+    out = tmp_path / "mapping.toml"
+    out.write_text("mine")
+    one_sentence(run("data", "map", foreign, "--out", out), "DataError", r"mapping\.toml exists")
+    assert out.read_text() == "mine"
+    before = set(tmp_path.iterdir())
+    assert "--out" in run("data", "map", foreign).stderr and set(tmp_path.iterdir()) == before
+
+
+def test_an_overview_page_is_drawn(foreign: Path, tmp_path: Path) -> None:
+    page = tmp_path / "pages" / "overview.png"
+    result = run("data", "check", foreign, "--page", page)
+    assert f"Wrote {page}" in result.stderr
+    assert page.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def test_several_recordings_are_pages_of_one_pdf(laboratory: Path, tmp_path: Path) -> None:
+    page = tmp_path / "overview.pdf"
+    result = run("data", "check", laboratory / "recordings", "--page", page)
+    assert result.exit_code == 0, result.output
+    content = page.read_bytes()
+    assert content.startswith(b"%PDF") and b"/Count 2 " in content
+
+
+@pytest.mark.parametrize(("name", "said"), [("a.png", "2 recordings"), ("a.xyz", r"'\.xyz'")])
+def test_a_page_that_cannot_be_drawn_is_refused_at_once(
+    laboratory: Path, tmp_path: Path, name: str, said: str
+) -> None:
+    result = run("data", "check", laboratory / "recordings", "--page", tmp_path / name)
+    one_sentence(result, "DataError", said, r"\.pdf")
+    assert result.stdout == "" and list(tmp_path.iterdir()) == []
+
+
+def test_no_page_is_left_where_the_recording_cannot_be_read(tmp_path: Path) -> None:
+    (tmp_path / "bad.nc").write_bytes(b"")
+    result = run("data", "check", tmp_path / "bad.nc", "--page", tmp_path / "overview.png")
+    one_sentence(result, "DataError", r"bad\.nc")
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.nc"]
+
+
+def test_a_recording_of_emg_alone_is_mapped(foreign: Path, tmp_path: Path) -> None:
+    recording = xr.load_dataset(foreign)[["emg"]].drop_dims(
+        ["marker", "time_marker"], errors="ignore"
+    )
+    path = stored(recording, tmp_path, "emg.nc")
+    result = run("data", "map", path, "--out", tmp_path / "m.toml")
+    assert result.exit_code == 0, result.output
+    assert list(tomllib.loads((tmp_path / "m.toml").read_text())) == ["channels"]
