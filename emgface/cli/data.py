@@ -70,6 +70,14 @@ def propose(
     out_path: Annotated[
         Path | None, typer.Option("--out", help="Mapping file to write (TOML).")
     ] = None,
+    units: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--unit",
+            help="Unit where the file names none or a wrong one, as emg=uV or position=mm; "
+            "repeatable.",
+        ),
+    ] = None,
 ) -> None:
     """Propose which channel is which muscle and which marker is where, for you to confirm."""
     from emgface.dataset import read_recording
@@ -83,7 +91,10 @@ def propose(
             f"{out_path} exists and may hold corrections of yours, expected a new name: choose "
             "another one or delete it"
         )
-    recording = read_recording(path)
+    if path.is_dir():
+        raise DataError(f"{path} is a folder, expected one recording: name a file in it")
+    given = dict(_unit(setting) for setting in units or [])
+    recording = read_recording(path, mapping={"units": given})
     tables = {}
     kinds: tuple[Literal["channel", "marker"], ...] = ("channel", "marker")
     for kind in kinds:
@@ -103,5 +114,24 @@ def propose(
         say("Nothing written: name a mapping file with --out.")
         return
     text = mapping_text(tables.get("channel"), tables.get("marker"))
+    if given:
+        text += "\n".join(
+            ["", "[units]", *(f'{name} = "{unit}"' for name, unit in given.items()), ""]
+        )
     replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
     say(f"Wrote {out_path}: read it, complete what is unresolved, and pass it as --mapping.")
+
+
+def _unit(setting: str) -> tuple[str, str]:
+    """Name and unit of a setting such as ``emg=uV``."""
+    from emgface.errors import UnitsError
+    from emgface.units import DIVISORS, spelling
+
+    si = {"emg": "V", "position": "m"}
+    name, _, unit = (part.strip() for part in setting.partition("="))
+    if name not in si:
+        raise UnitsError(f"the unit {setting!r} is of neither emg nor position, expected as emg=uV")
+    if spelling(unit) not in DIVISORS[si[name]]:
+        known = ", ".join(DIVISORS[si[name]])
+        raise UnitsError(f"the unit of {name} is {unit!r}, expected one of {known}")
+    return name, unit

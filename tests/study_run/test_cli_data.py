@@ -90,3 +90,32 @@ def test_a_recording_of_emg_alone_is_mapped(foreign: Path, tmp_path: Path) -> No
     result = run("data", "map", path, "--out", tmp_path / "m.toml")
     assert result.exit_code == 0, result.output
     assert list(tomllib.loads((tmp_path / "m.toml").read_text())) == ["channels"]
+
+
+def test_a_unit_that_the_file_has_wrong_is_given_and_written(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,Left Zygo\n" + "".join(f"{i},{i % 7}\n" for i in range(99)))
+    sidecar = tmp_path / "a.toml"
+    sidecar.write_text(
+        'schema = "recording"\norigin = "measured"\n[emg]\nfile = "a.csv"\ntime = "t"\n'
+        'time_unit = "ms"\nunit = "mV"\n'
+    )
+    assert float(read_recording(sidecar)["emg"].max()) == pytest.approx(6e-3)
+    out = tmp_path / "m.toml"
+    result = run("data", "map", sidecar, "--unit", "emg=uV", "--out", out)
+    assert result.exit_code == 0, result.output
+    assert tomllib.loads(out.read_text()) == {
+        "channels": {"Left Zygo": "ZYG_L"},
+        "units": {"emg": "uV"},
+    }
+    assert float(read_recording(sidecar, mapping=out)["emg"].max()) == pytest.approx(6e-6)
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"), [("emg=mm", "'mm'.*uV"), ("force=N", "'force=N'.*emg"), ("emg", "''.*uV")]
+)
+def test_a_unit_that_is_none_is_named(foreign: Path, setting: str, said: str) -> None:
+    one_sentence(run("data", "map", foreign, "--unit", setting), "UnitsError", said)
+
+
+def test_a_folder_is_no_recording(tmp_path: Path) -> None:
+    one_sentence(run("data", "map", tmp_path), "DataError", "is a folder")
