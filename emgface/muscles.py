@@ -14,6 +14,22 @@ MEASURED: Final = ("OOS", "OOI", "RIS", "ZYG", "LLSAN", "DAO", "MEN")
 MODELLED: Final = ("ZYG", "RIS", "LLSAN", "LAO", "BUC", "OOP", "OOM", "DLI", "DAO", "MEN")
 """The ten muscles per side of the face model, in the paper's order of Fig. 1."""
 
+NEIGHBOURS: Final = (
+    ("OOS", "OOI"),
+    ("OOS", "LLSAN"),
+    ("OOS", "ZYG"),
+    ("OOI", "DAO"),
+    ("OOI", "MEN"),
+    ("DAO", "MEN"),
+    ("DAO", "RIS"),
+    ("RIS", "ZYG"),
+    ("ZYG", "LLSAN"),
+)
+"""Pairs of channels of one side that lie next to each other (Eskes et al. 2017, Fig. 1)."""
+
+ACROSS: Final = ("OOS", "OOI", "MEN")
+"""Channels whose left and right electrodes are neighbours across the midline."""
+
 MUSCLE_NAMES: Final = {
     "ZYG": "zygomaticus major",
     "RIS": "risorius",

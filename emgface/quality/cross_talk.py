@@ -8,11 +8,10 @@ import scipy.signal
 import xarray as xr
 
 from emgface.labels import constant_value
-from emgface.muscles import SIDES
+from emgface.muscles import ACROSS, NEIGHBOURS, SIDES
 from emgface.quality.emg import in_muscle_band
 from emgface.quality.hum import LEAST_DURATION, mains_hum, remove_hum
 from emgface.signals import TIME_EMG, sampling_rate
-from emgface.volunteers.emg import ACROSS, NEIGHBOURS
 
 COLUMNS = ("channel", "neighbour", "correlation", "lag", "common", "share")
 STRONG_HUM = 0.1

@@ -9,7 +9,6 @@ interrupted computes only what is absent.
 
 import json
 import time
-import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -18,7 +17,8 @@ from typing import Any, Literal
 
 import xarray as xr
 
-from emgface.errors import StoreError
+from emgface.errors import DataError, StoreError
+from emgface.files import replace_file
 from emgface.study.digest import canonical_json, code_version, file_digest, text_digest
 
 SCHEMA_VERSION = 1
@@ -174,7 +174,7 @@ class Store:
         if not index.exists():
             return "has no index beside it, so its origin is unknown"
         try:
-            known = json.loads(index.read_text())
+            known = json.loads(index.read_text(encoding="utf-8"))
             digest, size, recorded = known["sha256"], known["bytes"], known["key"]
         except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError):
             return "has an index that cannot be read"
@@ -229,16 +229,13 @@ def write_text(text: str, path: Path) -> None:
     StoreError
         If the folder cannot be written.
     """
-    _replace(path, lambda temporary: temporary.write_text(text))
+    _replace(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
-def _replace(path: Path, write: Callable[[Path], Any]) -> None:
-    temporary = path.with_name(f".{path.stem}-{uuid.uuid4().hex}.part")
+def _replace(path: Path, write: Callable[[Path], object]) -> None:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(temporary)
-        temporary.replace(path)
-    except (OSError, TypeError, ValueError) as error:
+        replace_file(path, write)
+    except DataError as error:
+        raise StoreError(str(error)) from error
+    except (TypeError, ValueError) as error:
         raise StoreError(f"{path} cannot be written: {error}") from error
-    finally:  # also when interrupted: nothing half-written stays behind
-        temporary.unlink(missing_ok=True)

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import SignalError
-from emgface.muscles import CHANNELS, MUSCLES
+from emgface.muscles import ACROSS, CHANNELS, MUSCLES, NEIGHBOURS
 
 BAND: Final = (15.0, 500.0)
 """Hertz; nothing is synthesised outside the recording band of the study."""
@@ -31,22 +31,6 @@ PICKUP: Final[Mapping[str, Mapping[str, float]]] = {
 With the mapping M of Eqs 2-6 (ten muscles from seven channels) this pick-up P is a generalised
 inverse, M P M = M: activations that obey the mapping are drive that the mapping returns exactly.
 """
-
-NEIGHBOURS: Final = (
-    ("OOS", "OOI"),
-    ("OOS", "LLSAN"),
-    ("OOS", "ZYG"),
-    ("OOI", "DAO"),
-    ("OOI", "MEN"),
-    ("DAO", "MEN"),
-    ("DAO", "RIS"),
-    ("RIS", "ZYG"),
-    ("ZYG", "LLSAN"),
-)
-"""Pairs of channels of one side that lie next to each other (Eskes et al. 2017, Fig. 1)."""
-
-ACROSS: Final = ("OOS", "OOI", "MEN")
-"""Channels whose left and right electrodes are neighbours across the midline."""
 
 
 def power_spectrum(frequency: np.ndarray, *, low: float = 60.0, high: float = 120.0) -> np.ndarray:

@@ -7,6 +7,7 @@ from scipy.signal import coherence, welch
 
 from emgface.errors import ConfigurationError, MarkerError, SignalError
 from emgface.muscles import (
+    ACROSS,
     AXES,
     CHANNELS,
     FACE_MARKERS,
@@ -15,12 +16,11 @@ from emgface.muscles import (
     MEASURED,
     MODELLED,
     MUSCLES,
+    NEIGHBOURS,
     RELEVANT,
 )
 from emgface.volunteers.emg import (
-    ACROSS,
     BAND,
-    NEIGHBOURS,
     band_limited_noise,
     cross_talk_matrix,
     pickup_matrix,
