@@ -102,11 +102,16 @@ def main():
     results = {cls: [] for cls in systems}
     for _ in range(options.repeats):  # alternating, so that a drift of the machine hits both
         for cls, own in systems.items():
-            results[cls].append(run(own, cls(), activation, options.steps))
+            try:
+                results[cls].append(run(own, cls(), activation, options.steps))
+            except sim.SimulationError as error:
+                print(f"  {cls.__name__:22s}{error}")
     print(
         f"{options.muscle} to {options.peak:g} in 0.1 s, {options.steps} steps of 10 ms, medians:"
     )
     for cls, rows in results.items():
+        if not rows:
+            continue
         wall = statistics.median(row[0] for row in rows)
         split = {name: statistics.median(row[1][name] for row in rows) for name in PHASES}
         counts, least = rows[0][2], rows[0][3]

@@ -8,7 +8,8 @@ import sim
 def grid(n=(2, 2, 2), size=(0.02, 0.02, 0.02), wedges=(), distort=0.0, seed=0) -> sim.Mesh:
     """Box of hexahedra; the columns of cells along z numbered in `wedges` are split into wedges.
 
-    Whole columns, so that a triangle never meets a quadrilateral. distort moves the inner nodes at random by that fraction of a cell.
+    Whole columns, so that a triangle never meets a quadrilateral. distort moves the inner nodes at
+    random by that fraction of a cell.
     """
     axes = [np.linspace(0.0, s, k + 1) for s, k in zip(size, n, strict=True)]
     X = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)

@@ -37,7 +37,7 @@ class ConvergedEuler:
     """
 
     tolerance: float = 1e-6
-    residual_tolerance: float = 1e-4
+    residual_tolerance: float = 2e-5
     max_iterations: int = 80
     keep_factor: float = 0.6
     order: ClassVar[int] = 1
