@@ -9,13 +9,19 @@ from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 
 app = typer.Typer(no_args_is_help=True, help="Recordings: examine and map them before use.")
 
+FORMATS = (
+    "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), motion of "
+    "BIDS (_motion.tsv), and the TOML sidecar (.toml) of a CSV, MATLAB or HDF5 file"
+)
 COLUMNS = ("name", "kind", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
            "reason")  # fmt: skip
 
 
 @app.command()
 def check(
-    paths: Annotated[list[Path], typer.Argument(help="Recordings, or folders of them.")],
+    paths: Annotated[
+        list[Path], typer.Argument(help=f"Recordings, or folders of them: {FORMATS}.")
+    ],
     study: Annotated[
         bool, typer.Option(help="Demand the channels and markers of the study.")
     ] = False,
@@ -66,7 +72,7 @@ def check(
 
 @app.command(name="map")
 def propose(
-    path: Annotated[Path, typer.Argument(help="Recording under the labels of its file.")],
+    path: Annotated[Path, typer.Argument(help=f"Recording: {FORMATS}.")],
     out_path: Annotated[
         Path | None, typer.Option("--out", help="Mapping file to write (TOML).")
     ] = None,

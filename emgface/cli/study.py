@@ -69,9 +69,15 @@ def report(
     folder: Annotated[Path, typer.Argument(help="Folder of a study, with its cube.nc.")],
 ) -> None:
     """Print the tables of a finished study."""
+    from emgface.errors import DataError
     from emgface.netcdf import read_netcdf
     from emgface.study.report import write_report
 
+    if not (folder / "cube.nc").is_file():
+        raise DataError(
+            f"{folder} holds no cube.nc, expected the folder of a finished study: name the folder "
+            "given to 'emgface study run --out', or run the study again to finish it"
+        )
     written = write_report(read_netcdf(folder / "cube.nc", "cube"), folder)
     for table in written.tables.values():
         out.print(table.text(), markup=False, highlight=False, soft_wrap=True)

@@ -125,6 +125,8 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(laboratory, tmp_pa
     np.testing.assert_allclose(cube["rho"].values.ravel(), scores["rho"].values, atol=1e-6)
     report = run("report", tmp_path / "study")
     assert report.exit_code == 0 and "S01" in report.stdout
+    assert report.stdout.startswith("rho per strategy, simulated recordings\n")
+    assert report.stdout.isascii() and "\x1b" not in report.stdout  # plain, for a pipe or a paper
     assert (tmp_path / "study" / "tables" / "trials.csv").read_text().startswith("origin,")
 
 
@@ -242,7 +244,8 @@ def test_markers_missing(laboratory, recording, tmp_path) -> None:
 def test_a_file_that_is_not_there(tmp_path) -> None:
     one_sentence(run("data", "check", tmp_path / "no.nc"), "DataError", r"no\.nc")
     one_sentence(run("face", "check", tmp_path / "no.nc"), "FaceError", r"no\.nc")
-    one_sentence(run("report", tmp_path), "DataError", r"cube\.nc")
+    for folder in (tmp_path, tmp_path / "absent"):
+        one_sentence(run("report", folder), "DataError", r"holds no cube\.nc", "study run --out")
     one_sentence(
         run("study", "run", tmp_path / "no.toml", "--out", tmp_path / "o"), "ConfigurationError"
     )

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from emgface.dataset import read_recording
+from emgface.cli.data import FORMATS
+from emgface.dataset import read_recording, readers
 from emgface.muscles import CHANNELS
 from tests.study_run.test_cli import one_sentence, run, stored
 
@@ -115,6 +116,13 @@ def test_a_unit_that_the_file_has_wrong_is_given_and_written(tmp_path: Path) -> 
 )
 def test_a_unit_that_is_none_is_named(foreign: Path, setting: str, said: str) -> None:
     one_sentence(run("data", "map", foreign, "--unit", setting), "UnitsError", said)
+
+
+def test_the_help_lists_every_format_that_is_read() -> None:
+    for suffix, reader in readers().items():
+        assert suffix in FORMATS, reader.FORMAT
+    for command in ("check", "map"):
+        assert ".poly5" in run("data", command, "--help").stdout
 
 
 def test_a_folder_is_no_recording(tmp_path: Path) -> None:
