@@ -9,6 +9,7 @@ import numpy as np
 from sim.scene import Index
 from sim.state import Array, Control, State, StepReport
 from sim.system import System
+from sim.vectors import dot
 
 AXES = ("x", "y", "z")
 
@@ -115,8 +116,8 @@ class Energies:
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
-        """V' M v / 2 and the sum of the terms' energies."""
-        kinetic = 0.5 * float(system.node_mass @ (state.v**2).sum(axis=1))
+        """Return v' M v / 2 and the sum of the terms' energies."""
+        kinetic = 0.5 * dot(system.node_mass, (state.v**2).sum(axis=1))
         return kinetic, system.force(state.q, control).energy
 
 

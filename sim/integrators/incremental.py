@@ -6,6 +6,7 @@ from sim.integrators.contract import Workspace, symmetric_product
 from sim.integrators.newton import Point
 from sim.state import Array, Control, Evaluation, State
 from sim.system import System
+from sim.vectors import dot
 
 
 class IncrementalPotential:
@@ -42,7 +43,7 @@ class IncrementalPotential:
         product /= self.h
         product += self.shift * d / self.h**2
         g = product - self._momentum - self.system.reduce(here.f)
-        phi = 0.5 * float(d @ product) - float(self._momentum @ d) + here.energy
+        phi = 0.5 * dot(d, product) - dot(self._momentum, d) + here.energy
         return Point(d, g, phi, here)
 
     def matrix(self, d: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from sim.errors import NotConverged
 from sim.integrators.contract import Workspace
 from sim.state import Array, Evaluation
+from sim.vectors import dot
 
 ARMIJO = 1e-4
 MAX_HALVINGS = 40
@@ -102,7 +103,7 @@ def search(
     -------
     (length, point), or None if the direction does not descend or no length serves.
     """
-    slope = float(start.g @ direction)
+    slope = dot(start.g, direction)
     if not slope < 0.0:
         return None
     # phi is a difference of large sums. Where its change may be rounding, the slope along the
@@ -115,7 +116,7 @@ def search(
             change = trial.phi - start.phi
             if change <= ARMIJO * length * slope:
                 return length, trial
-            if change <= rounding and abs(float(trial.g @ direction)) <= 0.9 * abs(slope):
+            if change <= rounding and abs(dot(trial.g, direction)) <= 0.9 * abs(slope):
                 return length, trial
         length *= 0.5
     return None

@@ -3,9 +3,8 @@
 from collections import deque
 from collections.abc import Callable
 
-import numpy as np
-
 from sim.state import Array
+from sim.vectors import dot, norm
 
 Solve = Callable[[Array], Array]
 
@@ -32,18 +31,18 @@ class SecantMemory:
 
     def learn(self, s: Array, y: Array) -> None:
         """Add a move s and the change y of the gradient along it, if it shows positive curvature."""
-        sy = float(s @ y)
-        if sy > 1e-10 * float(np.linalg.norm(s)) * float(np.linalg.norm(y)):
+        sy = dot(s, y)
+        if sy > 1e-10 * norm(s) * norm(y):
             self._pairs.append((s, y, 1.0 / sy))
 
     def direction(self, g: Array, solve: Solve) -> Array:
         """-H g, with `solve` the inverse of the factorised Hessian."""
         q, weights = -g, list[float]()
         for s, y, r in reversed(self._pairs):
-            a = r * float(s @ q)
+            a = r * dot(s, q)
             q = q - a * y
             weights.append(a)
         z = solve(q)
         for (s, y, r), a in zip(self._pairs, reversed(weights), strict=True):
-            z = z + (a - r * float(y @ z)) * s
+            z = z + (a - r * dot(y, z)) * s
         return z

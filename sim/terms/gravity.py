@@ -7,6 +7,7 @@ import numpy as np
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
+from sim.vectors import dot
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class CompiledGravity:
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """F += m g."""
         f += self._weight
-        return Contribution(energy=-float(np.vdot(self._weight, q - self._X)))
+        return Contribution(energy=-dot(self._weight, q - self._X))
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """As `add_force`; the stiffness is zero."""

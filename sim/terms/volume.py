@@ -22,6 +22,7 @@ from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
+from sim.vectors import dot
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ class CompiledElementVolume:
         self._volumes.evaluate(q)
         strain = (self._volumes.v * self._is_point).sum(axis=1) / self._rest - 1.0
         pressure = np.ascontiguousarray((self._kappa * strain)[:, None] * self._is_point)
-        return pressure, 0.5 * self._kappa * float(self._rest @ strain**2)
+        return pressure, 0.5 * self._kappa * dot(self._rest, strain**2)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Subtract dE/dq from f."""
@@ -201,7 +202,9 @@ class CompiledNodalVolume:
         self._first, self._second = a[order].astype(np.int32), b[order].astype(np.int32)
         self._target = np.ascontiguousarray(pattern.target[pattern.pair_index(pair)])
 
-        self._rest = np.bincount(owner, self._volumes.rest[element, point], mesh.n_nodes)
+        self._rest: Array = np.bincount(
+            owner, self._volumes.rest[element, point], mesh.n_nodes
+        ).astype(np.float64)
         self._nodal = np.empty(mesh.n_nodes)
         self._g = np.empty((len(star), 3))
         moves = np.zeros(mesh.n_nodes, dtype=bool)
@@ -223,7 +226,7 @@ class CompiledNodalVolume:
         )
         strain = self._counts * (self._nodal / self._rest - 1.0)
         pressure = np.ascontiguousarray((self._kappa * strain)[self._owner] * self._is_point)
-        return pressure, 0.5 * self._kappa * float(self._rest @ strain**2)
+        return pressure, 0.5 * self._kappa * dot(self._rest, strain**2)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Subtract dE/dq from f."""
