@@ -70,6 +70,48 @@ def check(
         raise typer.Exit(BAD_INPUT)
 
 
+@app.command()
+def features(
+    path: Annotated[Path, typer.Argument(help=f"Recording: {FORMATS}.")],
+    channels: Annotated[
+        str, typer.Option(help="Channels whose name contains this; all when empty.")
+    ] = "",
+    mapping: Annotated[
+        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
+    ] = None,
+    study: Annotated[
+        Path | None, typer.Option(help="Study file whose signal chain applies.")
+    ] = None,
+) -> None:
+    """Show the power in the pass-band and the range of the feature of every channel."""
+    from emgface.channels import channel_report
+    from emgface.dataset import read_recording
+    from emgface.errors import DataError
+    from emgface.parameters import SignalChain
+    from emgface.study.configuration import load_study
+
+    chain = SignalChain() if study is None else load_study(study).signals
+    recording = read_recording(path, mapping=mapping)
+    names = [str(name) for name in recording["channel"].values] if "emg" in recording else []
+    chosen = [name for name in names if channels in name]
+    if names and not chosen:
+        raise DataError(
+            f"no channel of {path.name} contains {channels!r}, expected part of one of "
+            f"{', '.join(names)}"
+        )
+    report = channel_report(recording.sel(channel=chosen) if names else recording, chain)
+    rows = report.reset_index()
+    rows["rms"] *= 1e6
+    rows = rows.rename(columns={"rms": "rms in uV", "median_frequency": "median frequency in Hz"})
+    origin = recording.attrs.get("origin", "")
+    edges = f"{chain.filter.low:g}-{chain.filter.high:g} Hz"
+    show_table(frame(rows), f"{path.name} ({origin}): {chain.feature.kind}, band {edges}")
+    live = int((report["status"] == "ok").sum())
+    say(f"{live} of {len(report)} channels are live.")
+    if not live:
+        raise typer.Exit(BAD_INPUT)
+
+
 @app.command(name="map")
 def propose(
     path: Annotated[Path, typer.Argument(help=f"Recording: {FORMATS}.")],

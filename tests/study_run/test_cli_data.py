@@ -127,3 +127,19 @@ def test_the_help_lists_every_format_that_is_read() -> None:
 
 def test_a_folder_is_no_recording(tmp_path: Path) -> None:
     one_sentence(run("data", "map", tmp_path), "DataError", "is a folder")
+
+
+def test_features_of_a_real_recording(shared: Path) -> None:
+    """Eleven channels of the C3D carry signal, five electrodes of the array were not connected."""
+    path = shared / "recordings" / "pyomeca" / "markers_analogs.c3d"
+    result = run("data", "features", path, "--channels", ".EMG")
+    assert result.exit_code == 0, result.output
+    assert "11 of 16 channels are live." in result.stderr
+    assert "measured" in result.stdout and "15-500 Hz" in result.stdout
+    assert result.stdout.count("constant") == 5
+
+
+def test_features_of_no_channel(laboratory: Path) -> None:
+    path = next((laboratory / "recordings").glob("*_B_*.nc"))
+    result = run("data", "features", path, "--channels", "Biceps")
+    one_sentence(result, f"no channel of {path.name} contains 'Biceps'", "OOS_L")
