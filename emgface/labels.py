@@ -11,8 +11,8 @@ import xarray as xr
 from pydantic import Field
 
 from emgface._rules import hint, listed
+from emgface.choices import Parameters, configure
 from emgface.errors import ConfigurationError, DataError, SchemaError
-from emgface.parameters import Parameters, configure
 
 
 class LabelMap(Parameters):

@@ -64,10 +64,10 @@ def simulate(
     solver: Annotated[str | None, typer.Option(help="converged or linearly_implicit.")] = None,
 ) -> None:
     """Move the face by an activation."""
+    from emgface.choices import configure
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.netcdf import read_netcdf, write_netcdf
-    from emgface.parameters import configure
     from emgface.study.configuration import FaceConfiguration, StudyConfiguration, load_study
     from emgface.study.faces import study_face
     from emgface.study.policy import lower_sigma_max

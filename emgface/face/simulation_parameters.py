@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from emgface.parameters import ESKES, OWN, Parameters, parameter
+from emgface.choices import ESKES, OWN, Parameters, parameter
 
 STAVNESS = "Stavness et al., Coupled biomechanical modeling of the face"
 BLEMKER = "Blemker et al. 2005, J Biomech 38:657-665"

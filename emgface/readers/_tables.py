@@ -11,8 +11,8 @@ import xarray as xr
 from pydantic import Field, model_validator
 
 from emgface._rules import hint, listed
+from emgface.choices import Parameters
 from emgface.errors import DataError
-from emgface.parameters import Parameters
 from emgface.readers._arrays import SUFFIXES as ARRAYS
 from emgface.readers._arrays import read_array, read_texts
 from emgface.units import to_si

@@ -37,9 +37,9 @@ import numpy as np
 import xarray as xr
 from pydantic import Field
 
+from emgface.choices import Parameters, configure
 from emgface.errors import DataError
 from emgface.labels import LabelMap, apply_labels, read_toml
-from emgface.parameters import Parameters, configure
 from emgface.readers._build import assemble, emg_array, position_array, unique_labels
 from emgface.readers._tables import EmgTable, PositionTable, by_marker, load_table
 

@@ -6,20 +6,13 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from emgface.choices import ESKES, OWN, Parameters, configure, parameter
 from emgface.errors import ConfigurationError, FaceError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.grid import make_grid
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.muscles import INSTRUCTIONS
-from emgface.parameters import (
-    ESKES,
-    OWN,
-    Parameters,
-    SignalChain,
-    StrategyName,
-    configure,
-    parameter,
-)
+from emgface.parameters import SignalChain, StrategyName
 
 TRUE_STRATEGY = "true"
 """Name under which trials driven by the true activation stand in the cube."""

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from emgface.choices import configure
 from emgface.muscles import INSTRUCTIONS
-from emgface.parameters import configure
 from emgface.study.configuration import StudyConfiguration
 
 

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from emgface.activation import activation_of, check_activation, feature_range
+from emgface.choices import configure
 from emgface.errors import (
     ActivationError,
     ConfigurationError,
@@ -20,7 +21,7 @@ from emgface.features import feature_of
 from emgface.mapping import map_channels, mapping_matrix
 from emgface.muscles import CHANNELS, INSTRUCTIONS, MODELLED, MUSCLES, RELEVANT
 from emgface.normalisation import normalise
-from emgface.parameters import NormalisationParameters, SignalChain, StrategyParameters, configure
+from emgface.parameters import NormalisationParameters, SignalChain, StrategyParameters
 from emgface.schema import validate
 from emgface.signals import bandpass
 from emgface.strategies import bilateral_mean, bilateral_variance, select_muscles

@@ -9,9 +9,10 @@ import scipy.signal
 import xarray as xr
 
 from emgface.channels import channel_report
+from emgface.choices import configure
 from emgface.errors import SignalError
 from emgface.features import willison_amplitude
-from emgface.parameters import SignalChain, configure
+from emgface.parameters import SignalChain
 from emgface.signals import bandpass
 
 LIVE = (

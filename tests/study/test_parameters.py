@@ -5,14 +5,13 @@ import json
 import pytest
 from pydantic import ValidationError
 
+from emgface.choices import configure, parameter_table
 from emgface.errors import ConfigurationError
 from emgface.parameters import (
     FeatureParameters,
     FilterParameters,
     ResamplingParameters,
     SignalChain,
-    configure,
-    parameter_table,
 )
 
 

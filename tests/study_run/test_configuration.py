@@ -11,9 +11,9 @@ from pydantic import BaseModel, ValidationError
 
 from analysis.align import align
 from analysis.scores import score
+from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.face.template import template_face
-from emgface.parameters import configure
 from emgface.study.configuration import (
     AlignmentParameters,
     ScoreParameters,

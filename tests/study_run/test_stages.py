@@ -14,7 +14,8 @@ PASSIVE = {
     "emgface.errors",  # names of failures, which are not stored
     "analysis.errors",
     "emgface.muscles",  # names that stand in the datasets themselves
-    "emgface.parameters",  # values, which are in the digest as parameters
+    "emgface.choices",  # values, which are in the digest as parameters
+    "emgface.parameters",
     "emgface.face.simulation_parameters",
 }
 

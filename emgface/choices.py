@@ -1,0 +1,150 @@
+"""The form of every named choice, and how a mapping of values becomes a checked model.
+
+A parameter states its default, unit, source and note; `configure` turns a mapping into a model and
+names what is wrong with it.
+"""
+
+import difflib
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from emgface.errors import ConfigurationError
+
+ESKES = "Eskes et al. 2017"
+OWN = "this package"
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+def parameter(
+    default: Any, text: str, *, unit: str, source: str, note: str = "", **bounds: Any
+) -> Any:
+    """Field of a parameter model whose description states unit, source and note.
+
+    Parameters
+    ----------
+    default : Any
+        Default value.
+    text : str
+        What the parameter is, one sentence.
+    unit : str
+        SI unit, ``"1"`` for numbers, ``"-"`` for names.
+    source : str
+        Paper and place the default is taken from.
+    note : str
+        What an experienced user should know.
+    **bounds : Any
+        Constraints of `pydantic.Field` (``gt``, ``le`` ...).
+
+    Returns
+    -------
+    Any
+        The field.
+    """
+    description = f"{text} Unit: {unit}. Source: {source}." + (f" Note: {note}" if note else "")
+    extra: dict[str, Any] = {"unit": unit, "source": source, "note": note}
+    return Field(default, description=description, json_schema_extra=extra, **bounds)
+
+
+class Parameters(BaseModel):
+    """Base of all parameter models: frozen, and an unknown name is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = "") -> ModelT:
+    """Validate a mapping (a table of a study file) against a parameter model.
+
+    Parameters
+    ----------
+    model : type
+        Parameter model, for example `SignalChain`.
+    values : Mapping
+        Names and values.
+    where : str
+        Place to name in messages, for example ``"study.toml [signals]"``.
+
+    Returns
+    -------
+    BaseModel
+        The validated, frozen parameters.
+
+    Raises
+    ------
+    ConfigurationError
+        If a name is unknown (with the nearest valid one) or a value is refused.
+    """
+    try:
+        return model.model_validate(dict(values))
+    except ValidationError as error:
+        complaints = [_complaint(model, detail) for detail in error.errors()]
+        place = f"{where}: " if where else ""
+        raise ConfigurationError(place + "; ".join(complaints)) from error
+
+
+def _complaint(model: type[BaseModel], detail: Any) -> str:
+    """One clause on one rejected value."""
+    path = [str(part) for part in detail["loc"]]
+    name = ".".join(path) or model.__name__
+    if detail["type"] == "extra_forbidden":
+        valid = sorted(_names_at(model, path[:-1]))
+        near = difflib.get_close_matches(path[-1], valid, n=1, cutoff=0.4)
+        hint = f"did you mean '{near[0]}'?" if near else f"valid names are {', '.join(valid)}"
+        return f"unknown parameter '{name}', {hint}"
+    message = str(detail["msg"]).removeprefix("Value error, ")
+    if detail["type"] == "value_error":
+        return f"{name}: {message}"
+    return f"parameter '{name}' = {detail['input']!r}: {message[:1].lower()}{message[1:]}"
+
+
+def _names_at(model: type[BaseModel], path: list[str]) -> list[str]:
+    """Names of the fields of the (nested) model at a path."""
+    for part in path:
+        field = model.model_fields.get(part)
+        if field is None or not isinstance(field.annotation, type):
+            return []
+        if not issubclass(field.annotation, BaseModel):
+            return []
+        model = field.annotation
+    return list(model.model_fields)
+
+
+def parameter_table(parameters: BaseModel) -> pd.DataFrame:
+    """Every parameter of a model with value, default, unit, source and note.
+
+    Parameters
+    ----------
+    parameters : BaseModel
+        A parameter model; nested models are walked.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns parameter, value, default, unit, source, note; one row per parameter.
+    """
+    rows: list[dict[str, Any]] = []
+
+    def walk(model: BaseModel, prefix: str) -> None:
+        for name, field in type(model).model_fields.items():
+            value = getattr(model, name)
+            if isinstance(value, BaseModel):
+                walk(value, f"{prefix}{name}.")
+                continue
+            extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+            rows.append(
+                {
+                    "parameter": prefix + name,
+                    "value": value,
+                    "default": field.default,
+                    "unit": extra.get("unit", ""),
+                    "source": extra.get("source", ""),
+                    "note": extra.get("note", ""),
+                }
+            )
+
+    walk(parameters, "")
+    columns = ["parameter", "value", "default", "unit", "source", "note"]
+    return pd.DataFrame(rows, columns=columns)
