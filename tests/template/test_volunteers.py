@@ -1,7 +1,10 @@
 """Presets and random volunteers: what they are, repeatability, spread."""
 
+from dataclasses import asdict, replace
+
 import numpy as np
 import pytest
+import xarray as xr
 
 from emgface.errors import FaceError
 from emgface.face.template import (
@@ -10,6 +13,7 @@ from emgface.face.template import (
     preset_measures,
     random_measures,
     template_face,
+    volunteer_face,
 )
 from emgface.face.template.norms import NORMS
 
@@ -32,8 +36,27 @@ def test_unknown_preset_and_spread() -> None:
         random_measures(1, preset="elf")
     with pytest.raises(FaceError, match="the spread of the volunteers is -1"):
         random_measures(1, spread=-1.0)
+    with pytest.raises(FaceError, match="the asymmetry of the volunteers is nan"):
+        random_measures(1, asymmetry=float("nan"))
     with pytest.raises(FaceError, match="no possible person in 1000 draws with spread 1000"):
         random_measures(1, spread=1e3)
+
+
+def test_volunteers_of_a_set() -> None:
+    face, drawn = volunteer_face(2017, 2, resolution="coarse", asymmetry=1.0)
+    again, same = volunteer_face(2017, 2, resolution="coarse", asymmetry=1.0)
+    xr.testing.assert_identical(face, again)
+    assert drawn == same
+    for name, value in asdict(drawn).items():
+        assert face.attrs[f"measure_{name}"] == value
+    assert face.attrs["seed"] == 2017 and face.attrs["index"] == 2
+    assert drawn.width_asymmetry != 0.0 and drawn.droop != 0.0
+    straight, even = volunteer_face(2017, 2, resolution="coarse")
+    assert even.width_asymmetry == even.droop == 0.0
+    assert even == replace(drawn, width_asymmetry=0.0, droop=0.0)
+    assert not straight["position"].equals(face["position"])
+    others = [volunteer_face(seed, k, resolution="coarse")[1] for seed, k in ((2017, 1), (2, 2017))]
+    assert even not in others
 
 
 def test_a_seed_is_a_person() -> None:
@@ -67,3 +90,8 @@ def test_face_of_a_volunteer() -> None:
     assert changed.attrs["measure_mouth_width"] == drawn.mouth_width
     with pytest.raises(FaceError, match="a full set of measures and a seed"):
         template_face(measures=drawn, seed=3)
+
+
+def test_negative_seed() -> None:
+    with pytest.raises(FaceError, match="seed and index are -1 and 3, expected numbers >= 0"):
+        volunteer_face(-1, 3)

@@ -1,7 +1,7 @@
 """A parametric lower face: measures, presets and random volunteers, at any resolution."""
 
 from emgface.face.template.arches import Arch, dental_arches
-from emgface.face.template.build import template_face
+from emgface.face.template.build import template_face, volunteer_face
 from emgface.face.template.measures import Measures, parse_measures
 from emgface.face.template.norms import norms_table
 from emgface.face.template.volunteers import PRESETS, preset_measures, random_measures
@@ -16,4 +16,5 @@ __all__ = [
     "preset_measures",
     "random_measures",
     "template_face",
+    "volunteer_face",
 ]

@@ -30,6 +30,9 @@ _LARGEST_SKIN_SHARE = 0.35
 """Skin is at most this share of the tissue where that is thin."""
 _MIDLINE = 5e-3
 """Width over which the two sides of an asymmetric face blend [m]."""
+_STREAM = 4
+"""Tells the draws of faces from those of other properties of the same volunteer."""
+_ATTEMPTS = 100
 
 
 def template_face(
@@ -126,6 +129,82 @@ def template_face(
             **{f"measure_{key}": value for key, value in asdict(own).items()},
         },
     )
+
+
+def volunteer_face(
+    seed: int,
+    index: int,
+    *,
+    resolution: str | int = "medium",
+    preset: str = "adult",
+    spread: float = 1.0,
+    asymmetry: float = 0.0,
+    radius: float = RADIUS,
+) -> tuple[xr.Dataset, Measures]:
+    """Draw the face of one volunteer of a set.
+
+    Parameters
+    ----------
+    seed : int
+        Of the whole set.
+    index : int
+        1 for the first volunteer; the same seed and index give the same person at every
+        resolution, whatever the order of the calls.
+    resolution, preset, radius
+        As `template_face`.
+    spread : float
+        Factor on the published standard deviations, at least 0.
+    asymmetry : float
+        Factor on the standard deviations of the differences between the sides
+        (`emgface.face.template.volunteers.ASYMMETRY`), at least 0.
+
+    Returns
+    -------
+    face : xarray.Dataset
+        Of schema face_model, origin "generated"; seed, index and measures [m] are attributes.
+    measures : Measures
+        What was drawn.
+
+    Raises
+    ------
+    FaceError
+        As `template_face` and `emgface.face.template.volunteers.random_measures`.
+
+    Examples
+    --------
+    >>> face, measures = volunteer_face(2017, 1, resolution="coarse")
+    >>> face.attrs["measure_mouth_width"] == measures.mouth_width
+    True
+    """
+    measures = _possible(seed, index, preset=preset, spread=spread, asymmetry=asymmetry)
+    face = template_face(
+        resolution=resolution,
+        measures=measures,
+        preset=preset,
+        radius=radius,
+        name=f"template face ({preset}, volunteer {index} of seed {seed})",
+    )
+    face.attrs |= {"seed": seed, "index": index, "spread": spread, "asymmetry": asymmetry}
+    return face, measures
+
+
+def _possible(seed: int, index: int, *, preset: str, spread: float, asymmetry: float) -> Measures:
+    """Draw until the surface can be built."""
+    if seed < 0 or index < 0:
+        raise FaceError(f"seed and index are {seed} and {index}, expected numbers >= 0")
+    attempt = 0
+    while True:
+        measures = random_measures(
+            (seed, index, _STREAM, attempt), preset=preset, spread=spread, asymmetry=asymmetry
+        )
+        attempt += 1
+        try:
+            calibrated_surfaces(measures)
+        except FaceError:
+            if attempt == _ATTEMPTS:
+                raise
+        else:
+            return measures
 
 
 def node_positions(surfaces: Surfaces, grid: Grid) -> Floats:

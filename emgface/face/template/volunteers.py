@@ -1,6 +1,6 @@
 """Measures of groups of people, and of random members of a group."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,8 @@ from emgface.face.template.norms import NORMS
 TRUNCATION: Final = 2.5
 """Standard deviations beyond which a measure is drawn again."""
 _ATTEMPTS: Final = 1000
+ASYMMETRY: Final[Mapping[str, float]] = {"width_asymmetry": 0.02, "droop": 1.0 * MM}
+"""Standard deviations of the differences between the sides, with zero mean; chosen [1], [m]."""
 
 _OLDER: Final = {
     # Lengthening and thinning of the lips, a wider mouth, a longer nose.
@@ -63,7 +65,13 @@ def preset_measures(preset: str = "adult") -> Measures:
     return Measures(**mean)
 
 
-def random_measures(seed: int, *, preset: str = "adult", spread: float = 1.0) -> Measures:
+def random_measures(
+    seed: int | Sequence[int],
+    *,
+    preset: str = "adult",
+    spread: float = 1.0,
+    asymmetry: float = 0.0,
+) -> Measures:
     """Draw the measures of one person of a group.
 
     Every measure is drawn by itself from a normal distribution cut at 2.5 standard deviations;
@@ -72,12 +80,15 @@ def random_measures(seed: int, *, preset: str = "adult", spread: float = 1.0) ->
 
     Parameters
     ----------
-    seed : int
+    seed : int or sequence of int
         The same seed gives the same person.
     preset : str
         A name of `PRESETS`; "adult" draws from women and men in equal shares.
     spread : float
         Factor on the standard deviations, at least 0.
+    asymmetry : float
+        Factor on the standard deviations of `ASYMMETRY`, at least 0; 0 draws symmetric people and
+        leaves their other measures as they are.
 
     Returns
     -------
@@ -86,10 +97,12 @@ def random_measures(seed: int, *, preset: str = "adult", spread: float = 1.0) ->
     Raises
     ------
     FaceError
-        The name is unknown, the spread negative or so wide that no person is possible.
+        The name is unknown, the spread or the asymmetry negative or so wide that no person is possible.
     """
     if not spread >= 0.0:
         raise FaceError(f"the spread of the volunteers is {spread}, expected a number >= 0")
+    if not asymmetry >= 0.0:
+        raise FaceError(f"the asymmetry of the volunteers is {asymmetry}, expected a number >= 0")
     if preset not in PRESETS:
         _distribution(preset)
     generator = np.random.default_rng(seed)
@@ -102,6 +115,8 @@ def random_measures(seed: int, *, preset: str = "adult", spread: float = 1.0) ->
         values = {
             name: mean[name] + spread * deviation[name] * _truncated(generator) for name in mean
         }
+        for name, one in ASYMMETRY.items():
+            values[name] = asymmetry * one * _truncated(generator)
         try:
             return Measures(**values)
         except FaceError as error:
