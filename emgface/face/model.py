@@ -42,11 +42,15 @@ class Fibre:
 
 @dataclass(frozen=True)
 class Bundle:
-    """Elements of one muscle: 0-based `element` (k,), unit `direction` (k, 3)."""
+    """Elements of one muscle: 0-based `element` (k,), unit `direction` (k, 3).
+
+    `weight` (k,) is the share of each element that the muscle fills [1]; None stands for 1.
+    """
 
     muscle: str
     element: Integers
     direction: Floats
+    weight: Floats | None = None
 
 
 def build_face(
@@ -120,6 +124,12 @@ def build_face(
     def stack(parts: list[Floats]) -> Floats:
         return np.concatenate(parts) if parts else np.empty((0, 3))
 
+    weighted = [bundle.muscle for bundle in bundles if bundle.weight is not None]
+    if weighted and len(weighted) < len(bundles):
+        raise FaceError(
+            f"{weighted[0]} has weights and {len(bundles) - len(weighted)} muscles have none, expected "
+            "all or none"
+        )
     ds = xr.Dataset(
         {
             "position": (("node", "axis"), _f(position)),
@@ -167,6 +177,9 @@ def build_face(
             **(attrs or {}),
         },
     )
+    if weighted:
+        weight = np.concatenate([_f(b.weight) for b in bundles if b.weight is not None])
+        ds["bundle_weight"] = ("bundle_element", weight)
     for variable in ds.data_vars.values():
         variable.attrs["units"] = "1"
     for metres in ("position", "fibre_position", "face_marker_position"):

@@ -108,6 +108,7 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
         muscle=face["bundle_muscle"].values.astype(np.int64),
         direction=face["bundle_direction"].values,
         law=law,
+        weight=face["bundle_weight"].values if "bundle_weight" in face else None,
     )
     tissue = Material(MooneyRivlin(p.C10, p.C20), bulk, density=p.density)
     solid = Solid(materials=(tissue,), muscles=muscles)

@@ -114,6 +114,7 @@ def evaluate(
     fibre_start: Indices,
     fibre_muscle: Indices,
     fibre_direction: Reals,
+    fibre_weight: Reals,
     muscle_code: Indices,
     muscle_p: Reals,
     activation: Reals,
@@ -127,9 +128,9 @@ def evaluate(
 
     q (node, 3); nodes (element, 8); gradient (element, point, 3, 8); volume (element, point);
     region (element,) row of the passive parameters; fibres of element e are rows
-    fibre_start[e]..fibre_start[e + 1]. Writes force (element, 3, 8) = dE/dx, energy (element,),
-    least_J (element,), tangent (element, 36, 9) for the node pairs a <= b. An element with det F <= 0
-    contributes nothing; the caller reads least_J.
+    fibre_start[e]..fibre_start[e + 1], each filling fibre_weight of the element. Writes force
+    (element, 3, 8) = dE/dx, energy (element,), least_J (element,), tangent (element, 36, 9) for the
+    node pairs a <= b. An element with det F <= 0 contributes nothing; the caller reads least_J.
     """
     n = nodes.shape[0]
     for chunk in nb.prange(CHUNKS):
@@ -200,6 +201,9 @@ def evaluate(
                     w, wl, wll = fibre(
                         muscle_code[muscle], muscle_p[muscle], stretch, activation[muscle]
                     )
+                    w *= fibre_weight[f]
+                    wl *= fibre_weight[f]
+                    wll *= fibre_weight[f]
                     W += w
                     if wl == 0.0 and wll == 0.0:  # a resting fibre costs one law evaluation
                         continue

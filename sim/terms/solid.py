@@ -49,11 +49,13 @@ class Muscles:
     muscle : (k,) index into names.
     direction : (k, 3) rest direction a0; normalised on compiling.
     law : FibreLaw, or one per name.
+    weight : (k,) share of the element that the muscle fills, a factor on its energy [1]; None is 1.
 
     Raises
     ------
     SceneError
-        Arrays disagree, an index is out of range, a direction is zero, or a muscle has no element.
+        Arrays disagree, an index is out of range, a direction is zero, a weight negative or no
+        number, or a muscle has no element.
     """
 
     names: tuple[str, ...]
@@ -61,6 +63,7 @@ class Muscles:
     muscle: Index
     direction: Array
     law: FibreLaw | Sequence[FibreLaw] = field(default_factory=Blemker)
+    weight: Array | None = None
 
     def __post_init__(self) -> None:
         """Refuse rows that cannot act."""
@@ -82,6 +85,17 @@ class Muscles:
                 f"muscle {self.names[self.muscle[row]]} has no fibre direction in element "
                 f"{self.element[row]}"
             )
+        if self.weight is not None:
+            if self.weight.shape != (k,):
+                raise SceneError(
+                    f"muscle rows disagree: {k} elements, {self.weight.shape} weights, expected ({k},)"
+                )
+            if not (np.isfinite(self.weight) & (self.weight >= 0.0)).all():
+                row = int(np.argmin(np.isfinite(self.weight) & (self.weight >= 0.0)))
+                raise SceneError(
+                    f"muscle {self.names[self.muscle[row]]} has weight {self.weight[row]} in element "
+                    f"{self.element[row]}, expected a number >= 0"
+                )
         if isinstance(self.law, Sequence) and len(self.law) != len(self.names):
             raise SceneError(f"{len(self.law)} fibre laws for {len(self.names)} muscles")
 
@@ -178,6 +192,7 @@ class CompiledSolid:
             self._fibre_start = np.zeros(n + 1, dtype=np.int64)
             self._fibre_muscle = np.zeros(0, dtype=np.int64)
             self._fibre_direction = np.zeros((0, 3))
+            self._fibre_weight = np.zeros(0)
             self._muscle_code = np.zeros(0, dtype=np.int64)
             self._muscle_p = np.zeros((0, N_FIBRE))
             return
@@ -190,6 +205,8 @@ class CompiledSolid:
         self._fibre_direction = np.ascontiguousarray(
             direction / np.linalg.norm(direction, axis=1, keepdims=True)
         )
+        weight = np.ones(len(order)) if muscles.weight is None else muscles.weight[order]
+        self._fibre_weight = np.ascontiguousarray(weight, dtype=np.float64)
         self._muscle_code = np.zeros(len(layout.muscles), dtype=np.int64)
         self._muscle_p = np.zeros((len(layout.muscles), N_FIBRE))
         for index, law in zip(scene_index, muscles.laws(), strict=True):
@@ -212,6 +229,7 @@ class CompiledSolid:
                 self._fibre_start[rows.start : rows.stop + 1],
                 self._fibre_muscle,
                 self._fibre_direction,
+                self._fibre_weight,
                 self._muscle_code,
                 self._muscle_p,
                 control.activation,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sim
-from tests.bodies import grid, mean_stress, rotation, solid_system
+from tests.bodies import dense, grid, mean_stress, rotation, solid_system
 
 C10, C20, KAPPA = 2500.0, 1175.0, 25e3
 MESH = grid((2, 1, 1), wedges=(0,))
@@ -81,6 +81,35 @@ def test_active_fibre(stretch, activation):
     np.testing.assert_allclose(
         sigma, expected * np.diag([2 / 3, -1 / 3, -1 / 3]), atol=1e-9 * 200e3
     )
+
+
+def test_a_muscle_that_fills_a_share_of_its_elements_has_that_share_of_its_stress():
+    """Exact in force and tangent: rows of 0.3 and 0.7 together are the row without weight."""
+    n, rng = MESH.n_elements, np.random.default_rng(4)
+    direction = rng.normal(size=(n, 3))
+    every = np.arange(n)
+    q = MESH.X + rng.normal(size=MESH.X.shape) * 1e-4
+
+    def body(*shares):
+        k = len(shares)
+        muscles = sim.Muscles(
+            ("m",),
+            np.tile(every, k),
+            np.zeros(k * n, int),
+            np.tile(direction, (k, 1)),
+            sim.Blemker(200e3),
+            np.repeat(np.array(shares), n) if shares != (None,) else None,
+        )
+        system = solid_system(MESH, muscles=muscles)
+        at_q, K = system.tangent(q, system.control(np.array([0.6])))
+        return at_q.energy, at_q.f, dense(system, K)
+
+    for whole, parts, none, most in zip(
+        body(None), body(0.3, 0.7), body(0.0), body(0.7), strict=True
+    ):
+        size = np.abs(whole).max()
+        np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-12 * size)
+        np.testing.assert_allclose(most, none + 0.7 * (whole - none), rtol=0, atol=1e-12 * size)
 
 
 def test_bundles_in_one_element_superpose():

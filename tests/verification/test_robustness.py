@@ -143,6 +143,11 @@ def test_broken_meshes_and_scenes_are_refused_by_name():
         sim.Muscles(("a", "b"), np.array([0]), np.array([0]), np.eye(3)[:1])
     with pytest.raises(sim.SceneError, match="no fibre direction"):
         sim.Muscles(("a",), np.array([0]), np.array([0]), np.zeros((1, 3)))
+    row = (("a",), np.array([0]), np.array([0]), np.eye(3)[:1])
+    with pytest.raises(sim.SceneError, match=r"\(2,\) weights, expected \(1,\)"):
+        sim.Muscles(*row, weight=np.ones(2))
+    with pytest.raises(sim.SceneError, match="muscle a has weight -0.5 in element 0"):
+        sim.Muscles(*row, weight=np.array([-0.5]))
     with pytest.raises(sim.SceneError, match="every node is fixed"):
         solid_system(cube, reductions=(sim.Fixed(np.arange(8)),))
     with pytest.raises(sim.SceneError, match="sigma_max"):
