@@ -140,7 +140,11 @@ def build_cube(
         marker_reason.astype(str),
         {"long_name": "why rho is undefined"},
     )
-    cube["status"] = (TRIAL_DIMS, status.astype(str), {"long_name": "ok, missing, or failed"})
+    cube["status"] = (
+        TRIAL_DIMS,
+        status.astype(str),
+        {"long_name": "ok, missing, excluded, or failed"},
+    )
     cube["reason"] = (TRIAL_DIMS, reason.astype(str), {"long_name": "why there are no scores"})
     for name, values in per_trial.items():
         units, meaning = PER_TRIAL[name]
@@ -198,8 +202,9 @@ def counts(cube: xr.Dataset, *, by: Sequence[str] = ("strategy",)) -> pd.DataFra
     Returns
     -------
     pandas.DataFrame
-        Index `by`; columns ``trials``, ``ok``, ``failed``, ``missing`` and, in markers,
-        ``correlations`` (defined) and ``undefined``. ok + failed + missing = trials.
+        Index `by`; columns ``trials``, ``ok``, ``failed``, ``excluded``, ``missing`` and, in
+        markers, ``correlations`` (defined) and ``undefined``. ok + failed + excluded + missing =
+        trials.
 
     Raises
     ------
@@ -215,11 +220,12 @@ def counts(cube: xr.Dataset, *, by: Sequence[str] = ("strategy",)) -> pd.DataFra
         trials=1,
         ok=(kind == "ok").astype(int),
         failed=(kind == "failed").astype(int),
+        excluded=(kind == "excluded").astype(int),
         missing=(kind == "missing").astype(int),
         correlations=table["n_defined"],
         undefined=table["n_undefined"],
     )
-    columns = ["trials", "ok", "failed", "missing", "correlations", "undefined"]
+    columns = ["trials", "ok", "failed", "excluded", "missing", "correlations", "undefined"]
     if not by:
         return table[columns].sum().to_frame().T
     return table.groupby(list(by), sort=False)[columns].sum()

@@ -30,8 +30,8 @@ def descriptives(
     xarray.Dataset
         Dims `by`: ``median``, ``mean`` and ``standard_deviation`` (divided by n - 1; NaN for
         n = 1) in the unit of the variable; ``n`` values described, and those left out,
-        ``n_undefined`` (trial ok, value undefined), ``n_failed`` and ``n_missing`` (one per
-        marker of such a trial). The four counts sum to the size of the group.
+        ``n_undefined`` (trial ok, value undefined), ``n_failed``, ``n_excluded`` and ``n_missing``
+        (one per marker of such a trial). The five counts sum to the size of the group.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def descriptives(
     shape = tuple(data.sizes[dim] for dim in by)
     values = data.transpose(*by, *rest).values.astype(np.float64).reshape(*shape, -1)
     kind = status.transpose(*by, *rest).values.reshape(*shape, -1)
-    ok, missing = kind == "ok", kind == "missing"
+    ok, missing, excluded = kind == "ok", kind == "missing", kind == "excluded"
     defined = ok & np.isfinite(values)
 
     def each(statistic: str) -> np.ndarray:
@@ -79,7 +79,8 @@ def descriptives(
     for name, mask in (
         ("n", defined),
         ("n_undefined", ok & ~np.isfinite(values)),
-        ("n_failed", ~ok & ~missing),
+        ("n_failed", ~ok & ~missing & ~excluded),
+        ("n_excluded", excluded),
         ("n_missing", missing),
     ):
         result[name] = (tuple(by), mask.sum(axis=-1), {"units": "1"})

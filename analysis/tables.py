@@ -166,7 +166,7 @@ def descriptive_table(
     -------
     Table
         One row per group: labels, median, mean, standard deviation, n (values), undefined
-        (values), failed and missing (trials).
+        (values), failed, excluded and missing (trials).
 
     Raises
     ------
@@ -185,7 +185,7 @@ def descriptive_table(
     columns = (
         *(Column(dim) for dim in by),
         *(Column(name, units, shown, factor, digits) for name in statistics),
-        *(Column(name) for name in ("n", "undefined", "failed", "missing")),
+        *(Column(name) for name in ("n", "undefined", "failed", "excluded", "missing")),
     )
     rows: list[tuple[Any, ...]] = []
     flat = found.stack(group=list(by)) if by else found.expand_dims("group")
@@ -193,10 +193,13 @@ def descriptive_table(
         group = flat.isel(group=index)
         labels = [group[dim].values.item() for dim in by]
         values = [float(group[name]) for name in statistics.values()]
-        left = [int(group[name]) // per_trial for name in ("n_failed", "n_missing")]
+        trials_left = ("n_failed", "n_excluded", "n_missing")
+        left = [int(group[name]) // per_trial for name in trials_left]
         rows.append((*labels, *values, int(group["n"]), int(group["n_undefined"]), *left))
     what = f"{variable} per {' and '.join(by)}" if by else f"{variable} of all trials"
-    note = "n and undefined count markers of scored trials; failed and missing count trials."
+    note = (
+        "n and undefined count markers of scored trials; failed, excluded and missing count trials."
+    )
     if "marker" not in cube[variable].dims:
         note = "All counts are of trials."
     origin = str(cube.attrs["origin"])

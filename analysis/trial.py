@@ -9,7 +9,7 @@ import xarray as xr
 
 from analysis.errors import CubeError
 
-STATUS: Final = re.compile(r"ok|missing|failed:\w+")
+STATUS: Final = re.compile(r"ok|missing|excluded|failed:\w+")
 
 Origin = Literal["measured", "simulated"]
 
@@ -27,7 +27,7 @@ class Trial:
     scores : xarray.Dataset, optional
         Result of `analysis.scores.score`, exactly where `status` is "ok".
     status : str
-        "ok", "failed:<ErrorName>" or "missing".
+        "ok", "failed:<ErrorName>", "excluded" (by a person, who gave the reason) or "missing".
     reason : str
         One sentence, empty where the status is "ok".
     sigma_max : float
@@ -61,8 +61,8 @@ class Trial:
         """Check the status against the scores."""
         if not STATUS.fullmatch(self.status):
             raise CubeError(
-                f"trial {self.label} has status {self.status!r}, expected 'ok', 'missing' or "
-                "'failed:<ErrorName>'"
+                f"trial {self.label} has status {self.status!r}, expected 'ok', 'missing', "
+                "'excluded' or 'failed:<ErrorName>'"
             )
         if (self.status == "ok") != (self.scores is not None):
             found = "no scores" if self.scores is None else "scores"

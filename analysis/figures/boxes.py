@@ -35,7 +35,8 @@ def box_plots(
 ) -> "Figure":
     """Draw the distribution of a variable per volunteer, instruction and marker, by strategy.
 
-    The legend counts the values shown, and those that are not: undefined, failed, missing.
+    The legend counts the values shown, and those that are not: undefined, failed, excluded,
+    missing.
     Boxes span the quartiles with the median as a line and the mean as a dot; whiskers reach the
     last value within 1.5 times the interquartile range, values beyond are crosses.
 
@@ -89,7 +90,7 @@ def box_plots(
         # Trials that are not in the boxes are named, or their absence would go unseen.
         n, *left = (
             int(selected(found[name], {"strategy": strategy}))
-            for name in ("n", "n_undefined", "n_failed", "n_missing")
+            for name in ("n", "n_undefined", "n_failed", "n_excluded", "n_missing")
         )
         label = f"{strategy} (n = {n}, not shown {sum(left)})"
         colour, hatch = COLOURS[i % 7], HATCHES[i % 7]

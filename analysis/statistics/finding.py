@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 
 from analysis.errors import StatisticsError
-from analysis.statistics.paired import Array, Paired
+from analysis.statistics.paired import WHY, Array, Paired
 
 Verdict = Literal["met", "by design", "doubtful", "violated", "not checked"]
 
-COUNTS: Final = ("pairs", "lost_failed", "lost_missing", "lost_undefined", "clipped")
+COUNTS: Final = ("pairs", *(f"lost_{why}" for why in WHY), "clipped")
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def persons(n: int) -> str:
 
 def lost(counts: Mapping[str, int]) -> str:
     """Say how many pairs are not in a finding, empty where all are."""
-    causes = {why: counts.get(f"lost_{why}", 0) for why in ("failed", "missing", "undefined")}
+    causes = {why: counts.get(f"lost_{why}", 0) for why in WHY}
     total = sum(causes.values())
     if not total:
         return ""
@@ -206,7 +206,7 @@ def too_few(
 
 def left_out(data: Paired) -> Check:
     """Check that what is not in a contrast does not decide it."""
-    gone = sum(data.counts[f"lost_{why}"] for why in ("failed", "missing", "undefined"))
+    gone = sum(data.counts[f"lost_{why}"] for why in WHY)
     absent = data.means.sizes["volunteer"] - len(data.values)
     name = "pairs are lost by chance"
     if not gone:

@@ -26,7 +26,7 @@ Scale = Literal["z", "raw"]
 LIMIT: Final = 0.9999
 """Greatest |rho| that Fisher's z is taken of; beyond it one value would outweigh all others."""
 
-WHY: Final = ("failed", "missing", "undefined")
+WHY: Final = ("failed", "excluded", "missing", "undefined")
 """Why a pair is lost; the first that applies to either side counts."""
 
 
@@ -44,8 +44,9 @@ class Paired:
     means : xarray.DataArray
         One number per volunteer, NaN for a volunteer without a pair.
     counts : dict of str to int
-        ``pairs`` in use, those lost by cause (``lost_failed``, ``lost_missing``,
-        ``lost_undefined``), and ``clipped``, those in use of which a value was clipped.
+        ``pairs`` in use, those lost by cause (``lost_failed``, ``lost_excluded``,
+        ``lost_missing``, ``lost_undefined``), and ``clipped``, those in use
+        of which a value was clipped.
     unit, factor
         How a difference is written for reading.
     """
@@ -201,12 +202,14 @@ def paired(
     differences = sides[0] - sides[1]
     defined = np.isfinite(differences.values)
     failed = np.any([np.char.startswith(kind.astype(str), "failed") for kind in kinds], axis=0)
-    missing = np.any([kind == "missing" for kind in kinds], axis=0) & ~failed
+    excluded = np.any([kind == "excluded" for kind in kinds], axis=0) & ~failed
+    missing = np.any([kind == "missing" for kind in kinds], axis=0) & ~failed & ~excluded
     counts = {
         "pairs": int(defined.sum()),
         "lost_failed": int((~defined & failed).sum()),
+        "lost_excluded": int((~defined & excluded).sum()),
         "lost_missing": int((~defined & missing).sum()),
-        "lost_undefined": int((~defined & ~failed & ~missing).sum()),
+        "lost_undefined": int((~defined & ~failed & ~excluded & ~missing).sum()),
         "clipped": 0,
     }
     if scale == "z":

@@ -11,6 +11,7 @@ from analysis.statistics.equivalence import equivalence
 from analysis.statistics.finding import persons, shown_p
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.mixed_model import mixed_model
+from analysis.statistics.paired import WHY
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
 from analysis.tables import SHOWN, Column, Table, recordings
@@ -140,7 +141,7 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
             row = each.isel(contrast=index)
             bounds = np.asarray(row["interval"].values, dtype=np.float64) * factor
             joint = float(row["p_joint"]) if "p_joint" in row else math.nan
-            gone = sum(int(row[f"lost_{why}"]) for why in ("failed", "missing", "undefined"))
+            gone = sum(int(row[f"lost_{why}"]) for why in WHY)
             numbers = [float(row["estimate"]) * factor, float(bounds[0]), float(bounds[1])]
             numbers += [float(row["p"]), float(row["p_holm"]), joint, float(row["smallest_p"])]
             counts = (int(row["n"]), int(row["pairs"]), gone)

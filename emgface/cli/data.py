@@ -1,11 +1,16 @@
 """``emgface data``: examine recordings, and name their labels, before they are used."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from emgface.study.exclusions import Exclusion
 
 app = typer.Typer(no_args_is_help=True, help="Recordings: examine and map them before use.")
 
@@ -32,12 +37,27 @@ def check(
         Path | None,
         typer.Option(help="Overview page to draw (png, svg), or a PDF with one per recording."),
     ] = None,
+    exclude: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of exclusions to write (TOML): the trials that cannot be used, and why. "
+            "Read it, correct it, and name it in the study file as recordings.exclusions."
+        ),
+    ] = None,
 ) -> None:
     """Examine every channel and marker; fail if one cannot be used."""
     from emgface.check import check_recording, problems
     from emgface.cli.pages import overview_pages
     from emgface.dataset import find_recordings, read_recording, read_recordings
-    from emgface.errors import EmgfaceError
+    from emgface.errors import DataError, EmgfaceError
+    from emgface.files import replace_file
+    from emgface.study.exclusions import exclusions_text
+
+    if exclude is not None and exclude.exists():
+        raise DataError(
+            f"{exclude} exists and may hold exclusions of yours, expected a new name: choose "
+            "another one or delete it"
+        )
 
     def given():
         for path in paths:
@@ -50,6 +70,7 @@ def check(
     if page is not None:
         n_files = sum(len(find_recordings(path)) if path.is_dir() else 1 for path in paths)
     n_bad = n_all = 0
+    excluded: list[Exclusion] = []
     with overview_pages(page, n_files) as add_page:
         for file, recording in given():
             n_all += 1
@@ -65,9 +86,37 @@ def check(
             n_bad += bool(bad)
             for sentence in bad:
                 say(f"{file.name}: {sentence}")
+            if bad and exclude is not None:
+                excluded += _exclusion(recording, bad, file.name)
     say(f"{n_all - n_bad} of {n_all} recordings can be used.")
+    if exclude is not None:
+        replace_file(
+            exclude, lambda path: path.write_text(exclusions_text(excluded), encoding="utf-8")
+        )
+        say(f"Wrote {exclude}: {len(excluded)} trials; read it before a study uses it.")
     if n_bad:
         raise typer.Exit(BAD_INPUT)
+
+
+def _exclusion(recording: "xr.Dataset", bad: list[str], name: str) -> "list[Exclusion]":
+    """Exclude a trial, if it says which one it is."""
+    from emgface.study.exclusions import Exclusion
+
+    attrs = recording.attrs
+    if any(key not in attrs for key in ("volunteer", "instruction", "repetition")):
+        say(f"{name} names no trial of a study, so it cannot be excluded: give it a mapping.")
+        return []
+    reason = "; ".join(sentence.rstrip(".") for sentence in bad[:3])
+    if len(bad) > 3:
+        reason += f"; and {len(bad) - 3} more"
+    return [
+        Exclusion(
+            volunteer=str(attrs["volunteer"]),
+            instruction=str(attrs["instruction"]),
+            repetition=int(attrs["repetition"]),
+            reason=reason,
+        )
+    ]
 
 
 @app.command()

@@ -62,7 +62,8 @@ def _run(configuration, out_path: Path, workers: int) -> int:  # noqa: ANN001
         say(sentence)
     if n_ok == 0:
         return BAD_INPUT
-    return PARTIAL if n_ok < len(status) or result.unreadable else 0
+    done = n_ok + status.count("excluded")
+    return PARTIAL if done < len(status) or result.unreadable else 0
 
 
 def report(

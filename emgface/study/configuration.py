@@ -13,6 +13,7 @@ from emgface.face.template.grid import make_grid
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.muscles import INSTRUCTIONS
 from emgface.parameters import SignalChain, StrategyName
+from emgface.study.exclusions import Exclusion, check_exclusions, read_exclusions
 
 TRUE_STRATEGY = "true"
 """Name under which trials driven by the true activation stand in the cube."""
@@ -44,6 +45,13 @@ class RecordingsConfiguration(Parameters):
     )
     repetitions: tuple[int, ...] | None = parameter(
         None, "Repetitions that take part; all when absent.", unit="-", source=OWN
+    )
+    exclusions: Path | None = parameter(
+        None,
+        "TOML file of trials that are excluded, with reasons, as 'emgface data check --exclude' "
+        "writes it; relative to this file.",
+        unit="-",
+        source=OWN,
     )
 
     @field_validator("instructions")
@@ -272,6 +280,9 @@ class StudyConfiguration(Parameters):
         default=AlignmentParameters(), description="Synchronisation, Eqs 9-10."
     )
     score: ScoreParameters = Field(default=ScoreParameters(), description="Scores, Eqs 11-13.")
+    exclude: tuple[Exclusion, ...] = Field(
+        default=(), description="Trials that are excluded; one table each. They stay in the cube."
+    )
 
     @field_validator("strategies")
     @classmethod
@@ -297,7 +308,7 @@ def load_study(path: Path) -> StudyConfiguration:
     Returns
     -------
     StudyConfiguration
-        With absolute paths.
+        With absolute paths, and the exclusions of the file that `recordings` names.
 
     Raises
     ------
@@ -320,9 +331,15 @@ def load_study(path: Path) -> StudyConfiguration:
         paths = {name: getattr(given, name) for name in names}
         return given.model_copy(update={k: base / v for k, v in paths.items() if v is not None})
 
+    named = ("folder", "mapping", "reference_folder", "exclusions")
+    recordings = absolute(study.recordings, *named)
+    exclude = check_exclusions(study.exclude, where=path.name)
+    if study.recordings.exclusions is not None:
+        exclude += read_exclusions(base / study.recordings.exclusions)
     return study.model_copy(
         update={
-            "recordings": absolute(study.recordings, "folder", "mapping", "reference_folder"),
+            "recordings": recordings,
             "face": absolute(study.face, "path"),
+            "exclude": exclude,
         }
     )

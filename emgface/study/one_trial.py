@@ -36,6 +36,8 @@ def run_trial(bench: Laboratory, trial: PlannedTrial, extent: Result | None = No
     if recording is None:
         return Trial(*labels, status="missing", reason="there is no recording of this trial")
     origin: Origin = recording.dataset.attrs["origin"]
+    if recording.excluded:
+        return Trial(*labels, status="excluded", reason=recording.excluded, origin=origin)
     if recording.error is not None:
         return Trial.failed(*labels, recording.error, origin=origin)
     known: dict[str, Any] = {}

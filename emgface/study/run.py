@@ -87,9 +87,12 @@ def run_study(
     (KeyboardInterrupt) passes through; what was finished is stored.
     """
     observer = observer or Silent()
-    intake = take_in(study.recordings)
+    intake = take_in(study.recordings, study.exclude)
     for error in intake.unreadable.values():
         observer.message(f"Left out: {error}")
+    for exclusion in study.exclude:
+        if not any(exclusion.covers(recording.place) for recording in intake.recordings):
+            observer.message(f"The exclusion of {exclusion.label} matches no recording.")
     trials = plan_trials(intake.recordings, study.strategy_names)
     observer.begin(len(trials))
     bench = Laboratory(
@@ -149,7 +152,7 @@ def _extents(bench: Laboratory, intake: Intake) -> dict[str, Result]:
     reach = bench.study.signals.normalisation.reach
     if reach == "trial" or bench.study.activation_source == "true":
         return {}
-    volunteers = sorted({r.place[0] for r in intake.recordings if r.error is None})
+    volunteers = sorted({r.place[0] for r in intake.recordings if intake.of(r.place[0])})
     if reach == "session":
         return {
             volunteer: bench.extent(

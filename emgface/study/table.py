@@ -13,9 +13,7 @@ from emgface.muscles import INSTRUCTIONS
 from emgface.schema import validate
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.digest import dataset_digest
-
-Place = tuple[str, str, int]
-"""Volunteer, instruction, repetition."""
+from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
 
 
 @dataclass(frozen=True)
@@ -34,6 +32,8 @@ class Recording:
         Where it came from.
     error : EmgfaceError or None
         Why it cannot be used, although it says what it is.
+    excluded : str
+        Why a person left it out; empty where nobody did.
     """
 
     place: Place
@@ -41,6 +41,7 @@ class Recording:
     digest: str
     path: Path
     error: EmgfaceError | None = None
+    excluded: str = ""
 
     @property
     def label(self) -> str:
@@ -84,10 +85,11 @@ class Intake:
 
     def of(self, volunteer: str) -> tuple[Recording, ...]:
         """Return the usable recordings of one volunteer."""
-        return tuple(r for r in self.recordings if r.place[0] == volunteer and r.error is None)
+        usable = (r for r in self.recordings if r.error is None and not r.excluded)
+        return tuple(r for r in usable if r.place[0] == volunteer)
 
 
-def take_in(configuration: RecordingsConfiguration) -> Intake:
+def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion] = ()) -> Intake:
     """Read the recordings a configuration selects, in the order of the design.
 
     A recording that names its trial but lacks something the study needs keeps its place, with the
@@ -97,6 +99,8 @@ def take_in(configuration: RecordingsConfiguration) -> Intake:
     ----------
     configuration : RecordingsConfiguration
         Folder, mapping and selection.
+    exclude : sequence of Exclusion
+        Trials that keep their place, with the reason, and are not computed.
 
     Returns
     -------
@@ -133,7 +137,8 @@ def take_in(configuration: RecordingsConfiguration) -> Intake:
             given = validate(given, "recording", study=True)
         except DataError as lacking:
             error = type(lacking)(f"{path.name}: {lacking}")
-        found[place] = Recording(place, given, dataset_digest(given), path, error)
+        why = reason_to_exclude(place, exclude)
+        found[place] = Recording(place, given, dataset_digest(given), path, error, why)
     if not found and unreadable:
         path, first = next(iter(unreadable.items()))
         more = f" (and {len(unreadable) - 1} more files)" if len(unreadable) > 1 else ""

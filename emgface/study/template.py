@@ -3,7 +3,7 @@
 import json
 import textwrap
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -33,11 +33,12 @@ def study_template(study: StudyConfiguration | None = None) -> str:
 def _table(model: BaseModel, name: str) -> list[str]:
     lines: list[str] = []
     fields = type(model).model_fields
+    rows_of = {key: _row(model, key) for key in fields if _row(model, key) is not None}
     tables = {key: _nested(model, key) for key in fields if _nested(model, key) is not None}
     if name:
         lines += [f"[{name}]"]
     for key, field in fields.items():
-        if key in tables:
+        if key in tables or key in rows_of:
             continue
         value = getattr(model, key)
         comment = textwrap.wrap(field.description or "", 96)
@@ -50,13 +51,28 @@ def _table(model: BaseModel, name: str) -> list[str]:
         if getattr(model, key) is None:
             rows = [row if row.startswith("#") or not row else f"# {row}" for row in rows]
         lines += ["", *(f"# {line}" for line in title), *rows]
+    for key, empty in rows_of.items():
+        lines += ["", *(f"# {line}" for line in textwrap.wrap(fields[key].description or "", 96))]
+        given = getattr(model, key)
+        for row in given or (empty,):
+            rows = [f"[[{key}]]", *_table(row, "")]
+            lines += rows if given else [f"# {r}" if r and r[0] != "#" else r for r in rows]
     return lines
+
+
+def _row(model: BaseModel, key: str) -> Any:
+    """Defaults of one row of an array of tables, None where the field is no such array."""
+    annotation = type(model).model_fields[key].annotation
+    first = (*get_args(annotation), None)[0] if get_origin(annotation) is tuple else None
+    return first() if isinstance(first, type) and issubclass(first, BaseModel) else None
 
 
 def _nested(model: BaseModel, key: str) -> Any:
     """Table under a name: its value, or the defaults of one that may be left out."""
     if isinstance(value := getattr(model, key), BaseModel):
         return value
+    if _row(model, key) is not None:
+        return None
     kinds = get_args(type(model).model_fields[key].annotation)
     return next((k() for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)), None)
 

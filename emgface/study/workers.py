@@ -73,7 +73,7 @@ def _begin(study: StudyConfiguration, folder: Path) -> None:
 def _without_data(trial: PlannedTrial) -> PlannedTrial:
     """Leave the samples of a usable recording behind: a worker reads the file itself."""
     recording = trial.recording
-    if recording is None or recording.error is not None:
+    if recording is None or recording.error is not None or recording.excluded:
         return trial
     return replace(trial, recording=replace(recording, dataset=xr.Dataset(), digest=""))
 
@@ -82,7 +82,7 @@ def _work(job: tuple[PlannedTrial, Result | None]) -> Done:
     assert _bench is not None, "every worker begins with its laboratory"
     trial, extent = job
     recording = trial.recording
-    if recording is not None and recording.error is None:
+    if recording is not None and recording.error is None and not recording.excluded:
         recording = load_recording(recording.path, _bench.study.recordings)
     before, _messages[:] = len(_bench.store.events), []
     outcome = run_trial(_bench, replace(trial, recording=recording), extent)

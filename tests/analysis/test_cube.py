@@ -58,7 +58,7 @@ def test_expected_labels_that_never_came_are_missing() -> None:
     )
     assert found["status"].size == 216
     assert int((found["status"] == "missing").sum()) == 215
-    assert [int(c.iloc[0]) for _, c in counts(found, by=()).items()] == [216, 1, 0, 215, 3, 0]
+    assert [int(c.iloc[0]) for _, c in counts(found, by=()).items()] == [216, 1, 0, 0, 215, 3, 0]
 
 
 def test_all_failed_is_still_a_cube() -> None:
@@ -93,10 +93,11 @@ def test_trials_lists_all_with_status() -> None:
 def test_counts_add_up() -> None:
     by_strategy = counts(cube())
     assert by_strategy.loc["act_all"].to_dict() == {
-        "trials": 8, "ok": 5, "failed": 3, "missing": 0, "correlations": 14, "undefined": 1,
+        "trials": 8, "ok": 5, "failed": 3, "excluded": 0, "missing": 0, "correlations": 14,
+        "undefined": 1,
     }  # fmt: skip
     assert by_strategy.loc["act_rel", "missing"] == 1
-    parts = by_strategy[["ok", "failed", "missing"]].sum(axis=1)
+    parts = by_strategy[["ok", "failed", "excluded", "missing"]].sum(axis=1)
     assert (parts == by_strategy["trials"]).all()
     pd.testing.assert_series_equal(
         counts(cube(), by=()).iloc[0], by_strategy.sum(), check_names=False, check_index=True
@@ -211,6 +212,7 @@ def test_scores_without_a_variable() -> None:
         ({"status": "failed:"}, "status 'failed:'"),
         ({}, "'ok' but no scores"),
         ({"status": "missing", "scores": scores(1)}, "'missing' but scores"),
+        ({"status": "excluded", "scores": scores(1)}, "'excluded' but scores"),
     ],
 )
 def test_status_and_scores_must_agree(kind: dict, words: str) -> None:

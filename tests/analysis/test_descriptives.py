@@ -44,7 +44,9 @@ def test_against_pandas(by: tuple[str, ...], variable: str) -> None:
         assert int(cell["n_undefined"]) == int((ok & group[variable].isna()).sum())
         assert int(cell["n_failed"]) == int(group["status"].str.startswith("failed").sum())
         assert int(cell["n_missing"]) == int((group["status"] == "missing").sum())
-        total = sum(int(cell[name]) for name in ("n", "n_undefined", "n_failed", "n_missing"))
+        assert int(cell["n_excluded"]) == int((group["status"] == "excluded").sum())
+        counted = ("n", "n_undefined", "n_failed", "n_excluded", "n_missing")
+        total = sum(int(cell[name]) for name in counted)
         assert total == len(group)
 
 

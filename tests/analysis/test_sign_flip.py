@@ -128,6 +128,7 @@ def test_pairs_by_hand() -> None:
     assert found.counts == {
         "pairs": 72 - 3 - 6 - 4,
         "lost_failed": 9,
+        "lost_excluded": 0,
         "lost_missing": 0,
         "lost_undefined": 4,
         "clipped": 0,
@@ -143,6 +144,10 @@ def test_missing_trials_are_told_from_failed_ones() -> None:
     assert list(found["lost_missing"].values) == [0, 6, 6]
     assert "6 of 72 pairs are not in it (6 missing)" in str(found["sentence"].values[1])
     assert list(found["verdict"].values[:, 2]) == ["met", "doubtful", "doubtful"]
+    cube["status"].loc[at] = "excluded"
+    found = sign_flip(cube)
+    assert list(found["lost_excluded"].values) == [0, 6, 6]
+    assert "6 of 72 pairs are not in it (6 excluded)" in str(found["sentence"].values[1])
 
 
 def test_fisher_z_is_clipped_and_counted() -> None:

@@ -19,8 +19,8 @@ def test_strategy_table_holds_the_descriptives() -> None:
         assert row[1:4] == tuple(
             float(group[name]) for name in ("median", "mean", "standard_deviation")
         )
-    assert table.rows[0][4:] == (14, 1, 3, 0)
-    assert table.rows[2][4:] == (21, 0, 0, 1)
+    assert table.rows[0][4:] == (14, 1, 3, 0, 0)
+    assert table.rows[2][4:] == (21, 0, 0, 0, 1)
 
 
 def test_groups_of_two_dims_are_in_order() -> None:
@@ -28,7 +28,7 @@ def test_groups_of_two_dims_are_in_order() -> None:
     assert len(table.rows) == 9
     assert [row[:2] for row in table.rows[:2]] == [("corner_left", "act_all"),
                                                    ("corner_left", "act_3")]  # fmt: skip
-    assert table.rows[0][-2:] == (3, 0)
+    assert table.rows[0][-3:] == (3, 0, 0)
 
 
 def test_all_trials_are_listed() -> None:

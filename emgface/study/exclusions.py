@@ -1,0 +1,165 @@
+"""Trials that a person takes out of a study, with the reason, which stays in the cube."""
+
+import json
+import tomllib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pydantic import field_validator
+
+from emgface.choices import OWN, Parameters, configure, parameter
+from emgface.errors import ConfigurationError
+from emgface.muscles import INSTRUCTIONS
+
+Place = tuple[str, str, int]
+"""Volunteer, instruction, repetition."""
+
+
+class Exclusion(Parameters):
+    """Trials that are left out: those of a volunteer, an instruction, a repetition, or all three."""
+
+    volunteer: str | None = parameter(
+        None, "Volunteer whose trials are excluded; every one when absent.", unit="-", source=OWN
+    )
+    instruction: str | None = parameter(
+        None, "Instruction that is excluded; every one when absent.", unit="-", source=OWN
+    )
+    repetition: int | None = parameter(
+        None, "Repetition that is excluded; every one when absent.", unit="1", source=OWN, ge=1
+    )
+    reason: str = parameter(
+        "", "Why, in a sentence; it stays in the cube. Must be given.", unit="-", source=OWN
+    )
+
+    @field_validator("instruction")
+    @classmethod
+    def _known(cls, value: str | None) -> str | None:
+        if value is not None and value not in INSTRUCTIONS:
+            raise ValueError(
+                f"instruction {value!r} is unknown, expected one of {', '.join(INSTRUCTIONS)}"
+            )
+        return value
+
+    @property
+    def label(self) -> str:
+        """Which trials, in words."""
+        named = {"volunteer": self.volunteer, "instruction": self.instruction}
+        named |= {"repetition": None if self.repetition is None else str(self.repetition)}
+        return ", ".join(f"{name} {value}" for name, value in named.items() if value is not None)
+
+    def covers(self, place: Place) -> bool:
+        """Tell whether a trial is among those excluded."""
+        wanted = (self.volunteer, self.instruction, self.repetition)
+        return all(want in (None, have) for want, have in zip(wanted, place, strict=True))
+
+
+class _ExclusionFile(Parameters):
+    exclude: tuple[Exclusion, ...] = ()
+
+
+def check_exclusions(exclusions: Sequence[Exclusion], *, where: str) -> tuple[Exclusion, ...]:
+    """Refuse exclusions that name no trial or no reason.
+
+    Parameters
+    ----------
+    exclusions : sequence of Exclusion
+        As read.
+    where : str
+        File, for messages.
+
+    Returns
+    -------
+    tuple of Exclusion
+        The same.
+
+    Raises
+    ------
+    ConfigurationError
+        If one has no reason, or would exclude everything.
+    """
+    for number, exclusion in enumerate(exclusions, 1):
+        what = exclusion.label or "every trial"
+        if not exclusion.label:
+            raise ConfigurationError(
+                f"{where}: exclusion {number} names no volunteer, instruction or repetition, "
+                "expected at least one: it would exclude every trial"
+            )
+        if not exclusion.reason.strip():
+            raise ConfigurationError(
+                f"{where}: the exclusion of {what} gives no reason, expected a sentence: it stays "
+                "in the cube"
+            )
+    return tuple(exclusions)
+
+
+def read_exclusions(path: Path) -> tuple[Exclusion, ...]:
+    """Read a file of exclusions.
+
+    Parameters
+    ----------
+    path : Path
+        TOML with one table ``[[exclude]]`` per exclusion, as ``emgface data check --exclude``
+        writes it.
+
+    Returns
+    -------
+    tuple of Exclusion
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is absent, no TOML, or an entry is unknown or lacks its reason.
+    """
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(
+            f"{path} cannot be read ({error.strerror}), expected a file of exclusions: write one "
+            "with 'emgface data check --exclude'"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path} is not valid TOML: {error}") from error
+    found = configure(_ExclusionFile, values, where=path.name).exclude
+    return check_exclusions(found, where=path.name)
+
+
+def reason_to_exclude(place: Place, exclusions: Iterable[Exclusion]) -> str:
+    """Return why a trial is excluded, empty where it is not.
+
+    Parameters
+    ----------
+    place : tuple of (str, str, int)
+        Volunteer, instruction, repetition.
+    exclusions : iterable of Exclusion
+        All of them.
+
+    Returns
+    -------
+    str
+        The reasons, joined where several exclusions cover the trial.
+    """
+    return "; ".join(dict.fromkeys(one.reason for one in exclusions if one.covers(place)))
+
+
+def exclusions_text(exclusions: Iterable[Exclusion]) -> str:
+    """Write exclusions as TOML.
+
+    Parameters
+    ----------
+    exclusions : iterable of Exclusion
+        In order.
+
+    Returns
+    -------
+    str
+        One table ``[[exclude]]`` each; `read_exclusions` gives the same back.
+    """
+    lines: list[str] = []
+    for exclusion in exclusions:
+        lines.append("[[exclude]]")
+        for name, value in exclusion.model_dump(exclude_none=True).items():
+            # A JSON string is a TOML basic string, DEL apart, which TOML wants escaped.
+            text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+            lines.append(f"{name} = {text}")
+        lines.append("")
+    return "\n".join(lines)
