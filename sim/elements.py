@@ -3,7 +3,8 @@
 Node order is that of VTK: hexahedron 0-3 counter-clockwise in the bottom face seen from the inside,
 4-7 above them; wedge bottom triangle 0-2 at t = -1, top triangle 3-5 at t = +1. Quadrature: hexahedron
 2 x 2 x 2 Gauss, point k in the octant of node k; wedge three-point triangle rule times two Gauss points,
-point k next to node k.
+point k next to node k; tetrahedron (node 3 above the counter-clockwise triangle 0-2) its centroid, which
+belongs to all four nodes alike.
 """
 
 from dataclasses import dataclass
@@ -96,7 +97,23 @@ def _wedge6() -> ElementType:
     )
 
 
+def _tet4() -> ElementType:
+    corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    slope = np.concatenate([np.full((1, 3), -1.0), np.eye(3)])
+    return ElementType(
+        "tet4",
+        4,
+        corners,
+        np.full((1, 3), 0.25),
+        np.full(1, 1 / 6),
+        np.full((1, 4), 0.25),
+        slope[None],
+        np.repeat(slope[None], 4, axis=0),
+    )
+
+
 HEX8: Final = _hex8()
 WEDGE6: Final = _wedge6()
-ELEMENT_TYPES: Final = {kind.name: kind for kind in (HEX8, WEDGE6)}
+TET4: Final = _tet4()
+ELEMENT_TYPES: Final = {kind.name: kind for kind in (HEX8, WEDGE6, TET4)}
 """Every element type; a new one is added here and inherits the tests of all."""

@@ -121,7 +121,7 @@ def mesh_from_arrays(X: ArrayLike, **connectivity: Iterable[Iterable[int]]) -> M
     X : array_like, shape (n_nodes, 3)
         Rest positions [m].
     **connectivity : array_like of int
-        ``hex8=...``, ``wedge6=...``: node indices, 0-based, in VTK order.
+        ``hex8=...``, ``wedge6=...``, ``tet4=...``: node indices, 0-based, in VTK order.
 
     Raises
     ------

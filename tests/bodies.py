@@ -38,6 +38,16 @@ def grid(n=(2, 2, 2), size=(0.02, 0.02, 0.02), wedges=(), distort=0.0, seed=0) -
     return sim.mesh_from_arrays(X.reshape(-1, 3), hex8=cells[~split], wedge6=halves)
 
 
+def tetrahedra(n=(2, 2, 2), size=(0.02, 0.02, 0.02), distort=0.0, seed=0) -> sim.Mesh:
+    """Box of cells divided into the six tetrahedra around a diagonal."""
+    boxes = grid(n, size, distort=distort, seed=seed)
+    # each tetrahedron climbs from corner 0 to corner 6 along three edges, in one order of the axes
+    paths = [[1, 2], [2, 3], [3, 7], [7, 4], [4, 5], [5, 1]]
+    corners = np.array([[0, a, b, 6] for a, b in paths])
+    tets = boxes.blocks[0].nodes[:, corners].reshape(-1, 4)
+    return sim.mesh_from_arrays(boxes.X, tet4=tets)
+
+
 def boundary(mesh: sim.Mesh) -> np.ndarray:
     """Indices of the nodes on the faces of the bounding box."""
     low, high = mesh.X.min(axis=0), mesh.X.max(axis=0)

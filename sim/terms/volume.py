@@ -4,7 +4,7 @@ Both replace the pointwise bulk law of a solid (give that kappa = 0) and use the
 They cure volumetric locking because fewer volumes are constrained than there are Gauss points.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from sim.assembly import (
     slots,
 )
 from sim.errors import SceneError
-from sim.mesh import Mesh
+from sim.mesh import Block, Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 from sim.vectors import dot
@@ -60,8 +60,8 @@ class NodalVolume:
     """One pressure per node, E = sum_n kappa/2 V_n (v_n/V_n - 1)^2.
 
     v_n is the volume of the Gauss points that belong to node n: of each element at the node, the point
-    in its corner. Source: the soft nodal incompressibility that Eskes et al. 2017 used, as recorded from
-    the published simulator.
+    in its corner; a tetrahedron gives each of its nodes a quarter (Bonet and Burton 1998). Source: the
+    soft nodal incompressibility that Eskes et al. 2017 used, as recorded from the published simulator.
 
     Attributes
     ----------
@@ -106,8 +106,10 @@ def _require_positive(kappa: float) -> None:
 class _Volumes:
     """Present volumes of all Gauss points and their derivatives, one pair of buffers per block."""
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, *, point_per_node: bool = False) -> None:
         self.blocks = block_layouts(mesh)
+        if point_per_node:
+            self.blocks = tuple(map(_with_point_per_node, self.blocks, mesh.blocks))
         self.node_sum = NodeSum(mesh)
         points = max((b.volume.shape[1] for b in self.blocks), default=1)
         n = mesh.n_elements
@@ -135,6 +137,18 @@ class _Volumes:
         """Subtract the sum of p dv/dx, with the pressure p (element, point), from f."""
         kernel.pressure_forces(p, self.h, self.force)
         self.node_sum.add(self.force, -1.0, f)
+
+
+def _with_point_per_node(layout: BlockLayout, block: Block) -> BlockLayout:
+    """Divide the one point of an element among its nodes; other elements have a point per node."""
+    k = block.kind.n_nodes
+    if layout.volume.shape[1] == k:
+        return layout
+    return replace(
+        layout,
+        gradient=np.repeat(layout.gradient, k, axis=1),
+        volume=np.repeat(layout.volume / k, k, axis=1),
+    )
 
 
 class CompiledElementVolume:
@@ -176,7 +190,7 @@ class CompiledNodalVolume:
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:
         mesh, pattern = layout.mesh, layout.pattern
-        self._kappa, self._volumes = term.kappa, _Volumes(mesh)
+        self._kappa, self._volumes = term.kappa, _Volumes(mesh, point_per_node=True)
         self._matrix_sum = MatrixSum(mesh, pattern)
         self._blocks = np.zeros(self._matrix_sum.shape)
 

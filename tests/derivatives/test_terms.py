@@ -10,7 +10,7 @@ from sim.damping import DAMPING_LAWS
 from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS
 from sim.scene import Contribution
 from sim.terms import TERMS
-from tests.bodies import crossed_muscles, dense, grid, rotation, solid_system
+from tests.bodies import crossed_muscles, dense, grid, rotation, solid_system, tetrahedra
 
 MESH = grid((2, 1, 1), (0.02, 0.01, 0.01), wedges=(1,))
 LAWS = list(itertools.product(ISOCHORIC_LAWS, BULK_LAWS, FIBRE_LAWS))
@@ -22,8 +22,8 @@ def system_of(isochoric, bulk, fibre, **scene):
     )
 
 
-def deformed(seed=0, size=8e-4):
-    return MESH.X + np.random.default_rng(seed).normal(size=MESH.X.shape) * size
+def deformed(seed=0, size=8e-4, mesh=MESH):
+    return mesh.X + np.random.default_rng(seed).normal(size=mesh.X.shape) * size
 
 
 EXAMPLES = {
@@ -55,7 +55,8 @@ class Weightless:
 
 
 def derivatives_agree(system, activation):
-    control, q, h = system.control(np.array(activation)), deformed(), 1e-7
+    mesh, h = system.scene.mesh, 1e-7
+    control, q = system.control(np.array(activation)), deformed(mesh=mesh)
     at_q, K = system.tangent(q, control)
     n = q.size
     slope, stiffness = np.empty(n), np.empty((n, n))
@@ -81,6 +82,27 @@ def test_every_term_force_is_minus_the_derivative_of_energy_and_tangent_that_of_
     example = EXAMPLES[term]()
     system = sim.compile_scene(sim.Scene(MESH, (Weightless(), example)))
     derivatives_agree(system, [0.3, 0.8][: len(system.muscles)])
+
+
+@pytest.mark.parametrize("volume", [None, sim.ElementVolume, sim.NodalVolume])
+def test_tetrahedra_with_every_volume_term(volume):
+    mesh = tetrahedra((2, 1, 1), (0.02, 0.01, 0.01))
+    muscles = crossed_muscles(mesh, sim.Blemker(40e3))
+    system = solid_system(mesh, muscles=muscles, terms=() if volume is None else (volume(),))
+    derivatives_agree(system, [0.3, 0.8])
+
+
+def test_a_tetrahedron_gives_each_node_a_quarter_of_its_volume():
+    """E = kappa/2 V_n (v_n/V_n - 1)^2 summed over nodes, from volumes by determinants."""
+    mesh = tetrahedra((2, 1, 1), (0.02, 0.01, 0.01))
+    q, kappa = deformed(size=4e-4), 25e3
+    tets, nodal = mesh.blocks[0].nodes, []
+    for x in (mesh.X, q):
+        volume = np.linalg.det(x[tets[:, 1:]] - x[tets[:, :1]]) / 6
+        nodal.append(np.bincount(tets.ravel(), np.repeat(volume / 4, 4)))
+    expected = 0.5 * kappa * (nodal[0] * (nodal[1] / nodal[0] - 1) ** 2).sum()
+    system = sim.compile_scene(sim.Scene(mesh, (Weightless(), sim.NodalVolume(kappa))))
+    assert system.force(q, system.control(np.zeros(0))).energy == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("laws", LAWS, ids=lambda laws: "-".join(x.__name__ for x in laws))

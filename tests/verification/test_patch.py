@@ -4,12 +4,18 @@ import numpy as np
 import pytest
 
 import sim
-from tests.bodies import boundary, grid, rotation, solid_system
+from tests.bodies import boundary, grid, rotation, solid_system, tetrahedra
+
+PATCHES = {
+    "hex": grid((3, 3, 3), distort=0.2),
+    "mixed": grid((3, 3, 3), distort=0.2, wedges=(0, 3, 5)),
+    "wedge": grid((3, 3, 3), distort=0.2, wedges=tuple(range(9))),
+    "tet": tetrahedra((3, 3, 3), distort=0.2),
+}
 
 
-@pytest.mark.parametrize("wedges", [(), (0, 3, 5), tuple(range(9))], ids=["hex", "mixed", "wedge"])
-def test_distorted_patch_is_in_equilibrium_under_affine_motion(wedges):
-    mesh = grid((3, 3, 3), distort=0.25, wedges=wedges)
+@pytest.mark.parametrize("mesh", PATCHES.values(), ids=PATCHES.keys())
+def test_distorted_patch_is_in_equilibrium_under_affine_motion(mesh):
     system = solid_system(mesh)
     F = np.eye(3) + 0.2 * rotation(1)
     f = system.force(mesh.X @ F.T, system.control(np.zeros(0))).f
@@ -18,10 +24,10 @@ def test_distorted_patch_is_in_equilibrium_under_affine_motion(wedges):
     assert np.abs(f[inner]).max() < 1e-12 * np.abs(f).max()
 
 
-@pytest.mark.parametrize("wedges", [(), (0, 3, 5)], ids=["hex", "mixed"])
-def test_free_nodes_find_the_affine_field(wedges):
+@pytest.mark.parametrize("shape", ["hex", "mixed", "tet"])
+def test_free_nodes_find_the_affine_field(shape):
     """Boundary held at the affine field, inner nodes start elsewhere and are simulated to rest."""
-    mesh = grid((3, 3, 3), distort=0.2, wedges=wedges)
+    mesh = PATCHES[shape]
     F = np.array([[1.1, 0.1, 0.0], [0.0, 0.95, 0.05], [0.0, 0.0, 1.05]])
     held = boundary(mesh)
     system = solid_system(mesh, reductions=(sim.Fixed(held),), damping=sim.Rayleigh(0.0, 0.01))
@@ -39,8 +45,14 @@ def test_free_nodes_find_the_affine_field(wedges):
     assert np.abs(end.q - mesh.X @ F.T).max() < 1e-9
 
 
-def test_volume_and_mass_of_a_box():
-    mesh = grid((3, 2, 2), (0.03, 0.02, 0.01), wedges=(1, 4), distort=0.2)
+@pytest.mark.parametrize("shape", ["mixed", "tet"])
+def test_volume_and_mass_of_a_box(shape):
+    size = (0.03, 0.02, 0.01)
+    mesh = (
+        tetrahedra((3, 2, 2), size, distort=0.2)
+        if shape == "tet"
+        else grid((3, 2, 2), size, wedges=(1, 4), distort=0.2)
+    )
     system = solid_system(mesh)
     assert mesh.volumes().sum() == pytest.approx(6e-6, rel=1e-13)
     assert system.node_mass.sum() == pytest.approx(6e-6 * 1040, rel=1e-13)
