@@ -96,6 +96,32 @@ class Deforms(Protocol):
         ...
 
 
+@runtime_checkable
+class Remembers(Protocol):
+    """A compiled term whose force depends on the past; outside a step it gives its relaxed force."""
+
+    def during(self, q: Array, memory: Array | None, h: float) -> "Remembering":
+        """Term over one step.
+
+        Parameters
+        ----------
+        q : (n_nodes, 3) positions at the start of the step [m].
+        memory : what `Remembering.remember` returned for the step before; None if there was none and
+            the term has been at q for ever.
+        h : length of the step [s]; infinite for a static equilibrium.
+        """
+        ...
+
+
+@runtime_checkable
+class Remembering(CompiledTerm, Protocol):
+    """A term over one step: its forces are those of the step's end."""
+
+    def remember(self, q: Array) -> Array:
+        """Memory of a step that ends at positions q, as a new array."""
+        ...
+
+
 Stiffness = Callable[[Array, Control], Array]
 """Values of K = -df/dq on the pattern, at positions (n_nodes, 3) and a control."""
 

@@ -20,7 +20,7 @@ class State:
     q : (n_nodes, 3) positions [m].
     v : (n_nodes, 3) velocities [m/s].
     memory : mapping of str to array
-        Variables of terms that remember (none of the present terms does).
+        Variables of the terms that remember; a term without an entry has been at q for ever.
     """
 
     t: float

@@ -1,5 +1,6 @@
 """The compiled scene: layout, sparsity, mass, and the sums of forces and tangents of all terms."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,8 @@ from sim.scene import (
     HasMuscles,
     Index,
     Layout,
+    Remembering,
+    Remembers,
     Scene,
 )
 from sim.state import Array, Control, Evaluation, State
@@ -39,6 +42,7 @@ class System:
     terms: tuple[CompiledTerm, ...]
     muscles: tuple[str, ...]
     _damping: CompiledDamping | None = None
+    _in_step: bool = False
 
     @property
     def free(self) -> Index:
@@ -54,6 +58,32 @@ class System:
         """Rest positions, no velocity, t = 0."""
         X = self.scene.mesh.X
         return State(0.0, X.copy(), np.zeros_like(X))
+
+    def during(self, state: State, h: float) -> "System":
+        """System over a step of length h [s] (infinite: to static equilibrium) from a state.
+
+        Its forces, tangents and energies are those at the end of the step; without terms that
+        remember it is this system itself. The energy is then the part of the step's potential that the
+        terms contribute, which differs from the stored energy by what they dissipate.
+        """
+        if not any(isinstance(term, Remembers) for term in self.terms):
+            return self
+        terms = tuple(
+            term.during(state.q, state.memory.get(name), h) if isinstance(term, Remembers) else term
+            for name, term in zip(self._memory_names(), self.terms, strict=True)
+        )
+        return replace(self, terms=terms, _in_step=True)
+
+    def remember(self, q: Array) -> Mapping[str, Array]:
+        """Memory of all terms after a step that ends at positions q; of a system `during` a step."""
+        return {
+            name: term.remember(q)
+            for name, term in zip(self._memory_names(), self.terms, strict=True)
+            if isinstance(term, Remembering)
+        }
+
+    def _memory_names(self) -> list[str]:
+        return [f"{type(term).__name__}[{i}]" for i, term in enumerate(self.scene.terms)]
 
     def force(self, q: Array, control: Control) -> Evaluation:
         """Forces and energy at positions q (n_nodes, 3) [m]."""
@@ -75,7 +105,8 @@ class System:
         """Values of the damping matrix -df/dv [N s/m]; K is the stiffness there, if at hand."""
         if self._damping is None:
             return np.zeros(self.pattern.nnz)
-        return self._damping(q, control, K)
+        # a matrix of the step depends on its length; damping takes the relaxed stiffness always
+        return self._damping(q, control, None if self._in_step else K)
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all terms that deform (inf if none does), and its element."""

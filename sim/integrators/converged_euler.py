@@ -56,6 +56,7 @@ class ConvergedEuler:
         SingularSystem
             The matrix could not be factorised.
         """
+        system = system.during(state, h)
         with work.timed("force"):
             here = system.force(state.q, control)
         require_upright(here.element, here.smallest_J, state.t)
@@ -68,5 +69,6 @@ class ConvergedEuler:
         key = (ConvergedEuler, h)
         end, went = minimise(phi, phi.start(here), work, key, tolerances, state.t + h)
         velocity = system.expand(end.d / h, state.v)
-        new = State(state.t + h, phi.positions(end.d), velocity, state.memory)
+        q1 = phi.positions(end.d)
+        new = State(state.t + h, q1, velocity, system.remember(q1))
         return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))

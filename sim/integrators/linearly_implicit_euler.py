@@ -35,6 +35,7 @@ class LinearlyImplicitEuler:
         SingularSystem
             The matrix could not be factorised.
         """
+        system = system.during(state, h)
         with work.timed("tangent"):
             at_start, K = system.tangent(state.q, control)
             D = system.damping(state.q, control, K)
@@ -49,7 +50,7 @@ class LinearlyImplicitEuler:
         with work.timed("force"):
             least, element = system.smallest_J(q1)
         require_upright(element, least, t1)
-        new = State(t1, q1, system.expand(v1, state.v), state.memory)
+        new = State(t1, q1, system.expand(v1, state.v), system.remember(q1))
         return new, StepReport(
             h=h, smallest_J=least, factorisations=1 if definite else 2, indefinite=int(not definite)
         )

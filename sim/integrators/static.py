@@ -1,5 +1,6 @@
 """Quasi-static equilibrium: the same iteration without inertia and damping."""
 
+import math
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -52,6 +53,7 @@ class Static:
         SingularSystem
             The matrix could not be factorised.
         """
+        system = system.during(state, math.inf)
         energy = _Energy(system, state, control, work)
         start = energy.point(np.zeros(system.pattern.n))
         require_upright(start.here.element, start.here.smallest_J, state.t)
@@ -60,7 +62,7 @@ class Static:
         )
         end, went = minimise(energy, start, work, (Static, 0.0), tolerances, state.t + h)
         q1 = energy.positions(end.d)
-        new = State(state.t + h, q1, np.zeros_like(q1), state.memory)
+        new = State(state.t + h, q1, np.zeros_like(q1), system.remember(q1))
         return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))
 
 
