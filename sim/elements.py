@@ -7,7 +7,9 @@ point k next to node k; tetrahedron (node 3 above the counter-clockwise triangle
 belongs to all four nodes alike.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -31,6 +33,8 @@ class ElementType:
     N : (n_points, n_nodes) shape functions at the points.
     dN : (n_points, n_nodes, 3) their natural derivatives at the points.
     dN_corners : (n_nodes, n_nodes, 3) the same at the nodes, for checks of distortion.
+    shape : callable
+        Shape functions (n, n_nodes) and natural derivatives (n, n_nodes, 3) at any points (n, 3).
     """
 
     name: str
@@ -41,9 +45,10 @@ class ElementType:
     N: Array
     dN: Array
     dN_corners: Array
+    shape: Callable[[Array], tuple[Array, Array]]
 
 
-def _hex_shape(points: Array, corners: Array) -> tuple[Array, Array]:
+def _hex_shape(corners: Array, points: Array) -> tuple[Array, Array]:
     factor = 1.0 + points[:, None, :] * corners[None, :, :]
     N = factor.prod(axis=2) / 8.0
     dN = np.empty((*N.shape, 3))
@@ -80,10 +85,9 @@ def _hex8() -> ElementType:
         dtype=np.float64,
     )
     points = corners * GAUSS
-    N, dN = _hex_shape(points, corners)
-    return ElementType(
-        "hex8", 8, corners, points, np.ones(8), N, dN, _hex_shape(corners, corners)[1]
-    )
+    shape = partial(_hex_shape, corners)
+    N, dN = shape(points)
+    return ElementType("hex8", 8, corners, points, np.ones(8), N, dN, shape(corners)[1], shape)
 
 
 def _wedge6() -> ElementType:
@@ -93,7 +97,15 @@ def _wedge6() -> ElementType:
     points = np.array([[*rs, t] for t in (-GAUSS, GAUSS) for rs in inner])
     N, dN = _wedge_shape(points)
     return ElementType(
-        "wedge6", 6, corners, points, np.full(6, 1 / 6), N, dN, _wedge_shape(corners)[1]
+        "wedge6",
+        6,
+        corners,
+        points,
+        np.full(6, 1 / 6),
+        N,
+        dN,
+        _wedge_shape(corners)[1],
+        _wedge_shape,
     )
 
 

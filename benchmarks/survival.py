@@ -1,0 +1,171 @@
+"""The largest sigma_max that each solver survives on a face, for every muscle pair alone and all.
+
+Activation rises from 0 to 1 over 0.1 s and is held to 0.2 s, from rest, without gravity and contact. A
+run survives if every step ends with det F > 0 at every Gauss point; the value is found by bisection on a
+grid, taking survival as monotone in sigma_max. Every attempt is appended to a CSV file at once, and
+attempts found there are not repeated.
+
+    python benchmarks/survival.py FACE.nc --out survival.csv [--figure survival.png] [--step 0.01]
+"""
+
+import argparse
+import csv
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+import sim
+from emgface.face.model import load_face
+from emgface.face.recipe import compose_scene, named_elements
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import MODELLED
+
+GRID_KPA = (25, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500, 600, 800, 1000)
+RISE, DURATION = 0.1, 0.2
+HALVINGS = 4
+SOLVERS = {
+    "linearly implicit, current damping": (sim.LinearlyImplicitEuler, sim.Rayleigh),
+    "linearly implicit, damping at rest": (sim.LinearlyImplicitEuler, sim.RestRayleigh),
+    "converged, damping at rest": (sim.ConvergedEuler, sim.RestRayleigh),
+}
+COLUMNS = (
+    "face",
+    "step_s",
+    "muscle",
+    "solver",
+    "sigma_max_kPa",
+    "survived",
+    "failure",
+    "failed_at_s",
+    "smallest_J",
+    "largest_marker_displacement_mm",
+    "rejected_steps",
+    "wall_s",
+)
+
+
+def attempt(face, muscle, solver, kilopascal, step):
+    """One run as a row of the table."""
+    integrator, damping = SOLVERS[solver]
+    parameters = SimulationParameters(sigma_max=1e3 * kilopascal, gravity=False, step=step)
+    scene = replace(compose_scene(face, parameters), damping=damping())
+    system = sim.compile_scene(scene)
+    level = np.array([muscle in ("all", name[:-2]) for name in system.muscles], dtype=float)
+    converged = integrator is sim.ConvergedEuler
+    node = face["marker_node"].values.astype(np.int64)
+    row = {"muscle": muscle, "solver": solver, "sigma_max_kPa": kilopascal}
+    start = time.perf_counter()
+    try:
+        with named_elements(face):
+            trajectory, state = sim.simulate(
+                system,
+                sim.Activation(np.array([0.0, RISE]), np.stack([0.0 * level, level])),
+                duration=DURATION,
+                integrator=integrator(),
+                steps=sim.HalvingStep(step, HALVINGS) if converged else sim.FixedStep(step),
+                probes=(sim.SmallestJ(), sim.Iterations()),
+            )
+    except sim.SimulationError as error:
+        row |= {"survived": False, "failure": type(error).__name__}
+        row["failed_at_s"] = round(getattr(error, "time", float("nan")), 6)
+    else:
+        moved = np.linalg.norm((state.q - system.scene.mesh.X)[node], axis=1).max()
+        row |= {
+            "survived": True,
+            "smallest_J": f"{float(trajectory.smallest_J.min()):.4f}",
+            "largest_marker_displacement_mm": f"{1e3 * moved:.3f}",
+            "rejected_steps": int(trajectory.rejected.sum()),
+        }
+    row["wall_s"] = f"{time.perf_counter() - start:.1f}"
+    return row
+
+
+class Attempts:
+    """The CSV file of all attempts on one face with one step."""
+
+    def __init__(self, path, face, step):
+        self.path, self.face, self.step = path, face, step
+        self.fixed = {"face": str(face.attrs["name"]), "step_s": f"{step:g}"}
+        self.known = {}
+        if path.exists():
+            with path.open(newline="", encoding="utf-8") as file:
+                for row in csv.DictReader(file):
+                    if all(row[name] == value for name, value in self.fixed.items()):
+                        key = row["muscle"], row["solver"], float(row["sigma_max_kPa"])
+                        self.known[key] = row["survived"] == "True"
+        else:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("w", newline="", encoding="utf-8") as file:
+                csv.DictWriter(file, COLUMNS, lineterminator="\n").writeheader()
+
+    def survives(self, muscle, solver, kilopascal):
+        """Look the attempt up, or make it and write it down."""
+        key = muscle, solver, float(kilopascal)
+        if key not in self.known:
+            row = self.fixed | attempt(self.face, muscle, solver, kilopascal, self.step)
+            with self.path.open("a", newline="", encoding="utf-8") as file:
+                csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
+            self.known[key] = row["survived"]
+            print(
+                f"{muscle:6s} {solver:36s} {kilopascal:5d} kPa  "
+                f"{'survived' if row['survived'] else row['failure']}  {row['wall_s']} s",
+                flush=True,
+            )
+        return self.known[key]
+
+    def largest(self, muscle, solver):
+        """Largest surviving value of the grid [kPa], 0 if none."""
+        low, high = -1, len(GRID_KPA)
+        middle = high - 1  # a solver that survives everything is done after one run
+        while high - low > 1:
+            if self.survives(muscle, solver, GRID_KPA[middle]):
+                low = middle
+            else:
+                high = middle
+            middle = (low + high) // 2
+        return GRID_KPA[low] if low >= 0 else 0
+
+
+def draw(table, path):
+    """One group of bars per muscle."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    axes = figure.subplots()
+    width = 0.8 / len(table.columns)
+    for k, solver in enumerate(table.columns):
+        place = np.arange(len(table)) + (k - (len(table.columns) - 1) / 2) * width
+        axes.bar(place, table[solver], width, label=solver)
+    axes.axhline(300, color="0.4", linewidth=0.8, linestyle="--")
+    axes.set_xticks(np.arange(len(table)), table.index)
+    axes.set(ylabel="largest sigma_max survived (kPa)", xlabel="muscle pair, activation 1")
+    axes.set_title(
+        f"simulated; grid ends at {GRID_KPA[-1]} kPa, dashed: 300 kPa", fontsize="medium"
+    )
+    axes.legend(fontsize="small", loc="lower right")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)
+
+
+def main():
+    """Fill the table and print it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("face", type=Path)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--figure", type=Path)
+    parser.add_argument("--step", type=float, default=0.01)
+    parser.add_argument("--muscles", nargs="*", default=[*MODELLED, "all"])
+    options = parser.parse_args()
+    attempts = Attempts(options.out, load_face(options.face), options.step)
+    table = pd.DataFrame(
+        {s: {m: attempts.largest(m, s) for m in options.muscles} for s in SOLVERS}
+    ).rename_axis("largest sigma_max survived (kPa)")
+    print(table.to_string())
+    if options.figure:
+        draw(table, options.figure)
+
+
+if __name__ == "__main__":
+    main()
