@@ -48,6 +48,16 @@ class ElementType:
     shape: Callable[[Array], tuple[Array, Array]]
 
 
+Shape = Callable[[Array], tuple[Array, Array]]
+
+
+def _element(name: str, corners: Array, points: Array, weights: Array, shape: Shape) -> ElementType:
+    N, dN = shape(points)
+    return ElementType(
+        name, len(corners), corners, points, weights, N, dN, shape(corners)[1], shape
+    )
+
+
 def _hex_shape(corners: Array, points: Array) -> tuple[Array, Array]:
     factor = 1.0 + points[:, None, :] * corners[None, :, :]
     N = factor.prod(axis=2) / 8.0
@@ -85,9 +95,7 @@ def _hex8() -> ElementType:
         dtype=np.float64,
     )
     points = corners * GAUSS
-    shape = partial(_hex_shape, corners)
-    N, dN = shape(points)
-    return ElementType("hex8", 8, corners, points, np.ones(8), N, dN, shape(corners)[1], shape)
+    return _element("hex8", corners, points, np.ones(8), partial(_hex_shape, corners))
 
 
 def _wedge6() -> ElementType:
@@ -95,33 +103,18 @@ def _wedge6() -> ElementType:
     inner = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])
     corners = np.array([[*rs, t] for t in (-1.0, 1.0) for rs in triangle])
     points = np.array([[*rs, t] for t in (-GAUSS, GAUSS) for rs in inner])
-    N, dN = _wedge_shape(points)
-    return ElementType(
-        "wedge6",
-        6,
-        corners,
-        points,
-        np.full(6, 1 / 6),
-        N,
-        dN,
-        _wedge_shape(corners)[1],
-        _wedge_shape,
-    )
+    return _element("wedge6", corners, points, np.full(6, 1 / 6), _wedge_shape)
+
+
+def _tet_shape(points: Array) -> tuple[Array, Array]:
+    N = np.concatenate([1.0 - points.sum(axis=1, keepdims=True), points], axis=1)
+    slope = np.concatenate([np.full((1, 3), -1.0), np.eye(3)])
+    return N, np.repeat(slope[None], len(points), axis=0)
 
 
 def _tet4() -> ElementType:
     corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    slope = np.concatenate([np.full((1, 3), -1.0), np.eye(3)])
-    return ElementType(
-        "tet4",
-        4,
-        corners,
-        np.full((1, 3), 0.25),
-        np.full(1, 1 / 6),
-        np.full((1, 4), 0.25),
-        slope[None],
-        np.repeat(slope[None], 4, axis=0),
-    )
+    return _element("tet4", corners, np.full((1, 3), 0.25), np.full(1, 1 / 6), _tet_shape)
 
 
 HEX8: Final = _hex8()
