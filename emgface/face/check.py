@@ -8,7 +8,16 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.face.model import FREE, INNER, MANDIBLE, OUTER, SKULL, elements_of, fibres_of
+from emgface.face.model import (
+    FREE,
+    INNER,
+    MANDIBLE,
+    OUTER,
+    SKULL,
+    elements_of,
+    fibres_of,
+    shares_of,
+)
 from emgface.face.quality import element_quality, is_wedge
 from emgface.face.surface import boundary_faces, element_edges, face_areas
 
@@ -190,7 +199,7 @@ def _muscle_table(
             "hexahedra": int((~wedge[mine]).sum()),
             "wedges": int(wedge[mine].sum()),
             **{label: int((layer[mine] == k).sum()) for k, label in enumerate(LAYER_NAMES)},
-            "volume": float(volume[mine].sum() * MM3),
+            "volume": float((volume[mine] * shares_of(ds, name)).sum() * MM3),
             "shared": len(shared),
         }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("muscle")

@@ -306,6 +306,14 @@ def elements_of(ds: xr.Dataset, muscle: str) -> NDArray[np.integer]:
     return ds["bundle_index"].values[ds["bundle_muscle"].values == _muscle_index(ds, muscle)]
 
 
+def shares_of(ds: xr.Dataset, muscle: str) -> Floats:
+    """Share of each element of `elements_of` that the muscle fills, shape (k,) [1]."""
+    mine = ds["bundle_muscle"].values == _muscle_index(ds, muscle)
+    if "bundle_weight" not in ds:
+        return np.ones(int(mine.sum()))
+    return ds["bundle_weight"].values[mine]
+
+
 def _muscle_index(ds: xr.Dataset, muscle: str) -> int:
     names = [str(name) for name in ds["muscle"].values]
     if muscle not in names:

@@ -15,7 +15,7 @@ from emgface.face.surface import boundary_faces
 from emgface.face.template import PRESETS, preset_measures, random_measures, template_face
 from emgface.face.template.build import node_positions
 from emgface.face.template.calibrate import calibrated_surfaces
-from emgface.face.template.grid import RAYS_PER_STEP, RESOLUTIONS, make_grid
+from emgface.face.template.grid import RAYS_PER_STEP, RESOLUTIONS, make_grid, refined_grid
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from tests.template.conftest import sheets
 
@@ -30,6 +30,17 @@ def test_number_of_elements(resolution: str | int) -> None:
     assert grid.rays % RAYS_PER_STEP == 0
     if isinstance(resolution, str):
         assert len(grid.connectivity) == wanted
+
+
+def test_refined_grids_are_nested_in_proportion() -> None:
+    first = refined_grid(1)
+    for k in (2, 5):
+        grid = refined_grid(k)
+        assert len(grid.connectivity) == k**2 * len(first.connectivity)
+        np.testing.assert_allclose(grid.s[::k], first.s, atol=1e-15)
+        np.testing.assert_allclose(grid.left_rays[0][::k], first.left_rays[0], atol=1e-15)
+    with pytest.raises(FaceError, match="the refinement of the grid is 0, expected a number >= 1"):
+        refined_grid(0)
 
 
 @pytest.mark.parametrize("resolution", ["finest", 100, 10**7])

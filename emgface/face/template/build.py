@@ -37,7 +37,7 @@ _ATTEMPTS = 100
 
 def template_face(
     *,
-    resolution: str | int = "medium",
+    resolution: str | int | Grid = "medium",
     measures: Measures | Mapping[str, float] | None = None,
     preset: str = "adult",
     seed: int | None = None,
@@ -48,8 +48,9 @@ def template_face(
 
     Parameters
     ----------
-    resolution : str or int
-        "coarse" (576 elements), "medium" (2448), "fine" (6480) or about how many elements.
+    resolution : str, int or Grid
+        "coarse" (576 elements), "medium" (2448), "fine" (6480), about how many elements, or a grid
+        such as `emgface.face.template.grid.refined_grid` makes.
     measures : Measures or mapping, optional
         All measures, or some that replace those of the preset or of the drawn volunteer [m].
     preset : str
@@ -57,7 +58,7 @@ def template_face(
     seed : int, optional
         Draw a random volunteer of the group; without it the face has the means of the group.
     radius : float
-        Elements whose centre lies nearer than this to a fibre belong to the muscle [m].
+        Tissue nearer than this to a fibre is muscle [m].
     name : str
         Name of the face; made from preset and seed if empty.
 
@@ -135,7 +136,7 @@ def volunteer_face(
     seed: int,
     index: int,
     *,
-    resolution: str | int = "medium",
+    resolution: str | int | Grid = "medium",
     preset: str = "adult",
     spread: float = 1.0,
     asymmetry: float = 0.0,
@@ -237,6 +238,6 @@ def _warped(muscles: Muscles, centres: Floats, warp: Warp) -> Muscles:
         at, along = centres[bundle.element], step * bundle.direction
         direction = warp(at + along) - warp(at - along)
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        bundles.append(Bundle(bundle.muscle, bundle.element, direction))
+        bundles.append(Bundle(bundle.muscle, bundle.element, direction, bundle.weight))
     fibres = [Fibre(f.muscle, warp(f.position)) for f in muscles.fibres]
     return Muscles(fibres, bundles)

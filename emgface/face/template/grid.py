@@ -133,13 +133,24 @@ class Grid:
         return every.reshape(-1, 3)
 
 
-def make_grid(resolution: str | int) -> Grid:
+def refined_grid(k: int) -> Grid:
+    """The coarse grid with k elements along every edge of its surface: 24 k rays, 8 k rings.
+
+    The named resolutions space their rings by need; these are refined in proportion, as a study of
+    convergence wants it. Raises FaceError if k is below 1.
+    """
+    if k < 1:
+        raise FaceError(f"the refinement of the grid is {k}, expected a number >= 1")
+    return Grid(RAYS_PER_STEP * k, (k, 3 * k, 2 * k, 2 * k))
+
+
+def make_grid(resolution: str | int | Grid) -> Grid:
     """Choose rays and rings for a resolution.
 
     Parameters
     ----------
-    resolution : str or int
-        A name of `RESOLUTIONS` or about how many elements.
+    resolution : str, int or Grid
+        A name of `RESOLUTIONS`, about how many elements, or the grid itself.
 
     Returns
     -------
@@ -150,6 +161,8 @@ def make_grid(resolution: str | int) -> Grid:
     FaceError
         The name is unknown or the number below 400 or above 200 000.
     """
+    if isinstance(resolution, Grid):
+        return resolution
     if isinstance(resolution, str):
         if resolution not in RESOLUTIONS:
             raise FaceError(

@@ -12,12 +12,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from emgface.errors import FaceError
-from emgface.face.bundles import elements_within, fibre_directions
+from emgface.face.bundles import fibre_directions
 from emgface.face.model import OUTER, Bundle, Fibre
 from emgface.face.quality import element_centres
+from emgface.face.shares import shares_within
 from emgface.face.template.grid import Grid
 from emgface.face.template.measures import Measures
 from emgface.face.template.outline import PERIORAL, VERMILION
@@ -28,8 +28,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 RADIUS: Final = 5e-3
-"""Elements whose centre lies nearer than this to a fibre belong to the muscle [m] (Eskes et al.
-2017)."""
+"""Tissue nearer than this to a fibre is muscle [m] (Eskes et al. 2017)."""
+LEAST_SHARE: Final = 0.01
+"""Elements of which a muscle fills less are left out [1]."""
 MODIOLUS: Final = 9e-3
 """Distance of the modiolus from the mouth corner along the skin [m]."""
 RINGS: Final[Mapping[str, tuple[float, float]]] = {
@@ -43,7 +44,6 @@ region: the further out it lies, the more the lips protrude (Stavness et al., se
 affects protrusion and rounding), and at the border itself the template draws them in.
 """
 _RING_DEPTH: Final = 0.4
-_SAMPLES: Final = 60
 _MIRROR: Final = np.array([-1.0, 1.0, 1.0])
 
 Course = tuple[tuple[float, float, float], ...]
@@ -178,9 +178,8 @@ def place_muscles(
 ) -> Muscles:
     """Fibres and muscle elements of a symmetric face.
 
-    Besides the elements within the radius, a muscle owns those that its fibres pass through, so
-    that none has a gap on a coarse grid. The skin layer belongs to no muscle. Elements of the rings
-    point along the ring.
+    A muscle fills a share of each element: that within the radius of its fibres, or all of it in the
+    rings. The skin layer belongs to no muscle. Elements of the rings point along the ring.
 
     Parameters
     ----------
@@ -213,15 +212,17 @@ def place_muscles(
             middle = 0.5 * (grid.s[1:] + grid.s[:-1])[ring[soft]]
             element = soft[(middle > low) & (middle < high)]
             direction = along[element]
+            share = np.ones(len(element))
             left = [_ring_fibre(surfaces, grid, 0.5 * (low + high))]
         else:
             left = [_in_space(surfaces, muscle, course) for course in rays[muscle]]
-            element = _elements(centres[soft], left, radius)
-            element = soft[element]
+            share = shares_within(position, grid.connectivity[soft], left, radius)
+            element, share = soft[share > LEAST_SHARE], share[share > LEAST_SHARE]
             direction = fibre_directions(centres[element], left)
         fibres += [Fibre(f"{muscle}_L", points) for points in left]
-        bundles.append(Bundle(f"{muscle}_L", element, direction))
-        bundles.append(Bundle(f"{muscle}_R", grid.mirror_element[element], direction * _MIRROR))
+        image = grid.mirror_element[element]
+        bundles.append(Bundle(f"{muscle}_L", element, direction, share))
+        bundles.append(Bundle(f"{muscle}_R", image, direction * _MIRROR, share))
     fibres += [Fibre(f"{f.muscle[:-1]}R", f.position * _MIRROR) for f in fibres]
     return Muscles(fibres, bundles)
 
@@ -247,11 +248,3 @@ def _ring_directions(grid: Grid, position: Floats) -> Floats:
     corners = position[grid.connectivity]
     vector = corners[:, [1, 2, 5, 6]].mean(axis=1) - corners[:, [0, 3, 4, 7]].mean(axis=1)
     return vector / np.linalg.norm(vector, axis=1, keepdims=True)
-
-
-def _elements(centres: Floats, fibres: list[Floats], radius: float) -> Integers:
-    near = elements_within(centres, fibres, radius)
-    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None, None]
-    on_fibres = np.concatenate([(f[:-1] + t * np.diff(f, axis=0)).reshape(-1, 3) for f in fibres])
-    passed = KDTree(centres).query(on_fibres)[1]
-    return np.union1d(near, passed).astype(np.int64)
