@@ -1,11 +1,11 @@
 """The largest sigma_max that each solver survives on a face, for every muscle pair alone and all.
 
-Activation rises from 0 to 1 over 0.1 s and is held to 0.2 s, from rest, without gravity and contact. A
-run survives if every step ends with det F > 0 at every Gauss point; the value is found by bisection on a
+Activation rises from 0 to 1 over 0.1 s and is held, from rest, without gravity and contact. A run survives if every step ends with det F > 0 at every Gauss point; the value is found by bisection on a
 grid, taking survival as monotone in sigma_max. Every attempt is appended to a CSV file at once, and
 attempts found there are not repeated.
 
     python benchmarks/survival.py FACE.nc --out survival.csv [--figure survival.png] [--step 0.01]
+        [--duration 0.5] [--incompressibility pointwise]
 """
 
 import argparse
@@ -25,7 +25,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MODELLED
 
 GRID_KPA = (25, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500, 600, 800, 1000)
-RISE, DURATION = 0.1, 0.2
+RISE = 0.1
 HALVINGS = 4
 SOLVERS = {
     "linearly implicit, current damping": (sim.LinearlyImplicitEuler, sim.Rayleigh),
@@ -35,6 +35,8 @@ SOLVERS = {
 COLUMNS = (
     "face",
     "step_s",
+    "duration_s",
+    "incompressibility",
     "muscle",
     "solver",
     "sigma_max_kPa",
@@ -48,10 +50,18 @@ COLUMNS = (
 )
 
 
-def attempt(face, muscle, solver, kilopascal, step):
+def attempt(face, muscle, solver, kilopascal, options):
     """One run as a row of the table."""
     integrator, damping = SOLVERS[solver]
-    parameters = SimulationParameters(sigma_max=1e3 * kilopascal, gravity=False, step=step)
+    pointwise = options.incompressibility == "pointwise"
+    parameters = SimulationParameters(
+        sigma_max=1e3 * kilopascal,
+        sigma_max_policy={"minimum": 1e3},
+        gravity=False,
+        incompressibility=options.incompressibility,
+        bulk_potential="logarithmic" if pointwise else "quadratic",
+    )
+    step = options.step
     scene = replace(compose_scene(face, parameters), damping=damping())
     system = sim.compile_scene(scene)
     level = np.array([muscle in ("all", name[:-2]) for name in system.muscles], dtype=float)
@@ -64,7 +74,7 @@ def attempt(face, muscle, solver, kilopascal, step):
             trajectory, state = sim.simulate(
                 system,
                 sim.Activation(np.array([0.0, RISE]), np.stack([0.0 * level, level])),
-                duration=DURATION,
+                duration=options.duration,
                 integrator=integrator(),
                 steps=sim.HalvingStep(step, HALVINGS) if converged else sim.FixedStep(step),
                 probes=(sim.SmallestJ(), sim.Iterations()),
@@ -85,11 +95,17 @@ def attempt(face, muscle, solver, kilopascal, step):
 
 
 class Attempts:
-    """The CSV file of all attempts on one face with one step."""
+    """The CSV file of all attempts on one face with the same options."""
 
-    def __init__(self, path, face, step):
-        self.path, self.face, self.step = path, face, step
-        self.fixed = {"face": str(face.attrs["name"]), "step_s": f"{step:g}"}
+    def __init__(self, face, options):
+        self.path, self.face, self.options = options.out, face, options
+        path = self.path
+        self.fixed = {
+            "face": str(face.attrs["name"]),
+            "step_s": f"{options.step:g}",
+            "duration_s": f"{options.duration:g}",
+            "incompressibility": options.incompressibility,
+        }
         self.known = {}
         if path.exists():
             with path.open(newline="", encoding="utf-8") as file:
@@ -106,7 +122,7 @@ class Attempts:
         """Look the attempt up, or make it and write it down."""
         key = muscle, solver, float(kilopascal)
         if key not in self.known:
-            row = self.fixed | attempt(self.face, muscle, solver, kilopascal, self.step)
+            row = self.fixed | attempt(self.face, muscle, solver, kilopascal, self.options)
             with self.path.open("a", newline="", encoding="utf-8") as file:
                 csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
             self.known[key] = row["survived"]
@@ -144,7 +160,7 @@ def draw(table, path):
     axes.set_title(
         f"simulated; grid ends at {GRID_KPA[-1]} kPa, dashed: 300 kPa", fontsize="medium"
     )
-    axes.legend(fontsize="small", loc="lower right")
+    figure.legend(fontsize="small", loc="outside lower center", ncols=len(SOLVERS))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
 
@@ -156,9 +172,13 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--step", type=float, default=0.01)
+    parser.add_argument("--duration", type=float, default=0.5)
+    parser.add_argument(
+        "--incompressibility", choices=("pointwise", "element", "nodal"), default="pointwise"
+    )
     parser.add_argument("--muscles", nargs="*", default=[*MODELLED, "all"])
     options = parser.parse_args()
-    attempts = Attempts(options.out, load_face(options.face), options.step)
+    attempts = Attempts(load_face(options.face), options)
     table = pd.DataFrame(
         {s: {m: attempts.largest(m, s) for m in options.muscles} for s in SOLVERS}
     ).rename_axis("largest sigma_max survived (kPa)")

@@ -1,6 +1,7 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
 from sim.damping import PassiveRayleigh, Rayleigh, RestRayleigh
+from sim.embedding import Embedding, embed
 from sim.errors import (
     ControlError,
     InvertedElement,
@@ -14,10 +15,12 @@ from sim.integrators import ConvergedEuler, LinearlyImplicitEuler, Static, Works
 from sim.laws import (
     Blemker,
     Constant,
+    ConstantForce,
     Generic,
     LogarithmicBulk,
     MooneyRivlin,
     NeoHooke,
+    Peck,
     QuadraticBulk,
 )
 from sim.mesh import Mesh, mesh_from_arrays
@@ -28,16 +31,27 @@ from sim.simulate import Activation, resting, simulate
 from sim.state import Control, State, StepReport
 from sim.steps import FixedStep, HalvingStep
 from sim.system import System, compile_scene
-from sim.terms import ElementVolume, Gravity, Material, Muscles, NodalVolume, Solid
+from sim.terms import (
+    ElementVolume,
+    Gravity,
+    LineFibre,
+    LineMuscles,
+    Material,
+    Muscles,
+    NodalVolume,
+    Solid,
+)
 
 __all__ = [
     "Activation",
     "Blemker",
     "Constant",
+    "ConstantForce",
     "Control",
     "ControlError",
     "ConvergedEuler",
     "ElementVolume",
+    "Embedding",
     "Energies",
     "Fixed",
     "FixedStep",
@@ -46,6 +60,8 @@ __all__ = [
     "HalvingStep",
     "InvertedElement",
     "Iterations",
+    "LineFibre",
+    "LineMuscles",
     "LinearlyImplicitEuler",
     "LogarithmicBulk",
     "Markers",
@@ -59,6 +75,7 @@ __all__ = [
     "NotConverged",
     "Opening",
     "PassiveRayleigh",
+    "Peck",
     "Positions",
     "QuadraticBulk",
     "Rayleigh",
@@ -75,6 +92,7 @@ __all__ = [
     "System",
     "Workspace",
     "compile_scene",
+    "embed",
     "mesh_from_arrays",
     "resting",
     "simulate",

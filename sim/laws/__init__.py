@@ -3,19 +3,24 @@
 from sim.laws.bulk import BULK_LAWS, BulkLaw, LogarithmicBulk, QuadraticBulk
 from sim.laws.fibre import FIBRE_LAWS, Blemker, Constant, FibreLaw, Generic
 from sim.laws.isochoric import ISOCHORIC_LAWS, IsochoricLaw, MooneyRivlin, NeoHooke
+from sim.laws.line import LINE_LAWS, ConstantForce, LineLaw, Peck
 
 __all__ = [
     "BULK_LAWS",
     "FIBRE_LAWS",
     "ISOCHORIC_LAWS",
+    "LINE_LAWS",
     "Blemker",
     "BulkLaw",
     "Constant",
+    "ConstantForce",
     "FibreLaw",
     "Generic",
     "IsochoricLaw",
+    "LineLaw",
     "LogarithmicBulk",
     "MooneyRivlin",
     "NeoHooke",
+    "Peck",
     "QuadraticBulk",
 ]

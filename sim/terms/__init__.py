@@ -2,10 +2,21 @@
 
 from sim.scene import Term
 from sim.terms.gravity import Gravity
+from sim.terms.line_muscle import LineFibre, LineMuscles
 from sim.terms.solid import Material, Muscles, Solid
 from sim.terms.volume import ElementVolume, NodalVolume
 
-TERMS: tuple[type[Term], ...] = (Solid, Gravity, ElementVolume, NodalVolume)
+TERMS: tuple[type[Term], ...] = (Solid, Gravity, ElementVolume, NodalVolume, LineMuscles)
 """Every term; the derivative tests walk this tuple."""
 
-__all__ = ["TERMS", "ElementVolume", "Gravity", "Material", "Muscles", "NodalVolume", "Solid"]
+__all__ = [
+    "TERMS",
+    "ElementVolume",
+    "Gravity",
+    "LineFibre",
+    "LineMuscles",
+    "Material",
+    "Muscles",
+    "NodalVolume",
+    "Solid",
+]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim._kernels import laws as kernel
-from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS
+from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS, LINE_LAWS
 
 
 def derivatives_agree(function, x, h=1e-5):
@@ -65,3 +65,18 @@ def test_an_unknown_code_gives_nan_rather_than_some_other_law():
     assert np.isnan(kernel.isochoric(99, np.zeros(2), 3.1)).all()
     assert np.isnan(kernel.bulk(99, 1.0, 1.1)).all()
     assert np.isnan(kernel.fibre(99, np.zeros(5), 1.1, 0.5)).all()
+
+
+@pytest.mark.parametrize("cls", LINE_LAWS)
+@pytest.mark.parametrize("activation", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("stretch", [0.4, 0.7, 0.97, 1.2, 1.45, 1.7])
+def test_line(cls, activation, stretch):
+    """In units of a rest length of 1 m; away from the kinks of the passive curve."""
+    law = cls(force_max=3.0, passive_fraction=0.2)
+
+    def at(length):
+        one = np.array([length]), np.ones(1), np.array([activation])
+        return tuple(float(x[0]) for x in law.evaluate(*one))
+
+    derivatives_agree(at, stretch)
+    assert law.has_slope or at(stretch)[2] == 0.0

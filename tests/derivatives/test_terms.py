@@ -31,6 +31,15 @@ EXAMPLES = {
     sim.Gravity: lambda: sim.Gravity((1.0, 2.0, -9.8)),
     sim.ElementVolume: sim.ElementVolume,
     sim.NodalVolume: sim.NodalVolume,
+    sim.LineMuscles: lambda: sim.LineMuscles(
+        ("inside", "edge"),
+        (
+            sim.LineFibre(0, np.array([[3, 2, 4], [9, 6, 3], [14, 4, 8]]) * 1e-3, share=0.7),
+            sim.LineFibre(1, np.array([0, 4, 8])),
+        ),
+        (sim.Peck(0.8, stretch_max=1.4, tendon_ratio=0.1), sim.ConstantForce(2.0, 0.1)),
+        stiffness=30.0,
+    ),
 }
 """One of each term; a term that is registered without one fails below."""
 

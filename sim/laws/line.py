@@ -1,0 +1,128 @@
+"""Line laws: tension F(length, activation) of a muscle that is a line, with its energy and slope."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.laws.parameters import require
+
+Array = NDArray[np.float64]
+
+
+class LineLaw(Protocol):
+    """What a line muscle needs of its law; all arguments are arrays of the same shape."""
+
+    has_slope: ClassVar[bool]
+    """Whether the tension depends on the length, which couples all points of a fibre."""
+
+    def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
+        """Energy [J], tension dE/dL [N] and slope dF/dL [N/m] at a length [m] and rest length [m]."""
+        ...
+
+
+@dataclass(frozen=True)
+class ConstantForce:
+    """Tension without dependence on length, F = force_max (activation + passive_fraction).
+
+    Attributes
+    ----------
+    force_max : float
+        Tension at full activation [N].
+    passive_fraction : float
+        Share that is always there [1].
+
+    Raises
+    ------
+    SceneError
+        A parameter is negative.
+
+    Notes
+    -----
+    Source: the line muscles of the published reference face, 1 N per cable without passive part.
+    """
+
+    force_max: float = 1.0
+    passive_fraction: float = 0.0
+    has_slope: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
+        require(self, "passive_fraction", self.passive_fraction, at_least=0.0, strictly=False)
+
+    def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
+        """Energy F (L - L_rest), tension F, slope 0."""
+        F = self.force_max * (activation + self.passive_fraction)
+        return F * (length - rest), F, np.zeros_like(length)
+
+
+@dataclass(frozen=True)
+class Peck:
+    """Hill-type tension, F = force_max (activation f(n) + passive_fraction p(r)).
+
+    With r = L/(stretch_opt L_rest) and n = (r - tendon_ratio)/(1 - tendon_ratio),
+
+    * f = (1 + cos 2 pi n)/2 for 0.5 < n < 1.5, else 0;
+    * p = 0 for r <= 1, (r - 1)/(stretch_max - 1) up to stretch_max, then 1.
+
+    Attributes
+    ----------
+    force_max : float
+        Largest active tension [N].
+    stretch_opt : float
+        Optimal length over rest length [1].
+    stretch_max : float
+        Length at which the passive tension ends growing, over the optimal length [1].
+    tendon_ratio : float
+        Share of the optimal length that is tendon [1].
+    passive_fraction : float
+        Largest passive tension over force_max [1].
+
+    Raises
+    ------
+    SceneError
+        A parameter is out of range.
+
+    Notes
+    -----
+    Source: the muscles of the jaw model of Peck et al. 2000 as used by Stavness et al., without their
+    velocity dependence. stretch_max = 1.5 is chosen; each muscle has its own.
+    """
+
+    force_max: float = 1.0
+    stretch_opt: float = 1.0
+    stretch_max: float = 1.5
+    tendon_ratio: float = 0.0
+    passive_fraction: float = 0.015
+    has_slope: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
+        require(self, "stretch_opt", self.stretch_opt, at_least=0.0, strictly=True)
+        require(self, "stretch_max", self.stretch_max, at_least=1.0, strictly=True)
+        require(self, "tendon_ratio", self.tendon_ratio, at_least=0.0, strictly=False)
+        require(self, "1 - tendon_ratio", 1.0 - self.tendon_ratio, at_least=0.0, strictly=True)
+        require(self, "passive_fraction", self.passive_fraction, at_least=0.0, strictly=False)
+
+    def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
+        """Energy counted from the optimal length, tension and slope."""
+        optimal = self.stretch_opt * rest
+        r = length / optimal
+        n = np.clip((r - self.tendon_ratio) / (1.0 - self.tendon_ratio), 0.5, 1.5)
+        turn, belly = 2.0 * np.pi, optimal * (1.0 - self.tendon_ratio)
+        w_act = belly * (0.5 * (n - 1.0) + np.sin(turn * n) / (2.0 * turn))
+        f_act = 0.5 * (1.0 + np.cos(turn * n))
+        k_act = np.where((n > 0.5) & (n < 1.5), -0.5 * turn * np.sin(turn * n) / belly, 0.0)
+        span = self.stretch_max - 1.0
+        x = np.clip(r - 1.0, 0.0, span)
+        w_pas = optimal * (0.5 * x * x / span + np.maximum(r - self.stretch_max, 0.0))
+        k_pas = np.where((r > 1.0) & (r < self.stretch_max), 1.0 / (span * optimal), 0.0)
+        a, phi = self.force_max * activation, self.force_max * self.passive_fraction
+        return a * w_act + phi * w_pas, a * f_act + phi * x / span, a * k_act + phi * k_pas
+
+
+LINE_LAWS: tuple[type[LineLaw], ...] = (ConstantForce, Peck)
+"""Every line law; the derivative tests walk this tuple."""
