@@ -1,6 +1,7 @@
 """The largest sigma_max that each solver survives on a face, for every muscle pair alone and all.
 
-Activation rises from 0 to 1 over 0.1 s and is held, from rest, without gravity and contact. A run survives if every step ends with det F > 0 at every Gauss point; the value is found by bisection on a
+Activation rises from 0 to 1 over 0.1 s and is held, from rest, without gravity and contact. A run
+survives if every step ends with det F > 0 at every Gauss point; the value is found by bisection on a
 grid, taking survival as monotone in sigma_max. Every attempt is appended to a CSV file at once, and
 attempts found there are not repeated.
 

@@ -113,9 +113,9 @@ def _invert(kind: ElementType, X: Array, points: Array) -> Array:
             jacobian = np.einsum("pai,paj->pij", X, dN)
             det = np.linalg.det(jacobian)
             jacobian[~(np.abs(det) > 0.0)] = np.eye(3)
-            move: Array = np.linalg.solve(jacobian, miss[..., None])[..., 0]
+            move = np.asarray(np.linalg.solve(jacobian, miss[..., None]), dtype=np.float64)
             # a distorted map can throw far points about; none of them is inside
-            xi = np.clip(xi + move, low - 2.0, high + 2.0)
+            xi = np.clip(xi + move[..., 0], low - 2.0, high + 2.0)
         N, _ = kind.shape(xi)
         miss = np.abs(points - np.einsum("pa,pai->pi", N, X)).max(axis=1, initial=0.0)
     return np.where((miss <= 1e-10 * size)[:, None], N, -np.inf)
