@@ -1,5 +1,6 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
+from sim.constraints import HardElementVolume
 from sim.damping import PassiveRayleigh, Rayleigh, RestRayleigh
 from sim.embedding import Embedding, embed
 from sim.errors import (
@@ -11,7 +12,17 @@ from sim.errors import (
     SimulationError,
     SingularSystem,
 )
-from sim.integrators import ConvergedEuler, LinearlyImplicitEuler, Static, Workspace
+from sim.integrators import (
+    ConvergedEuler,
+    LinearlyImplicitEuler,
+    LinearlyImplicitTrapezoidal,
+    RungeKutta4,
+    Sdirk2,
+    Static,
+    SymplecticEuler,
+    Trapezoidal,
+    Workspace,
+)
 from sim.laws import (
     Blemker,
     Constant,
@@ -28,7 +39,7 @@ from sim.probes import Energies, Iterations, Markers, Opening, Positions, Smalle
 from sim.reductions import Fixed
 from sim.scene import Scene
 from sim.simulate import Activation, resting, simulate
-from sim.state import Control, State, StepReport
+from sim.state import Control, ControlAt, State, StepReport
 from sim.steps import FixedStep, HalvingStep
 from sim.system import System, compile_scene
 from sim.terms import (
@@ -39,6 +50,7 @@ from sim.terms import (
     Material,
     Muscles,
     NodalVolume,
+    NodeLoad,
     Solid,
 )
 
@@ -48,6 +60,7 @@ __all__ = [
     "Constant",
     "ConstantForce",
     "Control",
+    "ControlAt",
     "ControlError",
     "ConvergedEuler",
     "ElementVolume",
@@ -58,11 +71,13 @@ __all__ = [
     "Generic",
     "Gravity",
     "HalvingStep",
+    "HardElementVolume",
     "InvertedElement",
     "Iterations",
     "LineFibre",
     "LineMuscles",
     "LinearlyImplicitEuler",
+    "LinearlyImplicitTrapezoidal",
     "LogarithmicBulk",
     "Markers",
     "Material",
@@ -72,6 +87,7 @@ __all__ = [
     "Muscles",
     "NeoHooke",
     "NodalVolume",
+    "NodeLoad",
     "NotConverged",
     "Opening",
     "PassiveRayleigh",
@@ -80,8 +96,10 @@ __all__ = [
     "QuadraticBulk",
     "Rayleigh",
     "RestRayleigh",
+    "RungeKutta4",
     "Scene",
     "SceneError",
+    "Sdirk2",
     "SimulationError",
     "SingularSystem",
     "SmallestJ",
@@ -89,7 +107,9 @@ __all__ = [
     "State",
     "Static",
     "StepReport",
+    "SymplecticEuler",
     "System",
+    "Trapezoidal",
     "Workspace",
     "compile_scene",
     "embed",

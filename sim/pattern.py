@@ -10,37 +10,47 @@ Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class SymmetricPattern:
-    """Upper triangle, by rows, of a symmetric matrix over the free unknowns.
+class Sparsity:
+    """Upper triangle, by rows, of a symmetric matrix.
+
+    Attributes
+    ----------
+    indptr, indices : rows of the upper triangle, columns ascending, the diagonal always present
+        and first.
+    diagonal : (n,) positions of the diagonal in the values.
+    """
+
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    diagonal: Index
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return len(self.diagonal)
+
+    @property
+    def nnz(self) -> int:
+        """Number of stored entries (upper triangle)."""
+        return len(self.indices)
+
+
+@dataclass(frozen=True)
+class SymmetricPattern(Sparsity):
+    """Sparsity over the free unknowns, and where the blocks of node pairs go.
 
     Attributes
     ----------
     free : (n_free,) indices of the free unknowns among 3 n_nodes.
-    indptr, indices : rows of the upper triangle, columns ascending, the diagonal always present
-        and first.
-    diagonal : (n_free,) positions of the diagonal in the values.
     pairs : (n_pairs,) keys ``a * n_nodes + b`` of the node pairs a <= b, ascending.
     target : (n_pairs, 9) position of each block entry in the values, -1 where it is not stored.
     n_nodes : int
     """
 
     free: Index
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    diagonal: Index
     pairs: Index
     target: NDArray[np.int32]
     n_nodes: int
-
-    @property
-    def n(self) -> int:
-        """Number of free unknowns."""
-        return len(self.free)
-
-    @property
-    def nnz(self) -> int:
-        """Number of stored entries (upper triangle)."""
-        return len(self.indices)
 
     def pair_index(self, keys: Index) -> Index:
         """Rows of `target` for node-pair keys that are part of the pattern."""
@@ -80,5 +90,5 @@ def symmetric_pattern(n_nodes: int, keys: Index, held: Index) -> SymmetricPatter
     counts = np.bincount(row[stored], minlength=len(free))
     indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     return SymmetricPattern(
-        free, indptr, indices, indptr[:-1].astype(np.int64), pairs, target, n_nodes
+        indptr, indices, indptr[:-1].astype(np.int64), free, pairs, target, n_nodes
     )

@@ -150,6 +150,39 @@ class Reduction(Protocol):
         ...
 
 
+class CompiledConstraint(Protocol):
+    """Bilateral conditions c(q) = 0 laid out for one scene.
+
+    Attributes
+    ----------
+    start, unknown : rows of G = dc/dq: row i has the unknowns unknown[start[i]:start[i + 1]], indices
+        among 3 n_nodes.
+    """
+
+    start: Index
+    unknown: Index
+
+    def evaluate(self, q: Array) -> tuple[Array, Array]:
+        """Values c (n,) and the entries of G in the order of `unknown`."""
+        ...
+
+    def add_curvature(self, q: Array, multiplier: Array, K: Array) -> None:
+        """K += sum_i multiplier_i d2c_i/dq2 in the values of the pattern; follows `evaluate(q)`."""
+        ...
+
+
+class Constraint(Protocol):
+    """Declared conditions that hold exactly, by multipliers."""
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """Node pairs, as of a term, that the curvature of the condition couples."""
+        ...
+
+    def compile(self, layout: Layout) -> CompiledConstraint:
+        """Lay the condition out for a scene."""
+        ...
+
+
 @dataclass(frozen=True)
 class Scene:
     """What is simulated.
@@ -160,9 +193,11 @@ class Scene:
     terms : tuple of Term
     reductions : tuple of Reduction
     damping : Damping or None
+    constraints : tuple of Constraint
     """
 
     mesh: Mesh
     terms: tuple[Term, ...]
     reductions: tuple[Reduction, ...] = ()
     damping: Damping | None = None
+    constraints: tuple[Constraint, ...] = ()

@@ -1,6 +1,6 @@
 """What changes in time: state, control, and the report of a step."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,9 +36,22 @@ class Control:
     Attributes
     ----------
     activation : (n_muscles,) in 0-1, in the order of `System.muscles`.
+
+    Notes
+    -----
+    Called with a time it gives itself, so that one held over time serves wherever a control that
+    varies is asked for.
     """
 
     activation: Array
+
+    def __call__(self, t: float) -> "Control":
+        """The control at time t [s], which is this one."""
+        return self
+
+
+ControlAt = Callable[[float], Control]
+"""The control as a function of time [s]; integrators ask at the instants of their stages."""
 
 
 @dataclass(frozen=True)

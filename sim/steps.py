@@ -1,15 +1,12 @@
 """Step control: it alone divides an interval and rejects; a rejected step leaves no trace."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
 from sim.integrators.contract import Integrator, Workspace
-from sim.state import Control, State, StepReport
+from sim.state import ControlAt, State, StepReport
 from sim.system import System
-
-ControlAt = Callable[[float], Control]
 
 
 class StepControl(Protocol):
@@ -63,8 +60,8 @@ class FixedStep:
         until: float,
         work: Workspace,
     ) -> tuple[State, StepReport]:
-        """One step; the control is that of its end."""
-        return integrator.step(system, state, control(until), until - state.t, work)
+        """One step."""
+        return integrator.step(system, state, control, until - state.t, work)
 
 
 @dataclass(frozen=True)
@@ -105,7 +102,7 @@ class HalvingStep:
             size = finest >> level
             t1 = until if done + size == finest else start + total * (done + size) / finest
             try:
-                state, report = integrator.step(system, state, control(t1), t1 - state.t, work)
+                state, report = integrator.step(system, state, control, t1 - state.t, work)
             except (InvertedElement, NotConverged, SingularSystem):
                 if level == self.max_halvings:
                     raise

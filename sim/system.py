@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.constraints.union import Constraints, unite
 from sim.errors import ControlError, SceneError
 from sim.pattern import SymmetricPattern, symmetric_pattern
 from sim.scene import (
@@ -34,6 +35,8 @@ class System:
     pattern : SymmetricPattern
     terms : compiled terms
     muscles : names, the order of every activation
+    constraints : Constraints or None
+        All conditions of the scene on its free unknowns.
     """
 
     scene: Scene
@@ -41,6 +44,7 @@ class System:
     pattern: SymmetricPattern
     terms: tuple[CompiledTerm, ...]
     muscles: tuple[str, ...]
+    constraints: Constraints | None = None
     _damping: CompiledDamping | None = None
     _in_step: bool = False
 
@@ -175,7 +179,9 @@ def compile_scene(scene: Scene) -> System:
         raise SceneError(f"muscle name {sorted(repeated)[0]!r} occurs twice, expected unique names")
     empty = [np.empty(0, dtype=np.int64)]
     held = np.unique(np.concatenate(empty + [r.held(mesh) for r in scene.reductions]))
-    keys = np.concatenate(empty + [term.pair_keys(mesh) for term in scene.terms])
+    keys = np.concatenate(
+        empty + [part.pair_keys(mesh) for part in (*scene.terms, *scene.constraints)]
+    )
     pattern = symmetric_pattern(mesh.n_nodes, keys, held)
     if pattern.n == 0:
         raise SceneError("every node is fixed, expected at least one free unknown")
@@ -184,7 +190,8 @@ def compile_scene(scene: Scene) -> System:
         raise SceneError(f"free node {node} has no mass: add a solid or fix the node")
     layout = Layout(mesh, mass, pattern, tuple(names))
     terms = tuple(term.compile(layout) for term in scene.terms)
-    system = System(scene, mass, pattern, terms, layout.muscles)
+    conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
+    system = System(scene, mass, pattern, terms, layout.muscles, conditions)
     if scene.damping is None:
         return system
     damping = scene.damping.compile(layout, lambda q, control: system.tangent(q, control)[1])

@@ -2,18 +2,35 @@
 
 from sim.integrators.contract import Integrator, TimeIntegrator, Workspace
 from sim.integrators.converged_euler import ConvergedEuler
+from sim.integrators.explicit import RungeKutta4, SymplecticEuler
 from sim.integrators.linearly_implicit_euler import LinearlyImplicitEuler
+from sim.integrators.linearly_implicit_trapezoidal import LinearlyImplicitTrapezoidal
+from sim.integrators.sdirk2 import Sdirk2
 from sim.integrators.static import Static
+from sim.integrators.trapezoidal import Trapezoidal
 
-INTEGRATORS: tuple[type[TimeIntegrator], ...] = (LinearlyImplicitEuler, ConvergedEuler)
-"""Every integrator in time; the test of the convergence order walks this tuple."""
+INTEGRATORS: tuple[type[TimeIntegrator], ...] = (
+    LinearlyImplicitEuler,
+    ConvergedEuler,
+    LinearlyImplicitTrapezoidal,
+    Trapezoidal,
+    Sdirk2,
+    SymplecticEuler,
+    RungeKutta4,
+)
+"""Every integrator in time; the tests of order, free fall and momentum walk this tuple."""
 
 __all__ = [
     "INTEGRATORS",
     "ConvergedEuler",
     "Integrator",
     "LinearlyImplicitEuler",
+    "LinearlyImplicitTrapezoidal",
+    "RungeKutta4",
+    "Sdirk2",
     "Static",
+    "SymplecticEuler",
     "TimeIntegrator",
+    "Trapezoidal",
     "Workspace",
 ]

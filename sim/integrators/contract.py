@@ -9,10 +9,11 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from sim._kernels import scatter
-from sim.errors import InvertedElement
+from sim.errors import InvertedElement, SceneError
 from sim.integrators.secant import SecantMemory
 from sim.linear import LinearSolver, NotPositiveDefinite, linear_solver
-from sim.state import Array, Control, State, StepReport
+from sim.linear.saddle import Saddle
+from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
 
@@ -32,10 +33,14 @@ class Workspace:
         self.linear: LinearSolver = linear_solver(linear)
         self.linear.analyse(system.pattern)
         self._pattern = system.pattern
+        self._system = system
         self._indefinite: LinearSolver | None = None
+        self._saddle: Saddle | None = None
         self.factor_of: tuple[type, float] | None = None
         """Integrator and step that the latest factor was made for, set by one that reuses factors."""
         self.secants = SecantMemory()
+        self.multipliers: Array | None = None
+        """Multipliers of the latest constrained step, where the next one starts."""
         self.seconds: dict[str, float] = {}
         self.calls: dict[str, int] = {}
 
@@ -99,6 +104,28 @@ class Workspace:
             with self.timed("solution"):
                 return self._indefinite.solve(rhs), False
 
+    def solve_constrained(self, A: Array, G: Array, r: Array, gamma: Array) -> tuple[Array, Array]:
+        """Solve A x + G' y = r, G x = gamma for x and the multipliers y.
+
+        Raises
+        ------
+        SingularSystem
+            The matrix is singular or holds NaN.
+        """
+        with self.timed("factorisation"):
+            self.saddle.factorise(A, G)
+        with self.timed("solution"):
+            return self.saddle.solve(r, gamma)
+
+    @property
+    def saddle(self) -> Saddle:
+        """Solver of the system with the conditions of the scene, analysed at the first use."""
+        if self._saddle is None:
+            if self._system.constraints is None:
+                raise SceneError("the scene has no constraints, expected some to solve with")
+            self._saddle = Saddle(self._pattern, self._system.constraints)
+        return self._saddle
+
     def has_factor_for(self, integrator: type, h: float) -> bool:
         """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
         made = self.factor_of
@@ -114,9 +141,9 @@ class Integrator(Protocol):
     """Advances a state by one step."""
 
     def step(
-        self, system: System, state: State, control: Control, h: float, work: Workspace
+        self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
-        """State at t + h under a control held over the step, and how the step went.
+        """State at t + h under a control, asked at the instants of the stages, and how it went.
 
         Raises
         ------
@@ -127,9 +154,18 @@ class Integrator(Protocol):
 
 
 class TimeIntegrator(Integrator, Protocol):
-    """An integrator that approaches the motion with a declared order as h falls."""
+    """An integrator that approaches the motion with a declared order as h falls.
+
+    Attributes
+    ----------
+    order : int
+        The error of the positions at a given time falls with h to this power.
+    stability : str
+        "L-stable" (fast modes die), "A-stable" (fast modes may ring) or "conditional" (h bounded).
+    """
 
     order: ClassVar[int]
+    stability: ClassVar[str]
 
 
 def symmetric_product(system: System, values: Array, x: Array) -> Array:

@@ -1,38 +1,58 @@
-"""The incremental potential of one implicit Euler step."""
+"""The incremental potential of one implicit stage."""
 
 import numpy as np
 
 from sim.integrators.contract import Workspace, symmetric_product
 from sim.integrators.newton import Point
-from sim.state import Array, Control, Evaluation, State
+from sim.state import Array, Control, Evaluation
 from sim.system import System
 from sim.vectors import dot
 
 
 class IncrementalPotential:
-    """phi(d) = 1/(2 h^2) |d - h v0|^2_M + E(q0 + d) + 1/(2 h) d' D0 d.
+    """phi(d) = 1/(2 s^2) |d - s v|^2_M + E(q + d) + 1/(2 s) d' D d, with the stage's step s.
+
+    Its minimum solves M (w - v)/s = f(q + s w) - D w for the velocity w = d/s. Implicit Euler is one
+    such stage from the state itself; trapezoidal and diagonally implicit Runge-Kutta stages are the
+    same from another base (q, v).
 
     Parameters
     ----------
-    system, state, control, h
-        Of the step.
-    D : (pattern.nnz,) damping at the start of the step.
+    system : System
+    q, v : (n_nodes, 3) base positions [m] and velocities [m/s].
+    control : Control
+        At the instant of the stage.
+    s : float
+        Implicit part of the step [s].
+    D : (pattern.nnz,) damping, constant within the stage [N s/m].
     work : Workspace
         For its run times.
     """
 
     def __init__(
-        self, system: System, state: State, control: Control, h: float, D: Array, work: Workspace
+        self,
+        system: System,
+        q: Array,
+        v: Array,
+        control: Control,
+        s: float,
+        D: Array,
+        work: Workspace,
     ) -> None:
-        self.system, self.h, self.scale, self.shift = system, h, h * h, system.mass
-        self._state, self._control, self._D, self._work = state, control, D, work
-        self._w0 = system.reduce(state.q)
-        self._v0 = system.reduce(state.v)
-        self._momentum = self.shift * self._v0 / h
+        self.system, self.scale, self.shift = system, s * s, system.mass
+        self._q, self._v, self._s = q, v, s
+        self._control, self._D, self._work = control, D, work
+        self._w0 = system.reduce(q)
+        self._v0 = system.reduce(v)
+        self._momentum = self.shift * self._v0 / s
 
     def positions(self, d: Array) -> Array:
         """Nodal positions (n_nodes, 3)."""
-        return self.system.expand(self._w0 + d, self._state.q)
+        return self.system.expand(self._w0 + d, self._q)
+
+    def velocities(self, d: Array) -> Array:
+        """Nodal velocities d/s (n_nodes, 3)."""
+        return self.system.expand(d / self._s, self._v)
 
     def point(self, d: Array, here: Evaluation | None = None) -> Point:
         """Evaluate phi and its gradient; with det F <= 0 somewhere they mean nothing."""
@@ -40,24 +60,24 @@ class IncrementalPotential:
             with self._work.timed("force"):
                 here = self.system.force(self.positions(d), self._control)
         product = symmetric_product(self.system, self._D, d)
-        product /= self.h
-        product += self.shift * d / self.h**2
+        product /= self._s
+        product += self.shift * d / self.scale
         g = product - self._momentum - self.system.reduce(here.f)
         phi = 0.5 * dot(d, product) - dot(self._momentum, d) + here.energy
         return Point(d, g, phi, here)
 
     def matrix(self, d: Array) -> Array:
-        """h^2 times the second derivative at d, M + h D0 + h^2 K."""
+        """s^2 times the second derivative at d, M + s D + s^2 K."""
         K = self.system.tangent(self.positions(d), self._control)[1]
-        A = self.h * self._D + self.h**2 * K
+        A = self._s * self._D + self.scale * K
         A[self.system.pattern.diagonal] += self.shift
         return A
 
-    def start(self, at_rest: Evaluation) -> Point:
-        """Begin at the inertial guess d = h v0 where it is feasible and better, else at d = 0."""
-        here = self.point(np.zeros_like(self._v0), at_rest)
-        guess = self.h * self._v0
-        if not guess.any():
+    def start(self, state_q: Array, at_state: Evaluation | None = None) -> Point:
+        """Begin at the inertial guess d = s v where it is feasible and better, else at the state."""
+        here = self.point(self.system.reduce(state_q) - self._w0, at_state)
+        guess = self._s * self._v0
+        if np.array_equal(guess, here.d):
             return here
         moved = self.point(guess)
         better = moved.here.smallest_J > 0.0 and moved.residual < here.residual

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.integrators.contract import Workspace, require_upright
-from sim.state import Control, State, StepReport
+from sim.integrators.linearly_implicit import linear_step
+from sim.state import ControlAt, State, StepReport
 from sim.system import System
 
 
@@ -22,9 +23,10 @@ class LinearlyImplicitEuler:
     """
 
     order: ClassVar[int] = 1
+    stability: ClassVar[str] = "L-stable"
 
     def step(
-        self, system: System, state: State, control: Control, h: float, work: Workspace
+        self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Advance by h.
 
@@ -36,21 +38,12 @@ class LinearlyImplicitEuler:
             The matrix could not be factorised.
         """
         system = system.during(state, h)
+        at_end = control(state.t + h)
         with work.timed("tangent"):
-            at_start, K = system.tangent(state.q, control)
-            D = system.damping(state.q, control, K)
-        require_upright(at_start.element, at_start.smallest_J, state.t)
-        mass, diagonal = system.mass, system.pattern.diagonal
+            here, K = system.tangent(state.q, at_end)
+            D = system.damping(state.q, at_end, K)
+        require_upright(here.element, here.smallest_J, state.t)
         A = h * D + h * h * K
-        A[diagonal] += mass
-        v0 = system.reduce(state.v)
-        v1, definite = work.solve_any(A, mass * v0 + h * system.reduce(at_start.f))
-        q1 = system.expand(system.reduce(state.q) + h * v1, state.q)
-        t1 = state.t + h
-        with work.timed("force"):
-            least, element = system.smallest_J(q1)
-        require_upright(element, least, t1)
-        new = State(t1, q1, system.expand(v1, state.v), system.remember(q1))
-        return new, StepReport(
-            h=h, smallest_J=least, factorisations=1 if definite else 2, indefinite=int(not definite)
-        )
+        A[system.pattern.diagonal] += system.mass
+        rhs = system.mass * system.reduce(state.v) + h * system.reduce(here.f)
+        return linear_step(system, state, A, rhs, h, 1.0, work)

@@ -93,6 +93,17 @@ class Iteration:
     line_search: float
     shifts: int
 
+    def joined(self, other: "Iteration") -> "Iteration":
+        """One account of two iterations: sums of the counts, the worse of the rest."""
+        return Iteration(
+            self.iterations + other.iterations,
+            self.factorisations + other.factorisations,
+            max(self.residual, other.residual),
+            max(self.increment, other.increment),
+            min(self.line_search, other.line_search),
+            self.shifts + other.shifts,
+        )
+
 
 def search(
     evaluate: Callable[[Array], Point], start: Point, direction: Array

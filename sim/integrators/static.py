@@ -5,9 +5,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from sim.integrators.constrained import minimise_constrained
 from sim.integrators.contract import Workspace, require_upright
 from sim.integrators.newton import Point, Tolerances, minimise
-from sim.state import Array, Control, Evaluation, State, StepReport
+from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
 from sim.system import System
 
 
@@ -40,7 +41,7 @@ class Static:
     keep_factor: float = 0.6
 
     def step(
-        self, system: System, state: State, control: Control, h: float, work: Workspace
+        self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Find equilibrium under the control; h only advances the time.
 
@@ -54,13 +55,16 @@ class Static:
             The matrix could not be factorised.
         """
         system = system.during(state, math.inf)
-        energy = _Energy(system, state, control, work)
+        energy = _Energy(system, state, control(state.t + h), work)
         start = energy.point(np.zeros(system.pattern.n))
         require_upright(start.here.element, start.here.smallest_J, state.t)
         tolerances = Tolerances(
             self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
         )
-        end, went = minimise(energy, start, work, (Static, 0.0), tolerances, state.t + h)
+        if system.constraints is None:
+            end, went = minimise(energy, start, work, (Static, 0.0), tolerances, state.t + h)
+        else:
+            end, went = minimise_constrained(energy, start, work, tolerances, state.t + h)
         q1 = energy.positions(end.d)
         new = State(state.t + h, q1, np.zeros_like(q1), system.remember(q1))
         return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))
@@ -70,24 +74,24 @@ class _Energy:
     """E(q0 + d) under one control."""
 
     def __init__(self, system: System, state: State, control: Control, work: Workspace) -> None:
-        self._system, self._state, self._control, self._work = system, state, control, work
+        self.system, self._state, self._control, self._work = system, state, control, work
         self._w0 = system.reduce(state.q)
         self.scale = 1.0
         self.shift = np.ones(system.pattern.n)
 
     def positions(self, d: Array) -> Array:
         """Nodal positions (n_nodes, 3)."""
-        return self._system.expand(self._w0 + d, self._state.q)
+        return self.system.expand(self._w0 + d, self._state.q)
 
     def point(self, d: Array) -> Point:
         """Evaluate E and its gradient."""
         with self._work.timed("force"):
-            here: Evaluation = self._system.force(self.positions(d), self._control)
-        return Point(d, -self._system.reduce(here.f), here.energy, here)
+            here: Evaluation = self.system.force(self.positions(d), self._control)
+        return Point(d, -self.system.reduce(here.f), here.energy, here)
 
     def matrix(self, d: Array) -> Array:
         """Values of the second derivative K at d."""
-        K = self._system.tangent(self.positions(d), self._control)[1]
+        K = self.system.tangent(self.positions(d), self._control)[1]
         # a shift by 1 % of the typical stiffness is felt and not overwhelming
-        self.shift = np.full(len(d), 0.01 * np.abs(K[self._system.pattern.diagonal]).mean())
+        self.shift = np.full(len(d), 0.01 * np.abs(K[self.system.pattern.diagonal]).mean())
         return K

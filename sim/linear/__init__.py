@@ -6,14 +6,18 @@ from collections.abc import Callable
 from sim.errors import SceneError
 from sim.linear.contract import LinearSolver, NotPositiveDefinite
 from sim.linear.pardiso import Pardiso, PardisoLDLt, pardiso_is_available
-from sim.linear.superlu import SuperLU
+from sim.linear.superlu import PivotingSuperLU, SuperLU
 
 LINEAR_SOLVERS: dict[str, Callable[[], LinearSolver]] = {
     "pardiso": Pardiso,
     "pardiso_ldlt": PardisoLDLt,
     "superlu": SuperLU,
+    "superlu_pivoting": PivotingSuperLU,
 }
 """Every linear solver; the tests walk this table."""
+
+INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
+"""The member of each family that serves matrices that are not positive definite."""
 
 
 def linear_solver(name: str = "auto", *, indefinite: bool = False) -> LinearSolver:
@@ -32,8 +36,8 @@ def linear_solver(name: str = "auto", *, indefinite: bool = False) -> LinearSolv
         The name is unknown, or PARDISO was asked for and is not installed.
     """
     if name == "auto":
-        cholesky_or_ldlt = "pardiso_ldlt" if indefinite else "pardiso"
-        name = cholesky_or_ldlt if pardiso_is_available() else "superlu"
+        family = "pardiso" if pardiso_is_available() else "superlu"
+        name = INDEFINITE[family] if indefinite else family
     if name not in LINEAR_SOLVERS:
         raise SceneError(
             f"unknown linear solver {name!r}, expected 'auto' or one of {[*LINEAR_SOLVERS]}"
@@ -50,6 +54,7 @@ __all__ = [
     "LINEAR_SOLVERS",
     "LinearSolver",
     "NotPositiveDefinite",
+    "PivotingSuperLU",
     "Pardiso",
     "PardisoLDLt",
     "SuperLU",

@@ -3,7 +3,7 @@
 from typing import Protocol
 
 from sim.errors import SingularSystem
-from sim.pattern import SymmetricPattern
+from sim.pattern import Sparsity
 from sim.state import Array
 
 
@@ -16,7 +16,7 @@ class LinearSolver(Protocol):
 
     name: str
 
-    def analyse(self, pattern: SymmetricPattern) -> None:
+    def analyse(self, pattern: Sparsity) -> None:
         """Order and analyse the sparsity, once."""
         ...
 

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 from sim.errors import SingularSystem
 from sim.linear.contract import NotPositiveDefinite
-from sim.pattern import SymmetricPattern
+from sim.pattern import Sparsity
 from sim.state import Array
 
 SYMMETRIC_POSITIVE_DEFINITE, SYMMETRIC_INDEFINITE = 2, -2
@@ -72,7 +72,7 @@ class Pardiso:
                 ) from error
             raise SingularSystem(f"PARDISO failed in phase {phase}: {error}") from error
 
-    def analyse(self, pattern: SymmetricPattern) -> None:
+    def analyse(self, pattern: Sparsity) -> None:
         """Order the unknowns and find the structure of the factor."""
         self._matrix = csr_array(
             (np.zeros(pattern.nnz), pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n)
@@ -121,6 +121,11 @@ class PardisoLDLt(Pardiso):
 
     name = "pardiso_ldlt"
     _matrix_type = SYMMETRIC_INDEFINITE
+
+    @property
+    def negative_pivots(self) -> int:
+        """Number of negative eigenvalues of the latest factorised matrix."""
+        return int(self._solver.iparm[22])
 
 
 def _release(solver: Any, matrix: csr_array, none: Array) -> None:

@@ -5,7 +5,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from sim.errors import SingularSystem
-from sim.pattern import SymmetricPattern
+from sim.pattern import Sparsity
 from sim.state import Array
 
 
@@ -13,8 +13,10 @@ class SuperLU:
     """Direct solver of `scipy.sparse.linalg.splu` on the full symmetric matrix."""
 
     name = "superlu"
+    _pivot_threshold = 0.0
+    _symmetric = True
 
-    def analyse(self, pattern: SymmetricPattern) -> None:
+    def analyse(self, pattern: Sparsity) -> None:
         """Lay out the full matrix; a value's place in it is looked up from then on."""
         n = pattern.n
         row = np.repeat(np.arange(n), np.diff(pattern.indptr))
@@ -48,8 +50,8 @@ class SuperLU:
             self._factor = splu(
                 full,
                 permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
+                diag_pivot_thresh=self._pivot_threshold,
+                options={"SymmetricMode": self._symmetric},
             )
         except RuntimeError as error:
             raise SingularSystem(f"SuperLU could not factorise the matrix ({error})") from error
@@ -66,3 +68,11 @@ class SuperLU:
         if not np.isfinite(x).all():
             raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
         return x
+
+
+class PivotingSuperLU(SuperLU):
+    """SuperLU with partial pivoting, for matrices that are not positive definite."""
+
+    name = "superlu_pivoting"
+    _pivot_threshold = 1.0
+    _symmetric = False

@@ -3,10 +3,11 @@
 from sim.scene import Term
 from sim.terms.gravity import Gravity
 from sim.terms.line_muscle import LineFibre, LineMuscles
+from sim.terms.load import NodeLoad
 from sim.terms.solid import Material, Muscles, Solid
 from sim.terms.volume import ElementVolume, NodalVolume
 
-TERMS: tuple[type[Term], ...] = (Solid, Gravity, ElementVolume, NodalVolume, LineMuscles)
+TERMS: tuple[type[Term], ...] = (Solid, Gravity, ElementVolume, NodalVolume, LineMuscles, NodeLoad)
 """Every term; the derivative tests walk this tuple."""
 
 __all__ = [
@@ -18,5 +19,6 @@ __all__ = [
     "Material",
     "Muscles",
     "NodalVolume",
+    "NodeLoad",
     "Solid",
 ]

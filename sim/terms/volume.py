@@ -4,25 +4,23 @@ Both replace the pointwise bulk law of a solid (give that kappa = 0) and use the
 They cure volumetric locking because fewer volumes are constrained than there are Gauss points.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from sim._kernels import volume as kernel
 from sim.assembly import (
-    BlockLayout,
     MatrixSum,
-    NodeSum,
-    block_layouts,
     element_pair_keys,
     grouped,
     slots,
 )
 from sim.errors import SceneError
-from sim.mesh import Block, Mesh
+from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 from sim.vectors import dot
+from sim.volumes import PointVolumes
 
 
 @dataclass(frozen=True)
@@ -103,59 +101,11 @@ def _require_positive(kappa: float) -> None:
         raise SceneError(f"soft incompressibility: kappa = {kappa!r}, expected a number > 0")
 
 
-class _Volumes:
-    """Present volumes of all Gauss points and their derivatives, one pair of buffers per block."""
-
-    def __init__(self, mesh: Mesh, *, point_per_node: bool = False) -> None:
-        self.blocks = block_layouts(mesh)
-        if point_per_node:
-            self.blocks = tuple(map(_with_point_per_node, self.blocks, mesh.blocks))
-        self.node_sum = NodeSum(mesh)
-        points = max((b.volume.shape[1] for b in self.blocks), default=1)
-        n = mesh.n_elements
-        # one rectangle for all blocks; the points that a block lacks stay zero
-        self.rest = np.zeros((n, points))
-        for b in self.blocks:
-            self.rest[b.rows, : b.volume.shape[1]] = b.volume
-        self.v = np.ones((n, points))
-        self.h = np.zeros((n, points, 3, 8))
-        self.force = np.zeros((n, 3, 8))
-
-    def evaluate(self, q: Array) -> None:
-        """Fill v and h at positions q."""
-        for b in self.blocks:
-            v, h = self._views(b)
-            own_v, own_h = np.empty(v.shape), np.empty(h.shape)
-            kernel.volumes(q, b.nodes, b.gradient, b.volume, own_v, own_h)
-            v[...], h[...] = own_v, own_h
-
-    def _views(self, b: BlockLayout) -> tuple[Array, Array]:
-        k = b.volume.shape[1]
-        return self.v[b.rows, :k], self.h[b.rows, :k]
-
-    def add_force(self, p: Array, f: Array) -> None:
-        """Subtract the sum of p dv/dx, with the pressure p (element, point), from f."""
-        kernel.pressure_forces(p, self.h, self.force)
-        self.node_sum.add(self.force, -1.0, f)
-
-
-def _with_point_per_node(layout: BlockLayout, block: Block) -> BlockLayout:
-    """Divide the one point of an element among its nodes; other elements have a point per node."""
-    k = block.kind.n_nodes
-    if layout.volume.shape[1] == k:
-        return layout
-    return replace(
-        layout,
-        gradient=np.repeat(layout.gradient, k, axis=1),
-        volume=np.repeat(layout.volume / k, k, axis=1),
-    )
-
-
 class CompiledElementVolume:
     """Element volumes laid out for a scene; the buffers carry nothing between calls."""
 
     def __init__(self, kappa: float, layout: Layout) -> None:
-        self._kappa, self._volumes = kappa, _Volumes(layout.mesh)
+        self._kappa, self._volumes = kappa, PointVolumes(layout.mesh)
         self._matrix_sum = MatrixSum(layout.mesh, layout.pattern)
         self._rest = self._volumes.rest.sum(axis=1)
         self._is_point = self._volumes.rest > 0.0
@@ -190,7 +140,7 @@ class CompiledNodalVolume:
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:
         mesh, pattern = layout.mesh, layout.pattern
-        self._kappa, self._volumes = term.kappa, _Volumes(mesh, point_per_node=True)
+        self._kappa, self._volumes = term.kappa, PointVolumes(mesh, point_per_node=True)
         self._matrix_sum = MatrixSum(mesh, pattern)
         self._blocks = np.zeros(self._matrix_sum.shape)
 

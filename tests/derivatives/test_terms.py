@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import sim
+from sim.constraints import CONSTRAINTS
 from sim.damping import DAMPING_LAWS
 from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS
 from sim.scene import Contribution
@@ -40,6 +41,7 @@ EXAMPLES = {
         (sim.Peck(0.8, stretch_max=1.4, tendon_ratio=0.1), sim.ConstantForce(2.0, 0.1)),
         stiffness=30.0,
     ),
+    sim.NodeLoad: lambda: sim.NodeLoad(np.array([1, 4, 1]), np.arange(9.0).reshape(3, 3)),
 }
 """One of each term; a term that is registered without one fails below."""
 
@@ -112,6 +114,32 @@ def test_a_tetrahedron_gives_each_node_a_quarter_of_its_volume():
     expected = 0.5 * kappa * (nodal[0] * (nodal[1] / nodal[0] - 1) ** 2).sum()
     system = sim.compile_scene(sim.Scene(mesh, (Weightless(), sim.NodalVolume(kappa))))
     assert system.force(q, system.control(np.zeros(0))).energy == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("constraint", CONSTRAINTS)
+def test_every_constraint_G_is_the_derivative_of_c_and_its_curvature_that_of_G(constraint):
+    fixed = sim.Fixed(np.array([0, 1, 2, 3]))
+    scene = sim.Scene(MESH, (Weightless(),), (fixed,), constraints=(constraint(),))
+    system = sim.compile_scene(scene)
+    conditions, q = system.constraints, deformed()
+    rng = np.random.default_rng(2)
+    multiplier, size = rng.normal(size=conditions.n), 1e-6
+    w = system.reduce(q)
+    curvature = np.zeros(system.pattern.nnz)
+    G = conditions.matrix(conditions.evaluate(q)[1]).toarray()
+    conditions.add_curvature(q, multiplier, curvature)
+    for i in range(system.pattern.n):
+        step = np.zeros_like(w)
+        step[i] = size
+        above = conditions.evaluate(system.expand(w + step, q))
+        below = conditions.evaluate(system.expand(w - step, q))
+        slope = (above[0] - below[0]) / (2 * size)
+        assert np.abs(slope - G[:, i]).max() < 1e-7 * np.abs(G).max()
+        bend = (
+            (conditions.matrix(above[1]) - conditions.matrix(below[1])).T @ multiplier / (2 * size)
+        )
+        expected = dense(system, curvature)[i]
+        assert np.abs(bend - expected).max() < 1e-7 * np.abs(curvature).max()
 
 
 @pytest.mark.parametrize("laws", LAWS, ids=lambda laws: "-".join(x.__name__ for x in laws))

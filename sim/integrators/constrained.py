@@ -1,0 +1,126 @@
+"""Newton's method on a potential under conditions c = 0, with multipliers and a line search."""
+
+from typing import Protocol
+
+import numpy as np
+
+from sim.errors import NotConverged
+from sim.integrators.contract import Workspace
+from sim.integrators.newton import ARMIJO, MAX_HALVINGS, Iteration, Point, Potential, Tolerances
+from sim.state import Array
+from sim.system import System
+from sim.vectors import dot
+
+MAX_SHIFTS = 12
+
+
+class Placed(Potential, Protocol):
+    """A potential that knows where its displacements lead."""
+
+    system: System
+
+    def positions(self, d: Array) -> Array:
+        """Nodal positions (n_nodes, 3)."""
+        ...
+
+
+def minimise_constrained(
+    potential: Placed, point: Point, work: Workspace, tolerances: Tolerances, until: float
+) -> tuple[Point, Iteration]:
+    """Minimum of a potential on c = 0 from a start with det F > 0.
+
+    Each iteration solves the saddle system of the Lagrangian phi + lambda . c for the step and the new
+    multipliers. The matrix is shifted until it has as many negative eigenvalues as conditions, so that
+    the step descends the merit phi + rho |c|_1, with rho above every multiplier; the line search
+    keeps det F > 0 and the merit falling (Nocedal and Wright, Numerical Optimization, 18.4).
+
+    Raises
+    ------
+    NotConverged
+        The tolerances were not met, or no step length lowers the merit.
+    SingularSystem
+        The saddle matrix could not be factorised: the conditions repeat each other.
+    """
+    conditions = potential.system.constraints
+    assert conditions is not None  # callers choose this function by it
+    c, slopes = conditions.evaluate(potential.positions(point.d))
+    multiplier = work.multipliers if work.multipliers is not None else np.zeros(conditions.n)
+    residuals: list[float] = []
+    rho, shortest, factorisations, shifts, last = 0.0, 1.0, 0, 0, np.inf
+    for iteration in range(1, tolerances.max_iterations + 1):
+        with work.timed("tangent"):
+            A = _lagrangian_matrix(potential, point.d, multiplier)
+        step, multiplier, more = _newton_step(potential, A, slopes, point, c, work)
+        factorisations, shifts = factorisations + 1 + more, shifts + more
+        rho = max(rho, 1.5 * float(np.abs(multiplier).max()))
+        found = _search(potential, point, c, step, rho)
+        if found is None:
+            raise NotConverged(tuple(residuals), until, "no step lowers the constrained potential")
+        length, point = found
+        shortest = min(shortest, length)
+        c, slopes = conditions.evaluate(potential.positions(point.d))
+        rows = conditions.matrix(slopes)
+        residuals.append(float(np.abs(point.g + rows.T @ multiplier).max()))
+        size = np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
+        violation = float((np.abs(c) / np.where(size > 0.0, size, 1.0)).max())
+        moved = length * float(np.abs(step).max())
+        theta = min(moved / last, 0.99) if last < np.inf else 0.5
+        left, last = moved * theta / (1.0 - theta), moved
+        near = left <= tolerances.position and violation <= tolerances.position
+        if near and residuals[-1] <= tolerances.residual:
+            work.multipliers = multiplier
+            went = Iteration(iteration, factorisations, residuals[-1], left, shortest, shifts)
+            return point, went
+    raise NotConverged(tuple(residuals), until, f"limit of {tolerances.max_iterations} iterations")
+
+
+def _lagrangian_matrix(potential: Placed, d: Array, multiplier: Array) -> Array:
+    """Values of scale times the second derivative of phi + lambda . c."""
+    conditions = potential.system.constraints
+    assert conditions is not None
+    curvature, q = np.zeros(potential.system.pattern.nnz), potential.positions(d)
+    conditions.evaluate(q)
+    conditions.add_curvature(q, multiplier, curvature)
+    return potential.matrix(d) + potential.scale * curvature
+
+
+def _newton_step(
+    potential: Placed, A: Array, G: Array, point: Point, c: Array, work: Workspace
+) -> tuple[Array, Array, int]:
+    """Step, multipliers and number of shifts of the saddle system with the right inertia."""
+    scale, shifted, tau = potential.scale, A, 1.0
+    diagonal = potential.system.pattern.diagonal
+    for shifts in range(MAX_SHIFTS + 1):
+        step, y = work.solve_constrained(shifted, G, -scale * point.g, -c)
+        negative = work.saddle.negative_pivots
+        # a solver that does not count its pivots is judged by the curvature along its step
+        convex = (
+            negative == len(c) if negative is not None else dot(step, point.g) <= dot(y, c) / scale
+        )
+        if convex or shifts == MAX_SHIFTS:
+            return step, y / scale, shifts
+        shifted = A.copy()
+        shifted[diagonal] += tau * potential.shift
+        tau *= 4.0
+    raise AssertionError("unreachable: the loop returns")
+
+
+def _search(
+    potential: Placed, start: Point, c: Array, step: Array, rho: float
+) -> tuple[float, Point] | None:
+    """Longest tried step with det F > 0 and sufficient decrease of phi + rho |c|_1."""
+    conditions = potential.system.constraints
+    assert conditions is not None
+    broken = rho * float(np.abs(c).sum())
+    slope = dot(start.g, step) - broken
+    rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy) + broken)
+    length = 1.0
+    for _ in range(MAX_HALVINGS):
+        trial = potential.point(start.d + length * step)
+        if trial.here.smallest_J > 0.0:
+            now = conditions.evaluate(potential.positions(trial.d))[0]
+            change = trial.phi - start.phi + rho * float(np.abs(now).sum()) - broken
+            if change <= ARMIJO * length * min(slope, 0.0) or abs(change) <= rounding:
+                return length, trial
+        length *= 0.5
+    return None

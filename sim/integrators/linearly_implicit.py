@@ -1,0 +1,55 @@
+"""What the linearly implicit integrators share: one linear solution, with or without conditions."""
+
+import numpy as np
+
+from sim.integrators.contract import Workspace, require_upright
+from sim.state import Array, State, StepReport
+from sim.system import System
+
+
+def linear_step(
+    system: System, state: State, A: Array, rhs: Array, h: float, moves: float, work: Workspace
+) -> tuple[State, StepReport]:
+    """State at t + h with A v1 = rhs and q1 = q0 + h ((1 - moves) v0 + moves v1).
+
+    Conditions hold for the velocities, G(q0) v1 = 0; then the positions are brought back to c(q1) = 0
+    by one projection, the smallest in the norm of the mass, along the same G.
+
+    Parameters
+    ----------
+    A : (pattern.nnz,) matrix for the velocities.
+    rhs : (n_free,) right-hand side [N s].
+    moves : float
+        Share of the new velocity in the motion.
+
+    Raises
+    ------
+    InvertedElement
+        det F <= 0 at the end.
+    SingularSystem
+        A matrix could not be factorised.
+    """
+    v0, t1 = system.reduce(state.v), state.t + h
+    definite, factorisations = True, 1
+    conditions = system.constraints
+    if conditions is None:
+        v1, definite = work.solve_any(A, rhs)
+        factorisations = 1 if definite else 2
+        q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
+    else:
+        _, G = conditions.evaluate(state.q)
+        v1, _ = work.solve_constrained(A, G, rhs, np.zeros(conditions.n))
+        q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
+        c, _ = conditions.evaluate(q1)
+        mass = np.zeros(system.pattern.nnz)
+        mass[system.pattern.diagonal] = system.mass
+        back, _ = work.solve_constrained(mass, G, np.zeros(len(v1)), -c)
+        q1 = system.expand(system.reduce(q1) + back, q1)
+        factorisations = 2
+    with work.timed("force"):
+        least, element = system.smallest_J(q1)
+    require_upright(element, least, t1)
+    new = State(t1, q1, system.expand(v1, state.v), system.remember(q1))
+    return new, StepReport(
+        h=h, smallest_J=least, factorisations=factorisations, indefinite=int(not definite)
+    )

@@ -1,0 +1,106 @@
+"""What the converged integrators share: their tolerances and the solution of one implicit stage."""
+
+from dataclasses import asdict, dataclass
+from functools import reduce
+
+from sim.integrators.constrained import minimise_constrained
+from sim.integrators.contract import Workspace
+from sim.integrators.incremental import IncrementalPotential
+from sim.integrators.newton import Iteration, Tolerances, minimise
+from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
+from sim.system import System
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One implicit stage: the velocity w and positions q + s w that balance the forces.
+
+    Attributes
+    ----------
+    t : float
+        Instant of the stage [s].
+    q, v : (n_nodes, 3) base of the stage [m], [m/s].
+    s : float
+        Implicit part of the step [s].
+    control : Control
+    D : (pattern.nnz,) damping [N s/m].
+    """
+
+    t: float
+    q: Array
+    v: Array
+    s: float
+    control: Control
+    D: Array
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Positions and velocities (n_nodes, 3) at the end of a stage, and how its iteration went."""
+
+    q: Array
+    v: Array
+    here: Evaluation
+    went: Iteration
+
+
+@dataclass(frozen=True)
+class Converged:
+    """Implicit stages solved to a tolerance: Newton on the incremental potential.
+
+    A line search keeps det F > 0 at every Gauss point and the potential decreasing. A factor serves,
+    with secant updates, as long as the iteration contracts, over many steps; a matrix that is not
+    positive definite is shifted.
+
+    Attributes
+    ----------
+    tolerance : float
+        Largest estimated error of a nodal position left by the iteration [m].
+    residual_tolerance : float
+        Largest nodal residual force [N].
+    max_iterations : int
+    keep_factor : float
+        The factor is renewed after an iteration that shrinks the residual by less than this.
+    """
+
+    tolerance: float = 1e-6
+    residual_tolerance: float = 2e-5
+    max_iterations: int = 80
+    keep_factor: float = 0.6
+
+    def _solve(
+        self,
+        system: System,
+        stage: Stage,
+        state: State,
+        work: Workspace,
+        here: Evaluation | None = None,
+    ) -> Solved:
+        """Solve a stage; `here` is the evaluation at the state's positions under its control."""
+        phi = IncrementalPotential(system, stage.q, stage.v, stage.control, stage.s, stage.D, work)
+        tolerances = Tolerances(
+            self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
+        )
+        key = (type(self), stage.s)
+        start = phi.start(state.q, here)
+        if system.constraints is None:
+            end, went = minimise(phi, start, work, key, tolerances, stage.t)
+        else:
+            end, went = minimise_constrained(phi, start, work, tolerances, stage.t)
+        return Solved(phi.positions(end.d), phi.velocities(end.d), end.here, went)
+
+
+def middle_damping(system: System, state: State, control: ControlAt, h: float) -> Array:
+    """Damping at the predicted middle of a step, where the predictor does not invert.
+
+    Held over the step, it keeps the second order of a method: its change is odd about the middle.
+    """
+    q, middle = state.q + 0.5 * h * state.v, control(state.t + 0.5 * h)
+    upright = system.smallest_J(q)[0] > 0.0
+    return system.damping(q if upright else state.q, middle)
+
+
+def report_of(h: float, stages: list[Solved]) -> StepReport:
+    """One report for the stages of a step."""
+    went = reduce(Iteration.joined, (stage.went for stage in stages))
+    return StepReport(h=h, smallest_J=stages[-1].here.smallest_J, **asdict(went))

@@ -1,0 +1,44 @@
+"""The trapezoidal rule solved to a tolerance."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sim.integrators.contract import Workspace, require_upright, symmetric_product
+from sim.integrators.stage import Converged, Stage, middle_damping, report_of
+from sim.state import ControlAt, State, StepReport
+from sim.system import System
+
+
+@dataclass(frozen=True)
+class Trapezoidal(Converged):
+    """q1 = q0 + h/2 (v0 + v1), M (v1 - v0) = h/2 (f0 + f1), with f = f(q, a) - D v.
+
+    One implicit stage of length h/2 from the base q0 + h/2 v0, v0 + h/2 M^-1 f0; D is taken at the
+    predicted middle of the step. Attributes: as `Converged`.
+
+    Notes
+    -----
+    Second order, A-stable but not L-stable: modes much faster than the step keep ringing from step to
+    step, as Crank and Nicolson's rule does. `Sdirk2` damps them.
+    """
+
+    order: ClassVar[int] = 2
+    stability: ClassVar[str] = "A-stable"
+
+    def step(
+        self, system: System, state: State, control: ControlAt, h: float, work: Workspace
+    ) -> tuple[State, StepReport]:
+        """Advance by h; errors as `ConvergedEuler.step`."""
+        t1, half, over = state.t + h, 0.5 * h, system.during(state, h)
+        with work.timed("force"):
+            here = system.during(state, 0.0).force(state.q, control(state.t))
+        require_upright(here.element, here.smallest_J, state.t)
+        with work.timed("tangent"):
+            D = middle_damping(over, state, control, h)
+        v0 = system.reduce(state.v)
+        f0 = system.reduce(here.f) - symmetric_product(system, D, v0)
+        base_q = system.expand(system.reduce(state.q) + half * v0, state.q)
+        base_v = system.expand(v0 + half * f0 / system.mass, state.v)
+        stage = Stage(t1, base_q, base_v, half, control(t1), D)
+        end = self._solve(over, stage, state, work)
+        return State(t1, end.q, end.v, over.remember(end.q)), report_of(h, [end])

@@ -1,0 +1,67 @@
+"""Dead loads on nodes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.errors import SceneError
+from sim.mesh import Mesh
+from sim.scene import Contribution, Index, Layout
+from sim.state import Array, Control
+from sim.vectors import dot
+
+
+@dataclass(frozen=True, eq=False)
+class NodeLoad:
+    """Constant forces on nodes, potential -f . (q - X).
+
+    Attributes
+    ----------
+    nodes : (k,) node indices; repeated ones add.
+    force : (k, 3) force on each [N].
+
+    Raises
+    ------
+    SceneError
+        Shapes disagree, a force is not finite, or (on compiling) a node index is out of range.
+    """
+
+    nodes: Index
+    force: Array
+
+    def __post_init__(self) -> None:
+        """Check shapes and values."""
+        if self.force.shape != (len(self.nodes), 3) or not np.isfinite(self.force).all():
+            raise SceneError(
+                f"NodeLoad: force has shape {self.force.shape} or holds NaN, expected finite "
+                f"({len(self.nodes)}, 3)"
+            )
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """No stiffness."""
+        return np.empty(0, dtype=np.int64)
+
+    def compile(self, layout: Layout) -> "CompiledNodeLoad":
+        """Add the forces up per node once."""
+        nodes, n = np.asarray(self.nodes, dtype=np.int64), layout.mesh.n_nodes
+        if nodes.size and not (nodes.min() >= 0 and nodes.max() < n):
+            raise SceneError(f"NodeLoad names node {int(nodes.max())}, expected 0..{n - 1}")
+        total = np.zeros((n, 3))
+        np.add.at(total, nodes, self.force)
+        return CompiledNodeLoad(total, layout.mesh.X)
+
+
+class CompiledNodeLoad:
+    """Constant nodal forces (n_nodes, 3) [N]."""
+
+    def __init__(self, load: Array, X: Array) -> None:
+        self._load, self._X = load, X
+
+    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
+        """Add the loads to f."""
+        f += self._load
+        return Contribution(energy=-dot(self._load, q - self._X))
+
+    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
+        """As `add_force`; the stiffness is zero."""
+        return self.add_force(q, control, f)
