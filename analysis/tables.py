@@ -1,4 +1,4 @@
-"""Tables of a cube as plain text, Markdown and CSV.
+"""Tables of a cube as plain text, Markdown, LaTeX and CSV.
 
 Every table says whether its recordings were measured or simulated: in the title of text and
 Markdown, and in a column of the CSV, where a title would get lost.
@@ -7,6 +7,7 @@ Markdown, and in a column of the CSV, where a title would get lost.
 import csv
 import io
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -110,6 +111,29 @@ class Table:
         body = [f"**{self.title}**", "", line(heads), line(rule), *map(line, self._cells())]
         return "\n".join([*body, *(["", self.note] if self.note else [])]) + "\n"
 
+    def latex(self) -> str:
+        """Return the table in LaTeX, for a document that uses the package booktabs."""
+        right = [self._numeric(index) for index in range(len(self.columns))]
+
+        def line(row: Sequence[str]) -> str:
+            return "    " + " & ".join(map(escaped, row)) + r" \\"
+
+        form = "".join("r" if flush else "l" for flush in right)
+        body = [
+            r"\begin{table}",
+            r"  \centering",
+            rf"  \caption{{{escaped(' '.join([self.title + '.', self.note]).strip())}}}",
+            rf"  \begin{{tabular}}{{{form}}}",
+            r"    \toprule",
+            line([column.head() for column in self.columns]),
+            r"    \midrule",
+            *map(line, self._cells()),
+            r"    \bottomrule",
+            r"  \end{tabular}",
+            r"\end{table}",
+        ]
+        return "\n".join(body) + "\n"
+
     def csv(self) -> str:
         """Return the table as CSV in SI units and full precision, undefined values empty."""
         buffer = io.StringIO()
@@ -129,6 +153,17 @@ class Table:
 
     def _numeric(self, index: int) -> bool:
         return any(isinstance(row[index], int | float) for row in self.rows)
+
+
+def escaped(text: str) -> str:
+    """Write plain text in LaTeX; a minus before a digit becomes a true one."""
+    special = {
+        "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+        "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "µ": r"\textmu{}",
+        **{character: "\\" + character for character in "&%$#_{}"},
+    }  # fmt: skip
+    text = "".join(special.get(character, character) for character in text)
+    return re.sub(r"(?<![\w.])-(?=\d)", "$-$", text)
 
 
 SHOWN: Final = {
@@ -226,6 +261,7 @@ def trial_table(cube: xr.Dataset) -> Table:
     columns = tuple(
         Column(name, *SHOWN.get("rho" if name == "median_rho" else name, ("", "", 1.0, 0)))
         for name in (*TRIAL_DIMS, *names)
+        if name in listed  # a cube need not hold all of them
     )
     records: list[dict[Any, Any]] = listed.to_dict("records")
     rows = tuple(tuple(record[column.name] for column in columns) for record in records)

@@ -1,19 +1,24 @@
 """Figures of a study. Every one says whether its recordings were measured or simulated."""
 
+from analysis.figures.accuracy import error_against_run_time, stability_table
 from analysis.figures.activations import activation_heat_map, feature_boxes
 from analysis.figures.alignment import marker_traces, synchronisation
 from analysis.figures.boxes import box_plots
 from analysis.figures.choices import sensitivity_plot
 from analysis.figures.emg import emg_with_features
+from analysis.figures.faces import rendered_faces
 from analysis.figures.style import save
 
 __all__ = [
     "activation_heat_map",
     "box_plots",
     "emg_with_features",
+    "error_against_run_time",
     "feature_boxes",
     "marker_traces",
+    "rendered_faces",
     "save",
     "sensitivity_plot",
+    "stability_table",
     "synchronisation",
 ]

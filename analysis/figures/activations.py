@@ -126,7 +126,7 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
     sides = [side for side in SIDES if any(part[2] == side for part in parts)]
     columns = 1 if len(groups) < 3 else 2
     rows = -(-len(groups) // columns)
-    figure = blank(3.9 * columns + 0.6, 0.7 + 2.0 * rows)
+    figure = blank(max(3.9 * columns + 0.6, 5.5), 0.7 + 2.0 * rows)
     axes = [panel for row in grid(figure, rows, columns, sharex=True, sharey=True) for panel in row]
     for panel, (instruction, trials) in zip(axes, sorted(groups.items()), strict=False):
         for index, (stem, (_, _, side)) in enumerate(zip(stems, parts, strict=True)):

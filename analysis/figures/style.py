@@ -61,9 +61,9 @@ def styled(draw: "Callable[P, Figure]") -> "Callable[P, Figure]":
     def inside(*args: P.args, **kwargs: P.kwargs) -> "Figure":
         import matplotlib
 
-        with _settings({}):
+        with settings({}):
             matplotlib.rcdefaults()
-            with _settings(STYLE):
+            with settings(STYLE):
                 return draw(*args, **kwargs)
 
     return inside
@@ -165,12 +165,12 @@ def save(figure: "Figure", path: str | Path, *, dpi: int = 200) -> Path:
         ".svg": {"Title": title, "Date": None},
         ".pdf": {"Title": title, "CreationDate": None},
     }.get(path.suffix.lower(), {})
-    with _settings(WRITTEN):
+    with settings(WRITTEN):
         cast(Any, figure).savefig(path, dpi=dpi, metadata=metadata)
     return path
 
 
-def _settings(chosen: dict[str, Any]) -> AbstractContextManager[None]:
+def settings(chosen: dict[str, Any]) -> AbstractContextManager[None]:
     """Return a context in which matplotlib has these settings."""
     import matplotlib
 

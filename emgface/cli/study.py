@@ -68,21 +68,34 @@ def _run(configuration, out_path: Path, workers: int) -> int:  # noqa: ANN001
 
 def report(
     folder: Annotated[Path, typer.Argument(help="Folder of a study, with its cube.nc.")],
+    out_path: Annotated[
+        Path | None, typer.Option("--out", help="Page to write, such as report.html.")
+    ] = None,
+    faces: Annotated[bool, typer.Option(help="Whether the page shows the moving face.")] = True,
 ) -> None:
-    """Print the tables of a finished study."""
-    from emgface.errors import DataError
-    from emgface.netcdf import read_netcdf
+    """Print the tables of a finished study; with --out, write its report as one page."""
+    from emgface.report.results import open_results
     from emgface.study.report import write_report
 
-    if not (folder / "cube.nc").is_file():
-        raise DataError(
-            f"{folder} holds no cube.nc, expected the folder of a finished study: name the folder "
-            "given to 'emgface study run --out', or run the study again to finish it"
-        )
-    written = write_report(read_netcdf(folder / "cube.nc", "cube"), folder)
+    written = write_report(open_results(folder).base, folder)
     for table in written.tables.values():
         out.print(table.text(), markup=False, highlight=False, soft_wrap=True)
-    say(f"Tables as CSV and Markdown: {written.folder}.")
+    say(f"Tables as CSV, Markdown and LaTeX: {written.folder}.")
+    if out_path is None:
+        return
+    from emgface.report.write import write_page
+
+    announce_compilation()
+    with progress("moving faces") as bar:
+
+        def show(label: str, done: int, total: int) -> None:
+            bar.working(f"moving face {label}")
+            bar.show(done, total)
+
+        page = write_page(folder, out_path, faces=faces, say=show)
+    for note in page.notes:
+        say(note)
+    say(f"Report: {page.path} ({page.size / 1e6:.1f} MB), opens without a network.")
 
 
 def demo(

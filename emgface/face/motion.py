@@ -99,6 +99,7 @@ def simulate_face(
     parameters: SimulationParameters,
     *,
     settled: xr.Dataset | None = None,
+    further: tuple[Probe, ...] = (),
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Move a face by an activation.
@@ -113,6 +114,8 @@ def simulate_face(
         Laws, loads, solver and step.
     settled : Dataset, optional
         Result of `settle_face`, where the motion starts; computed when absent.
+    further : tuple of sim.probes.Probe
+        What is recorded besides markers, lip opening, smallest J, energies and iterations.
     progress : callable, optional
         Called as ``progress(done, total)`` after every step.
 
@@ -148,7 +151,7 @@ def simulate_face(
             duration=duration,
             integrator=ConvergedEuler() if converged else LinearlyImplicitEuler(),
             steps=HalvingStep(parameters.step) if converged else FixedStep(parameters.step),
-            probes=_probes(face),
+            probes=(*_probes(face), *further),
             initial=start,
             work=Workspace(system, parameters.linear_solver),
             progress=progress,

@@ -23,7 +23,7 @@ class Report:
     failures : list of str
         One sentence per reason why trials have no score.
     folder : Path
-        Folder of the CSV and Markdown files.
+        Folder of the CSV, Markdown and LaTeX files.
     """
 
     tables: dict[str, Table]
@@ -33,7 +33,7 @@ class Report:
 
 
 def write_report(cube: xr.Dataset, out: Path) -> Report:
-    """Write the tables of a cube as CSV and Markdown.
+    """Write the tables of a cube as CSV, Markdown and LaTeX.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
     for name, table in tables.items():
         write_text(table.csv(), folder / f"{name}.csv")
         write_text(table.markdown(), folder / f"{name}.md")
+        write_text(table.latex(), folder / f"{name}.tex")
     return Report(tables, tables["strategy"].text(), _failures(cube), folder)
 
 

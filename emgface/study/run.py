@@ -101,7 +101,7 @@ def run_study(
         study,
         observer.message,
     )
-    extents = _extents(bench, intake)
+    extents = feature_extents(bench, intake)
     log = _TimesLog(out / "times.jsonl")
     results: list[Trial] = []
     events: list[Event] = bench.store.events
@@ -147,7 +147,7 @@ def run_study(
     return StudyResult(cube, path, events, dict(intake.unreadable))
 
 
-def _extents(bench: Laboratory, intake: Intake) -> dict[str, Result]:
+def feature_extents(bench: Laboratory, intake: Intake) -> dict[str, Result]:
     """Range of the features per volunteer, where Eq. 8 reaches beyond the trial."""
     reach = bench.study.signals.normalisation.reach
     if reach == "trial" or bench.study.activation_source == "true":

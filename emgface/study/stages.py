@@ -35,7 +35,7 @@ _SIGNALS = (
     "emgface.strategies",
     "emgface.study.truth",
 )
-_MECHANICS = ("sim", "emgface.face.motion", "emgface.face.recipe")
+MECHANICS = ("sim", "emgface.face.motion", "emgface.face.recipe")
 _ALIGNMENT = (
     "analysis.align",
     "analysis.components",
@@ -50,8 +50,8 @@ _ALIGNMENT = (
 
 RANGE = Stage("range", _SIGNALS)
 ACTIVATION = Stage("activation", _SIGNALS)
-REST = Stage("rest", _MECHANICS)
-MOTION = Stage("motion", (*_MECHANICS, "emgface.study.policy"))
+REST = Stage("rest", MECHANICS)
+MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))
 ALIGNED = Stage("aligned", _ALIGNMENT)
 SCORES = Stage("scores", ("analysis.scores", "analysis.trajectory", "analysis.typed"))
 STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)

@@ -1,0 +1,320 @@
+"""What a report says in words and tables: outcome, tests, exclusions, run time, provenance."""
+
+import platform
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from analysis.cube import TRIAL_DIMS, counts, trials
+from analysis.errors import AnalysisError
+from analysis.sensitivity import sensitivity
+from analysis.statistics.summary import conclusions, statistics_table, study_statistics
+from analysis.tables import Column, Table, recordings
+from emgface import __version__
+from emgface.report.results import Results, further_axes
+from emgface.study.digest import file_digest
+
+LIBRARIES = ("numpy", "scipy", "numba", "xarray", "statsmodels", "matplotlib")
+
+
+@dataclass(frozen=True)
+class Inference:
+    """What the tests of a study say.
+
+    Attributes
+    ----------
+    conclusions : list of str
+        One sentence per contrast, or why there is none.
+    table : Table or None
+        Every test and contrast.
+    methods : list of tuple of (str, str)
+        Name of a test, and its method with what it found.
+    checks : list of tuple of (str, str, str, str)
+        Test, assumption, verdict, what was looked at.
+    """
+
+    conclusions: list[str]
+    table: Table | None = None
+    methods: tuple[tuple[str, str], ...] = ()
+    checks: tuple[tuple[str, str, str, str], ...] = ()
+
+
+def is_empty(cube: xr.Dataset) -> bool:
+    """Whether a cube has no trial at all."""
+    return any(cube.sizes[dim] == 0 for dim in TRIAL_DIMS)
+
+
+def verdict(cube: xr.Dataset) -> list[str]:
+    """Say in a few sentences what became of a study, the worst first.
+
+    Parameters
+    ----------
+    cube : Dataset
+        Scores, without further axes.
+
+    Returns
+    -------
+    list of str
+    """
+    if is_empty(cube):
+        return ["This study holds no trial: there is nothing to report."]
+    found = counts(cube, by=()).iloc[0]
+    total, ok = int(found["trials"]), int(found["ok"])
+    told = [
+        f"{ok} of {_n(total, 'trial')} could be scored; {int(found['failed'])} failed, "
+        f"{int(found['missing'])} are missing."
+    ]
+    if ok == 0:
+        return [
+            f"No trial could be scored: of {_n(total, 'trial')}, {int(found['failed'])} failed and "
+            f"{int(found['missing'])} are missing. There are no scores and no tests; the reasons "
+            "are listed under exclusions."
+        ]
+    rho = cube["rho"].values[np.isfinite(cube["rho"].values)]
+    if not len(rho):
+        told.append("No marker has a defined rho: in every scored trial one side does not move.")
+        return told
+    if len(rho) > 1 and float(np.ptp(rho)) < 1e-12:
+        told.append(
+            f"rho is {rho[0]:.3g} everywhere: all {len(rho)} values are identical, so nothing "
+            "distinguishes strategies, and no test of a difference means anything. Real data does "
+            "not look like this; check what was compared."
+        )
+    if cube.sizes["volunteer"] == 1:
+        told.append(
+            "There is one volunteer: nothing can be said about other people, and no test is made."
+        )
+    if cube.sizes["strategy"] == 1:
+        told.append(
+            f"There is one strategy, {cube['strategy'].values[0]}: there is nothing to compare."
+        )
+    return told
+
+
+def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:
+    """Apply every test, as far as the study allows it.
+
+    Parameters
+    ----------
+    cube : Dataset
+        Scores, without further axes.
+    seed : int
+        Of the bootstrap and of sign patterns that are drawn.
+
+    Returns
+    -------
+    Inference
+    """
+    if is_empty(cube) or not np.isfinite(cube["rho"].values).any():
+        return Inference(["There are no scores, so nothing is tested."])
+    if cube.sizes["strategy"] < 2:
+        return Inference(["There is one strategy: a contrast needs two, so nothing is tested."])
+    if cube.sizes["volunteer"] < 2:
+        return Inference(["There is one volunteer: the tests need several, so nothing is tested."])
+    try:
+        found = study_statistics(cube, seed=seed)
+    except AnalysisError as error:
+        return Inference([f"The tests could not be made: {error}."])
+    methods = tuple(
+        (name.replace("_", " "), f"{each.attrs['method']}. {each.attrs['sentence']}")
+        for name, each in found.items()
+    )
+    checks: list[tuple[str, str, str, str]] = []
+    for name, each in found.items():
+        if "verdict" not in each:
+            continue
+        for assumption in each["assumption"].values:
+            one = each.sel(assumption=assumption)
+            # The worst verdict of all contrasts stands for the test.
+            order = ["violated", "doubtful", "not checked", "met", "by design"]
+            at = min(
+                range(one.sizes["contrast"]),
+                key=lambda k: order.index(str(one["verdict"].values[k])),
+            )  # noqa: B023
+            checks.append(
+                (
+                    name.replace("_", " "),
+                    str(assumption),
+                    str(one["verdict"].values[at]),
+                    str(one["check"].values[at]),
+                )
+            )
+    return Inference(conclusions(found), statistics_table(found), methods, tuple(checks))
+
+
+def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:
+    """Compare the levels of every further axis of a cube; None where it has none."""
+    if not further_axes(cube) or not np.isfinite(cube["rho"].values).any():
+        return None
+    try:
+        return sensitivity(cube)
+    except AnalysisError as error:
+        notes.append(f"The open choices could not be compared: {error}")
+        return None
+
+
+def exclusions(results: Results) -> Table:
+    """List the trials without a score, by status and reason, and the files left out.
+
+    Parameters
+    ----------
+    results : Results
+        The finished study.
+
+    Returns
+    -------
+    Table
+    """
+    cube = results.base
+    rows: list[tuple[Any, ...]] = []
+    if not is_empty(cube):
+        listed = trials(cube)
+        bad = listed[listed["status"] != "ok"]
+        for (status, reason), group in bad.groupby(["status", "reason"], sort=False):
+            labels = group[list(TRIAL_DIMS)].astype(str).agg(" ".join, axis=1).tolist()
+            more = f" and {len(labels) - 6} more" if len(labels) > 6 else ""
+            rows.append((str(status), len(group), ", ".join(labels[:6]) + more, str(reason)))
+        undefined = listed[(listed["status"] == "ok") & (listed["n_undefined"] > 0)]
+        for _, one in undefined.iterrows():
+            label = " ".join(str(one[dim]) for dim in TRIAL_DIMS)
+            rows.append(("scored in part", 1, label, _why_undefined(cube, one)))
+    if results.intake is not None:
+        for path, error in results.intake.unreadable.items():
+            rows.append(("file left out", 0, path.name, str(error)))
+    origin = str(cube.attrs["origin"])
+    columns = (Column("status"), Column("trials"), Column("which"), Column("reason"))
+    return Table(f"what is not in the scores, {recordings(origin)}", columns, tuple(rows), origin)
+
+
+def _why_undefined(cube: xr.Dataset, one: Any) -> str:
+    n = int(one["n_undefined"])
+    text = f"{n} of {cube.sizes['marker']} markers have no rho"
+    if "marker_reason" not in cube:
+        return text
+    reasons = cube["marker_reason"].sel({dim: one[dim] for dim in TRIAL_DIMS}).values
+    told = sorted({str(reason) for reason in reasons.tolist() if reason})
+    return f"{text}: {'; '.join(told)}" if told else text
+
+
+def cost(results: Results) -> Table | None:
+    """Tabulate run time, steps, muscle stress and numerical error per strategy.
+
+    Parameters
+    ----------
+    results : Results
+        The finished study.
+
+    Returns
+    -------
+    Table or None
+        None where no trial was scored. The numerical error is that of the variable
+        ``numerical_error`` [m] of the cube, where a study estimated one.
+    """
+    cube = results.base
+    if is_empty(cube) or not (cube["status"] == "ok").any() or "run_time" not in cube:
+        return None
+    start = results.study.simulation.sigma_max if results.study is not None else np.nan
+    rows: list[tuple[Any, ...]] = []
+    for strategy in cube["strategy"].values:
+        one = cube.sel(strategy=strategy)
+        one = one.where(one["status"] == "ok")
+        time, steps, sigma = (
+            one[name].values[np.isfinite(one[name].values)]
+            for name in ("run_time", "steps", "sigma_max")
+        )
+        error: Any = "not estimated"
+        if "numerical_error" in cube and np.isfinite(one["numerical_error"].values).any():
+            error = f"{1e3 * float(np.nanmax(one['numerical_error'].values)):.2g}"
+        lowered: Any = int((sigma < start * (1 - 1e-9)).sum()) if np.isfinite(start) else "-"
+        rows.append(
+            (
+                str(strategy),
+                len(time),
+                float(np.median(time)) if len(time) else np.nan,
+                float(np.max(time)) if len(time) else np.nan,
+                float(np.sum(time)),
+                1e3 * float(np.sum(time) / np.sum(steps)) if np.sum(steps) else np.nan,
+                float(np.min(sigma)) if len(sigma) else np.nan,
+                lowered,
+                error,
+            )
+        )
+    columns = (
+        Column("strategy"), Column("trials"), Column("median", "s", "s"), Column("longest", "s", "s"),
+        Column("all", "s", "s"), Column("per step", "ms", "ms", 1.0, 1),
+        Column("smallest sigma_max", "Pa", "kPa", 1e-3, 0), Column("lowered"),
+        Column("largest numerical error [mm]"),
+    )  # fmt: skip
+    origin = str(cube.attrs["origin"])
+    note = (
+        "Run time of the simulations alone; strategies that activate the same muscles share one. "
+        "lowered: trials in which sigma_max had to be lowered."
+    )
+    title = f"run time and numerical error, {recordings(origin)}"
+    return Table(title, columns, tuple(rows), origin, note)
+
+
+def provenance(results: Results) -> list[tuple[str, str]]:
+    """List what the results came from, with digests.
+
+    Parameters
+    ----------
+    results : Results
+        The finished study.
+
+    Returns
+    -------
+    list of tuple of (str, str)
+        What, and which.
+    """
+    cube = results.cube
+    told = [
+        ("study", str(cube.attrs.get("name", "unnamed"))),
+        ("recordings", str(cube.attrs["origin"])),
+        ("cube, SHA-256", file_digest(results.folder / "cube.nc")),
+        ("face", str(cube.attrs.get("face", "unnamed"))),
+        ("origin of the face", str(cube.attrs.get("face_origin", "not recorded"))),
+    ]
+    if results.bench is not None:
+        told.append(("digest of the face", results.bench.face_digest))
+        source = str(results.bench.face.attrs.get("source", ""))
+        if source:
+            told.append(("source of the face", source))
+    log = results.folder / "times.jsonl"
+    if log.is_file():
+        lines = log.read_text(encoding="utf-8").splitlines()
+        told.append(("results computed", str(len(lines))))
+        if lines and (end := _ended(lines[-1])):
+            told.append(("last computed", end))
+    told.append(("emgface", __version__))
+    told.append(("Python", platform.python_version()))
+    for name in LIBRARIES:
+        try:
+            told.append((name, version(name)))
+        except PackageNotFoundError:
+            continue
+    told.append(("machine", f"{platform.system()} {platform.machine()}"))
+    return told
+
+
+def _ended(line: str) -> str:
+    import json
+
+    try:
+        return str(json.loads(line).get("run_ended", ""))
+    except json.JSONDecodeError:
+        return ""
+
+
+def recording_rows(results: Results) -> list[tuple[str, str, str]]:
+    """List the recordings: trial, file and digest of its content."""
+    if results.intake is None:
+        return []
+    return [(r.label, r.path.name, r.digest) for r in results.intake.recordings]
+
+
+def _n(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -1,0 +1,239 @@
+"""The figures of a report as SVG that stands in the page."""
+
+import io
+import re
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from analysis.errors import AnalysisError
+from analysis.figures import (
+    activation_heat_map,
+    box_plots,
+    emg_with_features,
+    feature_boxes,
+    marker_traces,
+    rendered_faces,
+    sensitivity_plot,
+    synchronisation,
+)
+from analysis.figures.style import WRITTEN, settings
+from emgface.errors import FeatureWarning
+from emgface.features import feature_of
+from emgface.report.results import FAILURES, Results, Trial, representative
+from emgface.signals import bandpass
+
+CHANNELS_SHOWN = ("OOS_L", "OOI_L", "RIS_L", "ZYG_L", "LLSAN_L", "DAO_L", "MEN_L")
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure in the page.
+
+    Attributes
+    ----------
+    name : str
+        Anchor, one word.
+    title : str
+        Title of the figure.
+    caption : str
+        What is drawn and how to read it.
+    svg : Markup
+        The picture.
+    """
+
+    name: str
+    title: str
+    caption: str
+    svg: Markup
+
+
+def svg_of(figure: Figure, name: str, description: str) -> Markup:
+    """Write a figure as an SVG element.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        What to write.
+    name : str
+        Unique in the page; put before every id within.
+    description : str
+        Read to those who do not see the picture.
+
+    Returns
+    -------
+    Markup
+        ``<svg>`` without size, so that it fills its place.
+    """
+    buffer = io.StringIO()
+    with settings(WRITTEN):
+        figure.savefig(buffer, format="svg", dpi=130, metadata={"Date": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', text)
+    text = re.sub(r'(href=")#', rf"\1#{name}-", text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    head, body = text.split(">", 1)
+    width = re.search(r'width="([\d.]+)pt"', head)
+    head = re.sub(r'\s(width|height)="[^"]*"', "", head)
+    wide = float(width[1]) if width else 500.0
+    label = str(Markup.escape(description)).replace('"', "&quot;")
+    return Markup(f'{head} role="img" aria-label="{label}" style="max-width:{wide:.0f}pt">{body}')
+
+
+def score_figures(results: Results) -> list[Drawn]:
+    """Draw the distributions of the scores."""
+    cube = results.base
+    if not np.isfinite(cube["rho"].values).any():
+        return []
+    texts = {
+        "rho": "3D correlation of simulated with measured markers, after Fig. 6 of Eskes et al. "
+        "2017. Boxes span the quartiles, the line is the median, the dot the mean; whiskers reach "
+        "the last value within 1.5 interquartile ranges, crosses lie beyond.",
+        "amplitude_ratio": "Size of the simulated movement over that of the measured one; 1 is the "
+        "same size. rho does not see it.",
+        "rmse": "Root-mean-square distance of simulated from measured markers.",
+    }
+    drawn: list[Drawn] = []
+    for variable, text in texts.items():
+        if not np.isfinite(cube[variable].values).any():
+            continue
+        title = {"rho": "Correlation", "rmse": "Distance"}.get(variable, "Amplitude ratio")
+        drawn += _drawn(
+            results,
+            variable,
+            title,
+            text,
+            lambda variable=variable: box_plots(cube, variable=variable),
+        )
+    return drawn
+
+
+def face_figure(results: Results, faces: xr.Dataset) -> list[Drawn]:
+    """Draw the faces farthest from rest."""
+    text = (
+        "Simulated faces at the instant in which their markers are farthest from where they began, "
+        "with the measured markers of that instant, after Fig. 4 of Eskes et al. 2017. One trial "
+        "stands for each instruction. "
+    )
+    return _drawn(results, "faces", "Faces", text, lambda: rendered_faces(faces))
+
+
+def choices_figure(results: Results, found: xr.Dataset) -> list[Drawn]:
+    """Draw what the varied choices change."""
+    text = (
+        "Change of rho with every choice that was varied, the others at their reference: mean over "
+        "volunteers with its interval in black, each strategy in colour."
+    )
+    return _drawn(results, "choices", "Open choices", text, lambda: sensitivity_plot(found))
+
+
+def trial_figures(results: Results) -> list[Drawn]:
+    """Draw one trial from signal to score, and the features of all trials."""
+    if results.bench is None or results.intake is None or results.study is None:
+        return []
+    chosen = representative(results.base)
+    if not chosen:
+        return []
+    place = next(iter(chosen.values()))
+    where = {"volunteer": place[0], "instruction": place[1], "repetition": place[2]}
+    status = results.base["status"].sel(where)
+    strategy = str(status["strategy"].values[int(np.argmax(status.values == "ok"))])
+    try:
+        trial = results.trial(place, strategy)
+    except FAILURES as error:
+        results.notes.append(f"The pictures of trial {' '.join(map(str, where.values()))}: {error}")
+        return []
+    drawn: list[Drawn] = []
+    if results.study.activation_source == "estimated":
+        drawn += _drawn(
+            results,
+            "emg",
+            "Signals and features",
+            f"Trial {trial.label}: sEMG of the left side as recorded and filtered, and its "
+            "feature before normalisation.",
+            lambda: _emg(results, trial),
+        )
+        drawn += _features(results)
+    drawn += _drawn(
+        results,
+        "activation",
+        "Activation",
+        f"Trial {trial.label}: activation of every muscle over time.",
+        lambda: activation_heat_map(trial.activation),
+    )
+    drawn += _drawn(
+        results,
+        "alignment",
+        "Synchronisation",
+        f"Trial {trial.label}: first principal components of measured and simulated motion before "
+        "and after alignment, after Fig. 3 of Eskes et al. 2017.",
+        lambda: synchronisation(trial.aligned),
+    )
+    drawn += _drawn(
+        results,
+        "traces",
+        "Markers",
+        f"Trial {trial.label}: displacement of every marker along x, y and z, measured (aligned) "
+        "and simulated.",
+        lambda: marker_traces(trial.aligned, trial.motion, trial.scores),
+    )
+    return drawn
+
+
+def _emg(results: Results, trial: Trial) -> Figure:
+    assert results.study is not None
+    recording, chain = trial.recording.dataset, results.study.signals
+    filtered = bandpass(recording["emg"], chain.filter)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FeatureWarning)
+        feature = feature_of(filtered, chain.feature)
+    known = [str(name) for name in recording["channel"].values]
+    return emg_with_features(
+        recording["emg"],
+        filtered,
+        feature,
+        channels=[name for name in CHANNELS_SHOWN if name in known],
+        origin=str(recording.attrs["origin"]),
+        label=" ".join(map(str, trial.place)),
+    )
+
+
+def _features(results: Results) -> list[Drawn]:
+    assert results.study is not None and results.intake is not None and results.bench is not None
+    strategy = "act_all" if "act_all" in results.study.strategies else results.study.strategies[0]
+    found: list[xr.Dataset] = []
+    for recording in results.intake.recordings:
+        if recording.error is not None:
+            continue
+        try:
+            found.append(results.activation(recording, strategy))
+        except FAILURES:  # the trial stands in the list of exclusions
+            continue
+    if not found:
+        return []
+    text = (
+        f"Activation of every muscle under {strategy}, all samples of all trials of an "
+        "instruction, after Fig. 5 of Eskes et al. 2017. Whiskers span the 5th to 95th percentile."
+    )
+    return _drawn(results, "features", "Features per muscle", text, lambda: feature_boxes(found))
+
+
+def _drawn(
+    results: Results, name: str, title: str, caption: str, draw: Callable[[], Any]
+) -> list[Drawn]:
+    """Draw a figure; one that cannot be drawn is noted and does not take the page with it."""
+    try:
+        figure = draw()
+    except AnalysisError as error:
+        results.notes.append(f"The figure '{title}' is left out: {error}")
+        return []
+    told = f"{figure.get_suptitle()}. {caption}"
+    return [Drawn(name, title, caption, svg_of(figure, name, told))]

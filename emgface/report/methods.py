@@ -1,0 +1,166 @@
+"""The methods of a study in words, from its configuration, and the table of all parameters."""
+
+from typing import Any
+
+import xarray as xr
+
+from emgface.choices import parameter_table
+from emgface.study.configuration import StudyConfiguration
+
+FEATURES = {
+    "wamp": "Willison amplitude",
+    "rms": "root mean square",
+    "mav": "mean absolute value",
+    "envelope": "linear envelope with the neural transfer function of Buchanan et al. (2004)",
+}
+STAGES = {"signal": "filtered signals", "feature": "features", "activation": "normalised features"}
+REACHES = {
+    "trial": "over each trial",
+    "session": "over all trials of a volunteer",
+    "reference": "over a maximum-effort recording of each volunteer",
+}
+
+
+def methods(study: StudyConfiguration, cube: xr.Dataset) -> str:
+    """Write the methods paragraph of a manuscript.
+
+    Parameters
+    ----------
+    study : StudyConfiguration
+        All choices.
+    cube : Dataset
+        What was run: counts, face and origin.
+
+    Returns
+    -------
+    str
+        One paragraph in the past tense, numbers in the units of the field.
+    """
+    told = [*_recordings(study, cube), *_signals(study), *_mechanics(study, cube), *_scores(study)]
+    return " ".join(told)
+
+
+def _recordings(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
+    origin = str(cube.attrs["origin"])
+    count = {dim: cube.sizes[dim] for dim in ("volunteer", "instruction", "repetition")}
+    text = ", ".join(f"{n} {dim}{'s' if n != 1 else ''}" for dim, n in count.items())
+    told = [f"The {origin} recordings comprise {text}."]
+    if origin == "simulated":
+        told.append("No person was recorded: sEMG and marker motion were simulated.")
+    head = study.signals.head_frame
+    told.append(
+        "The rigid motion of the head was removed by a least-squares fit of the six face markers; "
+        f"dropouts up to {1e3 * head.max_gap:g} ms were interpolated."
+    )
+    return told
+
+
+def _signals(study: StudyConfiguration) -> list[str]:
+    if study.activation_source == "true":
+        return ["The face was driven by the true activation of the simulated recordings."]
+    chain = study.signals
+    way = "forward and backward" if chain.filter.phase == "zero" else "forward only"
+    told = [
+        f"Surface EMG was band-pass filtered from {chain.filter.low:g} to {chain.filter.high:g} Hz "
+        f"(Butterworth, design order {chain.filter.order}, {way})."
+    ]
+    feature = chain.feature
+    text = f"Its amplitude was taken as {FEATURES[feature.kind]}"
+    if feature.kind != "envelope":
+        text += f" in windows of {1e3 * feature.window:g} ms, labelled by their {feature.label}"
+    if feature.kind == "wamp":
+        over = (
+            f"{1e6 * feature.threshold:g} µV"
+            if feature.threshold is not None
+            else f"{feature.threshold_baseline:g} times the baseline"
+        )
+        text += f", with a threshold of {over}"
+    told.append(f"{text}.")
+    oom = "in the weights of the text" if chain.mapping.oom == "text" else "as printed"
+    told.append(
+        f"Ten muscles per side were derived from the {STAGES[chain.mapping.mapping_stage]} of seven "
+        f"electrodes per side (Eqs 2-6 of Eskes et al. 2017, Eq. 3 {oom})."
+    )
+    told.append(
+        f"Features were scaled to 0-1 by minimum and maximum {REACHES[chain.normalisation.reach]}."
+    )
+    told.append(f"Activation strategies were {', '.join(study.strategies)}.")
+    sampling = chain.resampling
+    if sampling.steps is not None:
+        told.append(f"Each trial was resampled to {sampling.steps} equal steps.")
+    elif sampling.period is not None:
+        told.append(f"Each trial was resampled every {1e3 * sampling.period:g} ms.")
+    return told
+
+
+def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
+    s = study.simulation
+    law = "Blemker et al. 2005" if s.fibre_law == "blemker" else "a law without length dependence"
+    solver = (
+        "iterated until it converged" if s.solver == "converged" else "one linear solution per step"
+    )
+    bulk = f"kappa/2 {'(ln J)' if s.bulk_potential == 'logarithmic' else '(J - 1)'}²"
+    face = str(cube.attrs.get("face", "unnamed"))
+    kind = str(cube.attrs.get("face_origin", "of unstated origin"))
+    return [
+        f"The face model ({face}, {kind}) consisted of Mooney-Rivlin tissue (C10 = {s.C10:g} Pa, "
+        f"C20 = {s.C20:g} Pa, kappa = {s.kappa / 1e3:g} kPa, bulk potential {bulk}, "
+        f"{s.incompressibility} volume, density {s.density:g} kg/m³) with muscle fibres of {law} "
+        f"(sigma_max starting at {s.sigma_max / 1e3:g} kPa, times {s.sigma_max_policy.factor:g} "
+        "after each simulation that failed), Rayleigh damping "
+        f"(alpha = {s.alpha:g} 1/s, beta = {s.beta:g} s, tangent {s.damping_tangent}) "
+        f"{'and gravity' if s.gravity else 'and no gravity'}.",
+        f"Motion was integrated by the implicit Euler method in steps of {1e3 * s.step:g} ms, "
+        f"{solver}.",
+    ]
+
+
+def _scores(study: StudyConfiguration) -> list[str]:
+    a = study.alignment
+    scaling = {
+        "length": "stretched to the simulated duration",
+        "search": "stretched by a searched factor",
+        "none": "not stretched",
+    }[a.scaling]
+    form = "with equal divisors" if study.score.form == "consistent" else "as printed"
+    return [
+        f"Measured marker motion was {scaling} and shifted to the maximum of the cross-correlation "
+        "of the first principal components of both motions "
+        f"({'centred' if a.centred else 'uncentred'} singular value decomposition, Eqs 9-10).",
+        "Each marker was scored by the 3D correlation of Pitermann and Munhall (Eqs 11-13, "
+        f"{form}), beside the ratio of amplitudes and the root-mean-square distance.",
+    ]
+
+
+def parameter_rows(study: StudyConfiguration) -> list[dict[str, Any]]:
+    """List every parameter with value, default, unit, source and note.
+
+    Parameters
+    ----------
+    study : StudyConfiguration
+        All choices.
+
+    Returns
+    -------
+    list of dict
+        Keys parameter, value, default, unit, source, note and ``changed``, whether the value is
+        not the default.
+    """
+    rows: list[dict[str, Any]] = []
+    for record in parameter_table(study).to_dict("records"):
+        row = {str(key): _shown(value) for key, value in record.items()}
+        if str(record["parameter"]).endswith(("folder", "path", "mapping")) and record["value"]:
+            # A page may be passed on: where files lay on this machine concerns nobody else.
+            row["value"] = str(record["value"]).replace("\\", "/").rpartition("/")[2]
+        rows.append({**row, "changed": row["value"] != row["default"]})
+    return rows
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, tuple | list):
+        return ", ".join(map(_shown, value))
+    return str(value)

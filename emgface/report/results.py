@@ -1,0 +1,227 @@
+"""What a finished study left behind: cube, configuration, times, and its trials again."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from pydantic import ValidationError
+
+from analysis.errors import AnalysisError
+from emgface.errors import DataError, EmgfaceError
+from emgface.netcdf import read_netcdf
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.faces import study_face
+from emgface.study.run import feature_extents
+from emgface.study.stages import Laboratory, StoredFailure
+from emgface.study.store import Result, Store
+from emgface.study.table import Intake, Place, Recording, take_in
+from sim.errors import SimulationError
+
+FAILURES = (EmgfaceError, AnalysisError, SimulationError, StoredFailure, OSError)
+"""What may go wrong with a part of a report and must not take the rest with it."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The stored results of one trial."""
+
+    place: Place
+    strategy: str
+    recording: Recording
+    activation: xr.Dataset
+    motion: xr.Dataset
+    aligned: xr.Dataset
+    scores: xr.Dataset
+
+    @property
+    def label(self) -> str:
+        """Words for a reader."""
+        return " ".join(map(str, (*self.place, self.strategy)))
+
+
+@dataclass
+class Results:
+    """A finished study.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds ``cube.nc``.
+    cube : Dataset
+        Scores and status of every trial.
+    study : StudyConfiguration or None
+        All choices, where the cube carries them.
+    bench : Laboratory or None
+        The store and the face, where they can still be read.
+    intake : Intake or None
+        The recordings, where they can still be read.
+    notes : list of str
+        What could not be had, one sentence each.
+    """
+
+    folder: Path
+    cube: xr.Dataset
+    study: StudyConfiguration | None = None
+    bench: Laboratory | None = None
+    intake: Intake | None = None
+    notes: list[str] = field(default_factory=list)
+    _extents: dict[str, Result] | None = None
+
+    @property
+    def base(self) -> xr.Dataset:
+        """The cube with every further axis at its reference, the first label."""
+        return base_of(self.cube)
+
+    def trial(self, place: Place, strategy: str) -> Trial:
+        """Take the results of one trial from the store.
+
+        Raises
+        ------
+        DataError
+            The recordings cannot be read, or have none of this place.
+        EmgfaceError, AnalysisError, SimulationError, StoredFailure
+            What was not stored could not be computed either.
+        """
+        if self.bench is None or self.intake is None:
+            raise DataError("the recordings and the face of the study cannot be read")
+        recording = next((r for r in self.intake.recordings if r.place == place), None)
+        if recording is None or recording.error is not None:
+            raise DataError(f"there is no usable recording {' '.join(map(str, place))}")
+        bench, label = self.bench, " ".join(map(str, (*place, strategy)))
+        activation = self._activation(recording, strategy)
+        motion = bench.motion(activation.dataset["activation"], label)
+        aligned = bench.aligned(recording, motion, label)
+        scores = bench.scores(aligned, motion, label)
+        return Trial(
+            place,
+            strategy,
+            recording,
+            activation.dataset,
+            motion.dataset,
+            aligned.dataset.assign_attrs(strategy=strategy),
+            scores.dataset,
+        )
+
+    def activation(self, recording: Recording, strategy: str) -> xr.Dataset:
+        """Take the activation of one recording from the store.
+
+        Raises
+        ------
+        EmgfaceError
+            What was not stored could not be computed either.
+        """
+        return self._activation(recording, strategy).dataset
+
+    def _activation(self, recording: Recording, strategy: str) -> Result:
+        assert self.bench is not None and self.intake is not None, "trials have both"
+        if self._extents is None:
+            self._extents = feature_extents(self.bench, self.intake)
+        return self.bench.activation(recording, strategy, self._extents.get(recording.place[0]))
+
+
+def base_of(cube: xr.Dataset) -> xr.Dataset:
+    """Take a cube with every further axis at its reference, the first label."""
+    further = further_axes(cube)
+    return cube.isel(dict.fromkeys(further, 0), drop=True) if further else cube
+
+
+def further_axes(cube: xr.Dataset) -> list[str]:
+    """Dims of a cube beyond those of trials and markers: the choices that were varied."""
+    own = {"volunteer", "instruction", "repetition", "strategy", "marker"}
+    return [str(dim) for dim in cube["rho"].dims if dim not in own]
+
+
+def open_results(folder: Path) -> Results:
+    """Open the folder of a finished study.
+
+    Parameters
+    ----------
+    folder : Path
+        Given to ``emgface study run --out``.
+
+    Returns
+    -------
+    Results
+        Recordings, face and store are None where they are gone, with a note.
+
+    Raises
+    ------
+    DataError
+        The folder has no cube, or it cannot be read.
+    """
+    path = folder / "cube.nc"
+    if not path.is_file():
+        raise DataError(
+            f"{folder} holds no cube.nc, expected the folder of a finished study: name the folder "
+            "given to 'emgface study run --out', or run the study again to finish it"
+        )
+    results = Results(folder, read_netcdf(path, "cube"))
+    text = results.cube.attrs.get("configuration")
+    if text is None:
+        results.notes.append(
+            "The cube does not carry the configuration of its study, so parameters and moving "
+            "faces are left out."
+        )
+        return results
+    try:
+        results.study = StudyConfiguration.model_validate(json.loads(str(text)))
+    except (ValidationError, json.JSONDecodeError) as error:
+        results.notes.append(
+            "The configuration in the cube is of another version of this package, so parameters "
+            f"and moving faces are left out ({' '.join(str(error).split())[:200]})."
+        )
+        return results
+    if not (results.base["status"].values == "ok").any():
+        return results
+    try:
+        results.intake = take_in(results.study.recordings)
+        results.bench = Laboratory(
+            Store(folder / "store", report=results.notes.append),
+            study_face(results.study.face),
+            results.study,
+            results.notes.append,
+        )
+    except FAILURES as error:
+        results.notes.append(
+            "Moving faces and pictures of trials are left out, since recordings or face cannot be "
+            f"read any more: {error}"
+        )
+    return results
+
+
+def representative(cube: xr.Dataset) -> dict[str, Place]:
+    """Choose per instruction the trial that stands for it.
+
+    Parameters
+    ----------
+    cube : Dataset
+        Scores, without further axes.
+
+    Returns
+    -------
+    dict of str to tuple
+        Per instruction with a scored trial, the place of the one scored under most strategies
+        and, among these, with a median rho nearest the median of all of them.
+    """
+    chosen: dict[str, Place] = {}
+    ok = cube["status"] == "ok"
+    for instruction in cube["instruction"].values:
+        scored = ok.sel(instruction=instruction).sum("strategy")
+        if not scored.size or not int(scored.max()):
+            continue
+        rho = cube["rho"].sel(instruction=instruction)
+        median = rho.median(["strategy", "marker"], skipna=True)
+        distance = abs(median - float(np.nanmedian(rho.values) if rho.notnull().any() else 0.0))
+        distance = distance.fillna(np.inf).where(scored == scored.max(), np.inf)
+        if not np.isfinite(distance.values).any():
+            distance = (scored != scored.max()).astype(float)
+        flat = distance.transpose("volunteer", "repetition").values
+        v, r = np.unravel_index(int(np.argmin(flat)), flat.shape)
+        chosen[str(instruction)] = (
+            str(cube["volunteer"].values[v]),
+            str(instruction),
+            int(cube["repetition"].values[r]),
+        )
+    return chosen

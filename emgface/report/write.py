@@ -1,0 +1,211 @@
+"""Write the report of a study."""
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from analysis.tables import Table, report_tables
+from emgface.report import contents, figures
+from emgface.report.methods import methods, parameter_rows
+from emgface.report.motion import moving_faces
+from emgface.report.results import Results, open_results
+from emgface.study.store import write_text
+
+THREE = "three/three.module.min.js"
+"""three.js 0.170.0, build/three.module.min.js, unchanged."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report that was written.
+
+    Attributes
+    ----------
+    path : Path
+        The page.
+    size : int
+        Bytes.
+    notes : list of str
+        What it lacks, and why.
+    """
+
+    path: Path
+    size: int
+    notes: list[str]
+
+
+def write_page(
+    folder: Path,
+    out: Path,
+    *,
+    faces: bool = True,
+    say: Callable[[str, int, int], None] | None = None,
+) -> Page:
+    """Write the report of a finished study as one page.
+
+    Parameters
+    ----------
+    folder : Path
+        Given to ``emgface study run --out``.
+    out : Path
+        The page, ``*.html``.
+    faces : bool
+        Whether the moving face and the rendered ones are in it; they need a simulation per
+        instruction and strategy, which is stored for the next time.
+    say : callable, optional
+        Told what is done, number done and number to do.
+
+    Returns
+    -------
+    Page
+
+    Raises
+    ------
+    DataError
+        The folder has no cube, or it cannot be read.
+    StoreError
+        The page cannot be written.
+
+    Notes
+    -----
+    The page loads nothing: a content security policy forbids every request, and its scripts are
+    named there by their digests.
+    """
+    results = open_results(folder)
+    text = render(results, faces=faces, say=say)
+    write_text(text, out)
+    return Page(out, out.stat().st_size, results.notes)
+
+
+def render(
+    results: Results,
+    *,
+    faces: bool = True,
+    say: Callable[[str, int, int], None] | None = None,
+) -> str:
+    """Render the page of opened results, as `write_page`."""
+    cube = results.base
+    empty = contents.is_empty(cube)
+    scored = not empty and bool(np.isfinite(cube["rho"].values).any())
+    moving = moving_faces(results, say) if faces and scored else None
+    tables = {} if empty else report_tables(cube)
+    listed = tables.pop("trials", None)
+    change = contents.varied(results.cube, results.notes)
+    tested = contents.inference(cube)
+    values = {
+        "title": str(cube.attrs.get("name", "study")),
+        "origin": str(cube.attrs["origin"]),
+        "verdict": contents.verdict(cube),
+        "sizes": {dim: cube.sizes[dim] for dim in contents.TRIAL_DIMS},
+        "headline": _headline(cube) if scored else [],
+        "scored": scored,
+        "tables": {name: cells(table) for name, table in tables.items()} if scored else {},
+        "trials": cells(listed) if listed is not None else None,
+        "score_figures": figures.score_figures(results) if scored else [],
+        "face_figures": figures.face_figure(results, moving[0]) if moving else [],
+        "trial_figures": figures.trial_figures(results) if scored else [],
+        "choices": figures.choices_figure(results, change) if change is not None else [],
+        "choices_summary": str(change.attrs["summary"]) if change is not None else "",
+        "tested": tested,
+        "test_table": cells(tested.table) if tested.table else None,
+        "exclusions": cells(contents.exclusions(results)),
+        "cost": cells(table) if (table := contents.cost(results)) else None,
+        "methods": methods(results.study, cube) if results.study and not empty else "",
+        "parameters": parameter_rows(results.study) if results.study else [],
+        "provenance": contents.provenance(results),
+        "recordings": contents.recording_rows(results),
+        "notes": results.notes,
+        "viewer": Markup(_json(moving[1])) if moving else None,
+    }
+    environment = Environment(
+        loader=PackageLoader("emgface.report", "page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    style = _resource("page/report.css")
+    script = viewer_script() if moving else ""
+    policy = "; ".join(
+        [
+            "default-src 'none'",
+            f"script-src 'sha256-{_digest(script)}'" if script else "script-src 'none'",
+            "style-src 'unsafe-inline'",
+            "img-src data:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        ]
+    )
+    return environment.get_template("report.html").render(
+        **values, style=Markup(style), script=Markup(script), policy=policy
+    )
+
+
+def viewer_script() -> str:
+    """Join three.js and the viewer to one module that imports nothing.
+
+    The last statement of a module build exports its names; here they become an object.
+    """
+    library = _resource(THREE)
+    body, exported = re.fullmatch(r"(.*)export\{([^{}]*)\};\s*", library, re.DOTALL).groups()  # pyright: ignore[reportOptionalMemberAccess]
+    names = [pair.split(" as ") for pair in exported.split(",")]
+    made = ",".join(f"{pair[-1]}:{pair[0]}" for pair in names)
+    # What the library declares at top level would collide with the names of the viewer.
+    text = f"const THREE=(()=>{{{body}return{{{made}}};}})();\n{_resource('page/viewer.js')}"
+    if "</script" in text.lower():
+        raise AssertionError("the script would end its own element")
+    return text
+
+
+def cells(table: Table) -> dict[str, Any]:
+    """Take a table apart for the page: title, note, heads with alignment, rows of text."""
+    heads = [
+        {
+            "text": column.head().replace("_", " "),
+            "number": any(isinstance(row[index], int | float) for row in table.rows),
+        }
+        for index, column in enumerate(table.columns)
+    ]
+    rows = [
+        [column.cell(value) for column, value in zip(table.columns, row, strict=True)]
+        for row in table.rows
+    ]
+    return {"title": table.title, "note": table.note, "heads": heads, "rows": rows}
+
+
+def _headline(cube: Any) -> list[dict[str, Any]]:
+    """Median rho and counts of each strategy."""
+    from analysis.descriptives import descriptives
+
+    found = descriptives(cube)
+    return [
+        {
+            "strategy": str(strategy),
+            "median": float(found["median"].sel(strategy=strategy)),
+            "n": int(found["n"].sel(strategy=strategy)),
+        }
+        for strategy in cube["strategy"].values
+    ]
+
+
+def _resource(name: str) -> str:
+    return files("emgface.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _digest(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+
+
+def _json(value: Any) -> str:
+    # "<" would let text in the data end the element it stands in.
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

@@ -1,0 +1,261 @@
+"""The report of a study: complete, self-contained, and plain about what a study cannot show."""
+
+import base64
+import hashlib
+import html
+import json
+import re
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from analysis.cube import build_cube
+from analysis.statistics.calibration import simulated_scores
+from analysis.trial import Trial
+from emgface.choices import configure
+from emgface.errors import DataError
+from emgface.face.model import load_face
+from emgface.netcdf import write_netcdf
+from emgface.report import contents
+from emgface.report.motion import ABSENT, QUANTUM, deltas, whole
+from emgface.report.results import Results, open_results, representative
+from emgface.report.skin import decimated, skin_of
+from emgface.report.write import THREE, _resource, render, write_page
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.run import run_study
+from tests.study_run.conftest import STEP
+
+pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+
+THREE_DIGEST = "08fd7545d13d2c7fb65ab691530a802dafefd638596501854f267d0fb13c39e7"
+"""SHA-256 of build/three.module.min.js in the npm package three 0.170.0."""
+
+
+@pytest.fixture(scope="session")
+def page(laboratory: Path, tmp_path_factory) -> Path:
+    """Report of a study of one trial under two strategies, with moving faces."""
+    folder = tmp_path_factory.mktemp("report")
+    study = configure(
+        StudyConfiguration,
+        {
+            "name": "slab <of> tissue",
+            "strategies": ["act_all", "act_rel"],
+            "recordings": {"folder": str(laboratory / "recordings"), "instructions": ["B"]},
+            "face": {"path": str(laboratory / "face.nc")},
+            "signals": {"normalisation": {"silent": "zero"}, "resampling": {"steps": 40}},
+            "simulation": {"step": STEP, "sigma_max": 100e3},
+        },
+    )
+    run_study(study, folder / "study")
+    written = write_page(folder / "study", folder / "report.html")
+    assert written.notes == []
+    return written.path
+
+
+def text_of(page: str) -> str:
+    """Words a reader sees."""
+    bare = re.sub(r"<(script|style|svg)\b.*?</\1>", " ", page, flags=re.DOTALL)
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", bare)).split())
+
+
+def scores(**options) -> xr.Dataset:
+    """Scores with all a cube holds."""
+    cube = simulated_scores(5, **options)
+    for name, units in (("run_time", "s"), ("steps", "1"), ("sigma_max", "Pa")):
+        cube[name] = xr.ones_like(cube["rho"].isel(marker=0, drop=True)).assign_attrs(units=units)
+    cube["reason"] = xr.full_like(cube["status"], "")
+    return cube
+
+
+def test_page_has_every_part(page: Path) -> None:
+    text = text_of(page.read_text(encoding="utf-8"))
+    for part in ("Summary", "Moving face", "Scores", "Comparison of strategies", "Exclusions",
+                 "From signal to score", "Numerical error and run time", "Methods", "Provenance",
+                 "Citation"):  # fmt: skip
+        assert part in text, part
+    assert "slab <of> tissue" in text and "simulated recordings" in text
+    assert "There is one volunteer" in text and "not estimated" in text
+    assert "signals.filter.low" in text and "Eskes et al. 2017, Methods" in text
+    assert "Butterworth, design order 4, forward and backward" in text
+    digest = hashlib.sha256((page.parent / "study" / "cube.nc").read_bytes()).hexdigest()
+    assert digest in text
+    assert str(page.parent) not in page.read_text(encoding="utf-8")
+
+
+def test_page_stands_alone(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert page.stat().st_size < 15e6
+    inside = re.findall(
+        r"""\b(?:src|href|action|data)=["']([^"']+)""", text.split("<script type")[0]
+    )
+    assert inside and all(link.startswith(("#", "data:")) for link in inside)
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)
+    assert policy and html.unescape(policy[1]).startswith("default-src 'none'; script-src 'sha256-")
+    script = re.findall(r'<script type="module">(.*?)</script>', text, re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script[0].encode()).digest()).decode()
+    assert len(script) == 1 and f"'sha256-{digest}'" in html.unescape(policy[1])
+    ids = re.findall(r'\sid="([^"]+)"', text.split('<script type="module">')[0])
+    assert len(ids) == len(set(ids))
+
+
+def test_figures_say_what_they_show(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    pictures = re.findall(r"<svg[^>]*>", text)
+    assert len(pictures) == 9
+    assert all('role="img"' in one and "simulated recordings" in one for one in pictures)
+
+
+def test_motion_in_the_page_is_that_of_the_study(page: Path) -> None:
+    """Markers decoded from the page, against those stored by the study, to the rounding."""
+    text = page.read_text(encoding="utf-8")
+    found = re.search(r'id="motions">(.*?)</script>', text, re.DOTALL)
+    assert found
+    data = json.loads(found[1])
+    trial = next(t for t in data["trials"] if t["strategy"] == "act_rel")
+
+    def decoded(name: str, points: int) -> np.ndarray:
+        raw = np.frombuffer(zlib.decompress(base64.b64decode(trial[name])), np.uint8)
+        planes = raw.reshape(2, -1).astype(np.uint16)
+        change = (planes[0] | planes[1] << 8).astype(np.int16)
+        change = change.reshape(len(trial["time"]), points, 3)
+        return np.cumsum(change, axis=0, dtype=np.int16)
+
+    results = open_results(page.parent / "study")
+    assert results.bench is not None
+    stored = results.trial(("S01", "B", 1), "act_rel").motion
+    wanted = (
+        stored["position"]
+        .transpose("time", "marker", "axis")
+        .sel(time=trial["time"], method="nearest")
+    )
+    rest = results.bench.face["position"].values[skin_of(results.bench.face).node]
+    centre = (rest.min(axis=0) + rest.max(axis=0)) / 2
+    simulated = decoded("simulated", 10) * QUANTUM + centre
+    assert abs(simulated - wanted.values).max() <= QUANTUM / 2 * (1 + 1e-6)
+    skin = decoded("skin", data["nodes"])
+    assert skin.shape[1] == len(rest) and abs(np.ptp(skin, axis=0)).max() * QUANTUM > 1e-4
+
+
+def test_whole_numbers_keep_what_is_absent() -> None:
+    values = np.array([[[0.001, 0.0, -0.001]], [[np.nan] * 3]])
+    found = whole(values, np.zeros(3))
+    assert found.tolist() == [[[50, 0, -50]], [[ABSENT] * 3]]
+    raw = np.frombuffer(zlib.decompress(base64.b64decode(deltas(found))), np.uint8)
+    assert len(raw) == 2 * found.size
+
+
+def test_library_is_the_one_that_was_pinned() -> None:
+    assert hashlib.sha256(_resource(THREE).encode()).hexdigest() == THREE_DIGEST
+    assert "MIT License" in _resource("three/LICENSE")
+
+
+def test_thinned_skin_keeps_shape_and_lips(laboratory: Path) -> None:
+    face = load_face(laboratory / "face.nc")
+    full, thin = skin_of(face), skin_of(face, most=60)
+    assert len(thin.node) <= 60 < len(full.node)
+    assert set(thin.node.tolist()) <= set(full.node.tolist())
+    box = [np.ptp(face["position"].values[s.node], axis=0) for s in (full, thin)]
+    np.testing.assert_allclose(box[1], box[0], atol=7e-3)
+    # Two sheets that lie on each other share no edge and must not be merged.
+    square = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=float)
+    position = np.concatenate([square, square + 1e-9])
+    corners = np.array([[0, 1, 2], [3, 4, 5]])
+    assert len(decimated(position, corners, 6)) == 2
+    kept = decimated(position, corners, 5)
+    assert len({tuple(row >= 3) for row in kept}) == len(kept)
+
+
+def test_planted_difference_is_found_and_none_is_claimed_without() -> None:
+    moved = contents.inference(scores(effects=(0.0, 0.9, 0.9), sd_interaction=0.05))
+    assert any("rho is higher with the first" in one for one in moved.conclusions)
+    still = contents.inference(scores())
+    assert not any("is higher" in one or "is lower" in one for one in still.conclusions)
+    assert all("which does not show that there is none" in one for one in still.conclusions)
+
+
+def alone(cube: xr.Dataset, folder: Path) -> str:
+    """Words of the report of a cube without configuration."""
+    write_netcdf(cube, folder / "cube.nc", "cube")
+    return text_of(render(open_results(folder)))
+
+
+def test_empty_cube(tmp_path: Path) -> None:
+    text = alone(scores().isel(volunteer=[]), tmp_path)
+    assert "This study holds no trial: there is nothing to report." in text
+    assert "nothing is tested" in text and "No simulation was scored" in text
+
+
+def test_all_trials_failed(tmp_path: Path) -> None:
+    trials = [
+        Trial("v1", "A", r, s, status="failed:InvertedElement", reason="element 7 is inverted")
+        for r in (1, 2)
+        for s in ("act_all", "act_3")
+    ]
+    cube = build_cube(trials, markers=["corner_left"], origin="simulated")
+    text = alone(cube, tmp_path)
+    assert "No trial could be scored: of 4 trials, 4 failed and 0 are missing." in text
+    assert "failed:InvertedElement 4 v1 A 1 act_all, v1 A 1 act_3" in text
+    assert "element 7 is inverted" in text and "Moving face" not in text
+
+
+def test_one_strategy_and_one_volunteer(tmp_path: Path) -> None:
+    cube = scores(volunteers=2).isel(strategy=[0])
+    assert "There is one strategy, act_all: there is nothing to compare." in contents.verdict(cube)
+    assert contents.inference(cube).table is None
+    one = scores(volunteers=1)
+    assert any("There is one volunteer" in sentence for sentence in contents.verdict(one))
+    assert contents.inference(one).conclusions == [
+        "There is one volunteer: the tests need several, so nothing is tested."
+    ]
+
+
+def test_rho_identical_everywhere(tmp_path: Path) -> None:
+    cube = scores()
+    cube["rho"][:] = 0.5
+    text = alone(cube, tmp_path)
+    assert "rho is 0.5 everywhere: all 216 values are identical" in text
+    assert "is higher" not in text and "is lower" not in text
+
+
+def test_what_cannot_be_read_any_more_is_said(page: Path, tmp_path: Path) -> None:
+    cube = xr.load_dataset(page.parent / "study" / "cube.nc")
+    configuration = json.loads(cube.attrs["configuration"])
+    configuration["recordings"]["folder"] = str(tmp_path / "gone")
+    cube.attrs["configuration"] = json.dumps(configuration)
+    write_netcdf(cube, tmp_path / "cube.nc", "cube")
+    results = open_results(tmp_path)
+    assert results.bench is None and "recordings or face cannot be read" in results.notes[0]
+    cube.attrs["configuration"] = '{"speed": 3}'
+    write_netcdf(cube, tmp_path / "cube.nc", "cube")
+    assert "of another version of this package" in open_results(tmp_path).notes[0]
+    with pytest.raises(DataError, match="holds no cube.nc"):
+        open_results(tmp_path / "gone")
+
+
+def test_representative_trial_is_in_the_middle() -> None:
+    cube = scores(volunteers=3, instructions=1, repetitions=1)
+    for volunteer, value in (("v1", 0.1), ("v2", 0.9), ("v3", 0.5)):
+        cube["rho"].loc[{"volunteer": volunteer}] = value
+    assert representative(cube) == {"i1": ("v3", "i1", 1)}
+    cube["status"].loc[{"volunteer": "v3", "strategy": "act_3"}] = "failed:SignalError"
+    assert representative(cube)["i1"][0] in {"v1", "v2"}
+
+
+def test_exclusions_name_markers_without_rho() -> None:
+    cube = scores(volunteers=2, instructions=1, repetitions=1)
+    cube["rho"][0, 0, 0, 0, 1] = np.nan
+    cube["marker_reason"] = xr.full_like(cube["rho"], 0.0).astype(str)
+    cube["marker_reason"][:] = ""
+    cube["marker_reason"][0, 0, 0, 0, 1] = "measured does not move"
+    table = contents.exclusions(Results(Path(), cube))
+    assert table.rows == (
+        (
+            "scored in part",
+            1,
+            "v1 i1 1 act_all",
+            "1 of 3 markers have no rho: measured does not move",
+        ),
+    )
