@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import sim
+from benchmarks.locking import PARTS, beam, cook
 from tests.bodies import crossed_muscles, grid, solid_system
-
-MU, DENSITY, G = 5000.0, 1040.0, 0.01
 
 
 def muscle_block(sigma_max=30e3):
@@ -54,52 +53,59 @@ def test_a_load_too_large_for_one_step_is_applied_in_several():
     assert np.abs(system.reduce(system.force(end.q, control).f)).max() <= 1e-6
 
 
-def sagging(kappa, volume, cells):
-    """Tip deflection of a cantilever under its weight, over that of slender-beam theory.
-
-    w = rho g A L^4 / (8 E I), E = 9 kappa mu/(3 kappa + mu).
-    """
-    length, height = 0.1, 0.01
-    mesh = grid((cells * 10 // 2, 2, cells), (length, height, height))
-    bulk = sim.QuadraticBulk(kappa if volume is None else 0.0)
-    system = solid_system(
-        mesh,
-        sim.NeoHooke(MU),
-        bulk,
-        terms=(sim.Gravity((0.0, 0.0, -G)), *(() if volume is None else (volume(kappa),))),
-        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0)),),
-    )
-    state, _ = sim.Static(residual_tolerance=1e-8).step(
-        system, system.rest_state(), system.control(np.zeros(0)), 1.0, sim.Workspace(system)
-    )
-    tip = mesh.X[:, 0] == length
-    E = 9 * kappa * MU / (3 * kappa + MU)
-    slender = DENSITY * G * height**2 * length**4 / (8 * E * height**4 / 12)
-    return -(state.q - mesh.X)[tip, 2].mean() / slender
-
-
-def fixed_at(kappa):
-    """Nodal pressures at held nodes too, as a general mesh wants them."""
-    return sim.NodalVolume(kappa, at_fixed=True)
-
-
 @pytest.mark.parametrize("poisson", [0.3, 0.49, 0.4999, 0.49999])
-def test_locking_is_shown_and_cured(poisson):
-    kappa = 2 * MU * (1 + poisson) / (3 * (1 - 2 * poisson))
-    pointwise = sagging(kappa, None, 4)
-    element = sagging(kappa, sim.ElementVolume, 4)
-    nodal = sagging(kappa, fixed_at, 4)
+def test_locking_of_a_beam_is_shown_and_cured(poisson):
     # bending of this mesh by linear hexahedra is too stiff by shear, whatever the volume does;
     # the cure keeps what the compressible beam reaches
-    reference = sagging(2 * MU * 1.3 / (3 * 0.4), None, 4)
-    assert element == pytest.approx(reference, rel=0.15)
-    assert nodal == pytest.approx(reference, rel=0.15)
+    reference = beam(4, 0.3, "pointwise")
+    for part in ("element", "nodal") + (("hard",) if poisson > 0.48 else ()):
+        assert beam(4, poisson, part) == pytest.approx(reference, rel=0.15), part
     if poisson >= 0.4999:
-        assert pointwise < 0.5 * reference
+        assert beam(4, poisson, "pointwise") < 0.5 * reference
 
 
 def test_refinement_of_the_cured_beam_approaches_beam_theory():
-    kappa = 2 * MU * 1.4999 / (3 * (1 - 2 * 0.4999))
-    coarse, fine = (sagging(kappa, sim.ElementVolume, cells) for cells in (2, 6))
+    coarse, fine = (beam(cells, 0.4999, "element") for cells in (2, 6))
     assert coarse < fine < 1.05
     assert fine > 0.85
+
+
+def test_locking_of_cooks_membrane_is_shown_and_cured():
+    """Element-wise, nodal and hard volumes approach one displacement; the pointwise law does not."""
+    found = {part: [cook(n, 0.4999, part) for n in (4, 8, 16)] for part in PARTS}
+    coarse, middle, hard = found["hard"]
+    ratio = (middle - coarse) / (hard - middle)
+    limit = hard + (hard - middle) / (ratio - 1.0)  # Richardson
+    assert 2.0 < ratio < 4.0  # the corner's singularity keeps it from the second order
+    assert found["element"][-1] == pytest.approx(limit, rel=0.03)
+    assert found["nodal"][-1] == pytest.approx(limit, rel=0.08)
+    assert found["pointwise"][-1] < 0.35 * limit
+
+
+def test_hard_volumes_stay_and_agree_with_the_soft_limit():
+    """Dynamics of a contracting block: every element keeps its volume, at any activation."""
+    mesh = grid((2, 2, 2), wedges=(1,))
+    base = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))
+
+    def end(kappa):
+        system = solid_system(
+            mesh,
+            bulk=sim.QuadraticBulk(0.0),
+            muscles=crossed_muscles(mesh, sim.Blemker(30e3)),
+            terms=() if kappa is None else (sim.ElementVolume(kappa),),
+            reductions=(base,),
+            # stiffness damping at rest would hold large motions along the volumes of the rest shape
+            damping=sim.RestRayleigh(19.0, 0.0),
+            constraints=(sim.HardElementVolume(),) if kappa is None else (),
+        )
+        _, state = sim.simulate(system, ramp(system, 0.5), duration=0.1, steps=sim.FixedStep(0.01))
+        return system, state.q
+
+    system, q = end(None)
+    moved = np.abs(q - mesh.X).max()
+    volume = system.constraints.evaluate(q)[0]
+    assert np.abs(volume).max() < 1e-8 * mesh.volumes().min()
+    gaps = [np.abs(end(kappa)[1] - q).max() for kappa in (1e5, 1e6, 1e7)]
+    assert gaps[2] < 0.02 * moved
+    assert gaps[1] < 0.2 * gaps[0]
+    assert gaps[2] < 0.2 * gaps[1]

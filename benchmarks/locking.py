@@ -1,0 +1,135 @@
+"""Volumetric locking: Cook's membrane and a bending beam, for every volumetric part.
+
+    python benchmarks/locking.py [--out locking.csv]
+
+Cook's membrane in plane strain at small strains: E = 250 Pa, side 44 to 16 m over 48 m, a shear
+traction on the right side; vertical displacement of the upper right corner for a traction of 6.25 Pa.
+The beam sags under its weight; slender-beam theory is 1.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import sim
+
+PARTS = ("pointwise", "element", "nodal", "hard")
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """Neo-Hookean tissue by its Poisson ratio and the part that keeps its volume."""
+
+    mu: float
+    poisson: float
+    part: str
+
+    @property
+    def kappa(self) -> float:
+        """Bulk modulus 2 mu (1 + nu)/(3 (1 - 2 nu)) [Pa]."""
+        return 2.0 * self.mu * (1.0 + self.poisson) / (3.0 * (1.0 - 2.0 * self.poisson))
+
+    def scene(self, mesh: sim.Mesh, *terms: object, held: tuple[sim.Fixed, ...]) -> sim.System:
+        """Compile the body with its loads."""
+        bulk = sim.QuadraticBulk(self.kappa if self.part == "pointwise" else 0.0)
+        solid = sim.Solid((sim.Material(sim.NeoHooke(self.mu), bulk),))
+        soft = {
+            "element": (sim.ElementVolume(self.kappa),),
+            "nodal": (sim.NodalVolume(self.kappa, at_fixed=True),),
+        }
+        constraints = (sim.HardElementVolume(),) if self.part == "hard" else ()
+        return sim.compile_scene(
+            sim.Scene(mesh, (solid, *soft.get(self.part, ()), *terms), held, None, constraints)
+        )
+
+
+def box(X: np.ndarray) -> sim.Mesh:
+    """Mesh of hexahedra on a grid of positions (n_x, n_y, n_z, 3)."""
+    index = np.arange(X[..., 0].size).reshape(X.shape[:3])
+    n = np.array(X.shape[:3]) - 1
+    corners = (
+        (0, 0, 0),
+        (1, 0, 0),
+        (1, 1, 0),
+        (0, 1, 0),
+        (0, 0, 1),
+        (1, 0, 1),
+        (1, 1, 1),
+        (0, 1, 1),
+    )
+    cells = [index[a : n[0] + a, b : n[1] + b, c : n[2] + c].ravel() for a, b, c in corners]
+    return sim.mesh_from_arrays(X.reshape(-1, 3), hex8=np.stack(cells, axis=1))
+
+
+def equilibrium(system: sim.System, residual: float, position: float) -> np.ndarray:
+    """Displacements (n_nodes, 3) at rest [m]."""
+    static = sim.Static(tolerance=position, residual_tolerance=residual)
+    control = system.control(np.zeros(0))
+    state, _ = static.step(system, system.rest_state(), control, 1.0, sim.Workspace(system))
+    return state.q - system.scene.mesh.X
+
+
+def cook(n: int, poisson: float, part: str) -> float:
+    """Vertical displacement [m] of the corner of Cook's membrane with n x n elements."""
+    traction, thickness, E = 0.01, 48.0 / n, 250.0
+    s, t = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
+    plane = np.stack([48.0 * s, 44.0 * s + (44.0 - 28.0 * s) * t], axis=-1)
+    X = np.zeros((n + 1, n + 1, 2, 3))
+    X[..., :2], X[:, :, 1, 2] = plane[:, :, None], thickness
+    mesh = box(X)
+    right = np.flatnonzero(mesh.X[:, 0] == 48.0).reshape(n + 1, 2)
+    share = np.full(n + 1, 16.0 / n)
+    share[[0, -1]] /= 2.0
+    force = np.zeros((n + 1, 2, 3))
+    force[..., 1] = (traction * share * thickness / 2.0)[:, None]
+    load = sim.NodeLoad(right.ravel(), force.reshape(-1, 3))
+    held = (
+        sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0)),
+        sim.Fixed(np.arange(mesh.n_nodes), axes=(2,)),
+    )
+    system = Elastic(E / (2.0 * (1.0 + poisson)), poisson, part).scene(mesh, load, held=held)
+    u = equilibrium(system, 1e-5 * traction * 16.0 * thickness, 1e-5)
+    return float(u[right[-1], 1].mean() * 6.25 / traction)
+
+
+def beam(cells: int, poisson: float, part: str) -> float:
+    """Sagging of a cantilever of 100 x 10 x 10 mm over that of slender-beam theory.
+
+    w = rho g A L^4/(8 E I); cells is the number of elements over the height.
+    """
+    length, height, mu, density, g = 0.1, 0.01, 5000.0, 1040.0, 0.01
+    axes = [np.linspace(0, length, 5 * cells + 1), np.linspace(0, height, 3)]
+    X = np.stack(np.meshgrid(*axes, np.linspace(0, height, cells + 1), indexing="ij"), axis=-1)
+    mesh = box(X)
+    held = (sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0)),)
+    tissue = Elastic(mu, poisson, part)
+    u = equilibrium(tissue.scene(mesh, sim.Gravity((0.0, 0.0, -g)), held=held), 1e-8, 1e-7)
+    E = 2.0 * mu * (1.0 + poisson)
+    slender = density * g * height**2 * length**4 / (8.0 * E * height**4 / 12.0)
+    return float(-u[mesh.X[:, 0] == length, 2].mean() / slender)
+
+
+def main() -> None:
+    """Print and store the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=None)
+    options = parser.parse_args()
+    rows = []
+    for body, function, sizes in (("cook", cook, (4, 8, 16, 32)), ("beam", beam, (2, 4, 6))):
+        for poisson in (0.3, 0.49, 0.4999, 0.49999):
+            for part in PARTS:
+                if part == "hard" and poisson < 0.49:
+                    continue  # it has no other Poisson ratio than 0.5
+                found = {f"n={n}": function(n, poisson, part) for n in sizes}
+                rows.append({"body": body, "poisson": poisson, "part": part} | found)
+    table = pd.DataFrame(rows)
+    print(table.to_string(index=False, float_format="%.5g", na_rep=""))
+    if options.out:
+        table.to_csv(options.out, index=False, float_format="%.5g")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,154 @@
+"""Trajectories of the reference face against those recorded with another simulator.
+
+    python benchmarks/other_simulator.py --shared ../shared --out table.csv
+
+Same mesh, muscles, laws, scheme and step; per case and time the rms and the largest distance of a
+node. The excitation rises linearly to its end value within 0.1 s and is then held; h = 5 ms.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import sim
+
+RAMP = 0.1  # s
+THEIR_HEX = [3, 2, 1, 0, 7, 6, 5, 4]  # that program lists the faces of a hexahedron the other way
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recorded run.
+
+    Attributes
+    ----------
+    name : file name without ending.
+    volume : "nodal", "element" or "hard".
+    group : muscle of both sides, or "" for none.
+    level : final excitation.
+    integrator : the scheme.
+    fibre : law of the fibres.
+    gravity : whether gravity acts.
+    """
+
+    name: str
+    volume: str
+    group: str
+    level: float
+    integrator: sim.integrators.TimeIntegrator
+    fibre: sim.Blemker | sim.Generic
+    gravity: bool = False
+
+
+EULER, TRAPEZOIDAL = sim.LinearlyImplicitEuler(), sim.LinearlyImplicitTrapezoidal()
+BLEMKER = sim.Blemker(100e3)
+CASES = (
+    Case("A_softnodal_blemker_ZYG", "nodal", "ZYG", 0.5, EULER, BLEMKER),
+    Case("A_softnodal_blemker_OOP_amax0.2", "nodal", "OOP", 0.2, EULER, BLEMKER),
+    Case("B_demo_hardelem_generic_trap_ZYG", "hard", "ZYG", 0.5, TRAPEZOIDAL, sim.Generic(100e3)),
+    Case("C_softelem_blemker_ZYG", "element", "ZYG", 0.5, EULER, BLEMKER),
+    Case("C_softelem_blemker_LLSAN", "element", "LLSAN", 0.5, EULER, BLEMKER),
+    Case("G_gravity_softnodal", "nodal", "", 0.0, EULER, BLEMKER, gravity=True),
+)
+
+
+def their_face(folder: Path, case: Case, sided: bool = False) -> sim.System:
+    """Scene of a case on the recorded mesh.
+
+    The fibres of both sides belong to one muscle there.
+    """
+    model = json.loads((folder / "refmodel_model.json").read_text())
+    blocks: dict[str, list[list[int]]] = {"hex8": [], "wedge6": []}
+    place: list[tuple[str, int]] = []
+    for element in model["elements"]:
+        kind = "hex8" if element["type"] == "HexElement" else "wedge6"
+        order = THEIR_HEX if kind == "hex8" else range(6)
+        place.append((kind, len(blocks[kind])))
+        blocks[kind].append([element["nodes"][i] for i in order])
+    index = np.array([i if kind == "hex8" else len(blocks["hex8"]) + i for kind, i in place])
+    mesh = sim.mesh_from_arrays(np.array(model["rest_positions"]), **blocks)
+    bundles = {k: b for k, b in model["muscles"].items() if b["element_indices"]}
+    rows = [index[b["element_indices"]] for b in bundles.values()]
+    muscles = sim.Muscles(
+        tuple(bundles),
+        np.concatenate(rows),
+        np.repeat(np.arange(len(rows)), [len(r) for r in rows]),
+        np.concatenate([b["directions"] for b in bundles.values()]),
+        case.fibre,
+    )
+    solid = sim.Solid((sim.Material(bulk=sim.QuadraticBulk(0.0)),), muscles=muscles)
+    # with hard volumes that program keeps its soft pressure, whose geometric stiffness remains
+    soft = sim.NodalVolume(25e3) if case.volume == "nodal" else sim.ElementVolume(25e3)
+    gravity = (sim.Gravity(),) if case.gravity else ()
+    return sim.compile_scene(
+        sim.Scene(
+            mesh,
+            (solid, soft, *gravity),
+            (sim.Fixed(np.array(model["fixed_node_indices"])),),
+            sim.Rayleigh(19.0, 0.055),
+            (sim.HardElementVolume(),) if case.volume == "hard" else (),
+        )
+    )
+
+
+def compare(folder: Path, case: Case, until: float, h: float = 5e-3) -> list[dict[str, object]]:
+    """One row per recorded time up to `until` [s]."""
+    system = their_face(folder, case)
+    peak = np.array(
+        [case.level if name.startswith(case.group or "-") else 0.0 for name in system.muscles]
+    )
+    activation = sim.Activation(np.array([0.0, RAMP]), np.stack([0.0 * peak, peak]))
+    recorded = np.load(folder / f"{case.name}.npz")
+    times = sorted(float(k.removeprefix("pos_t")) for k in recorded if k.startswith("pos_t"))
+    state, work, rows = system.rest_state(), sim.Workspace(system), []
+    start = time.perf_counter()
+    for t in [t for t in times if 0.0 < t <= until + 1e-9]:
+        _, state = sim.simulate(
+            system,
+            activation,
+            duration=t - state.t,
+            integrator=case.integrator,
+            steps=sim.FixedStep(h),
+            initial=state,
+            work=work,
+        )
+        key = next(k for k in recorded if k.startswith("pos_t") and float(k[5:]) == t)
+        distance = np.linalg.norm(state.q - recorded[key], axis=1) * 1e3
+        moved = np.linalg.norm(state.q - system.scene.mesh.X, axis=1) * 1e3
+        rows.append(
+            {
+                "case": case.name,
+                "time_s": t,
+                "rms_mm": float(np.sqrt((distance**2).mean())),
+                "max_mm": float(distance.max()),
+                "largest_displacement_mm": float(moved.max()),
+                "run_time_s": time.perf_counter() - start,
+            }
+        )
+        print(rows[-1], flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--shared", type=Path, default=Path("../shared"))
+    parser.add_argument("--out", type=Path, default=Path("other_simulator.csv"))
+    parser.add_argument("--until", type=float, default=1.0, help="last time compared [s]")
+    parser.add_argument("--case", action="append", help="name of a case; all by default")
+    options = parser.parse_args()
+    folder = options.shared / "artisynth_reference"
+    rows: list[dict[str, object]] = []
+    for case in CASES:
+        if options.case is None or case.name in options.case:
+            rows += compare(folder, case, options.until)
+            pd.DataFrame(rows).to_csv(options.out, index=False)
+    print(pd.DataFrame(rows).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()
