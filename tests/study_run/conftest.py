@@ -1,6 +1,7 @@
 """A slab of tissue with twenty muscles, small enough that a simulation takes a moment."""
 
 import os
+import warnings
 from pathlib import Path
 
 os.environ.setdefault("MKL_NUM_THREADS", "1")  # heard where no other test has loaded it before
@@ -10,9 +11,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from emgface.choices import configure
+from emgface.errors import FeatureWarning
 from emgface.face.model import Bundle, Fibre, build_face, save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MUSCLES
+from emgface.report.write import write_page
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.run import run_study
 from emgface.volunteers.simulate import make_volunteers
 
 STEP = 0.02
@@ -133,3 +139,26 @@ def laboratory(slab: xr.Dataset, tmp_path_factory) -> Path:
         parameters=SimulationParameters(step=STEP),
     )
     return folder
+
+
+@pytest.fixture(scope="session")
+def page(laboratory: Path, tmp_path_factory) -> Path:
+    """Report of a study of one trial under two strategies, with moving faces."""
+    folder = tmp_path_factory.mktemp("report")
+    study = configure(
+        StudyConfiguration,
+        {
+            "name": "slab <of> tissue",
+            "strategies": ["act_all", "act_rel"],
+            "recordings": {"folder": str(laboratory / "recordings"), "instructions": ["B"]},
+            "face": {"path": str(laboratory / "face.nc")},
+            "signals": {"normalisation": {"silent": "zero"}, "resampling": {"steps": 40}},
+            "simulation": {"step": STEP, "sigma_max": 100e3},
+        },
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FeatureWarning)
+        run_study(study, folder / "study")
+    written = write_page(folder / "study", folder / "report.html")
+    assert written.notes == []
+    return written.path

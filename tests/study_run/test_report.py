@@ -15,7 +15,6 @@ import xarray as xr
 from analysis.cube import build_cube
 from analysis.statistics.calibration import simulated_scores
 from analysis.trial import Trial
-from emgface.choices import configure
 from emgface.errors import DataError
 from emgface.face.model import load_face
 from emgface.netcdf import write_netcdf
@@ -23,36 +22,12 @@ from emgface.report import contents
 from emgface.report.motion import ABSENT, QUANTUM, deltas, whole
 from emgface.report.results import Results, open_results, representative
 from emgface.report.skin import decimated, skin_of
-from emgface.report.write import THREE, _resource, render, write_page
-from emgface.study.configuration import StudyConfiguration
-from emgface.study.run import run_study
-from tests.study_run.conftest import STEP
+from emgface.report.write import THREE, _resource, render
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
 THREE_DIGEST = "08fd7545d13d2c7fb65ab691530a802dafefd638596501854f267d0fb13c39e7"
 """SHA-256 of build/three.module.min.js in the npm package three 0.170.0."""
-
-
-@pytest.fixture(scope="session")
-def page(laboratory: Path, tmp_path_factory) -> Path:
-    """Report of a study of one trial under two strategies, with moving faces."""
-    folder = tmp_path_factory.mktemp("report")
-    study = configure(
-        StudyConfiguration,
-        {
-            "name": "slab <of> tissue",
-            "strategies": ["act_all", "act_rel"],
-            "recordings": {"folder": str(laboratory / "recordings"), "instructions": ["B"]},
-            "face": {"path": str(laboratory / "face.nc")},
-            "signals": {"normalisation": {"silent": "zero"}, "resampling": {"steps": 40}},
-            "simulation": {"step": STEP, "sigma_max": 100e3},
-        },
-    )
-    run_study(study, folder / "study")
-    written = write_page(folder / "study", folder / "report.html")
-    assert written.notes == []
-    return written.path
 
 
 def text_of(page: str) -> str:

@@ -1,0 +1,187 @@
+"""The report in a real browser: it draws, the slider moves the face, and nothing leaves the page."""
+
+import io
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+DRIVER = shutil.which("chromedriver")
+
+pytestmark = [
+    pytest.mark.skipif(
+        not (CHROMIUM and DRIVER),
+        reason="no Chromium with chromedriver found (Debian: chromium, chromium-driver)",
+    ),
+    pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning"),
+]
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-quic",
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--window-size=1280,1000",
+)
+PATIENCE = 60.0
+"""Seconds until the page must be ready, on a slow machine as well."""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory) -> Iterator:
+    selenium = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    from selenium.webdriver.chrome.service import Service
+
+    options = selenium.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    # The driver listens on this machine alone, which no proxy can reach.
+    os.environ["NO_PROXY"] = os.environ["no_proxy"] = "localhost,127.0.0.1"
+    driver = selenium.Chrome(options=options, service=Service(DRIVER))
+    yield driver
+    driver.quit()
+
+
+def opened(browser, page: Path, *, query: str = "") -> None:
+    """Open the page and wait until the face is drawn; forget what was logged before."""
+    browser.get_log("browser")
+    browser.get_log("performance")
+    browser.get(page.as_uri() + query)
+    until(browser, "return document.getElementById('stage').dataset.ready === 'yes'")
+
+
+def until(browser, script: str) -> None:
+    """Wait for a condition in the page."""
+    limit = time.monotonic() + PATIENCE
+    while not browser.execute_script(script):
+        assert time.monotonic() < limit, (script, browser.get_log("browser"))
+        time.sleep(0.05)
+
+
+def drawn(browser) -> np.ndarray:
+    """Pixels of the face as they stand on the screen."""
+    browser.execute_script(
+        "document.getElementById('stage').scrollIntoView({block: 'center', behavior: 'instant'})"
+    )
+    script = "return new Promise(f => requestAnimationFrame(() => requestAnimationFrame(f)))"
+    browser.execute_script(script)
+    picture = browser.find_element("id", "stage").screenshot_as_png
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
+
+
+def slide(browser, fraction: float) -> int:
+    """Move the slider as a hand would; returns the frame."""
+    frame = browser.execute_script(
+        "const t = document.getElementById('time'); t.value = Math.round(arguments[0] * t.max);"
+        "t.dispatchEvent(new Event('input', {bubbles: true})); return Number(t.value)",
+        fraction,
+    )
+    until(browser, f"return document.getElementById('stage').dataset.frame === '{frame}'")
+    return frame
+
+
+def changed(first: np.ndarray, second: np.ndarray) -> float:
+    """Share of pixels that differ by more than anti-aliasing does."""
+    return float((abs(first - second).max(axis=2) > 24).mean())
+
+
+@pytest.mark.parametrize("query", ["", "?plain"], ids=["webgl", "canvas"])
+def test_slider_moves_the_face(browser, page: Path, query: str) -> None:
+    opened(browser, page, query=query)
+    way = browser.execute_script("return document.getElementById('stage').dataset.drawn")
+    assert way in (("canvas",) if query else ("webgl", "canvas"))
+    browser.execute_script(
+        "for (const id of ['simulated', 'measured']) document.getElementById(id).click()"
+    )
+    slide(browser, 0.0)
+    rest, again = drawn(browser), drawn(browser)
+    assert changed(rest, again) == 0
+    skin = (rest[..., 0] > rest[..., 2] + 25).mean()
+    assert 0.1 < skin < 0.9, "no face is seen"
+    assert slide(browser, 0.6) > 0
+    moved = drawn(browser)
+    assert changed(rest, moved) > 0.002
+    assert browser.execute_script("return document.getElementById('clock').textContent") != "0.00 s"
+    browser.execute_script("document.getElementById('simulated').click()")
+    marked = drawn(browser)
+    blue = (marked[..., 2] > marked[..., 0] + 60) & ~(moved[..., 2] > moved[..., 0] + 60)
+    assert blue.sum() > 50, "no simulated markers are seen"
+
+
+def test_nothing_is_wrong_and_nothing_leaves(browser, page: Path) -> None:
+    opened(browser, page)
+    slide(browser, 0.5)
+    severe = [one for one in browser.get_log("browser") if one["level"] in ("SEVERE", "WARNING")]
+    # A software renderer says that reading its pixels is slow, which only tests do.
+    assert [one for one in severe if "ReadPixels" not in one["message"]] == []
+    events = [json.loads(one["message"])["message"] for one in browser.get_log("performance")]
+    asked = {
+        event["params"]["request"]["url"].split(":")[0]
+        for event in events
+        if event["method"] == "Network.requestWillBeSent"
+    }
+    assert asked - {"chrome"} <= {"file", "data", "blob"}
+    refused = browser.execute_async_script(
+        "const done = arguments[0];"
+        "document.addEventListener('securitypolicyviolation', e => done(e.violatedDirective));"
+        "fetch('https://localhost:9/').catch(() => setTimeout(() => done('error'), 2000));"
+    )
+    assert refused == "connect-src"
+
+
+def test_strategy_switch_keyboard_and_play(browser, page: Path) -> None:
+    opened(browser, page)
+    stage = "document.getElementById('stage')"
+    assert browser.execute_script(f"return {stage}.dataset.trial") == "S01 B 1 act_all"
+    slide(browser, 0.5)
+    before = drawn(browser)
+    frame = browser.execute_script(f"return {stage}.dataset.frame")
+    browser.execute_script("document.querySelector('input[value=act_rel]').click()")
+    until(browser, f"return {stage}.dataset.trial === 'S01 B 1 act_rel'")
+    assert browser.execute_script(f"return {stage}.dataset.frame") == frame
+    assert "act_rel" in browser.execute_script(f"return {stage}.getAttribute('aria-label')")
+    from selenium.webdriver.common.keys import Keys
+
+    front = drawn(browser)
+    assert changed(before, front) >= 0
+    browser.find_element("id", "stage").send_keys(Keys.ARROW_LEFT * 4)
+    assert changed(front, drawn(browser)) > 0.01
+    browser.execute_script("document.querySelector('[data-view=front]').click()")
+    assert changed(front, drawn(browser)) < 0.001
+    slide(browser, 0.0)
+    browser.execute_script("document.getElementById('play').click()")
+    until(browser, f"return Number({stage}.dataset.frame) > 2")
+    browser.execute_script("document.getElementById('play').click()")
+
+
+def test_phone_width_needs_no_sideways_scrolling(browser, page: Path) -> None:
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        opened(browser, page)
+        wide, stage = browser.execute_script(
+            "return [document.documentElement.scrollWidth,"
+            "document.getElementById('stage').getBoundingClientRect().width]"
+        )
+        assert wide <= 390 and stage > 300
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
