@@ -1,5 +1,6 @@
 """``emgface volunteers``: recordings of simulated people."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -9,15 +10,56 @@ from emgface.cli.console import ProgressObserver, progress, say
 from emgface.cli.machine import announce_compilation, cores
 
 
+class Form(StrEnum):
+    """Formats of a simulated set."""
+
+    netcdf = "netcdf"
+    bids = "bids"
+    both = "both"
+
+
+class Source(StrEnum):
+    """Sources of the EMG."""
+
+    motor_units = "motor_units"
+    noise = "noise"
+
+
 def volunteers(
     out_path: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
     n: Annotated[int, typer.Option("--n", min=1, help="Number of volunteers.")] = 2,
     repetitions: Annotated[int, typer.Option(min=1, help="Repetitions per instruction.")] = 1,
     instructions: Annotated[str, typer.Option(help="Some of ABCDEF.")] = "ABCDEF",
     face: Annotated[
-        Path | None, typer.Option(help="Face model; the block of lip tissue when absent.")
+        Path | None,
+        typer.Option(help="Face model, scaled for each volunteer; drawn for each when absent."),
     ] = None,
+    block: Annotated[
+        bool, typer.Option("--block", help="Take the block of lip tissue for a face.")
+    ] = False,
+    resolution: Annotated[
+        str,
+        typer.Option(help="Elements of the faces drawn: coarse, medium, fine or about how many."),
+    ] = "medium",
     seed: Annotated[int, typer.Option(min=0, help="Seed of the whole set.")] = 0,
+    form: Annotated[
+        Form, typer.Option("--format", help="Format; the truth is written beside BIDS as netCDF.")
+    ] = Form.netcdf,
+    emg: Annotated[
+        Source, typer.Option(help="EMG of motor units, or of amplitude-modulated noise.")
+    ] = Source.motor_units,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            help="Time step of the simulation in seconds; half of the study's when absent."
+        ),
+    ] = None,
+    cross_talk: Annotated[
+        float | None, typer.Option(help="Share of a neighbour's amplitude; drawn when absent.")
+    ] = None,
+    electrode_failure: Annotated[
+        float, typer.Option(help="Probability that an electrode fails in a session.")
+    ] = 0.0,
     workers: Annotated[
         int | None,
         typer.Option(min=1, help="Processes that simulate at the same time; one per core."),
@@ -27,13 +69,36 @@ def volunteers(
     ] = None,
 ) -> None:
     """Simulate volunteers: known activations, sEMG and lip markers, labelled simulated."""
-    from emgface.study.configuration import FaceConfiguration, StudyConfiguration, load_study
+    from emgface.choices import configure
+    from emgface.errors import ConfigurationError
+    from emgface.face.block import block_face
+    from emgface.face.model import load_face
+    from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.study.configuration import StudyConfiguration, load_study
     from emgface.study.faces import study_face
+    from emgface.volunteers.settings import VolunteerParameters
     from emgface.volunteers.simulate import make_volunteers
+    from emgface.volunteers.write import write_set_as_bids
 
+    if face is not None and block:
+        raise ConfigurationError("--face and --block are both given, expected one: drop the other")
+    settings = configure(
+        VolunteerParameters,
+        {
+            "emg": emg.value,
+            "resolution": int(resolution) if resolution.isdigit() else resolution,
+            "cross_talk": cross_talk,
+            "electrode_failure": electrode_failure,
+        },
+    )
     configuration = load_study(study) if study else StudyConfiguration()
-    where = FaceConfiguration(path=face) if face else configuration.face
-    model = study_face(where)
+    simulation = configuration.simulation.model_dump()
+    simulation["step"] = step or configuration.simulation.step / 2
+    parameters = configure(SimulationParameters, simulation)
+    model = load_face(face) if face else block_face() if block else None
+    own = configuration.face  # of a template each volunteer has its own
+    if model is None and (own.path is not None or own.block is not None):
+        model = study_face(own)
     announce_compilation()
     with progress("simulated volunteers") as bar:
         paths = make_volunteers(
@@ -43,8 +108,19 @@ def volunteers(
             repetitions=repetitions,
             instructions=tuple(instructions),
             seed=seed,
-            parameters=configuration.simulation,
+            parameters=parameters,
+            settings=settings,
             workers=workers or cores(),
             observer=ProgressObserver(bar),
         )
+    if form in (Form.bids, Form.both):
+        with progress("BIDS"):
+            write_set_as_bids(paths, out_path / "bids", out_path / "truth")
+        say(f"Wrote {len(paths)} simulated trials to {out_path / 'bids'}, the truth to "
+            f"{out_path / 'truth'}.")  # fmt: skip
+    if form == Form.bids:
+        for path in paths:
+            path.unlink()
+        paths[0].parent.rmdir()
+        return
     say(f"Wrote {len(paths)} simulated recordings to {out_path / 'recordings'}.")

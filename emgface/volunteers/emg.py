@@ -1,8 +1,10 @@
 """Surface EMG synthesised from known activations.
 
-Each channel is ``gain * drive(t) * noise(t)``: stationary Gaussian noise with the power spectrum of
-surface EMG, its amplitude proportional to what the muscles under the electrode do; then cross-talk
-between neighbouring channels, baseline noise of the amplifier and a little mains hum.
+Each channel is ``gain * source(t)``: either the action potentials of motor units
+(`emgface.volunteers.motor_units`), or, faster, ``drive(t) * noise(t)`` with stationary Gaussian
+noise of the power spectrum of surface EMG, its amplitude proportional to what the muscles under the
+electrode do; then cross-talk between neighbouring channels, baseline noise of the amplifier and a
+little mains hum.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,6 +15,7 @@ import xarray as xr
 
 from emgface.errors import SignalError
 from emgface.muscles import ACROSS, CHANNELS, MUSCLES, NEIGHBOURS
+from emgface.volunteers.motor_units import Pools, draw_pool, pool_signal
 
 BAND: Final = (15.0, 500.0)
 """Hertz; nothing is synthesised outside the recording band of the study."""
@@ -144,6 +147,7 @@ def synthesise_emg(
     rng: np.random.Generator,
     sampling_rate: float = 2048.0,
     mains_frequency: float = 50.0,
+    pools: Pools | None = None,
 ) -> xr.DataArray:
     """Bipolar sEMG of the fourteen channels during one trial.
 
@@ -163,6 +167,8 @@ def synthesise_emg(
         Source of randomness.
     sampling_rate, mains_frequency : float
         Hertz.
+    pools : mapping, optional
+        Motor units of `draw_pools`, at the sampling rate; noise in place of them when absent.
 
     Returns
     -------
@@ -177,11 +183,15 @@ def synthesise_emg(
     true_time = activation["time_true"].values
     duration = float(true_time[-1] - true_time[0])
     time = np.arange(round(duration * sampling_rate) + 1) / sampling_rate
-    drive = pickup_matrix() @ activation.sel(muscle=list(MUSCLES)).values
-    envelope = np.stack([np.interp(time, true_time - true_time[0], row) for row in drive])
-    noise = band_limited_noise(len(CHANNELS), time.size, sampling_rate, rng)
-    source = np.asarray(gain)[:, None] * envelope * noise
-    emg = cross_talk_matrix(cross_talk) @ source
+    active = activation.sel(muscle=list(MUSCLES)).values
+    if pools is None:
+        drive = pickup_matrix() @ active
+        envelope = np.stack([np.interp(time, true_time - true_time[0], row) for row in drive])
+        source = envelope * band_limited_noise(len(CHANNELS), time.size, sampling_rate, rng)
+    else:
+        envelope = np.stack([np.interp(time, true_time - true_time[0], row) for row in active])
+        source = _unit_sources(pools, envelope, rng)
+    emg = cross_talk_matrix(cross_talk) @ (np.asarray(gain)[:, None] * source)
     emg += baseline_noise * rng.standard_normal(emg.shape)
     phase = rng.uniform(0.0, 2.0 * np.pi, size=(len(CHANNELS), 1))
     emg += mains_hum * np.sin(2.0 * np.pi * mains_frequency * time + phase)
@@ -194,3 +204,39 @@ def synthesise_emg(
         dims=("channel", "time_emg"),
         attrs={"units": "V", "long_name": "bipolar surface EMG, simulated"},
     )
+
+
+def draw_pools(rng: np.random.Generator, sampling_rate: float = 2048.0) -> Pools:
+    """Draw the motor units that the fourteen electrode pairs of a person see.
+
+    Each muscle under a pair, see `PICKUP`, has a pool of its own there: upper and lower lip are
+    driven by different units of the orbicularis oris.
+
+    Parameters
+    ----------
+    rng : Generator
+        Source of randomness.
+    sampling_rate : float
+        Hertz.
+
+    Returns
+    -------
+    mapping of (channel, muscle) to MotorUnitPool
+        22 pools.
+    """
+    return {
+        (channel, f"{muscle}_{channel[-1]}"): draw_pool(rng, sampling_rate)
+        for channel in CHANNELS
+        for muscle in PICKUP[channel[:-2]]
+    }
+
+
+def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Sum of the units under each pair, shape (14, samples), 1 at full activation."""
+    weight = pickup_matrix()
+    source = np.zeros((len(CHANNELS), activation.shape[1]))
+    for (channel, muscle), pool in pools.items():
+        row, column = CHANNELS.index(channel), MUSCLES.index(muscle)
+        # At full activation all muscles under a pair give the gain together, as for noise.
+        source[row] += weight[row, column] * pool_signal(pool, activation[column], rng)
+    return source

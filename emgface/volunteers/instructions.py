@@ -105,10 +105,32 @@ class Timing:
     effort: float = 1.0
 
 
-def draw_timing(rng: np.random.Generator) -> Timing:
-    """Draw a repetition: shift N(0, 0.03 s), pace U(0.92, 1.08), effort U(0.9, 1.1)."""
+def draw_timing(
+    rng: np.random.Generator, *, speed: float = 1.0, variability: float = 1.0
+) -> Timing:
+    """Draw a repetition.
+
+    Parameters
+    ----------
+    rng : Generator
+        Source of randomness.
+    speed : float
+        Of the person; bursts take the pace over it.
+    variability : float
+        Factor on all deviations; small for a skilled person.
+
+    Returns
+    -------
+    Timing
+        Shift N(0, 0.03 s), pace U(0.92, 1.08), effort U(0.9, 1.1), where variability is 1.
+    """
     shift = float(np.clip(rng.normal(0.0, 0.03), -0.06, 0.06))
-    return Timing(shift, float(rng.uniform(0.92, 1.08)), float(rng.uniform(0.9, 1.1)))
+    pace, effort = rng.uniform(0.92, 1.08), rng.uniform(0.9, 1.1)
+    return Timing(
+        variability * shift,
+        float(1.0 + variability * (pace - 1.0)) / speed,
+        float(1.0 + variability * (effort - 1.0)),
+    )
 
 
 def burst(time: np.ndarray, start: float, end: float) -> np.ndarray:
@@ -144,6 +166,7 @@ def true_activation(
     levels: Mapping[str, float] | None = None,
     co_contraction: float = 0.03,
     duration: float = TRIAL_DURATION,
+    tail: float = 0.0,
     sampling_rate: float = 1000.0,
 ) -> xr.DataArray:
     """Activation of the twenty muscles during one instruction.
@@ -160,6 +183,8 @@ def true_activation(
         Peak activation of the muscles that are not of the instruction.
     duration : float
         Length of the trial in seconds.
+    tail : float
+        Seconds of rest that follow it.
     sampling_rate : float
         Samples per second.
 
@@ -178,7 +203,7 @@ def true_activation(
             f"instruction {instruction!r} is unknown, expected one of {', '.join(INSTRUCTIONS)}"
         )
     timing, levels = timing or Timing(), levels or {}
-    time = np.arange(round(duration * sampling_rate) + 1) / sampling_rate
+    time = np.arange(round((duration + tail) * sampling_rate) + 1) / sampling_rate
     values = np.zeros((len(MUSCLES), time.size))
     for phase in PHASES[instruction]:
         start, end = (

@@ -1,7 +1,7 @@
 """What distinguishes one simulated volunteer from the next, drawn from stated distributions."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,12 @@ class SimulatedVolunteer:
         Standard deviation per coordinate [m].
     head_rotation, head_shift : float
         Amplitudes of the head's motion [rad], [m].
+    skill : float
+        1 for a person who moves only the muscles that are asked for, 0 for the least skilled.
+    speed : float
+        Factor on the speed of all movements.
+    asymmetry : float
+        Logarithm of the left side's effort over the right side's.
     """
 
     name: str
@@ -58,6 +64,20 @@ class SimulatedVolunteer:
     marker_noise: float
     head_rotation: float
     head_shift: float
+    skill: float = 0.5
+    speed: float = 1.0
+    asymmetry: float = 0.0
+
+    @property
+    def variability(self) -> float:
+        """Factor on the deviations of a repetition: 1.3 for the least skilled, 0.7 for the best."""
+        return 1.3 - 0.6 * self.skill
+
+    @property
+    def efforts(self) -> dict[str, float]:
+        """Factor on the activation of each muscle, the asymmetry of the sides included."""
+        half = {"L": np.exp(0.5 * self.asymmetry), "R": np.exp(-0.5 * self.asymmetry)}
+        return {muscle: float(level * half[muscle[-1]]) for muscle, level in self.levels.items()}
 
     def rng(self, instruction: str, repetition: int) -> np.random.Generator:
         """Return the generator of one trial, independent of other trials and of their order."""
@@ -88,11 +108,13 @@ def draw_volunteer(index: int, seed: int) -> SimulatedVolunteer:
     geometry scale U(0.92, 1.08); sigma_max U(80, 150) kPa; tissue stiffness log-normal, sigma
     0.15; level of each muscle log-normal, sigma 0.10; co-contraction U(0.01, 0.05); gain of each
     channel log-uniform in 100-400 uV (so bursts have tens to hundreds of microvolts); cross-talk
-    U(0.03, 0.10); baseline noise U(0.8, 1.5) uV; hum U(0.2, 1) uV; marker noise 0.1 mm; head
-    rotation U(1, 3) degrees; head shift U(1, 4) mm.
+    U(0.03, 0.10); baseline noise U(0.8, 1.5) uV; hum U(0.2, 1) uV; marker noise 0.1 mm (where no
+    cameras are simulated); head rotation U(1, 3) degrees; head shift U(1, 4) mm; skill falls from 1
+    to 0 with the co-contraction; speed U(0.93, 1.07); asymmetry N(0, 0.1) within 0.25. The ranges
+    are chosen.
     """
     rng = np.random.default_rng([seed, index, 0])
-    return SimulatedVolunteer(
+    person = SimulatedVolunteer(
         name=f"S{index:02d}",
         seed=seed,
         index=index,
@@ -111,6 +133,12 @@ def draw_volunteer(index: int, seed: int) -> SimulatedVolunteer:
         marker_noise=0.1e-3,
         head_rotation=float(np.deg2rad(rng.uniform(1.0, 3.0))),
         head_shift=float(rng.uniform(1e-3, 4e-3)),
+    )
+    return replace(
+        person,
+        skill=1.0 - (person.co_contraction - 0.01) / 0.04,
+        speed=float(rng.uniform(0.93, 1.07)),
+        asymmetry=float(np.clip(rng.normal(0.0, 0.1), -0.25, 0.25)),
     )
 
 

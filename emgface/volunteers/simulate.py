@@ -1,31 +1,33 @@
 """Recordings of simulated volunteers: each has a face of its own, moved by known activations."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from emgface.dataset import write_recording
 from emgface.errors import ConfigurationError
+from emgface.events import cut_trials
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.muscles import CHANNELS, INSTRUCTIONS
+from emgface.face.template import volunteer_face
+from emgface.muscles import INSTRUCTIONS
 from emgface.study.digest import dataset_digest
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import in_processes
 from emgface.study.policy import lower_sigma_max
 from emgface.study.store import Stage, Store
-from emgface.volunteers.emg import synthesise_emg
-from emgface.volunteers.instructions import TRIAL_DURATION, draw_timing, true_activation
-from emgface.volunteers.markers import record_markers
+from emgface.volunteers.emg import Pools, draw_pools
 from emgface.volunteers.person import (
     SimulatedVolunteer,
     draw_volunteer,
     person_face,
     person_parameters,
 )
+from emgface.volunteers.session import session_events, simulate_session, trial_activation
+from emgface.volunteers.settings import VolunteerParameters
 
 _MECHANICS = ("sim", "emgface.face.motion", "emgface.face.recipe")
 REST = Stage("volunteer_rest", _MECHANICS)
@@ -33,7 +35,7 @@ MOTION = Stage("volunteer_motion", (*_MECHANICS, "emgface.study.policy"))
 
 
 def make_volunteers(
-    face: xr.Dataset,
+    face: xr.Dataset | None,
     out: Path,
     *,
     n: int,
@@ -41,18 +43,20 @@ def make_volunteers(
     instructions: Sequence[str] = tuple(INSTRUCTIONS),
     seed: int = 0,
     parameters: SimulationParameters | None = None,
-    duration: float = TRIAL_DURATION,
+    settings: VolunteerParameters | None = None,
     workers: int = 1,
     observer: Observer | None = None,
 ) -> list[Path]:
     """Simulate volunteers and write their recordings.
 
-    Motions are kept under ``out/store``, so that an interrupted set is completed by running again.
+    A session of a volunteer is one instruction, repeated, with rests before, between and after; it
+    is cut into trials. Motions are kept under ``out/store``, so that an interrupted set is completed
+    by running again.
 
     Parameters
     ----------
-    face : Dataset
-        Face model; each volunteer's is a scaled copy.
+    face : Dataset or None
+        Face model, of which each volunteer's is a scaled copy; None draws a template face for each.
     out : Path
         Folder; recordings go to ``out/recordings``.
     n, repetitions : int
@@ -63,8 +67,8 @@ def make_volunteers(
         Seed of the whole set.
     parameters : SimulationParameters, optional
         Mechanics; sigma_max and tissue stiffness are replaced by the person's.
-    duration : float
-        Length of a trial [s].
+    settings : VolunteerParameters, optional
+        Faces, sessions, electrodes and cameras.
     workers : int
         Processes that simulate at the same time; the recordings do not depend on it.
     observer : Observer, optional
@@ -90,71 +94,121 @@ def make_volunteers(
             f"instruction {unknown[0]!r} is unknown, expected some of {', '.join(INSTRUCTIONS)}"
         )
     observer = observer or Silent()
-    setup = _Setup(face, out, seed, parameters or SimulationParameters(), duration)
+    setup = _Setup(
+        face, out, seed, repetitions, parameters or SimulationParameters(),
+        settings or VolunteerParameters(),
+    )  # fmt: skip
     # Volunteers vary fastest, so that processes begin with faces of their own to settle.
-    jobs = [
-        (index, instruction, repetition)
-        for repetition in range(1, repetitions + 1)
-        for instruction in instructions
-        for index in range(1, n + 1)
-    ]
+    jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
     observer.begin(len(jobs))
-    written: dict[_Place, Path] = {}
+    written: dict[_Place, list[Path]] = {}
     if workers == 1:
         recorder = _Recorder(setup, observer)
         for job in jobs:
-            observer.working("S{:02d} {} {}".format(*job))
+            observer.working("S{:02d} {}".format(*job))
             written[job] = recorder.record(job)
-            observer.finished("S{:02d} {} {}".format(*job), "ok")
+            observer.finished("S{:02d} {}".format(*job), "ok")
     else:
         results = in_processes(_work, jobs, workers, begin=_begin, arguments=(setup,))
-        for k, (path, messages) in results:
-            written[jobs[k]] = path
+        for k, (paths, messages) in results:
+            written[jobs[k]] = paths
             for text in messages:
                 observer.message(text)
-            observer.finished("S{:02d} {} {}".format(*jobs[k]), "ok")
-    return [written[job] for job in sorted(jobs)]
+            observer.finished("S{:02d} {}".format(*jobs[k]), "ok")
+    return [path for job in sorted(jobs) for path in written[job]]
 
 
-_Place = tuple[int, str, int]
-"""Index of the volunteer, instruction, repetition."""
+_Place = tuple[int, str]
+"""Index of the volunteer, and instruction."""
 
 
 @dataclass(frozen=True)
 class _Setup:
     """What all recordings of a set share."""
 
-    face: xr.Dataset
+    face: xr.Dataset | None
     out: Path
     seed: int
+    repetitions: int
     parameters: SimulationParameters
-    duration: float
+    settings: VolunteerParameters
+
+
+@dataclass(frozen=True)
+class _Subject:
+    """A person with a face and motor units of their own."""
+
+    person: SimulatedVolunteer
+    mover: "_Mover"
+    pools: Pools | None
 
 
 class _Recorder:
-    """Makes recordings, each person's face being scaled and settled once."""
+    """Makes recordings, each person's face being made and settled once."""
 
     def __init__(self, setup: _Setup, observer: Observer) -> None:
         self._setup, self._observer = setup, observer
         self._store = Store(setup.out / "store", report=observer.message)
-        self._people: dict[int, tuple[SimulatedVolunteer, _Mover]] = {}
+        self._subjects: dict[int, _Subject] = {}
 
-    def record(self, place: _Place) -> Path:
-        """Make one recording and write it."""
-        index, instruction, repetition = place
-        person, own = self._person(index)
-        recording = simulate_recording(person, own, instruction, repetition, self._setup.duration)
-        path = self._setup.out / "recordings" / f"{person.name}_{instruction}_{repetition}.nc"
-        return write_recording(recording, path)
+    def record(self, place: _Place) -> list[Path]:
+        """Record one session, cut it into trials and write these."""
+        index, instruction = place
+        subject, settings = self._subject(index), self._setup.settings
+        person = subject.person
+        activations = [
+            trial_activation(person, instruction, repetition, settings)
+            for repetition in range(1, self._setup.repetitions + 1)
+        ]
+        motions = [
+            subject.mover.motion(
+                activation.rename(time_true="time"), f"{person.name} {instruction} {repetition}"
+            )
+            for repetition, activation in enumerate(activations, 1)
+        ]
+        session = simulate_session(
+            person,
+            instruction,
+            activations,
+            motions,
+            subject.mover.face["face_marker_position"],
+            settings,
+            pools=subject.pools,
+        )
+        events = session_events(instruction, self._setup.repetitions, settings)
+        paths: list[Path] = []
+        for number, trial in enumerate(cut_trials(session, events), 1):
+            trial.attrs["true_sigma_max"] = session.attrs["true_sigma_max"][number - 1]
+            path = self._setup.out / "recordings" / f"{person.name}_{instruction}_{number}.nc"
+            paths.append(write_recording(trial, path))
+        return paths
 
-    def _person(self, index: int) -> tuple[SimulatedVolunteer, "_Mover"]:
-        if index not in self._people:
-            person = draw_volunteer(index, self._setup.seed)
-            face = person_face(self._setup.face, person.geometry_scale)
-            parameters = person_parameters(person, self._setup.parameters)
+    def _subject(self, index: int) -> _Subject:
+        if index not in self._subjects:
+            setup, settings = self._setup, self._setup.settings
+            person = draw_volunteer(index, setup.seed)
+            if setup.face is None:
+                face, _ = volunteer_face(
+                    setup.seed,
+                    index,
+                    resolution=settings.resolution,
+                    preset=settings.preset,
+                    spread=settings.spread,
+                    asymmetry=settings.face_asymmetry,
+                )
+            else:
+                face = person_face(setup.face, person.geometry_scale)
+            pools = None
+            if settings.emg == "motor_units":
+                # The units of a person are the same in all sessions.
+                pools = draw_pools(
+                    np.random.default_rng([setup.seed, index, len(INSTRUCTIONS) + 1]),
+                    settings.sampling_rate,
+                )
+            parameters = person_parameters(person, setup.parameters)
             mover = _Mover(self._store, face, parameters, self._observer)
-            self._people[index] = (person, mover)
-        return self._people[index]
+            self._subjects[index] = _Subject(person, mover, pools)
+        return self._subjects[index]
 
 
 class _Notes(Silent):
@@ -178,11 +232,11 @@ def _begin(setup: _Setup) -> None:
     _recorder = _Recorder(setup, _notes)
 
 
-def _work(place: _Place) -> tuple[Path, list[str]]:
+def _work(place: _Place) -> tuple[list[Path], list[str]]:
     assert _recorder is not None, "every worker begins with its recorder"
     _notes.texts.clear()
-    path = _recorder.record(place)
-    return path, list(_notes.texts)
+    paths = _recorder.record(place)
+    return paths, list(_notes.texts)
 
 
 class _Mover:
@@ -221,66 +275,3 @@ class _Mover:
         }
         parameters = self.parameters.model_dump(mode="json")
         return self._store.get_or_compute(MOTION, inputs, parameters, compute, label=label).dataset
-
-
-def simulate_recording(
-    person: SimulatedVolunteer, own: _Mover, instruction: str, repetition: int, duration: float
-) -> xr.Dataset:
-    """Record one trial of a simulated volunteer.
-
-    Parameters
-    ----------
-    person : SimulatedVolunteer
-        Who.
-    own : _Mover
-        Moves the person's face.
-    instruction : str
-        A to F.
-    repetition : int
-        1 for the first.
-    duration : float
-        Length of the trial [s].
-
-    Returns
-    -------
-    Dataset
-        Recording with ``emg`` [V], ``position`` [m] and ``true_activation`` [1].
-    """
-    timing_rng, emg_rng, marker_rng = person.rng(instruction, repetition).spawn(3)
-    truth = true_activation(
-        instruction,
-        timing=draw_timing(timing_rng),
-        levels=person.levels,
-        co_contraction=person.co_contraction,
-        duration=duration,
-    )
-    label = f"{person.name} {instruction} {repetition}"
-    motion = own.motion(truth.rename(time_true="time"), label)
-    emg = synthesise_emg(
-        truth,
-        gain=[person.gain[channel] for channel in CHANNELS],
-        cross_talk=person.cross_talk,
-        baseline_noise=person.baseline_noise,
-        mains_hum=person.mains_hum,
-        rng=emg_rng,
-    )
-    position = record_markers(
-        motion["position"],
-        own.face["face_marker_position"],
-        noise=person.marker_noise,
-        rotation=person.head_rotation,
-        shift=person.head_shift,
-        rng=marker_rng,
-    )
-    return xr.Dataset(
-        {"emg": emg, "position": position, "true_activation": truth},
-        attrs={
-            "volunteer": person.name,
-            "instruction": instruction,
-            "repetition": repetition,
-            "origin": "simulated",
-            "source": f"simulated volunteer {person.name}, seed {person.seed}",
-            "true_sigma_max": motion.attrs["sigma_max"],
-            "person": json.dumps(person.as_parameters()),
-        },
-    )

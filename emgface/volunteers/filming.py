@@ -1,0 +1,106 @@
+"""Marker tracks as three calibrated cameras deliver them."""
+
+import numpy as np
+import xarray as xr
+
+from emgface.cameras import Camera, triangulate
+
+FOCAL = 2000.0
+"""Focal length [pixel]."""
+IMAGE = (1280.0, 1024.0)
+"""Width and height of an image [pixel]."""
+DISTANCE = 0.9
+"""Of the cameras from the mouth [m]."""
+DIRECTIONS = (-35.0, 0.0, 35.0)
+"""Angles of the cameras from straight ahead, seen from above [degree]."""
+RAISED = (0.12, -0.10, 0.12)
+"""Heights of the cameras above the mouth [m]."""
+SHORTEST, LONGEST = 0.02, 0.08
+"""Seconds for which a marker is lost."""
+
+
+def three_cameras(mouth: np.ndarray) -> list[Camera]:
+    """Place three cameras before a face.
+
+    Parameters
+    ----------
+    mouth : array, shape (3,) [m]
+        What they look at; y is ahead of the face, z up.
+
+    Returns
+    -------
+    list of Camera
+    """
+    cameras: list[Camera] = []
+    for angle, height in zip(np.deg2rad(DIRECTIONS), RAISED, strict=True):
+        place = mouth + DISTANCE * np.array([np.sin(angle), np.cos(angle), 0.0])
+        place = place + np.array([0.0, 0.0, height])
+        ahead = (mouth - place) / np.linalg.norm(mouth - place)
+        side = np.cross(ahead, [0.0, 0.0, 1.0])
+        side /= np.linalg.norm(side)
+        rotation = np.stack([side, np.cross(ahead, side), ahead])
+        intrinsics = np.array(
+            [[FOCAL, 0.0, IMAGE[0] / 2], [0.0, FOCAL, IMAGE[1] / 2], [0.0, 0.0, 1.0]]
+        )
+        distortion = np.array([-0.12, 0.05, 1e-4, -1e-4])
+        cameras.append(Camera(intrinsics, rotation, -rotation @ place, distortion))
+    return cameras
+
+
+def film(position: xr.DataArray, *, pixel_noise: float, rng: np.random.Generator) -> xr.DataArray:
+    """See markers with three cameras and triangulate what they see.
+
+    Parameters
+    ----------
+    position : DataArray
+        ``(marker, axis, time_marker)`` [m], where the markers are.
+    pixel_noise : float
+        Standard deviation of each image coordinate [pixel].
+    rng : Generator
+        Source of randomness.
+
+    Returns
+    -------
+    DataArray
+        ``(marker, axis, time_marker)`` [m], where they seem to be.
+    """
+    values = position.transpose("marker", "axis", "time_marker").values
+    points = values.transpose(0, 2, 1)
+    cameras = three_cameras(points.reshape(-1, 3).mean(axis=0))
+    pixels = np.stack([camera.project(points) for camera in cameras])
+    pixels += pixel_noise * rng.standard_normal(pixels.shape)
+    tracks = xr.DataArray(
+        pixels.transpose(0, 1, 3, 2),
+        coords={"marker": position["marker"], "time_marker": position["time_marker"]},
+        dims=("camera", "marker", "image_axis", "time_marker"),
+    )
+    seen = triangulate(tracks, cameras)["position"]
+    return position.copy(data=seen.transpose("marker", "axis", "time_marker").values)
+
+
+def occlude(position: xr.DataArray, *, rate: float, rng: np.random.Generator) -> xr.DataArray:
+    """Lose markers for moments.
+
+    Parameters
+    ----------
+    position : DataArray
+        ``(marker, axis, time_marker)`` [m].
+    rate : float
+        Losses of each marker per second.
+    rng : Generator
+        Source of randomness.
+
+    Returns
+    -------
+    DataArray
+        NaN where a marker is lost.
+    """
+    time = position["time_marker"].values
+    values = position.transpose("marker", "axis", "time_marker").values.copy()
+    span = float(time[-1] - time[0])
+    for marker in values:
+        for _ in range(rng.poisson(rate * span)):
+            start = rng.uniform(time[0], time[-1])
+            lost = (time >= start) & (time < start + rng.uniform(SHORTEST, LONGEST))
+            marker[:, lost] = np.nan
+    return position.copy(data=values)

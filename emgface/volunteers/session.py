@@ -1,0 +1,215 @@
+"""One session of a simulated volunteer: repetitions of an instruction, with rests between them."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.muscles import CHANNELS, MUSCLES
+from emgface.volunteers.disturbances import draw_failures, fail, movement_artefacts
+from emgface.volunteers.emg import Pools, synthesise_emg
+from emgface.volunteers.filming import film, occlude
+from emgface.volunteers.instructions import draw_timing, true_activation
+from emgface.volunteers.markers import record_markers
+from emgface.volunteers.person import SimulatedVolunteer
+from emgface.volunteers.settings import VolunteerParameters
+
+TAIL = 0.5
+"""Seconds after a trial for which the motion is simulated; it is at rest to a micrometre then."""
+_GRID = 0.25
+"""Trials begin on this grid [s], where samples of EMG (2048 Hz) and frames (100 Hz) coincide."""
+
+
+def trial_activation(
+    person: SimulatedVolunteer, instruction: str, repetition: int, settings: VolunteerParameters
+) -> xr.DataArray:
+    """Activation of one repetition, and the rest after it.
+
+    Parameters
+    ----------
+    person : SimulatedVolunteer
+        Who.
+    instruction : str
+        A to F.
+    repetition : int
+        1 for the first.
+    settings : VolunteerParameters
+        Length of the trial.
+
+    Returns
+    -------
+    DataArray
+        ``(muscle, time_true)`` [1], from 0 to the duration and `TAIL`.
+    """
+    rng = person.rng(instruction, repetition)
+    return true_activation(
+        instruction,
+        timing=draw_timing(rng, speed=person.speed, variability=person.variability),
+        levels=person.efforts,
+        co_contraction=person.co_contraction,
+        duration=settings.duration,
+        tail=min(TAIL, settings.rest),
+    )
+
+
+def session_events(
+    instruction: str, repetitions: int, settings: VolunteerParameters
+) -> pd.DataFrame:
+    """When the repetitions of a session are.
+
+    Parameters
+    ----------
+    instruction : str
+        Label of the events.
+    repetitions : int
+        How many.
+    settings : VolunteerParameters
+        Lengths of trials and rests.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``onset``, ``duration`` [s] and ``label``, as `emgface.events.cut_trials` takes.
+    """
+    first = math.ceil(settings.rest / _GRID) * _GRID
+    period = math.ceil((settings.duration + settings.rest) / _GRID - 1e-9) * _GRID
+    return pd.DataFrame(
+        {
+            "onset": [first + k * period for k in range(repetitions)],
+            "duration": settings.duration,
+            "label": instruction,
+        }
+    )
+
+
+def simulate_session(
+    person: SimulatedVolunteer,
+    instruction: str,
+    activations: Sequence[xr.DataArray],
+    motions: Sequence[xr.Dataset],
+    face_marker_position: xr.DataArray,
+    settings: VolunteerParameters,
+    *,
+    pools: Pools | None = None,
+) -> xr.Dataset:
+    """Record a whole session: rest, repetition, rest, and so on.
+
+    Parameters
+    ----------
+    person : SimulatedVolunteer
+        Who.
+    instruction : str
+        A to F.
+    activations : sequence of DataArray
+        `trial_activation` of each repetition.
+    motions : sequence of Dataset
+        What the face did under each: ``position(marker, axis, time)`` [m] from time 0.
+    face_marker_position : DataArray
+        ``(face_marker, axis)`` [m].
+    settings : VolunteerParameters
+        Rests, electrodes and cameras.
+    pools : mapping, optional
+        Motor units; noise in place of them when absent.
+
+    Returns
+    -------
+    Dataset
+        Recording with ``emg`` [V], ``position`` [m] and ``true_activation`` [1] on one clock. Its
+        attributes tell person, sigma_max and failed electrodes.
+    """
+    events = session_events(instruction, len(motions), settings)
+    onsets = [float(onset) for onset in events["onset"]]
+    end = onsets[-1] + math.ceil((settings.duration + settings.rest) / _GRID - 1e-9) * _GRID
+    truth = _joined_activation(activations, onsets, end)
+    emg_rng, wrong_rng, head_rng, camera_rng = person.rng(instruction, 0).spawn(4)
+    emg = synthesise_emg(
+        truth,
+        gain=[person.gain[channel] for channel in CHANNELS],
+        cross_talk=person.cross_talk if settings.cross_talk is None else settings.cross_talk,
+        baseline_noise=settings.noise_factor * person.baseline_noise,
+        mains_hum=person.mains_hum,
+        rng=emg_rng,
+        sampling_rate=settings.sampling_rate,
+        mains_frequency=settings.mains_frequency,
+        pools=pools,
+    )
+    time = emg["time_emg"].values
+    values = emg.values + movement_artefacts(
+        time,
+        onsets,
+        len(CHANNELS),
+        probability=settings.artefact_probability,
+        amplitude=settings.artefact_amplitude,
+        rng=wrong_rng,
+    )
+    failures = draw_failures(
+        len(CHANNELS), end, probability=settings.electrode_failure, rng=wrong_rng
+    )
+    values = fail(values, time, failures, mains_frequency=settings.mains_frequency, rng=wrong_rng)
+    filmed = settings.cameras == "three"
+    position = record_markers(
+        _joined_motion(motions, onsets, end),
+        face_marker_position,
+        noise=0.0 if filmed else person.marker_noise,
+        rotation=person.head_rotation,
+        shift=person.head_shift,
+        rng=head_rng,
+        frame_rate=settings.frame_rate,
+    )
+    if filmed:
+        position = film(position, pixel_noise=settings.pixel_noise, rng=camera_rng)
+    position = occlude(position, rate=settings.occlusions, rng=camera_rng)
+    return xr.Dataset(
+        {"emg": emg.copy(data=values), "position": position, "true_activation": truth},
+        attrs={
+            "volunteer": person.name,
+            "instruction": instruction,
+            "origin": "simulated",
+            "source": f"simulated volunteer {person.name}, seed {person.seed}",
+            "true_sigma_max": [float(motion.attrs["sigma_max"]) for motion in motions],
+            "electrode_failures": json.dumps(
+                {CHANNELS[f.channel]: _told(asdict(f)) for f in failures}
+            ),
+            "person": json.dumps(person.as_parameters()),
+            "settings": settings.model_dump_json(),
+        },
+    )
+
+
+def _told(failure: Mapping[str, object]) -> dict[str, object]:
+    return {name: failure[name] for name in ("start", "kind")}
+
+
+def _joined_activation(
+    activations: Sequence[xr.DataArray], onsets: Sequence[float], end: float
+) -> xr.DataArray:
+    rate = 1.0 / float(activations[0]["time_true"][1] - activations[0]["time_true"][0])
+    values = np.zeros((len(MUSCLES), round(end * rate) + 1))
+    for activation, onset in zip(activations, onsets, strict=True):
+        start = round(onset * rate)
+        rows = activation.sel(muscle=list(MUSCLES)).values
+        values[:, start : start + rows.shape[1]] = rows
+    time = ("time_true", np.arange(values.shape[1]) / rate, {"units": "s"})
+    return xr.DataArray(
+        values,
+        coords={"muscle": list(MUSCLES), "time_true": time},
+        dims=("muscle", "time_true"),
+        attrs=activations[0].attrs,
+    )
+
+
+def _joined_motion(
+    motions: Sequence[xr.Dataset], onsets: Sequence[float], end: float
+) -> xr.DataArray:
+    """Motions one after the other; the lips rest where one ended, until the next begins."""
+    parts = [
+        motion["position"].assign_coords(time=onset + motion["time"].values)
+        for motion, onset in zip(motions, onsets, strict=True)
+    ]
+    before = parts[0].isel(time=[0]).assign_coords(time=[0.0])
+    after = parts[-1].isel(time=[-1]).assign_coords(time=[end])
+    return xr.concat([before, *parts, after], dim="time")

@@ -1,0 +1,115 @@
+"""How a set of simulated volunteers is made, as named choices."""
+
+from typing import Literal
+
+from pydantic import field_validator
+
+from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.errors import FaceError
+from emgface.face.template.grid import make_grid
+from emgface.face.template.volunteers import PRESETS
+
+VAN_BOXTEL = "van Boxtel 2001, Psychophysiology 38:22-34"
+
+
+class VolunteerParameters(Parameters):
+    """Faces, sessions, electrodes and cameras of a set of simulated volunteers."""
+
+    emg: Literal["motor_units", "noise"] = parameter(
+        "motor_units",
+        "Source of the EMG: action potentials of motor units, or amplitude-modulated noise.",
+        unit="-",
+        source=OWN,
+        note="with motor units the amplitude is not quite proportional to the activation",
+    )
+    resolution: str | int = parameter(
+        "medium",
+        "Number of elements of the faces drawn: coarse, medium, fine or about how many.",
+        unit="1",
+        source=OWN,
+        note="finer than the study's, lest a study be judged by its own errors",
+    )
+    preset: str = parameter(
+        "adult", f"Group of people: {', '.join(PRESETS)}.", unit="-", source=OWN
+    )
+    spread: float = parameter(
+        1.0, "Factor on the published spread of the measures of faces.", unit="1", source=OWN, ge=0
+    )
+    face_asymmetry: float = parameter(
+        1.0, "Factor on the spread of the differences between the sides.", unit="1", source=OWN,
+        ge=0,
+    )  # fmt: skip
+    duration: float = parameter(
+        1.8, "Length of a trial.", unit="s", source=OWN, gt=0.2, le=60.0,
+        note="160 steps of 10 ms and half a window of 200 ms at either end",
+    )  # fmt: skip
+    rest: float = parameter(
+        2.0, "Rest before, between and after repetitions, at least.", unit="s",
+        source=f"{ESKES}, Methods", ge=0.25, le=60.0, note="rounded up to quarters of a second",
+    )  # fmt: skip
+    sampling_rate: float = parameter(
+        2048.0, "Sampling rate of the EMG.", unit="Hz", source=f"{ESKES}, Methods", gt=1000.0
+    )
+    frame_rate: float = parameter(
+        100.0, "Frames per second of the cameras.", unit="Hz", source=f"{ESKES}, Methods", gt=0
+    )
+    cameras: Literal["three", "direct"] = parameter(
+        "three",
+        "Markers seen by three calibrated cameras and triangulated, or positions with noise added.",
+        unit="-",
+        source=f"{ESKES}, Methods",
+    )
+    pixel_noise: float = parameter(
+        0.1, "Standard deviation of a marker in an image.", unit="pixel", source=OWN, ge=0
+    )
+    occlusions: float = parameter(
+        0.05, "Times per second that a marker is lost, for 20 to 80 ms.", unit="1/s", source=OWN,
+        ge=0,
+    )  # fmt: skip
+    cross_talk: float | None = parameter(
+        None,
+        "Share of a neighbour's amplitude; drawn for each volunteer when absent.",
+        unit="1",
+        source=OWN,
+        ge=0,
+        lt=0.5,
+    )
+    noise_factor: float = parameter(
+        1.0, "Factor on the baseline noise of the electrodes.", unit="1", source=OWN, ge=0
+    )
+    mains_frequency: float = parameter(
+        50.0, "Frequency of the mains hum.", unit="Hz", source=OWN, gt=0
+    )
+    artefact_probability: float = parameter(
+        0.1,
+        "Probability of a movement artefact in a channel at a repetition.",
+        unit="1",
+        source=OWN,
+        ge=0,
+        le=1,
+    )
+    artefact_amplitude: float = parameter(
+        100e-6,
+        "Median peak of movement artefacts, which lie below the band of muscles.",
+        unit="V",
+        source=f"{OWN}; {VAN_BOXTEL} for the band",
+        ge=0,
+    )
+    electrode_failure: float = parameter(
+        0.0,
+        "Probability that an electrode pair fails during a session.",
+        unit="1",
+        source=OWN,
+        note="a trial with a failed pair cannot be used by a study; it serves tests of the checks",
+        ge=0,
+        le=1,
+    )
+
+    @field_validator("resolution")
+    @classmethod
+    def _possible(cls, value: str | int) -> str | int:
+        try:
+            make_grid(value)
+        except FaceError as error:
+            raise ValueError(str(error)) from error
+        return value

@@ -1,0 +1,77 @@
+"""Simulated recordings as a BIDS dataset, with the truth beside it."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import xarray as xr
+
+from emgface.bids import write_bids
+from emgface.dataset import read_recording
+from emgface.netcdf import write_netcdf
+
+
+def write_truth(recording: xr.Dataset, path: Path) -> Path:
+    """Write the activation that produced a simulated recording as an activation of its own.
+
+    Parameters
+    ----------
+    recording : Dataset
+        Recording with ``true_activation(muscle, time_true)``.
+    path : Path
+        netCDF file.
+
+    Returns
+    -------
+    Path
+        The file, of schema activation, strategy "true"; person, sigma_max and failed electrodes
+        are attributes.
+
+    Raises
+    ------
+    DataError
+        If it cannot be written.
+    """
+    activation = recording["true_activation"].rename(time_true="time")
+    keep = ("volunteer", "instruction", "repetition", "origin", "source", "person", "settings",
+            "true_sigma_max", "electrode_failures")  # fmt: skip
+    attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
+    truth = activation.to_dataset(name="activation").assign_attrs(attrs, strategy="true")
+    return write_netcdf(truth, path, "activation")
+
+
+def write_set_as_bids(paths: Iterable[Path], root: Path, truth: Path) -> list[Path]:
+    """Convert simulated recordings to EMG-BIDS and Motion-BIDS.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        netCDF recordings, as `emgface.volunteers.simulate.make_volunteers` writes them.
+    root : Path
+        Folder of the BIDS dataset.
+    truth : Path
+        Folder for the true activations, which BIDS has no place for; not within `root`.
+
+    Returns
+    -------
+    list of Path
+        The files with signals.
+
+    Raises
+    ------
+    DataError
+        If a recording cannot be read or a file not be written.
+    """
+    written: list[Path] = []
+    for path in paths:
+        recording = read_recording(path)
+        settings = json.loads(str(recording.attrs["settings"]))
+        written += write_bids(
+            recording,
+            root,
+            name="Simulated volunteers: surface EMG and lip markers",
+            emg={"PowerLineFrequency": settings["mains_frequency"], "Manufacturer": "simulated"},
+            motion={"Manufacturer": "simulated"},
+        )
+        write_truth(recording, truth / path.name)
+    return written
