@@ -2,6 +2,7 @@
 
 from sim.constraints import HardElementVolume
 from sim.damping import PassiveRayleigh, Rayleigh, RestRayleigh
+from sim.displace import displace_held
 from sim.embedding import Embedding, embed
 from sim.errors import (
     ControlError,
@@ -35,6 +36,7 @@ from sim.laws import (
     QuadraticBulk,
 )
 from sim.mesh import Mesh, mesh_from_arrays
+from sim.prestretch import IN_VIVO, initial_stretch, stretch_field
 from sim.probes import Energies, Iterations, Markers, Opening, Positions, SmallestJ
 from sim.reductions import Fixed
 from sim.scene import Scene
@@ -52,6 +54,7 @@ from sim.terms import (
     NodalVolume,
     NodeLoad,
     Solid,
+    Stiffening,
 )
 
 __all__ = [
@@ -72,6 +75,7 @@ __all__ = [
     "Gravity",
     "HalvingStep",
     "HardElementVolume",
+    "IN_VIVO",
     "InvertedElement",
     "Iterations",
     "LineFibre",
@@ -107,13 +111,17 @@ __all__ = [
     "State",
     "Static",
     "StepReport",
+    "Stiffening",
     "SymplecticEuler",
     "System",
     "Trapezoidal",
     "Workspace",
     "compile_scene",
+    "displace_held",
     "embed",
+    "initial_stretch",
     "mesh_from_arrays",
     "resting",
     "simulate",
+    "stretch_field",
 ]

@@ -4,7 +4,7 @@ Terms on element blocks share this layout. Every element has `NODES` slots; a sl
 does not use repeats the first node with zero gradients and takes part in no sum.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +39,8 @@ class BlockLayout:
     volume: Array
 
 
-def slots(mesh: Mesh) -> tuple[Index, NDArray[np.bool_]]:
-    """Node of every slot (n_elements, NODES), and which slots are used."""
+def slots(mesh: Mesh, elements: Index | None = None) -> tuple[Index, NDArray[np.bool_]]:
+    """Node of every slot (n_elements, NODES), and which slots are used; of all elements or of some."""
     nodes = np.empty((mesh.n_elements, NODES), dtype=np.int64)
     used = np.zeros_like(nodes, dtype=bool)
     first = 0
@@ -50,15 +50,20 @@ def slots(mesh: Mesh) -> tuple[Index, NDArray[np.bool_]]:
         nodes[first : first + n, :k] = block.nodes
         used[first : first + n, :k] = True
         first += n
-    return nodes, used
+    return (nodes, used) if elements is None else (nodes[elements], used[elements])
 
 
-def block_layouts(mesh: Mesh) -> tuple[BlockLayout, ...]:
-    """Lay out every block of a mesh."""
-    nodes, _ = slots(mesh)
+def block_layouts(mesh: Mesh, elements: Index | None = None) -> tuple[BlockLayout, ...]:
+    """Lay out every block of a mesh, or of some of its elements, which must ascend."""
+    nodes, _ = slots(mesh, elements)
     layouts: list[BlockLayout] = []
-    first = 0
-    for block in mesh.blocks:
+    first = passed = 0
+    for whole in mesh.blocks:
+        block = whole
+        if elements is not None:
+            own = elements[(elements >= passed) & (elements < passed + len(whole.nodes))] - passed
+            block = replace(whole, nodes=whole.nodes[own])
+        passed += len(whole.nodes)
         gradient, det = block.gradients(mesh.X)
         padded = np.zeros((*det.shape, 3, NODES))
         padded[..., : block.kind.n_nodes] = gradient.transpose(0, 1, 3, 2)
@@ -85,10 +90,10 @@ def grouped(keys: Index, n_groups: int) -> tuple[Index, Index]:
 
 
 class NodeSum:
-    """Sum of element contributions (n_elements, 3, NODES) at the nodes, in a fixed order."""
+    """Sum of contributions (n_elements, 3, NODES) of all or some elements at the nodes, in order."""
 
-    def __init__(self, mesh: Mesh) -> None:
-        nodes, used = slots(mesh)
+    def __init__(self, mesh: Mesh, elements: Index | None = None) -> None:
+        nodes, used = slots(mesh, elements)
         element, slot = np.nonzero(used)
         order, self._start = grouped(nodes[element, slot], mesh.n_nodes)
         self._element, self._slot = element[order], slot[order]
@@ -99,10 +104,12 @@ class NodeSum:
 
 
 class MatrixSum:
-    """Sum of element blocks (n_elements, PAIRS, 9) into the values of the pattern."""
+    """Sum of blocks (n_elements, PAIRS, 9) of all or some elements into the values of the pattern."""
 
-    def __init__(self, mesh: Mesh, pattern: SymmetricPattern) -> None:
-        nodes, used = slots(mesh)
+    def __init__(
+        self, mesh: Mesh, pattern: SymmetricPattern, elements: Index | None = None
+    ) -> None:
+        nodes, used = slots(mesh, elements)
         a, b = nodes[:, _A], nodes[:, _B]
         element, pair = np.nonzero(used[:, _A] & used[:, _B])
         keys = np.minimum(a, b) * mesh.n_nodes + np.maximum(a, b)
@@ -111,7 +118,7 @@ class MatrixSum:
         self._element, self._pair = element[order], pair[order]
         self._transposed = (a > b)[self._element, self._pair]
         self._target = np.ascontiguousarray(pattern.target[pattern.pair_index(own)])
-        self.shape = (mesh.n_elements, PAIRS, 9)
+        self.shape = (len(nodes), PAIRS, 9)
 
     def add(self, element_tangent: Array, K: Array) -> None:
         """K += sum of the blocks."""
@@ -124,3 +131,18 @@ class MatrixSum:
             self._target,
             K,
         )
+
+
+def prestretched(blocks: tuple[BlockLayout, ...], F0: Array) -> tuple[BlockLayout, ...]:
+    """Refer blocks to the state free of stress, from which F0 (n_elements, 3, 3) leads to the mesh.
+
+    With F = sum_a x_a g_a' of the mesh the whole deformation is F F0 = sum_a x_a (F0' g_a)', and the
+    volume free of stress is dV/det F0: the element loop needs nothing but other gradients and volumes.
+    """
+    found: list[BlockLayout] = []
+    for block in blocks:
+        own = F0[block.rows]
+        gradient = np.einsum("eji,epja->epia", own, block.gradient)
+        volume = block.volume / np.linalg.det(own)[:, None]
+        found.append(replace(block, gradient=np.ascontiguousarray(gradient), volume=volume))
+    return tuple(found)

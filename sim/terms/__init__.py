@@ -5,9 +5,18 @@ from sim.terms.gravity import Gravity
 from sim.terms.line_muscle import LineFibre, LineMuscles
 from sim.terms.load import NodeLoad
 from sim.terms.solid import Material, Muscles, Solid
+from sim.terms.stiffening import Stiffening
 from sim.terms.volume import ElementVolume, NodalVolume
 
-TERMS: tuple[type[Term], ...] = (Solid, Gravity, ElementVolume, NodalVolume, LineMuscles, NodeLoad)
+TERMS: tuple[type[Term], ...] = (
+    Solid,
+    Gravity,
+    ElementVolume,
+    NodalVolume,
+    LineMuscles,
+    NodeLoad,
+    Stiffening,
+)
 """Every term; the derivative tests walk this tuple."""
 
 __all__ = [
@@ -21,4 +30,5 @@ __all__ = [
     "NodalVolume",
     "NodeLoad",
     "Solid",
+    "Stiffening",
 ]

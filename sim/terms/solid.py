@@ -6,7 +6,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim._kernels import solid as kernel
-from sim.assembly import MatrixSum, NodeSum, block_layouts, element_pair_keys, grouped
+from sim.assembly import (
+    MatrixSum,
+    NodeSum,
+    block_layouts,
+    element_pair_keys,
+    grouped,
+    prestretched,
+)
 from sim.errors import SceneError
 from sim.laws import Blemker, BulkLaw, FibreLaw, IsochoricLaw, MooneyRivlin, QuadraticBulk
 from sim.laws.fibre import N_FIBRE
@@ -14,6 +21,7 @@ from sim.laws.isochoric import N_ISOCHORIC
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
+from sim.vectors import dot
 
 
 @dataclass(frozen=True)
@@ -115,17 +123,28 @@ class Solid:
     materials : tuple of Material
     region : (n_elements,) index into materials, or None if there is one material only.
     muscles : Muscles or None
+    prestretch : (n_elements, 3, 3) deformation gradient F0 from the state free of stress to the mesh at
+        rest, or None. The whole deformation is F F0; fibre directions remain those in the mesh, and the
+        density that of the mesh.
+
+    Raises
+    ------
+    SceneError
+        On compiling: regions do not fit the mesh, a muscle names an element that does not exist, or a
+        prestretch is not finite or has det F0 <= 0.
     """
 
     materials: tuple[Material, ...] = (Material(),)
     region: Index | None = None
     muscles: Muscles | None = None
+    prestretch: Array | None = None
 
     def muscle_names(self) -> tuple[str, ...]:
         """Names of the muscles."""
         return self.muscles.names if self.muscles else ()
 
-    def _region(self, mesh: Mesh) -> Index:
+    def regions(self, mesh: Mesh) -> Index:
+        """Row of every element among the materials (n_elements,), checked."""
         if self.region is None:
             if len(self.materials) != 1:
                 raise SceneError(f"{len(self.materials)} materials but no region per element")
@@ -143,7 +162,7 @@ class Solid:
 
     def node_mass(self, mesh: Mesh) -> Array:
         """Lumped mass: each element shares rho V equally among its nodes (n_nodes,) [kg]."""
-        density = np.array([m.density for m in self.materials])[self._region(mesh)]
+        density = np.array([m.density for m in self.materials])[self.regions(mesh)]
         share = mesh.volumes() * density
         mass = np.zeros(mesh.n_nodes)
         first = 0
@@ -159,16 +178,25 @@ class Solid:
 
     def compile(self, layout: Layout) -> "CompiledSolid":
         """Lay out gradients, parameters, fibres and sums."""
-        return CompiledSolid(self, layout, self._region(layout.mesh))
+        return CompiledSolid(self, layout, self.regions(layout.mesh))
 
 
 class CompiledSolid:
-    """A solid laid out for its scene; the buffers are scratch and carry nothing between calls."""
+    """A solid laid out for its scene; the buffers are scratch and carry nothing between calls.
 
-    def __init__(self, solid: Solid, layout: Layout, region: Index) -> None:
-        mesh, n = layout.mesh, layout.mesh.n_elements
-        self._blocks = block_layouts(mesh)
-        self._region = region
+    With `elements`, which must ascend, only those take part; region is theirs, and there are no muscles.
+    """
+
+    def __init__(
+        self, solid: Solid, layout: Layout, region: Index, elements: Index | None = None
+    ) -> None:
+        mesh, n = layout.mesh, len(region)
+        self._blocks = block_layouts(mesh, elements)
+        self._prestretch = None if solid.prestretch is None else _checked(solid.prestretch, mesh)
+        if self._prestretch is not None:
+            own = self._prestretch if elements is None else self._prestretch[elements]
+            self._blocks = prestretched(self._blocks, own)
+        self._region, self._elements = region, elements
         materials = solid.materials
         self._isochoric_code = np.array([m.isochoric.code for m in materials])
         self._isochoric_p = np.zeros((len(materials), N_ISOCHORIC))
@@ -176,18 +204,17 @@ class CompiledSolid:
             row[: len(m.isochoric.parameters())] = m.isochoric.parameters()
         self._bulk_code = np.array([m.bulk.code for m in materials])
         self._kappa = np.array([m.bulk.kappa for m in materials], dtype=np.float64)
-        self._lay_out_fibres(solid.muscles, layout)
+        self._lay_out_fibres(solid.muscles if elements is None else None, layout, n)
 
-        self._node_sum = NodeSum(mesh)
-        self._matrix_sum = MatrixSum(mesh, layout.pattern)
+        self._node_sum = NodeSum(mesh, elements)
+        self._matrix_sum = MatrixSum(mesh, layout.pattern, elements)
         self._force = np.zeros((n, 3, kernel.NODES))
         self._energy = np.zeros(n)
         self._least_J = np.zeros(n)
         self._tangent: Array | None = None
         self._no_tangent = np.zeros((1, 1, 1))
 
-    def _lay_out_fibres(self, muscles: Muscles | None, layout: Layout) -> None:
-        n = layout.mesh.n_elements
+    def _lay_out_fibres(self, muscles: Muscles | None, layout: Layout, n: int) -> None:
         if muscles is None:
             self._fibre_start = np.zeros(n + 1, dtype=np.int64)
             self._fibre_muscle = np.zeros(0, dtype=np.int64)
@@ -202,6 +229,9 @@ class CompiledSolid:
         scene_index = np.array([layout.muscles.index(name) for name in muscles.names])
         self._fibre_muscle = scene_index[muscles.muscle[order]]
         direction = muscles.direction[order]
+        if self._prestretch is not None:
+            F0 = self._prestretch[muscles.element[order]]
+            direction = np.linalg.solve(F0, direction[..., None])[..., 0]
         self._fibre_direction = np.ascontiguousarray(
             direction / np.linalg.norm(direction, axis=1, keepdims=True)
         )
@@ -240,7 +270,26 @@ class CompiledSolid:
                 self._no_tangent if tangent is None else tangent[rows],
             )
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
-        return Contribution(float(self._energy.sum()), float(self._least_J[worst]), worst)
+        element = worst if self._elements is None else int(self._elements[worst])
+        return Contribution(float(self._energy.sum()), float(self._least_J[worst]), element)
+
+    def add_weighted(
+        self, weight: Array, q: Array, control: Control, f: Array, K: Array | None = None
+    ) -> Contribution:
+        """F -= sum_e weight_e dE_e/dq and, if given, K += sum_e weight_e d2E_e/dq2."""
+        tangent = None if K is None else self._tangent_buffer()
+        found = self._evaluate(q, control, tangent)
+        self._force *= weight[:, None, None]
+        self._node_sum.add(self._force, -1.0, f)
+        if tangent is not None and K is not None:
+            tangent *= weight[:, None, None]
+            self._matrix_sum.add(tangent, K)
+        return Contribution(dot(weight, self._energy), found.smallest_J, found.element)
+
+    def _tangent_buffer(self) -> Array:
+        if self._tangent is None:
+            self._tangent = np.zeros(self._matrix_sum.shape)
+        return self._tangent
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """F -= dE/dq, shape (n_nodes, 3) [N]."""
@@ -250,11 +299,10 @@ class CompiledSolid:
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """F -= dE/dq and K += d2E/dq2 in the values of the pattern."""
-        if self._tangent is None:
-            self._tangent = np.zeros(self._matrix_sum.shape)
-        contribution = self._evaluate(q, control, self._tangent)
+        tangent = self._tangent_buffer()
+        contribution = self._evaluate(q, control, tangent)
         self._node_sum.add(self._force, -1.0, f)
-        self._matrix_sum.add(self._tangent, K)
+        self._matrix_sum.add(tangent, K)
         return contribution
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
@@ -263,3 +311,19 @@ class CompiledSolid:
             kernel.smallest_J(q, block.nodes, block.gradient, self._least_J[block.rows])
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
         return float(self._least_J[worst]), worst
+
+
+def _checked(prestretch: Array, mesh: Mesh) -> Array:
+    """Return the prestretch unless it cannot be one."""
+    if prestretch.shape != (mesh.n_elements, 3, 3):
+        raise SceneError(
+            f"prestretch has shape {prestretch.shape}, expected ({mesh.n_elements}, 3, 3)"
+        )
+    finite = np.isfinite(prestretch).reshape(mesh.n_elements, 9).all(axis=1)
+    good = finite & (np.linalg.det(np.nan_to_num(prestretch, posinf=0.0, neginf=0.0)) > 0.0)
+    if not good.all():
+        raise SceneError(
+            f"prestretch of element {int(np.argmin(good))} is not finite or has det F0 <= 0, expected a "
+            "deformation gradient"
+        )
+    return prestretch

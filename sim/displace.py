@@ -1,0 +1,92 @@
+"""Prescribed displacement: held nodes are moved to a target, the rest follows in equilibrium."""
+
+import numpy as np
+
+from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
+from sim.integrators import Static, Workspace
+from sim.state import Array, Control, State
+from sim.system import System
+
+
+def displace_held(
+    system: System,
+    state: State,
+    target: Array,
+    *,
+    steps: int = 10,
+    max_halvings: int = 6,
+    integrator: Static | None = None,
+    work: Workspace | None = None,
+) -> State:
+    """Move the held unknowns in equal steps; after each the free ones find their equilibrium.
+
+    Parameters
+    ----------
+    system : System
+    state : State
+        Where the motion starts; held unknowns are those that the reductions of the scene fix.
+    target : (n_nodes, 3)
+        Positions [m]; only those of held unknowns are read.
+    steps : int
+        Number of steps.
+    max_halvings : int
+        How often a step that fails may be halved.
+    integrator : Static, optional
+    work : Workspace, optional
+        Solver memory to go on with.
+
+    Returns
+    -------
+    State
+        At the same time as `state`, at rest, with every held unknown at its target.
+
+    Raises
+    ------
+    SceneError
+        The target has another shape or is not finite.
+    InvertedElement, NotConverged, SingularSystem
+        A step fails even when halved as often as allowed.
+
+    Notes
+    -----
+    Source: the pre-stress of Stavness et al., Facial expression simulations: nodes are displaced to
+    their reference positions during the first step.
+    """
+    if target.shape != state.q.shape or not np.isfinite(target).all():
+        raise SceneError(
+            f"the target of held nodes has shape {target.shape} or holds NaN, expected finite "
+            f"{state.q.shape}"
+        )
+    integrator = integrator or Static()
+    work = work or Workspace(system)
+    silent = Control(np.zeros(len(system.muscles)))
+    start = state.q
+    end = system.expand(system.reduce(start), target)
+    q, drift = start, np.zeros_like(start)  # drift: what the free nodes moved per unit of the way
+    done, size, smallest = 0.0, 1.0 / steps, 1.0 / (steps << max_halvings)
+    while done < 1.0 - 1e-12:
+        size = min(size, 1.0 - done)
+        held = start + (done + size) * (end - start)
+        try:
+            new = _equilibrium(
+                integrator, system, State(state.t, q + size * drift, state.v), held, silent, work
+            )
+        except (InvertedElement, NotConverged, SingularSystem):
+            if size <= smallest * (1.0 + 1e-9):
+                raise
+            size *= 0.5
+            drift = np.zeros_like(drift)
+            continue
+        drift = (new - q) / size
+        q, done = new, done + size
+    q = system.expand(system.reduce(q), end)
+    return State(state.t, q, np.zeros_like(q), state.memory)
+
+
+def _equilibrium(
+    integrator: Static, system: System, guess: State, held: Array, silent: Control, work: Workspace
+) -> Array:
+    """Positions in equilibrium with the held unknowns where `held` has them."""
+    q = system.expand(system.reduce(guess.q), held)
+    found, _ = integrator.step(system, State(guess.t, q, guess.v), silent, 1.0, work)
+    return found.q

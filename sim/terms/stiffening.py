@@ -1,0 +1,122 @@
+"""Stress stiffening: the tissue in a muscle grows stiffer as the muscle is activated."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.assembly import element_pair_keys
+from sim.errors import SceneError
+from sim.mesh import Mesh
+from sim.scene import Contribution, Index, Layout
+from sim.state import Array, Control
+from sim.terms.solid import CompiledSolid, Solid
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffening:
+    """Passive energy added to that of the solid, E = sum_e (s_e - 1) E_e with the tissue's own E_e.
+
+    s_e = 1 + (factor - 1) min(1, sum over the muscles m of element e of weight_em activation_m), so that
+    all passive moduli of the element are multiplied by s_e. The active stress is not.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Muscles of the scene that stiffen.
+    element : (k,) element index of each row.
+    muscle : (k,) index into names.
+    tissue : Solid
+        Materials and regions of the solid that is stiffened; its muscles are ignored.
+    factor : float
+        Of the moduli at full activation [1].
+    weight : (k,) share of the element that the muscle fills [1]; None is 1.
+
+    Raises
+    ------
+    SceneError
+        Rows disagree, an index is out of range, or factor < 1; on compiling, a muscle that no other term
+        of the scene has.
+
+    Notes
+    -----
+    Source: Stavness et al., Lip stiffness enables protrusion and rounding (on and off); Nazari et al.
+    2010, a constitutive law that varies with muscle activation; the linear rule with the factor 10 is
+    that of the tongue model with line muscles in the same collection. Costs nothing where the term is
+    absent, and no element is evaluated while no muscle is active.
+    """
+
+    names: tuple[str, ...]
+    element: Index
+    muscle: Index
+    tissue: Solid
+    factor: float = 10.0
+    weight: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse rows that cannot act."""
+        k = len(self.element)
+        for what, rows in (("muscles", self.muscle), ("weights", self.weight)):
+            if rows is not None and rows.shape != (k,):
+                raise SceneError(
+                    f"stiffening rows disagree: {k} elements, {rows.shape} {what}, expected ({k},)"
+                )
+        if k and (self.muscle.min() < 0 or self.muscle.max() >= len(self.names)):
+            raise SceneError(
+                f"stiffening names muscle {self.muscle.max()}, expected 0..{len(self.names) - 1}"
+            )
+        if not 1.0 <= self.factor < np.inf:
+            raise SceneError(f"Stiffening: factor = {self.factor!r}, expected a number >= 1")
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """All pairs of nodes within an element, those of the solid."""
+        return element_pair_keys(mesh)
+
+    def compile(self, layout: Layout) -> "CompiledStiffening":
+        """Lay out the elements of the muscles."""
+        return CompiledStiffening(self, layout)
+
+
+class CompiledStiffening:
+    """Stiffening elements laid out for a scene; their activation is a small sum."""
+
+    def __init__(self, term: Stiffening, layout: Layout) -> None:
+        mesh = layout.mesh
+        if term.element.size and not (
+            term.element.min() >= 0 and term.element.max() < mesh.n_elements
+        ):
+            raise SceneError(
+                f"stiffening names element {term.element.max()}, expected 0..{mesh.n_elements - 1}"
+            )
+        unknown = [name for name in term.names if name not in layout.muscles]
+        if unknown:
+            raise SceneError(
+                f"stiffening names muscle {unknown[0]!r}, which no term of the scene has: expected "
+                f"some of {', '.join(layout.muscles)}"
+            )
+        scene_index = np.array([layout.muscles.index(name) for name in term.names], dtype=np.int64)
+        elements, self._row = np.unique(term.element, return_inverse=True)
+        self._muscle, self._n = scene_index[term.muscle], len(elements)
+        self._share = np.ones(len(self._row)) if term.weight is None else term.weight
+        region = term.tissue.regions(mesh)[elements]
+        self._solid = CompiledSolid(term.tissue, layout, region, elements)
+        self._factor = term.factor
+
+    def weights(self, control: Control) -> Array:
+        """s_e - 1 of every element that belongs to a muscle (n,) [1]."""
+        drive = self._share * control.activation[self._muscle]
+        activation = np.bincount(self._row, drive, self._n)
+        return (self._factor - 1.0) * np.minimum(activation, 1.0)
+
+    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
+        """Subtract dE/dq from f."""
+        weight = self.weights(control)
+        if not weight.any():
+            return Contribution(0.0)
+        return self._solid.add_weighted(weight, q, control, f)
+
+    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
+        """As `add_force`, and K += d2E/dq2."""
+        weight = self.weights(control)
+        if not weight.any():
+            return Contribution(0.0)
+        return self._solid.add_weighted(weight, q, control, f, K)
