@@ -42,7 +42,7 @@ from sim.reductions import Fixed
 from sim.scene import Scene
 from sim.simulate import Activation, resting, simulate
 from sim.state import Control, ControlAt, State, StepReport
-from sim.steps import FixedStep, HalvingStep
+from sim.steps import ErrorControlledStep, FixedStep, HalvingStep
 from sim.system import System, compile_scene
 from sim.terms import (
     ElementVolume,
@@ -67,6 +67,7 @@ __all__ = [
     "ControlError",
     "ConvergedEuler",
     "ElementVolume",
+    "ErrorControlledStep",
     "Embedding",
     "Energies",
     "Fixed",

@@ -101,6 +101,12 @@ class StepReport:
         Times the matrix had to be made positive definite.
     indefinite : int
         Steps solved with a matrix that is not positive definite.
+    local_error : (n_nodes, 3) or None
+        Estimated error of the positions that the step itself has made [m]; None if the method has no
+        estimate.
+    error : float
+        Sum of the estimated errors at the watched nodes over the interval [m]; NaN without error
+        control.
     """
 
     h: float
@@ -114,3 +120,5 @@ class StepReport:
     line_search: float = 1.0
     shifts: int = 0
     indefinite: int = 0
+    local_error: Array | None = field(default=None, compare=False, repr=False)
+    error: float = float("nan")

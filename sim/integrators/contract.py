@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Workspace:
         self.factor_of: tuple[type, float] | None = None
         """Integrator and step that the latest factor was made for, set by one that reuses factors."""
         self.secants = SecantMemory()
+        self.level = 0
+        """Halvings of the latest step of an error control, where the next interval starts."""
         self.multipliers: Array | None = None
         """Multipliers of the latest constrained step, where the next one starts."""
         self.seconds: dict[str, float] = {}
@@ -153,6 +155,7 @@ class Integrator(Protocol):
         ...
 
 
+@runtime_checkable
 class TimeIntegrator(Integrator, Protocol):
     """An integrator that approaches the motion with a declared order as h falls.
 

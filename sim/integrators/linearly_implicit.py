@@ -50,6 +50,12 @@ def linear_step(
         least, element = system.smallest_J(q1)
     require_upright(element, least, t1)
     new = State(t1, q1, system.expand(v1, state.v), system.remember(q1))
+    # the leading error of implicit Euler, h^2/2 dv/dt
+    error = 0.5 * h * (new.v - state.v) if moves == 1.0 else None
     return new, StepReport(
-        h=h, smallest_J=least, factorisations=factorisations, indefinite=int(not definite)
+        h=h,
+        smallest_J=least,
+        factorisations=factorisations,
+        indefinite=int(not definite),
+        local_error=error,
     )

@@ -100,7 +100,9 @@ def middle_damping(system: System, state: State, control: ControlAt, h: float) -
     return system.damping(q if upright else state.q, middle)
 
 
-def report_of(h: float, stages: list[Solved]) -> StepReport:
-    """One report for the stages of a step."""
+def report_of(h: float, stages: list[Solved], local_error: Array) -> StepReport:
+    """One report for the stages of a step and the estimated error of its positions (n_nodes, 3)."""
     went = reduce(Iteration.joined, (stage.went for stage in stages))
-    return StepReport(h=h, smallest_J=stages[-1].here.smallest_J, **asdict(went))
+    return StepReport(
+        h=h, smallest_J=stages[-1].here.smallest_J, local_error=local_error, **asdict(went)
+    )

@@ -1,0 +1,55 @@
+"""The contract of a step control, and what its members share."""
+
+from typing import Protocol
+
+from sim.errors import SceneError
+from sim.integrators.contract import Integrator, Workspace
+from sim.state import ControlAt, State, StepReport
+from sim.system import System
+
+
+class StepControl(Protocol):
+    """Carries a state over one output interval."""
+
+    @property
+    def h(self) -> float:
+        """Output interval and largest step [s]."""
+        ...
+
+    def advance(
+        self,
+        integrator: Integrator,
+        system: System,
+        state: State,
+        control: ControlAt,
+        until: float,
+        work: Workspace,
+    ) -> tuple[State, StepReport]:
+        """State at the time `until`, with one report for the interval."""
+        ...
+
+
+def require_positive(h: float) -> None:
+    """Refuse a step that is not a positive number."""
+    if not h > 0.0:
+        raise SceneError(f"step h = {h!r} s, expected a number > 0")
+
+
+def united(reports: list[StepReport], rejected: int) -> StepReport:
+    """One report for the steps of an interval."""
+    if len(reports) == 1 and rejected == 0:
+        return reports[0]
+    return StepReport(
+        h=min(r.h for r in reports),
+        smallest_J=min(r.smallest_J for r in reports),
+        steps=len(reports),
+        rejected=rejected,
+        iterations=sum(r.iterations for r in reports),
+        factorisations=sum(r.factorisations for r in reports),
+        residual=max(r.residual for r in reports),
+        increment=max(r.increment for r in reports),
+        line_search=min(r.line_search for r in reports),
+        shifts=sum(r.shifts for r in reports),
+        indefinite=sum(r.indefinite for r in reports),
+        error=sum(r.error for r in reports),
+    )

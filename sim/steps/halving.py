@@ -1,0 +1,60 @@
+"""Steps of one size, divided where the integrator fails."""
+
+from dataclasses import dataclass
+
+from sim.errors import InvertedElement, NotConverged, SingularSystem
+from sim.integrators.contract import Integrator, Workspace
+from sim.state import ControlAt, State, StepReport
+from sim.steps.contract import require_positive, united
+from sim.system import System
+
+
+@dataclass(frozen=True)
+class HalvingStep:
+    """Steps of one size, divided in two wherever the integrator fails.
+
+    Attributes
+    ----------
+    h : float
+        Largest step and output interval [s].
+    max_halvings : int
+        Divisions before the failure is passed on.
+    """
+
+    h: float = 0.01
+    max_halvings: int = 8
+
+    def __post_init__(self) -> None:
+        """Check the step."""
+        require_positive(self.h)
+
+    def advance(
+        self,
+        integrator: Integrator,
+        system: System,
+        state: State,
+        control: ControlAt,
+        until: float,
+        work: Workspace,
+    ) -> tuple[State, StepReport]:
+        """Cover the interval; after a failure halve, after two good steps of a size double."""
+        start, total = state.t, until - state.t
+        done, level, good = 0, 0, 0  # done is counted in units of total / 2^max_halvings
+        finest = 1 << self.max_halvings
+        reports: list[StepReport] = []
+        rejected = 0
+        while done < finest:
+            size = finest >> level
+            t1 = until if done + size == finest else start + total * (done + size) / finest
+            try:
+                state, report = integrator.step(system, state, control, t1 - state.t, work)
+            except (InvertedElement, NotConverged, SingularSystem):
+                if level == self.max_halvings:
+                    raise
+                level, good, rejected = level + 1, 0, rejected + 1
+                continue
+            reports.append(report)
+            done, good = done + size, good + 1
+            if level and good >= 2 and done % (finest >> (level - 1)) == 0:
+                level, good = level - 1, 0
+        return state, united(reports, rejected)

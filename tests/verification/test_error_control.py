@@ -1,0 +1,150 @@
+"""Steps under error control hold the tolerance that was asked for, and leave no trace when rejected."""
+
+import numpy as np
+import pytest
+
+import sim
+from sim.integrators.stage import Converged
+from tests.bodies import crossed_muscles, grid, solid_system
+
+DURATION, H = 0.2, 0.01
+DRIVES = {
+    "ramp": lambda t: 0.5 * np.clip(t / 0.1, 0.0, 1.0),
+    "burst": lambda t: 0.8 * np.exp(-(((t - 0.1) / 0.03) ** 2)),
+    "jump": lambda t: np.where(t > 0.05, 0.6, 0.0),
+}
+
+
+def block():
+    mesh = grid((2, 2, 2), wedges=(1,))
+    return solid_system(
+        mesh,
+        muscles=crossed_muscles(mesh, sim.Blemker(30e3)),
+        terms=(sim.Gravity(),),
+        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
+        damping=sim.RestRayleigh(19.0, 0.03),
+    )
+
+
+def drive(name):
+    t = np.linspace(0.0, DURATION, 21)
+    a = DRIVES[name](t)
+    return sim.Activation(t, np.stack([a, 0.3 * a], axis=1))
+
+
+def motion(system, name, integrator, steps):
+    trajectory, _ = sim.simulate(
+        system,
+        drive(name),
+        duration=DURATION,
+        integrator=integrator,
+        steps=steps,
+        probes=(sim.Positions(), sim.Iterations()),
+    )
+    return trajectory
+
+
+def solver(cls):
+    return cls(tolerance=1e-9, residual_tolerance=1e-8) if issubclass(cls, Converged) else cls()
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_the_achieved_error_stays_within_the_tolerance(name):
+    system = block()
+    fine = motion(system, name, solver(sim.Sdirk2), sim.FixedStep(H / 32)).node_position
+    fine = fine.isel(time=slice(None, None, 32)).values
+    cases = {
+        sim.ConvergedEuler: (3e-4,),
+        sim.Sdirk2: (3e-4, 3e-5),
+        sim.LinearlyImplicitTrapezoidal: (3e-4,),  # without an estimate: repeated in halves
+    }
+    for cls, tolerances in cases.items():
+        errors, counts = [], []
+        for tolerance in tolerances:
+            run = motion(system, name, solver(cls), sim.ErrorControlledStep(tolerance, H))
+            axis = run.node_position.dims.index("axis")
+            errors.append(np.linalg.norm(run.node_position.values - fine, axis=axis).max())
+            counts.append(int(run.steps.sum()))
+            assert errors[-1] <= tolerance, (cls.__name__, tolerance)
+        # it does not buy the tolerance with needless steps: what it makes is worth a tenth of it
+        assert errors[0] > 0.02 * tolerances[0]
+        assert sorted(counts) == counts
+
+
+ESTIMATING = (sim.LinearlyImplicitEuler, sim.ConvergedEuler, sim.Trapezoidal, sim.Sdirk2)
+
+
+@pytest.mark.parametrize("cls", ESTIMATING)
+def test_estimated_errors_fall_with_the_order_of_the_method_and_have_the_right_size(cls):
+    """One step from a smooth motion: estimate against the error of the step itself."""
+    mesh = grid((2, 2, 2))
+    system = solid_system(
+        mesh,
+        sim.NeoHooke(2500.0),
+        muscles=crossed_muscles(mesh, sim.Constant(5e3)),
+        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
+        damping=sim.RestRayleigh(19.0, 0.03),
+    )
+    control = system.control(np.array([0.3, 0.1]))
+    tight = {"tolerance": 1e-13, "residual_tolerance": 1e-11}
+    moving = sim.simulate(
+        system,
+        sim.Activation(np.zeros(1), control.activation[None]),
+        duration=0.02,
+        integrator=sim.Sdirk2(**tight),
+        steps=sim.FixedStep(2.5e-4),
+    )[1]
+    integrator = cls(**tight) if issubclass(cls, Converged) else cls()
+    ratios, estimates = [], []
+    for h in (1e-3, 5e-4):
+        exact, work = moving, sim.Workspace(system)
+        for _ in range(8):
+            exact, _ = sim.Sdirk2(**tight).step(system, exact, control, h / 8, work)
+        end, report = integrator.step(system, moving, control, h, sim.Workspace(system))
+        estimates.append(np.linalg.norm(report.local_error, axis=1).max())
+        ratios.append(estimates[-1] / np.linalg.norm(end.q - exact.q, axis=1).max())
+    assert 0.5 < ratios[-1] < 2.0
+    assert np.log2(estimates[0] / estimates[1]) == pytest.approx(cls.order + 1, abs=0.25)
+
+
+def test_a_rejected_step_leaves_no_trace():
+    """Attempts that fail after they did their work change neither the state nor the result."""
+    sizes = []
+
+    class Faltering(sim.ConvergedEuler):
+        def step(self, system, state, control, h, work):
+            end = super().step(system, state, control, h, work)  # marks the workspace in any case
+            if h > 0.004 and state.t > 0.015:
+                raise sim.NotConverged((1.0,), state.t + h, "made to fail")
+            sizes.append(h)
+            return end
+
+    system, exact = block(), {"tolerance": 1e-12, "residual_tolerance": 1e-10}
+    control = system.control(np.array([0.4, 0.1]))
+    state, work, rejected = system.rest_state(), sim.Workspace(system), 0
+    for i in range(1, 6):
+        before = state.q.copy(), state.v.copy()
+        new, report = sim.HalvingStep(0.01).advance(
+            Faltering(**exact), system, state, control, i * 0.01, work
+        )
+        np.testing.assert_array_equal(state.q, before[0])
+        np.testing.assert_array_equal(state.v, before[1])
+        state, rejected = new, rejected + report.rejected
+    assert rejected >= 3
+    plain, work = system.rest_state(), sim.Workspace(system)
+    for h in sizes:
+        plain, _ = sim.ConvergedEuler(**exact).step(system, plain, control, h, work)
+    np.testing.assert_allclose(state.q, plain.q, rtol=0, atol=1e-11)
+
+
+def test_error_control_of_a_static_solver_is_refused():
+    system = block()
+    with pytest.raises(sim.SceneError, match="no order in time"):
+        motion(system, "ramp", sim.Static(), sim.ErrorControlledStep())
+
+
+def test_a_tolerance_beyond_the_smallest_step_is_reported():
+    with pytest.raises(sim.NotConverged, match="smallest step"):
+        motion(
+            block(), "jump", sim.ConvergedEuler(), sim.ErrorControlledStep(1e-9, H, max_halvings=2)
+        )
