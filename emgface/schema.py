@@ -17,8 +17,11 @@ from emgface._demands import Problem, attribute_problems, study_problems
 from emgface._rules import Rule, hint, index_rule, listed, nearest, rules_of, type_rule
 from emgface.declaration import ArrayDeclaration, ObjectDeclaration
 from emgface.errors import DataError, SchemaError, UnitsError
+from emgface.migration import migrate
 
 CONVENTIONS = "CF-1.11"
+STUDY = "study"
+"""Name of the declaration that is no dataset's: a JSON Schema of the study file."""
 
 
 def schema_folder() -> Path:
@@ -57,7 +60,8 @@ def kinds() -> tuple[str, ...]:
     >>> "recording" in kinds()
     True
     """
-    return tuple(sorted(path.stem for path in schema_folder().glob("*.json")))
+    found = {path.stem for path in schema_folder().glob("*.json")}
+    return tuple(sorted(found - {STUDY}))
 
 
 @cache
@@ -109,8 +113,9 @@ def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Datas
     Returns
     -------
     xarray.Dataset
-        The same values, integers in their declared width and strings as NumPy strings, with
-        ``long_name`` and the attributes ``schema``, ``schema_version``, ``Conventions`` set.
+        The same values, migrated where they follow an older version, integers in their declared
+        width and strings as NumPy strings, with ``long_name`` and the attributes
+        ``schema``, ``schema_version``, ``Conventions`` set.
 
     Raises
     ------
@@ -131,6 +136,7 @@ def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Datas
     declared = declaration(kind)
     problems = _identity(dataset, declared)
     if not problems:
+        dataset = migrate(dataset, kind, declared.version)
         problems = _structure(dataset, declared) + _values(dataset, declared)
         problems += attribute_problems(dataset, declared)
         if study:
@@ -148,17 +154,10 @@ def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Datas
 
 
 def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
-    """Refuse a dataset that says it is another kind, or of another version."""
+    """Refuse a dataset that says it is another kind."""
     found = dataset.attrs.get("schema", declared.kind)
     if found != declared.kind:
         text = f"The dataset is a {found}; expected a {declared.kind}: give the other file."
-        return [(False, text)]
-    version = dataset.attrs.get("schema_version", declared.version)
-    if version != declared.version:
-        text = (
-            f"The {declared.kind} follows version {version} of its schema; expected version "
-            f"{declared.version}: write it again with this version of the package."
-        )
         return [(False, text)]
     return []
 

@@ -219,6 +219,27 @@ def propose(
     say(f"Wrote {out_path}: read it, complete what is unresolved, and pass it as --mapping.")
 
 
+@app.command()
+def schema(
+    out_path: Annotated[
+        Path | None, typer.Option("--out", help="File to write; printed when absent.")
+    ] = None,
+    study: Annotated[
+        bool, typer.Option("--study", help="The JSON Schema of a study file instead of the page.")
+    ] = False,
+) -> None:
+    """Write the page that documents every object: variables, dims, units, ranges."""
+    from emgface.files import replace_file
+    from emgface.schema_page import schema_page, study_schema_text
+
+    text = study_schema_text() if study else schema_page()
+    if out_path is None:
+        typer.echo(text, nl=False)
+        return
+    replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+    say(f"Wrote {out_path}.")
+
+
 def _unit(setting: str) -> tuple[str, str]:
     """Name and unit of a setting such as ``emg=uV``."""
     from emgface.errors import UnitsError

@@ -15,6 +15,8 @@ from emgface.muscles import INSTRUCTIONS
 from emgface.parameters import SignalChain, StrategyName
 from emgface.study.exclusions import Exclusion, check_exclusions, read_exclusions
 
+STUDY_VERSION = 1
+"""Version of the form of a study file."""
 TRUE_STRATEGY = "true"
 """Name under which trials driven by the true activation stand in the cube."""
 
@@ -251,6 +253,9 @@ class ScoreParameters(Parameters):
 class StudyConfiguration(Parameters):
     """All choices of a study, as study.toml holds them."""
 
+    schema_version: int = parameter(
+        STUDY_VERSION, "Version of the form of this file.", unit="1", source=OWN
+    )
     name: str = parameter("study", "Name of the study.", unit="-", source=OWN)
     strategies: tuple[StrategyName, ...] = parameter(
         ("act_all", "act_3", "act_rel"),
@@ -283,6 +288,16 @@ class StudyConfiguration(Parameters):
     exclude: tuple[Exclusion, ...] = Field(
         default=(), description="Trials that are excluded; one table each. They stay in the cube."
     )
+
+    @field_validator("schema_version")
+    @classmethod
+    def _present(cls, version: int) -> int:
+        if version != STUDY_VERSION:
+            raise ValueError(
+                f"the study file follows version {version} of its form, expected version "
+                f"{STUDY_VERSION}: write it again with 'emgface study template'"
+            )
+        return version
 
     @field_validator("strategies")
     @classmethod

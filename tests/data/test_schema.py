@@ -9,8 +9,11 @@ import pytest
 import xarray as xr
 
 from emgface.errors import SchemaError, UnitsError
+from emgface.migration import MIGRATIONS, migrate
 from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS, MUSCLES
+from emgface.netcdf import read_netcdf
 from emgface.schema import declaration, kinds, schema_folder, validate
+from emgface.schema_page import schema_page, study_schema_text
 
 KINDS = ("activation", "cube", "face_model", "recording", "scores", "trajectory")
 Make = Callable[[str], xr.Dataset]
@@ -255,3 +258,63 @@ def test_status_has_a_fixed_form(valid: Make) -> None:
 def test_an_unknown_muscle_is_named(valid: Make) -> None:
     data = valid("activation").assign_coords(muscle=["ZIG_L", *MUSCLES[1:]])
     assert "holds 'ZIG_L' (did you mean 'ZYG_L'?)" in complaint(data, "activation")
+
+
+# versions
+
+
+def test_a_cube_of_version_1_is_read_as_one_of_version_2(valid: Make, tmp_path) -> None:
+    """A file as version 1 wrote it, by xarray alone; its values are kept."""
+    old = valid("cube").assign_attrs(schema="cube", schema_version=1)
+    old["status"].attrs["long_name"] = "ok, missing, or failed"
+    old.to_netcdf(tmp_path / "cube.nc")
+    found = read_netcdf(tmp_path / "cube.nc", "cube")
+    assert found.attrs["schema_version"] == declaration("cube").version == 2
+    assert found.attrs["migrated_from"] == 1
+    assert "excluded" in found["status"].attrs["long_name"]
+    for name in old.data_vars:
+        np.testing.assert_array_equal(found[name].values, old[name].values)
+
+
+def test_versions_are_migrated_one_by_one_or_refused_by_name(valid: Make) -> None:
+    steps = {
+        ("scores", 1): lambda d: d.rename(rmse="error"),
+        ("scores", 2): lambda d: d.assign(error=1e3 * d["error"]),
+        ("scores", 4): lambda d: d,
+    }
+    old = valid("scores").assign_attrs(schema_version=1)
+    new = migrate(old, "scores", 3, migrations=steps)
+    np.testing.assert_array_equal(new["error"], 1e3 * old["rmse"])
+    assert (new.attrs["schema_version"], new.attrs["migrated_from"]) == (3, 1)
+    assert migrate(old, "scores", 1) is old and "rmse" in old
+    refused = {1: "no migration", 6: "newer package", 0: "no migration", "x": "no migration"}
+    for version, why in refused.items():
+        said = f"version {version} .*{why}"
+        with pytest.raises(SchemaError, match=said):
+            migrate(old.assign_attrs(schema_version=version), "scores", 5, migrations=steps)
+
+
+def test_every_version_before_the_present_one_has_its_migration() -> None:
+    known = {(kind, v) for kind in kinds() for v in range(1, declaration(kind).version)}
+    assert set(MIGRATIONS) == known
+
+
+# the page and the schema of a study
+
+
+def test_the_page_is_up_to_date_and_names_everything(root) -> None:
+    page = schema_page()
+    written = (root / "docs" / "data_schema.md").read_text(encoding="utf-8")
+    assert written == page, "run: emgface data schema --out docs/data_schema.md"
+    for kind in KINDS:
+        declared = declaration(kind)
+        for name in (*declared.arrays(), *declared.attrs):
+            assert f"| `{name}`" in page
+
+
+def test_the_schema_of_a_study_file_is_up_to_date() -> None:
+    written = (schema_folder() / "study.json").read_text(encoding="utf-8")
+    told = "run: emgface data schema --study --out data_schema/study.json"
+    assert written == study_schema_text(), told
+    schema = json.loads(written)
+    assert schema["properties"]["simulation"] and schema["version"] == 1

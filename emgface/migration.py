@@ -1,0 +1,74 @@
+"""Datasets of older versions of a declaration, brought to the present one."""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import xarray as xr
+
+from emgface.errors import SchemaError
+
+Migration = Callable[[xr.Dataset], xr.Dataset]
+
+
+def _cube_1_to_2(cube: xr.Dataset) -> xr.Dataset:
+    """Version 2 knows trials that a person excluded, and says what its statuses mean."""
+    status = cube["status"].assign_attrs(long_name="ok, missing, excluded, or failed")
+    return cube.assign(status=status)
+
+
+MIGRATIONS: Final[Mapping[tuple[str, int], Migration]] = {("cube", 1): _cube_1_to_2}
+"""For a kind and a version, what makes the next version of it."""
+
+
+def migrate(
+    dataset: xr.Dataset,
+    kind: str,
+    version: int,
+    *,
+    migrations: Mapping[tuple[str, int], Migration] = MIGRATIONS,
+) -> xr.Dataset:
+    """Bring a dataset to a version of its declaration, one version after the other.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Dataset with the attribute ``schema_version``; without it the present version is assumed.
+    kind : str
+        Kind of dataset.
+    version : int
+        The present version.
+    migrations : mapping
+        For a kind and a version, what makes the next one.
+
+    Returns
+    -------
+    xarray.Dataset
+        The dataset itself where it is of the present version; else a copy, whose attribute
+        ``migrated_from`` tells the version it was written in.
+
+    Raises
+    ------
+    SchemaError
+        If the version is newer, no number, or so old that no migration leads from it.
+    """
+    found = dataset.attrs.get("schema_version", version)
+    if found == version:
+        return dataset
+    try:
+        at = int(found)
+    except (TypeError, ValueError):
+        at = -1
+    if at > version:
+        raise SchemaError(
+            f"The {kind} follows version {found} of its schema, which this package does not know; "
+            f"expected version {version} or older: install a newer package, or write it again."
+        )
+    result = dataset
+    for step in range(max(at, 0), version):
+        if at < 1 or (kind, step) not in migrations:
+            raise SchemaError(
+                f"The {kind} follows version {found} of its schema, and no migration leads from it; "
+                f"expected version {version}: write it again with this version of the package."
+            )
+        result = migrations[kind, step](result)
+    return result.assign_attrs(schema_version=version, migrated_from=at)
