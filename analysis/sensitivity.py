@@ -11,7 +11,7 @@ from analysis.errors import StatisticsError
 from analysis.statistics.finding import check_level, collected
 from analysis.statistics.paired import LIMIT, Paired, Scale, paired
 from analysis.statistics.sign_flip import flip_finding, joint_p
-from analysis.tables import SHOWN
+from analysis.tables import SHOWN, Column, Table, recordings
 from analysis.trajectory import names
 from analysis.typed import selected
 
@@ -130,6 +130,49 @@ def sensitivity(
     result["axes"] = chosen
     result.attrs["summary"] = _summary(result)
     return result
+
+
+def choices_table(found: xr.Dataset) -> Table:
+    """List what every level of every axis changes.
+
+    Parameters
+    ----------
+    found : xarray.Dataset
+        Result of `sensitivity`.
+
+    Returns
+    -------
+    Table
+        One row per choice: axis, level, change, interval, p, joint p and volunteers.
+    """
+    variable = str(found.attrs["variable"])
+    units, shown, factor, digits = SHOWN.get(variable, ("1", "1", 1.0, 2))
+    if found.attrs["scale"] == "Fisher z":
+        units, shown, factor = "1", "1", 1.0
+    columns = (
+        Column("axis"), Column("level"),
+        *(Column(name, units, shown, factor, digits) for name in ("change", "lower", "upper")),
+        Column("p", digits=3), Column("p joint", digits=3), Column("volunteers"), Column("pairs"),
+    )  # fmt: skip
+    rows: list[tuple[object, ...]] = []
+    for index in range(found.sizes["choice"]):
+        one = found.isel(choice=index)
+        low, high = one["interval"].values.tolist()
+        rows.append(
+            (
+                str(one["axis"].values), str(one["level"].values), float(one["estimate"]),
+                float(low), float(high), float(one["p"]), float(one["p_joint"]), int(one["n"]),
+                int(one["pairs"]),
+            )
+        )  # fmt: skip
+    origin = str(found.attrs["origin"])
+    return Table(
+        f"change of {variable} with each choice, {recordings(origin)}",
+        columns,
+        tuple(rows),
+        origin,
+        f"Reference: {found.attrs['reference']}. One choice is moved at a time.",
+    )
 
 
 def _rest(data: Paired) -> tuple[xr.DataArray, xr.DataArray, dict[str, int], str, float]:

@@ -93,13 +93,17 @@ class StudyDeclaration(_Entry):
 
 
 class ObjectDeclaration(_Entry):
-    """One kind of dataset: the whole content of one file in data_schema."""
+    """One kind of dataset: the whole content of one file in data_schema.
+
+    Where ``further_dims``, dims that are not declared may stand before those of every variable.
+    """
 
     kind: str
     version: int
     title: str
     any_of: tuple[str, ...] = ()
     extra_variables: bool = True
+    further_dims: bool = False
     coords: dict[str, ArrayDeclaration]
     variables: dict[str, ArrayDeclaration]
     attrs: dict[str, AttributeDeclaration]

@@ -202,13 +202,14 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
     """Presence, dims, units and values of every array, found by pandera."""
     complaints: dict[str, Problem] = {}
     arrays = declared.arrays()
+    further = _further(dataset, declared)
     # An optional variable brings its dims with it: their coordinates are required then.
     used = {dim for name in declared.variables if name in dataset for dim in dataset[name].dims}
     schema = pa.DatasetSchema(
         data_vars={
             name: pa.DataVar(
                 required=array.required,
-                dims=array.dims,
+                dims=(*further, *array.dims),
                 nullable=True,
                 checks=_check(name, array, dataset, complaints),
             )
@@ -230,6 +231,17 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
         found = [_explain(one, dataset, arrays, complaints) for one in error.schema_errors]
         return list(dict.fromkeys(found))
     return []
+
+
+def _further(dataset: xr.Dataset, declared: ObjectDeclaration) -> tuple[str, ...]:
+    """Dims beyond those declared, in the order of the first variable, where they are allowed."""
+    if not declared.further_dims:
+        return ()
+    own = {dim for array in declared.arrays().values() for dim in array.dims}
+    present = next((dataset[name] for name in declared.variables if name in dataset), None)
+    if present is None:
+        return ()
+    return tuple(str(dim) for dim in present.dims if dim not in own and dim in dataset.coords)
 
 
 def _check(

@@ -45,6 +45,7 @@ def run(
 
 def _run(configuration, out_path: Path, workers: int) -> int:  # noqa: ANN001
     """Run a study, print its tables and return the exit code."""
+    from analysis.axes import NOT_IN_DESIGN
     from emgface.study.report import write_report
     from emgface.study.run import run_study
 
@@ -56,7 +57,8 @@ def _run(configuration, out_path: Path, workers: int) -> int:  # noqa: ANN001
     computed, reused = len(result.computed()), len(result.events) - len(result.computed())
     say(f"{computed} results were computed, {reused} were there already.")
     say(f"Cube: {result.path}. Tables: {report.folder}.")
-    status = result.cube["status"].values.ravel().tolist()
+    planned = result.cube["reason"].values != NOT_IN_DESIGN
+    status = result.cube["status"].values[planned].tolist()
     n_ok = status.count("ok")
     for sentence in report.failures:
         say(sentence)
@@ -77,7 +79,7 @@ def report(
     from emgface.report.results import open_results
     from emgface.study.report import write_report
 
-    written = write_report(open_results(folder).base, folder)
+    written = write_report(open_results(folder).cube, folder)
     for table in written.tables.values():
         out.print(table.text(), markup=False, highlight=False, soft_wrap=True)
     say(f"Tables as CSV, Markdown and LaTeX: {written.folder}.")

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from analysis.axes import further_axes
 from analysis.cube import TRIAL_DIMS, counts, trials
 from analysis.errors import AnalysisError
 from analysis.sensitivity import sensitivity
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
 from analysis.tables import Column, Table, recordings
 from emgface import __version__
-from emgface.report.results import Results, further_axes
+from emgface.report.results import Results
 from emgface.study.digest import file_digest
 
 LIBRARIES = ("numpy", "scipy", "numba", "xarray", "statsmodels", "matplotlib")
@@ -63,15 +64,13 @@ def verdict(cube: xr.Dataset) -> list[str]:
         return ["This study holds no trial: there is nothing to report."]
     found = counts(cube, by=()).iloc[0]
     total, ok = int(found["trials"]), int(found["ok"])
-    told = [
-        f"{ok} of {_n(total, 'trial')} could be scored; {int(found['failed'])} failed, "
-        f"{int(found['missing'])} are missing."
-    ]
+    lost = f"{int(found['failed'])} failed, {int(found['excluded'])} were excluded"
+    lost += f", {int(found['missing'])} are missing"
+    told = [f"{ok} of {_n(total, 'trial')} could be scored; {lost}."]
     if ok == 0:
         return [
-            f"No trial could be scored: of {_n(total, 'trial')}, {int(found['failed'])} failed and "
-            f"{int(found['missing'])} are missing. There are no scores and no tests; the reasons "
-            "are listed under exclusions."
+            f"No trial could be scored: of {_n(total, 'trial')}, {lost}. There are no scores and "
+            "no tests; the reasons are listed under exclusions."
         ]
     rho = cube["rho"].values[np.isfinite(cube["rho"].values)]
     if not len(rho):

@@ -211,7 +211,7 @@ def _features(results: Results) -> list[Drawn]:
     strategy = "act_all" if "act_all" in results.study.strategies else results.study.strategies[0]
     found: list[xr.Dataset] = []
     for recording in results.intake.recordings:
-        if recording.error is not None:
+        if recording.error is not None or recording.excluded:
             continue
         try:
             found.append(results.activation(recording, strategy))

@@ -8,9 +8,11 @@ import numpy as np
 import xarray as xr
 from pydantic import ValidationError
 
+from analysis.axes import reference_cube
 from analysis.errors import AnalysisError
-from emgface.errors import DataError, EmgfaceError
+from emgface.errors import ConfigurationError, DataError, EmgfaceError
 from emgface.netcdf import read_netcdf
+from emgface.study.axes import variants
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.run import feature_extents
@@ -52,7 +54,7 @@ class Results:
     cube : Dataset
         Scores and status of every trial.
     study : StudyConfiguration or None
-        All choices, where the cube carries them.
+        All choices, those that were varied at their reference, where the cube carries them.
     bench : Laboratory or None
         The store and the face, where they can still be read.
     intake : Intake or None
@@ -72,7 +74,7 @@ class Results:
     @property
     def base(self) -> xr.Dataset:
         """The cube with every further axis at its reference, the first label."""
-        return base_of(self.cube)
+        return reference_cube(self.cube)
 
     def trial(self, place: Place, strategy: str) -> Trial:
         """Take the results of one trial from the store.
@@ -87,7 +89,7 @@ class Results:
         if self.bench is None or self.intake is None:
             raise DataError("the recordings and the face of the study cannot be read")
         recording = next((r for r in self.intake.recordings if r.place == place), None)
-        if recording is None or recording.error is not None:
+        if recording is None or recording.error is not None or recording.excluded:
             raise DataError(f"there is no usable recording {' '.join(map(str, place))}")
         bench, label = self.bench, " ".join(map(str, (*place, strategy)))
         activation = self._activation(recording, strategy)
@@ -119,18 +121,6 @@ class Results:
         if self._extents is None:
             self._extents = feature_extents(self.bench, self.intake)
         return self.bench.activation(recording, strategy, self._extents.get(recording.place[0]))
-
-
-def base_of(cube: xr.Dataset) -> xr.Dataset:
-    """Take a cube with every further axis at its reference, the first label."""
-    further = further_axes(cube)
-    return cube.isel(dict.fromkeys(further, 0), drop=True) if further else cube
-
-
-def further_axes(cube: xr.Dataset) -> list[str]:
-    """Dims of a cube beyond those of trials and markers: the choices that were varied."""
-    own = {"volunteer", "instruction", "repetition", "strategy", "marker"}
-    return [str(dim) for dim in cube["rho"].dims if dim not in own]
 
 
 def open_results(folder: Path) -> Results:
@@ -166,8 +156,9 @@ def open_results(folder: Path) -> Results:
         )
         return results
     try:
-        results.study = StudyConfiguration.model_validate(json.loads(str(text)))
-    except (ValidationError, json.JSONDecodeError) as error:
+        whole = StudyConfiguration.model_validate(json.loads(str(text)))
+        results.study = variants(whole)[0].study  # the reference, where choices were varied
+    except (ValidationError, json.JSONDecodeError, ConfigurationError) as error:
         results.notes.append(
             "The configuration in the cube is of another version of this package, so parameters "
             f"and moving faces are left out ({' '.join(str(error).split())[:200]})."
@@ -176,7 +167,7 @@ def open_results(folder: Path) -> Results:
     if not (results.base["status"].values == "ok").any():
         return results
     try:
-        results.intake = take_in(results.study.recordings)
+        results.intake = take_in(results.study.recordings, results.study.exclude)
         results.bench = Laboratory(
             Store(folder / "store", report=results.notes.append),
             study_face(results.study.face),

@@ -13,6 +13,7 @@ from emgface.face.template.grid import make_grid
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.muscles import INSTRUCTIONS
 from emgface.parameters import SignalChain, StrategyName
+from emgface.study.axes import Axis, Design, absolute_paths, check_axes
 from emgface.study.exclusions import Exclusion, check_exclusions, read_exclusions
 
 STUDY_VERSION = 1
@@ -285,6 +286,18 @@ class StudyConfiguration(Parameters):
         default=AlignmentParameters(), description="Synchronisation, Eqs 9-10."
     )
     score: ScoreParameters = Field(default=ScoreParameters(), description="Scores, Eqs 11-13.")
+    axis_design: Design = parameter(
+        "one_at_a_time",
+        "Which combinations of the levels of several axes are run: one off its reference at a "
+        "time, or all.",
+        unit="-",
+        source=OWN,
+    )
+    axis: tuple[Axis, ...] = Field(
+        default=(),
+        description="Choices that are varied, to see what they change; one table each. Each is a "
+        "dim of the cube.",
+    )
     exclude: tuple[Exclusion, ...] = Field(
         default=(), description="Trials that are excluded; one table each. They stay in the cube."
     )
@@ -351,10 +364,13 @@ def load_study(path: Path) -> StudyConfiguration:
     exclude = check_exclusions(study.exclude, where=path.name)
     if study.recordings.exclusions is not None:
         exclude += read_exclusions(base / study.recordings.exclusions)
-    return study.model_copy(
+    study = study.model_copy(
         update={
             "recordings": recordings,
             "face": absolute(study.face, "path"),
             "exclude": exclude,
+            "axis": absolute_paths(study.axis, base),
         }
     )
+    check_axes(study, where=path.name)
+    return study

@@ -1,11 +1,16 @@
 """The tables of a study, printed and written."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import xarray as xr
 
+from analysis.axes import further_axes, reference_cube
 from analysis.cube import trials
+from analysis.errors import AnalysisError
+from analysis.sensitivity import choices_table, sensitivity
+from analysis.statistics.summary import statistics_table, study_statistics
 from analysis.tables import Table, report_tables
 from emgface.study.store import write_text
 
@@ -38,7 +43,8 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
     Parameters
     ----------
     cube : Dataset
-        Scores and status of every trial.
+        Scores and status of every trial. Where choices were varied, the tables are of their
+        reference, and one more lists what each choice changes.
     out : Path
         Folder of the study; tables go to ``out/tables``.
 
@@ -51,12 +57,19 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
     StoreError
         If the folder cannot be written.
     """
-    tables, folder = report_tables(cube), out / "tables"
+    base, folder = reference_cube(cube), out / "tables"
+    tables = report_tables(base)
+    if base.sizes["volunteer"] > 1 and base.sizes["strategy"] > 1:
+        with suppress(AnalysisError):  # too little was scored for any test
+            tables["tests"] = statistics_table(study_statistics(base))
+    if further_axes(cube):
+        with suppress(AnalysisError):
+            tables["choices"] = choices_table(sensitivity(cube))
     for name, table in tables.items():
         write_text(table.csv(), folder / f"{name}.csv")
         write_text(table.markdown(), folder / f"{name}.md")
         write_text(table.latex(), folder / f"{name}.tex")
-    return Report(tables, tables["strategy"].text(), _failures(cube), folder)
+    return Report(tables, tables["strategy"].text(), _failures(base), folder)
 
 
 def _failures(cube: xr.Dataset) -> list[str]:

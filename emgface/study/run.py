@@ -8,11 +8,13 @@ from pathlib import Path
 
 import xarray as xr
 
+from analysis.axes import combine_cubes
 from analysis.cube import build_cube
 from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError
 from emgface.muscles import LIP_MARKERS
 from emgface.netcdf import write_netcdf
+from emgface.study.axes import Label, variants
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import dataset_digest
 from emgface.study.faces import study_face
@@ -20,7 +22,7 @@ from emgface.study.observer import Observer, Silent
 from emgface.study.one_trial import run_trial
 from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store, write_text
-from emgface.study.table import Intake, plan_trials, take_in, take_in_references
+from emgface.study.table import Intake, PlannedTrial, plan_trials, take_in, take_in_references
 from emgface.study.workers import in_parallel
 
 
@@ -94,57 +96,87 @@ def run_study(
         if not any(exclusion.covers(recording.place) for recording in intake.recordings):
             observer.message(f"The exclusion of {exclusion.label} matches no recording.")
     trials = plan_trials(intake.recordings, study.strategy_names)
-    observer.begin(len(trials))
-    bench = Laboratory(
-        Store(out / "store", report=observer.message),
-        study_face(study.face),
-        study,
-        observer.message,
-    )
-    extents = feature_extents(bench, intake)
+    made = variants(study)
+    observer.begin(len(trials) * len(made))
+    store = Store(out / "store", report=observer.message)
     log = _TimesLog(out / "times.jsonl")
-    results: list[Trial] = []
-    events: list[Event] = bench.store.events
+    cubes: dict[tuple[Label, ...], xr.Dataset] = {}
+    muted: set[str] = set()
     try:
-        if workers == 1:
-            for trial in trials:
-                observer.working(trial.label)
-                outcome = run_trial(bench, trial, extents.get(trial.place[0]))
-                results.append(outcome)
-                observer.finished(trial.label, outcome.status)
-        else:
-            for trial, done in in_parallel(bench, trials, extents, workers):
-                results.append(done.outcome)
-                events.extend(done.events)
-                bench.muted |= done.muted
-                for text in done.messages:
-                    observer.message(text)
-                observer.finished(trial.label, done.outcome.status)
+        for variant in made:
+            bench = Laboratory(
+                store, study_face(variant.study.face), variant.study, observer.message
+            )
+            told = f"{variant.label}: " if variant.labels else ""
+            results = _run_trials(bench, intake, trials, workers, observer, told)
+            cubes[variant.labels] = _cube(bench, intake, trials, results)
+            muted |= bench.muted
     finally:
-        log.write(events)
-    if bench.muted:
+        log.write(store.events)
+    if muted:
         observer.message(
-            f"In {len(bench.muted)} of {len(intake.recordings)} recordings the feature of some "
+            f"In {len(muted)} of {len(intake.recordings)} recordings the feature of some "
             "muscle is zero or saturated throughout; the attribute 'warnings' of the results in "
-            f"{bench.store.folder / 'activation'} names them."
+            f"{store.folder / 'activation'} names them."
         )
+    cube = cubes[made[0].labels]
+    if study.axis:
+        cube = combine_cubes(cubes, {axis.dim: axis.labels() for axis in study.axis})
+        for axis in study.axis:
+            units = "1" if cube[axis.dim].dtype.kind == "f" else ""
+            cube[axis.dim].attrs = {"units": units} if units else {}
+            cube[axis.dim].attrs["parameters"] = ", ".join(axis.parameters)
+    cube.attrs["configuration"] = study.model_dump_json()
+    path = write_netcdf(cube, out / "cube.nc", "cube")
+    return StudyResult(cube, path, store.events, dict(intake.unreadable))
+
+
+def _run_trials(
+    bench: Laboratory,
+    intake: Intake,
+    trials: list[PlannedTrial],
+    workers: int,
+    observer: Observer,
+    told: str,
+) -> list[Trial]:
+    """Take every trial through all stages under one configuration."""
+    extents = feature_extents(bench, intake)
+    results: list[Trial] = []
+    if workers == 1:
+        for trial in trials:
+            observer.working(told + trial.label)
+            outcome = run_trial(bench, trial, extents.get(trial.place[0]))
+            results.append(outcome)
+            observer.finished(told + trial.label, outcome.status)
+        return results
+    for trial, done in in_parallel(bench, trials, extents, workers):
+        results.append(done.outcome)
+        bench.store.events.extend(done.events)
+        bench.muted |= done.muted
+        for text in done.messages:
+            observer.message(text)
+        observer.finished(told + trial.label, done.outcome.status)
+    return results
+
+
+def _cube(
+    bench: Laboratory, intake: Intake, trials: list[PlannedTrial], results: list[Trial]
+) -> xr.Dataset:
+    """Collect the results under one configuration."""
     cube = build_cube(
         results,
         volunteers=list(dict.fromkeys(t.place[0] for t in trials)),
         instructions=list(dict.fromkeys(t.place[1] for t in trials)),
         repetitions=sorted({t.place[2] for t in trials}),
-        strategies=list(study.strategy_names),
+        strategies=list(bench.study.strategy_names),
         markers=list(LIP_MARKERS),
         origin=_origin(intake),
     )
-    cube.attrs |= {
-        "name": study.name,
-        "face": str(bench.face.attrs["name"]),
-        "face_origin": str(bench.face.attrs["origin"]),
-        "configuration": study.model_dump_json(),
-    }
-    path = write_netcdf(cube, out / "cube.nc", "cube")
-    return StudyResult(cube, path, events, dict(intake.unreadable))
+    return cube.assign_attrs(
+        name=bench.study.name,
+        face=str(bench.face.attrs["name"]),
+        face_origin=str(bench.face.attrs["origin"]),
+    )
 
 
 def feature_extents(bench: Laboratory, intake: Intake) -> dict[str, Result]:

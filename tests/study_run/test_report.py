@@ -171,7 +171,7 @@ def test_all_trials_failed(tmp_path: Path) -> None:
     ]
     cube = build_cube(trials, markers=["corner_left"], origin="simulated")
     text = alone(cube, tmp_path)
-    assert "No trial could be scored: of 4 trials, 4 failed and 0 are missing." in text
+    assert "No trial could be scored: of 4 trials, 4 failed, 0 were excluded" in text
     assert "failed:InvertedElement 4 v1 A 1 act_all, v1 A 1 act_3" in text
     assert "element 7 is inverted" in text and "Moving face" not in text
 
