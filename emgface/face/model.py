@@ -53,6 +53,18 @@ class Bundle:
     weight: Floats | None = None
 
 
+@dataclass(frozen=True)
+class Arch:
+    """A rigid triangulated surface: bone that carries it, points (n, 3) [m], triangles (m, 3).
+
+    `bone` is MANDIBLE or SKULL.
+    """
+
+    bone: int
+    points: Floats
+    triangles: Integers
+
+
 def build_face(
     *,
     position: Floats,
@@ -69,6 +81,8 @@ def build_face(
     source: str,
     node_id: Integers | None = None,
     element_id: Integers | None = None,
+    facets: Mapping[str, Integers] | None = None,
+    arches: Sequence[Arch] = (),
     attrs: Mapping[str, str | int | float] | None = None,
 ) -> xr.Dataset:
     """Assemble a face_model Dataset and check it.
@@ -95,6 +109,11 @@ def build_face(
         What the face is called, how it came about and from where.
     node_id, element_id : ndarray of int, optional
         Names in the source; counted from 1 if absent.
+    facets : mapping, optional
+        Parts of the boundary by name, such as the inner surface of a lip: nodes of each facet
+        (facets, 4), outward.
+    arches : sequence of Arch
+        Rigid surfaces that the tissue may touch.
     attrs : mapping, optional
         Further attributes, such as the options of an import.
 
@@ -180,9 +199,22 @@ def build_face(
     if weighted:
         weight = np.concatenate([_f(b.weight) for b in bundles if b.weight is not None])
         ds["bundle_weight"] = ("bundle_element", weight)
+    if facets:
+        ds = ds.assign_coords(surface=list(facets))
+        sizes = [len(nodes) for nodes in facets.values()]
+        ds["facet_node"] = (("facet", "facet_corner"), _i(np.concatenate(list(facets.values()))))
+        ds["facet_surface"] = ("facet", _i(np.repeat(np.arange(len(facets)), sizes)))
+    if arches:
+        shift = np.cumsum([0, *(len(arch.points) for arch in arches[:-1])])
+        rows = [arch.triangles + k for arch, k in zip(arches, shift, strict=True)]
+        bones = np.repeat([arch.bone for arch in arches], [len(r) for r in rows])
+        ds["arch_position"] = (("arch_point", "axis"), stack([_f(arch.points) for arch in arches]))
+        ds["arch_triangle"] = (("arch_facet", "arch_corner"), _i(np.concatenate(rows)))
+        ds["arch_bone"] = ("arch_facet", bones.astype(np.int8))
     for variable in ds.data_vars.values():
         variable.attrs["units"] = "1"
-    for metres in ("position", "fibre_position", "face_marker_position"):
+    metric = ("position", "fibre_position", "face_marker_position", "arch_position")
+    for metres in (name for name in metric if name in ds):
         ds[metres].attrs["units"] = "m"
     return check_face(ds)
 
@@ -312,6 +344,32 @@ def shares_of(ds: xr.Dataset, muscle: str) -> Floats:
     if "bundle_weight" not in ds:
         return np.ones(int(mine.sum()))
     return ds["bundle_weight"].values[mine]
+
+
+def facets_of(ds: xr.Dataset, surface: str) -> NDArray[np.integer]:
+    """Nodes (facets, 4), outward, of one named part of the boundary, such as `upper_lip_inner`.
+
+    Raises DataError if the face names no such part.
+    """
+    names = [str(name) for name in ds["surface"].values] if "surface" in ds else []
+    if surface not in names:
+        raise DataError(
+            f"unknown surface {surface!r}: expected one of {', '.join(names) or 'none'}"
+        )
+    return ds["facet_node"].values[ds["facet_surface"].values == names.index(surface)]
+
+
+def arches_of(ds: xr.Dataset) -> list[Arch]:
+    """Rigid surfaces that the tissue may touch; none if the face has no arches."""
+    if "arch_position" not in ds:
+        return []
+    points, triangle = ds["arch_position"].values, ds["arch_triangle"].values
+    arches: list[Arch] = []
+    for bone in (SKULL, MANDIBLE):
+        used, corner = np.unique(triangle[ds["arch_bone"].values == bone], return_inverse=True)
+        if len(used):
+            arches.append(Arch(bone, points[used], corner.reshape(-1, 3)))
+    return arches
 
 
 def _muscle_index(ds: xr.Dataset, muscle: str) -> int:

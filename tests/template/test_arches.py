@@ -1,49 +1,131 @@
-"""Dental arches: clear of the resting tissue, symmetric, facing the lips."""
+"""Dental arches and the named surfaces of the lips: shape, symmetry, clear of the resting tissue."""
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from emgface.errors import FaceError
+from emgface.errors import DataError, FaceError
+from emgface.face.block import block_face
+from emgface.face.model import (
+    MANDIBLE,
+    SKULL,
+    Arch,
+    arches_of,
+    facets_of,
+    load_face,
+    save_face,
+)
 from emgface.face.surface import boundary_faces, triangles, winding_number
-from emgface.face.template import Measures, dental_arches, template_face
-from emgface.face.template.arches import CLEARANCE
+from emgface.face.template import Measures, dental_arches, random_measures, template_face
+from emgface.face.template.arches import CLEARANCE, EXPOSURE, OVERBITE, OVERJET
+from tests.template.conftest import sheets
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-@pytest.mark.parametrize("bone", ["maxilla", "mandible"])
-def test_arch(bone: str) -> None:
-    arch = next(a for a in dental_arches(Measures()) if a.bone == bone)
+def normals(arch: Arch) -> np.ndarray:
     corners = arch.points[arch.triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+@pytest.mark.parametrize("bone", [SKULL, MANDIBLE])
+def test_arch(bone: int) -> None:
+    arch = next(a for a in dental_arches(Measures()) if a.bone == bone)
+    normal, middle = normals(arch), arch.points[arch.triangles].mean(axis=1)
     assert (np.linalg.norm(normal, axis=1) > 0).all()
-    middle = corners.mean(axis=1)
-    front = np.abs(middle[:, 0]) < 15e-3
+    # The wall proper, without the strip behind the incisal edge.
+    sign = 1 if bone == SKULL else -1
+    edge = sign * (sign * arch.points[:, 2]).min()
+    wall = sign * (middle[:, 2] - edge) > 1.5e-3
+    front = wall & (np.abs(middle[:, 0]) < 10e-3)
     assert (normal[front, 1] > 0).all(), "the front faces forward"
-    beside = middle[:, 0] > 28e-3
+    beside = wall & (middle[:, 0] > 20e-3)
     assert beside.any() and (normal[beside, 0] > 0).all(), "the sides face the cheeks"
     rows = {tuple(point) for point in arch.points.tolist()}
     assert rows == {(-x if x else x, y, z) for x, y, z in arch.points.tolist()}
-    # A horseshoe: the front lies before the ends, and each arch on its own side of the mouth.
-    assert np.ptp(arch.points[:, 1]) > 15e-3
-    sign = 1 if bone == "maxilla" else -1
-    assert (sign * arch.points[np.abs(arch.points[:, 0]) < 12e-3, 2] > 0).all()
+    # Sizes of published casts: 45 to 60 mm between the outer faces of the molars, 22 to 34 mm deep.
+    assert 45e-3 < np.ptp(arch.points[:, 0]) < 60e-3
+    assert 22e-3 < np.ptp(arch.points[:, 1]) < 36e-3
 
 
-def test_arches_touch_nothing_at_rest() -> None:
-    """No point of an arch lies within the tissue, and the nearest lip node is a clearance away."""
-    face = template_face(resolution="medium")
+def test_the_upper_incisors_stand_before_and_over_the_lower() -> None:
+    m = Measures()
+    upper, lower = dental_arches(m)
+    assert upper.points[:, 2].min() == pytest.approx(0.5 * m.lip_gap - EXPOSURE)
+    top = lower.points[:, 2].max()
+    assert top == pytest.approx(upper.points[:, 2].min() + OVERBITE)
+    front = [a.points[np.abs(a.points[:, 0]) < 1e-9, 1].max() for a in (upper, lower)]
+    assert front[0] - front[1] == pytest.approx(OVERJET, abs=0.2e-3)
+
+
+@pytest.mark.parametrize("seed", [None, 5, 17, 23])
+def test_arches_touch_nothing_at_rest(seed: int | None) -> None:
+    """No point of an arch lies within the tissue or nearer to its nodes than half the clearance."""
+    measures = Measures() if seed is None else random_measures(seed)
+    face = template_face(resolution="medium", measures=measures)
     position = face["position"].values
     faces, _ = boundary_faces(face["connectivity"].values)
     surface = position[triangles(faces, position)]
-    for arch in dental_arches(Measures()):
+    for arch in arches_of(face):
         assert np.abs(winding_number(arch.points, surface)).max() < 0.5
         gap = np.linalg.norm(arch.points[:, None] - position[None], axis=2).min(axis=1)
-        assert gap.min() > 0.8 * CLEARANCE
+        assert gap.min() > 0.5 * CLEARANCE
 
 
 def test_clearance() -> None:
     near, far = (dental_arches(Measures(), clearance=c)[0].points for c in (0.0, 1e-3))
-    np.testing.assert_allclose(np.linalg.norm(near - far, axis=1), 1e-3, rtol=1e-6)
+    assert ((near - far)[:, 1] > -1e-12).all() and (near - far)[:, 1].max() == pytest.approx(1e-3)
     with pytest.raises(FaceError, match="the clearance of the teeth is -0.001 m"):
         dental_arches(Measures(), clearance=-1e-3)
+
+
+def test_arches_and_surfaces_are_part_of_the_face(coarse: xr.Dataset, tmp_path) -> None:
+    read = load_face(save_face(coarse, tmp_path / "face.nc"))
+    for stored, made in zip(arches_of(read), dental_arches(Measures()), strict=True):
+        assert stored.bone == made.bone
+        np.testing.assert_array_equal(stored.points, made.points)
+        np.testing.assert_array_equal(stored.triangles, made.triangles)
+    np.testing.assert_array_equal(
+        facets_of(read, "upper_lip_margin"), facets_of(coarse, "upper_lip_margin")
+    )
+
+
+def facet_normals(face: xr.Dataset, surface: str) -> tuple[np.ndarray, np.ndarray]:
+    corners = face["position"].values[facets_of(face, surface)]
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    return normal / np.linalg.norm(normal, axis=1)[:, None], corners.mean(axis=1)
+
+
+def test_lip_surfaces(medium: xr.Dataset) -> None:
+    """Margins face each other, linings face the teeth, the red faces outward; sides mirror."""
+    rays = medium.attrs["rays"]
+    for lip, sign in (("upper", 1), ("lower", -1)):
+        normal, middle = facet_normals(medium, f"{lip}_lip_margin")
+        assert len(normal) == 3 * rays // 2
+        near = np.abs(middle[:, 0]) < 15e-3
+        assert (sign * normal[near, 2] < 0).all() and (sign * middle[near, 2] > 0).all()
+        normal, middle = facet_normals(medium, f"{lip}_lip_inner")
+        assert (normal[np.abs(middle[:, 0]) < 12e-3, 1] < 0).all()
+        normal, middle = facet_normals(medium, f"{lip}_lip_vermilion")
+        assert (normal[np.abs(middle[:, 0]) < 12e-3, 1] > 0).all()
+        assert np.abs(middle[:, 0]).max() < 0.5 * medium.attrs["measure_mouth_width"]
+    margin = set(facets_of(medium, "upper_lip_margin").ravel().tolist())
+    assert margin <= set(np.arange(sheets(medium)[..., 0].size).reshape(rays, -1, 4)[:, 0].ravel())
+    every = [facets_of(medium, str(name)) for name in medium["surface"].values]
+    flat = np.sort(np.concatenate(every), axis=1)
+    assert len(np.unique(flat, axis=0)) == len(flat), "no facet belongs to two surfaces"
+    for nodes in every:
+        points = medium["position"].values[nodes].mean(axis=1).round(9)
+        mirrored = {tuple(p) for p in (points * MIRROR + 0.0).tolist()}
+        assert {tuple(p) for p in (points + 0.0).tolist()} == mirrored
+
+
+def test_unknown_surface(coarse: xr.Dataset) -> None:
+    with pytest.raises(
+        DataError, match="unknown surface 'tongue': expected one of upper_lip_inner"
+    ):
+        facets_of(coarse, "tongue")
+    plain = block_face(cells=(10, 8))
+    assert arches_of(plain) == []
+    with pytest.raises(DataError, match="unknown surface 'skin': expected one of none"):
+        facets_of(plain, "skin")

@@ -57,7 +57,8 @@ def test_quality(name: str, floor: float, request: pytest.FixtureRequest) -> Non
     assert quality.smallest_det.min() > 0
     assert quality.scaled_jacobian.min() > floor
     assert np.median(quality.scaled_jacobian) > 0.8
-    assert face_report(face).summary.loc["largest edge ratio", "value"] < 20
+    # The skin of a coarse cheek is 1.5 mm thick and its cells 30 mm long.
+    assert face_report(face).summary.loc["largest edge ratio", "value"] < 25
 
 
 def test_volume_converges(coarse: xr.Dataset, medium: xr.Dataset, fine: xr.Dataset) -> None:

@@ -1,6 +1,6 @@
 """A parametric lower face: measures, presets and random volunteers, at any resolution."""
 
-from emgface.face.template.arches import Arch, dental_arches
+from emgface.face.template.arches import dental_arches
 from emgface.face.template.build import template_face, volunteer_face
 from emgface.face.template.measures import Measures, parse_measures
 from emgface.face.template.norms import norms_table
@@ -8,7 +8,6 @@ from emgface.face.template.volunteers import PRESETS, preset_measures, random_me
 
 __all__ = [
     "PRESETS",
-    "Arch",
     "Measures",
     "dental_arches",
     "norms_table",

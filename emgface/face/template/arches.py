@@ -1,7 +1,9 @@
 """Dental arches of the template: rigid surfaces behind lips and cheeks, for contact.
 
-Each arch is the inner surface of the resting lip, from the midline to behind the mouth corner,
-moved back by a clearance. At rest it touches nothing, and it has the curve that the lips show.
+Each arch is a wall on a catenary, the form most often found (Aljayousi et al. 2021, BMC Oral Health
+21:105: 47 % of maxillae and 41 % of mandibles), from the incisal edges to the fornix of the vestibule.
+In the midline it stands where the thickness of the lips puts the incisors; wherever it would still
+enter resting tissue it is moved back, so that at rest it touches nothing.
 """
 
 from dataclasses import dataclass
@@ -9,36 +11,47 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.optimize import brentq
 
 from emgface.errors import FaceError
+from emgface.face.model import MANDIBLE, SKULL, Arch
 from emgface.face.template.calibrate import calibrated_surfaces
 from emgface.face.template.measures import Measures
-from emgface.face.template.outline import MARGIN, PERIORAL
+from emgface.face.template.outline import MARGIN, MIDDLE
+from emgface.face.template.surface import Surfaces
 
 Floats = NDArray[np.float64]
 
 CLEARANCE: Final = 0.5e-3
 """Distance of the teeth from the resting lips [m]."""
-_RAYS, _RINGS = 25, 13
 
 
 @dataclass(frozen=True)
-class Arch:
-    """An open triangulated surface.
+class ArchForm:
+    """Size of an arch: half width and depth at the first molars, over the half width of the jaw.
 
-    Attributes
-    ----------
-    bone : str
-        "maxilla" or "mandible".
-    points : ndarray, shape (n, 3)
-        x counts to the right [m].
-    triangles : ndarray of int, shape (m, 3)
-        Counter-clockwise seen from the lips.
+    Assumptions within the range of published casts; they scale with the jaw of the person.
     """
 
-    bone: str
-    points: Floats
-    triangles: NDArray[np.int64]
+    half_width: float
+    depth: float
+
+
+FORMS: Final = {SKULL: ArchForm(0.585, 0.62), MANDIBLE: ArchForm(0.565, 0.56)}
+"""About 55 and 53 mm between the outer faces of the first molars, 29 and 26 mm deep, for a mean jaw."""
+EXPOSURE: Final = 4.3e-3
+"""Upper incisors below the margin of the relaxed upper lip [m]: mean of 3.9 (men) and 4.7 mm (women)
+as commonly quoted from Arnett et al. 1999."""
+OVERBITE: Final = 3.2e-3
+"""Upper incisors over the lower [m], as commonly quoted from Arnett et al. 1999."""
+OVERJET: Final = 3.2e-3
+"""Upper incisors before the lower [m], likewise."""
+_EDGE: Final = 3e-3
+"""Thickness of the incisal edge [m]; chosen."""
+_RECLINE: Final = {SKULL: 0.25, MANDIBLE: 0.10}
+"""How much the wall falls back over its height; chosen."""
+_COLUMNS, _ROWS = 41, 9
 
 
 def dental_arches(measures: Measures, *, clearance: float = CLEARANCE) -> tuple[Arch, Arch]:
@@ -48,37 +61,91 @@ def dental_arches(measures: Measures, *, clearance: float = CLEARANCE) -> tuple[
     ----------
     measures : Measures
     clearance : float
-        Distance behind the inner surface of the resting tissue [m].
+        Distance behind the inner surface of the resting tissue, along y [m].
 
     Returns
     -------
     maxilla, mandible : Arch
-        Mirrored in x = 0 bit by bit; asymmetry of the measures does not reach them.
+        Triangles run counter-clockwise seen from the lips. Mirrored in x = 0 bit by bit;
+        asymmetry of the measures does not reach them.
 
     Raises
     ------
     FaceError
         The clearance is negative, or as `emgface.face.template.calibrate.calibrated_surfaces`.
     """
+    return arches_behind(calibrated_surfaces(measures), measures, clearance=clearance)
+
+
+def arches_behind(
+    surfaces: Surfaces, measures: Measures, *, clearance: float = CLEARANCE
+) -> tuple[Arch, Arch]:
+    """As `dental_arches`, for surfaces that are calibrated already."""
     if not clearance >= 0.0:
         raise FaceError(f"the clearance of the teeth is {clearance} m, expected a length >= 0")
-    surfaces = calibrated_surfaces(measures)
-    q, s = np.linspace(0.0, 1.0, _RAYS), np.linspace(MARGIN, PERIORAL, _RINGS)
-    arches: list[Arch] = []
-    for bone, lip in (("maxilla", 1.0), ("mandible", -1.0)):
-        side = np.full(_RAYS, lip)
-        _, inner = surfaces.sheets(q, side, s)
-        left = inner - clearance * surfaces.normals(surfaces.places(q, side, s))
-        left[0, :, 0] = 0.0
-        right = left[:0:-1]
-        points = np.concatenate([right, left * [-1.0, 1.0, 1.0]])
-        index = np.arange(points[..., 0].size).reshape(points.shape[:2])
-        a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-        # Rays run from right to left and rings away from the mouth: up on the maxilla.
-        quads = (a, b, c, d) if lip > 0 else (a, d, c, b)
-        first, second, third, fourth = (part.ravel() for part in quads)
-        triangles = np.concatenate(
-            [np.stack([first, second, third], 1), np.stack([first, third, fourth], 1)]
-        )
-        arches.append(Arch(bone, points.reshape(-1, 3), triangles))
-    return arches[0], arches[1]
+    lining = _lining(surfaces)
+    margin = 0.5 * measures.lip_gap
+    edge = margin - EXPOSURE
+    # Where the bone begins to hold the tissue, and a little beyond.
+    upper = _wall(SKULL, measures, edge, 0.85 * measures.upper_lip_height)
+    lower = _wall(MANDIBLE, measures, edge + OVERBITE, -0.9 * measures.lower_lip_height)
+    front = np.linspace(edge, margin + 8e-3, 20)
+    incisor = float(lining(np.zeros(20), front).min()) - clearance
+    upper[..., 1] += incisor
+    lower[..., 1] += incisor - OVERJET
+    walls = []
+    for wall in (upper, lower):
+        before = lining(wall[..., 0], wall[..., 2]) - clearance
+        wall[..., 1] = np.where(before < wall[..., 1], before, wall[..., 1])
+        walls.append(wall)
+    return _arch(SKULL, walls[0]), _arch(MANDIBLE, walls[1])
+
+
+def _lining(surfaces: Surfaces) -> LinearNDInterpolator:
+    """Place y of the inner surface of lips and cheeks over x (to the left) and z, for x >= 0."""
+    q = np.linspace(0.0, 1.0, 41)
+    s = np.linspace(MARGIN, MIDDLE, 41)
+    sheets = [surfaces.sheets(q, np.full(41, lip), s)[1].reshape(-1, 3) for lip in (1.0, -1.0)]
+    points = np.concatenate(sheets)
+    # A strip beyond the midline, so that the midline lies within the hull.
+    points = np.concatenate([points, points[points[:, 0] < 5e-3] * [-1.0, 1.0, 1.0]])
+    points = np.unique(points.round(9), axis=0)
+    return LinearNDInterpolator(points[:, [0, 2]], points[:, 1])
+
+
+def _wall(bone: int, measures: Measures, edge: float, root: float) -> Floats:
+    """Left half (columns, rows, 3) of a wall whose front is at y = 0; rows run from the edge."""
+    form = FORMS[bone]
+    width, depth = (0.5 * measures.jaw_width * share for share in (form.half_width, form.depth))
+    a = brentq(lambda a: a * (np.cosh(width / a) - 1.0) - depth, 0.2 * width, 50.0 * width)
+    assert isinstance(a, float)
+    arc = np.linspace(0.0, a * np.sinh(width / a), _COLUMNS)
+    x = a * np.arcsinh(arc / a)
+    y = a * (1.0 - np.cosh(x / a))
+    height = np.linspace(edge, root, _ROWS)
+    wall = np.empty((_COLUMNS, _ROWS + 1, 3))
+    wall[..., 0] = x[:, None]
+    wall[:, 1:, 1] = y[:, None] - _RECLINE[bone] * np.abs(height - edge)
+    wall[:, 1:, 2] = height
+    # One row behind the edge, towards the middle of the arch.
+    slope = np.stack([-np.sinh(x / a), -np.ones_like(x)], axis=1)
+    inward = _EDGE * slope / np.linalg.norm(slope, axis=1, keepdims=True)
+    inward[:, 0] = np.maximum(inward[:, 0], -0.9 * x)
+    wall[:, 0, :2] = wall[:, 1, :2] + inward
+    wall[:, 0, 2] = edge + 0.3 * _EDGE * np.sign(root)
+    return wall
+
+
+def _arch(bone: int, left: Floats) -> Arch:
+    """Both halves of a wall, x counting to the right, as triangles."""
+    left[0, :, 0] = 0.0
+    points = np.concatenate([left[:0:-1], left * [-1.0, 1.0, 1.0]])
+    index = np.arange(points[..., 0].size).reshape(points.shape[:2])
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    # Columns run from right to left and rows away from the edge: up on the maxilla.
+    quads = (a, b, c, d) if bone == SKULL else (a, d, c, b)
+    first, second, third, fourth = (part.ravel() for part in quads)
+    triangles = np.concatenate(
+        [np.stack([first, second, third], 1), np.stack([first, third, fourth], 1)]
+    )
+    return Arch(bone, points.reshape(-1, 3), triangles)

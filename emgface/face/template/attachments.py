@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.face.model import FREE, MANDIBLE, SKULL
+from emgface.face.surface import boundary_faces
 from emgface.face.template.grid import LAYERS, MARKER_RAY, Grid
 from emgface.face.template.surface import Surfaces
 
@@ -41,6 +42,40 @@ def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
     held[:, -1, :] = True
     bone = np.where(tau >= 0.0, SKULL, MANDIBLE)[..., None]
     return grid.unfold(np.where(held, bone, FREE)).reshape(-1).astype(np.int8)
+
+
+def lip_surfaces(grid: Grid, position: Floats, corner: float) -> dict[str, Integers]:
+    """Parts of the boundary that touch or show: nodes of each facet, outward.
+
+    Parameters
+    ----------
+    grid : Grid
+    position : ndarray, shape (nodes, 3)
+        [m]
+    corner : float
+        Half width of the mouth [m].
+
+    Returns
+    -------
+    dict
+        For upper and lower lip ``_inner``, the lining of lip and cheek within the middle curve of
+        the outline, which may touch the teeth; ``_margin``, the faces at the slit, which may
+        touch each other; ``_vermilion``, the red of the lip on the skin.
+    """
+    faces, element = boundary_faces(grid.connectivity)
+    ray, ring = (of[element] for of in grid.element_place)
+    upper = np.minimum(ray, grid.rays - 1 - ray) < grid.rays // 4
+    sheet = np.arange(np.prod(grid.shape)).reshape(grid.shape)
+    inner = np.isin(faces, sheet[..., 0]).all(axis=1) & (ring < sum(grid.rings[:3]))
+    margin = np.isin(faces, sheet[:, 0]).all(axis=1)
+    red = np.isin(faces, sheet[..., -1]).all(axis=1) & (ring < grid.rings[0])
+    red &= np.abs(position[faces, 0]).mean(axis=1) < corner
+    parts = {"inner": inner, "margin": margin, "vermilion": red}
+    return {
+        f"{lip}_lip_{name}": faces[chosen & side]
+        for lip, side in (("upper", upper), ("lower", ~upper))
+        for name, chosen in parts.items()
+    }
 
 
 def lip_marker_nodes(grid: Grid) -> Integers:

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from emgface.errors import FaceError
 from emgface.face.model import Bundle, Fibre, build_face
 from emgface.face.quality import element_centres
+from emgface.face.template.arches import arches_behind
 from emgface.face.template.attachments import (
     face_marker_positions,
     fixed_nodes,
     lip_marker_nodes,
     lip_opening_nodes,
+    lip_surfaces,
 )
 from emgface.face.template.calibrate import calibrated_surfaces
 from emgface.face.template.grid import Grid, make_grid
@@ -118,6 +120,8 @@ def template_face(
         marker_node=lip_marker_nodes(grid),
         face_marker_position=face_markers,
         lip_opening_node=lip_opening_nodes(grid),
+        facets=lip_surfaces(grid, position, 0.5 * own.mouth_width),
+        arches=arches_behind(surfaces, own),
         name=name,
         origin="generated",
         source="emgface.face.template",

@@ -70,7 +70,7 @@ def _curves(m: Measures, half_width: float, q: Floats, lip: Floats) -> list[Floa
     upper = lip > 0
 
     # Blunt ends keep the angle between the lips at the corner away from zero.
-    slit = 0.5 * m.lip_gap * np.sqrt(np.clip(1.0 - share**6, 0.0, None))
+    slit = 0.5 * m.lip_gap * np.sqrt(np.clip(1.0 - share**4, 0.0, None))
     margin = _curve(half_width * share, lip * slit)
 
     vermilion = np.where(upper, m.upper_vermilion_height, m.lower_vermilion_height)
@@ -85,21 +85,21 @@ def _curves(m: Measures, half_width: float, q: Floats, lip: Floats) -> list[Floa
     perioral = _oval(
         half_width * (1.0 + _PERIORAL_WIDTH),
         np.where(upper, m.upper_lip_height, m.lower_lip_height),
-        angle,
+        np.where(upper, angle - 0.25 * np.sin(2.0 * angle), angle),
         lip,
         power=2.0,
     )
     middle = _oval(
         half_width + 0.29 * m.face_width,
-        np.where(upper, m.upper_lip_height + 0.5 * m.nose_height, 0.92 * m.chin_height),
-        angle,
+        np.where(upper, m.upper_lip_height + 0.38 * m.nose_height, 0.92 * m.chin_height),
+        np.where(upper, 0.5 * np.pi * (0.45 * q + 0.55 * q**3), angle),
         lip,
         power=2.2,
     )
     rim = _oval(
         0.84 * m.face_width,
         np.where(upper, m.upper_lip_height + m.nose_height, m.chin_height + 0.2 * m.face_depth),
-        angle - np.where(upper, 0.12 * np.sin(2.0 * angle), 0.0),
+        np.where(upper, angle - 0.27 * np.sin(2.0 * angle), angle),
         lip,
         power=2.5,
     )

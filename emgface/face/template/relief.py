@@ -34,20 +34,24 @@ LIP_ROLL: Final = PchipInterpolator(
 LIP_DEPTH: Final = PchipInterpolator([MARGIN, VERMILION, PERIORAL, 1.0], [1.0, 0.95, 0.0, 0.0])
 """How much of the protrusion the teeth carry, by ring; the rest of the relief is tissue."""
 
-NOSE_DEPTH: Final = 0.8
+NOSE_DEPTH: Final = 0.75
 """Share of the relief of the nose that bone and cartilage carry."""
 _RIDGE: Final = PchipInterpolator(
-    [-0.2, 0.0, 0.14, 0.28, 0.42, 0.70, 0.95, 1.2, 1.5],
-    [0.0, 0.06, 0.62, 1.0, 0.84, 0.44, 0.15, 0.08, 0.08],
+    [-0.2, 0.0, 0.12, 0.22, 0.30, 0.45, 0.70, 0.95, 1.2, 1.5],
+    [0.0, 0.05, 0.60, 0.95, 1.0, 0.82, 0.45, 0.15, 0.08, 0.08],
 )
-"""Forward relief of the ridge of the nose over its protrusion, by height from subnasale."""
-_NOSE_WIDTH: Final = PchipInterpolator(
-    [-0.2, 0.1, 0.3, 0.6, 1.0, 1.5], [0.95, 0.85, 0.68, 0.5, 0.5, 0.6]
+"""Forward relief of columella, tip and dorsum over the protrusion, by height from subnasale."""
+_RIDGE_WIDTH: Final = PchipInterpolator(
+    [-0.2, 0.0, 0.14, 0.28, 0.45, 0.7, 1.0, 1.5], [0.42, 0.40, 0.46, 0.60, 0.52, 0.46, 0.5, 0.62]
 )
-"""Half width of the ridge over that of the nose, by height from subnasale."""
+"""Half width of the same over that of the nose."""
 
 MOUTH_BACK: Final = 2.0e-3
 """How far the head without relief lies behind subnasale at the mouth [m]."""
+FOLD: Final = 1.8e-3
+"""Depth of the nasolabial fold [m]."""
+PHILTRUM: Final = 0.7e-3
+"""Height of the crests of the philtrum [m]."""
 CHIN_PAD: Final = 3.5e-3
 """Relief of the chin [m]."""
 
@@ -72,7 +76,7 @@ def lip_roll(m: Measures, q: Floats, lip: Floats) -> Floats:
     """How far the margin lies behind the crest of the lip [m], no more than its height."""
     height = np.where(lip > 0, m.upper_vermilion_height, m.lower_vermilion_height)
     height = (height - 0.5 * m.lip_gap) * (1.0 - lateral_share(q) ** 2)
-    return np.minimum(0.7 * lip_protrusion(m, q, lip), 0.8 * height)
+    return np.minimum(0.7 * lip_protrusion(m, q, lip), 0.6 * height)
 
 
 def relief(m: Measures, place: Floats, corner: float) -> Floats:
@@ -87,27 +91,47 @@ def relief(m: Measures, place: Floats, corner: float) -> Floats:
         m.cheek_fullness * _bump((xi - 0.36 * m.face_width) / 0.024) * _bump((tau - 0.010) / 0.026)
     )
     chin = CHIN_PAD * _bump(xi / 0.017) * _bump((tau + 0.74 * m.chin_height) / 0.011)
-    fold = -0.0020 * _bump((xi - corner - 0.010) / 0.009) * _bump((tau - 0.002) / 0.014)
-    return cheekbone + cheek + chin + fold
+    return cheekbone + cheek + chin + _fold(m, xi, tau, corner)
+
+
+def _fold(m: Measures, xi: Floats, tau: Floats, corner: float) -> Floats:
+    """Nasolabial fold, from the wing of the nose to beside the mouth corner [m]."""
+    up = np.clip(tau / (m.upper_lip_height + 0.12 * m.nose_height), -0.5, 1.4)
+    line = corner + 0.011 - (corner + 0.011 - 0.62 * m.nose_width) * np.clip(up, 0.0, 1.0) ** 1.5
+    off = (xi - line) / np.where(xi > line, 0.009, 0.006)
+    return -FOLD * _bump(off) * _bump((up - 0.35) / 0.62)
+
+
+def philtrum(m: Measures, place: Floats) -> Floats:
+    """Crests of the philtrum and the groove between them, on the skin alone [m]."""
+    aside = np.abs(place[..., 0]) / (0.5 * m.philtrum_width)
+    along = place[..., 1] / m.upper_lip_height
+    between = _bump((along - 0.66) / 0.24) * (place[..., 1] > 0.0)
+    return PHILTRUM * (_bump((aside - 1.0) / 0.5) - 0.9 * _bump(aside / 0.6)) * between
 
 
 def nose(m: Measures, place: Floats) -> Floats:
-    """Displacement (..., 3) of the nose [m]: forward, and its tip downward."""
-    xi, tau = place[..., 0], place[..., 1]
-    up = (tau - m.upper_lip_height) / m.nose_height
-    ridge = _RIDGE(np.clip(up, -0.2, 1.5)) * m.nose_protrusion
-    width = 0.5 * m.nose_width * _NOSE_WIDTH(np.clip(up, -0.2, 1.5))
-    across = np.exp(-(np.abs(xi / width) ** 2.2))
-    forward = ridge * across
-    wing = (
-        0.35
-        * m.nose_protrusion
-        * _bump((xi - 0.36 * m.nose_width) / 0.007)
-        * _bump((up - 0.19) / 0.12)
+    """Displacement (..., 3) of the nose [m]: columella, tip and dorsum, wings, dimpled nostrils."""
+    height = np.clip((place[..., 1] - m.upper_lip_height) / m.nose_height, -0.2, 1.5)
+    aside = np.abs(place[..., 0]) / (0.5 * m.nose_width)
+    across = np.exp(-((aside / _RIDGE_WIDTH(height)) ** 2.6))
+    # The wing: steep towards the cheek, where its crease lies.
+    span = np.where(aside > 0.76, 0.26, 0.42)
+    wing = _bump((aside - 0.76) / span) * _bump(
+        (height - 0.17) / np.where(height > 0.17, 0.15, 0.11)
     )
-    down = 0.24 * m.nose_protrusion * across * _bump((up - 0.26) / 0.15)
-    zero = np.zeros_like(xi)
-    return np.stack([zero, forward + wing, -down], axis=-1)
+    nostril = _bump((aside - 0.44) / 0.20) * _bump((height - 0.085) / 0.055)
+    forward = _RIDGE(height) * across + 0.50 * wing - 0.14 * nostril
+    down = 0.20 * across * _bump((height - 0.26) / 0.15) + 0.08 * wing
+    zero = np.zeros_like(aside)
+    return m.nose_protrusion * np.stack([zero, forward, -down], axis=-1)
+
+
+def nose_lift(m: Measures, place: Floats) -> Floats:
+    """How far the inner surface rises above the underside of the nose, which looks down [m]."""
+    height = (place[..., 1] - m.upper_lip_height) / m.nose_height
+    aside = np.abs(place[..., 0]) / (0.5 * m.nose_width)
+    return 0.4 * m.nose_thickness * _bump((height - 0.13) / 0.10) * np.exp(-((aside / 0.95) ** 4))
 
 
 def thickness(m: Measures, place: Floats, corner: float, low: float) -> Floats:

@@ -27,6 +27,8 @@ from emgface.face.template.relief import (
     lip_protrusion,
     lip_roll,
     nose,
+    nose_lift,
+    philtrum,
     relief,
     sulcus_back,
     thickness,
@@ -175,9 +177,10 @@ class Surfaces:
         lips, roll = lip_protrusion(m, q, lip)[:, None], lip_roll(m, q, lip)[:, None]
         bulge, forward = relief(m, place, corner), nose(m, place)
         outward = bulge + lips * LIP_PROFILE(s) - roll * LIP_ROLL(s)
-        skin = head + outward[..., None] * normal + forward
+        skin = head + (outward + philtrum(m, place))[..., None] * normal + forward
         depth = thickness(m, place, corner, self.tau_gnathion) - lips * LIP_DEPTH(s)
         inner = head + (bulge - depth)[..., None] * normal + NOSE_DEPTH * forward
+        inner[..., 2] += nose_lift(m, place)
         return skin, inner
 
     def points(self, place: Floats, depth: Floats) -> Floats:
