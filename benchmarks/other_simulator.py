@@ -57,7 +57,7 @@ CASES = (
 )
 
 
-def their_face(folder: Path, case: Case, sided: bool = False) -> sim.System:
+def their_face(folder: Path, case: Case) -> sim.System:
     """Scene of a case on the recorded mesh.
 
     The fibres of both sides belong to one muscle there.
@@ -130,11 +130,11 @@ def compare(folder: Path, case: Case, until: float, h: float = 5e-3) -> list[dic
                 "run_time_s": time.perf_counter() - start,
             }
         )
-        print(rows[-1], flush=True)
     return rows
 
 
 def main() -> None:
+    """Compare, print and store."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shared", type=Path, default=Path("../shared"))
     parser.add_argument("--out", type=Path, default=Path("other_simulator.csv"))
@@ -146,6 +146,7 @@ def main() -> None:
     for case in CASES:
         if options.case is None or case.name in options.case:
             rows += compare(folder, case, options.until)
+            print(rows[-1], flush=True)
             pd.DataFrame(rows).to_csv(options.out, index=False)
     print(pd.DataFrame(rows).to_string(index=False))
 

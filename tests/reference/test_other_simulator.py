@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import sim
+from benchmarks.other_simulator import CASES, their_face
 from tests.bodies import dense, grid, mean_stress, solid_system
 
 THEIR_HEX = [
@@ -166,44 +167,19 @@ def test_trajectories_of_the_patch(shared, unit, scheme):
                 assert error < 1e-12, (case["incomp"], case["muscle"]["type"], step, error)
 
 
-@pytest.fixture(scope="module")
-def their_face(shared):
-    """Mesh, muscles and fixed nodes of the reference face as the other program had them."""
-    model = json.loads((shared / "artisynth_reference" / "refmodel_model.json").read_text())
-    blocks, place = {"hex8": [], "wedge6": []}, []
-    for element in model["elements"]:
-        name = "hex8" if element["type"] == "HexElement" else "wedge6"
-        order = THEIR_HEX if name == "hex8" else range(6)
-        place.append((name, len(blocks[name])))
-        blocks[name].append([element["nodes"][i] for i in order])
-    index = np.array([i if n == "hex8" else len(blocks["hex8"]) + i for n, i in place])
-    bundles = {k: b for k, b in model["muscles"].items() if b["element_indices"]}
-    rows = [index[b["element_indices"]] for b in bundles.values()]
-    muscles = sim.Muscles(
-        tuple(bundles),
-        np.concatenate(rows),
-        np.repeat(np.arange(len(rows)), [len(r) for r in rows]),
-        np.concatenate([b["directions"] for b in bundles.values()]),
-        sim.Blemker(100e3),
-    )
-    mesh = sim.mesh_from_arrays(model["rest_positions"], **blocks)
-    return mesh, muscles, sim.Fixed(np.array(model["fixed_node_indices"])), model["node_mass"]
-
-
 @pytest.mark.parametrize("soft", ["ELEMENT", "NODAL"])
 @pytest.mark.parametrize("activation", [None, 0.3])
-def test_forces_of_the_whole_face(shared, their_face, soft, activation):
-    mesh, muscles, fixed, node_mass = their_face
+def test_forces_of_the_whole_face(shared, soft, activation):
+    name = "A_softnodal_blemker_ZYG" if soft == "NODAL" else "C_softelem_blemker_ZYG"
+    case = next(case for case in CASES if case.name == name)
+    system = their_face(shared / "artisynth_reference", case)
+    if activation is None:
+        solid, *others = system.scene.terms
+        bare = replace(system.scene, terms=(replace(solid, muscles=None), *others), damping=None)
+        system = sim.compile_scene(bare)
     data = np.load(shared / "artisynth_reference" / "full_internal_force.npz")
-    system = solid_system(
-        mesh,
-        None,
-        sim.QuadraticBulk(0.0),
-        None if activation is None else muscles,
-        reductions=(fixed,),
-        terms=VOLUME[soft],
-    )
-    np.testing.assert_allclose(system.node_mass, node_mass, rtol=1e-12)
+    model = json.loads((shared / "artisynth_reference" / "refmodel_model.json").read_text())
+    np.testing.assert_allclose(system.node_mass, model["node_mass"], rtol=1e-12)
     control = system.control(np.full(len(system.muscles), activation or 0.0))
     name = "nomuscle" if activation is None else f"allmuscles{activation}"
     expected = data[f"force_{soft}_{name}"]
