@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import ActivationError
-from emgface.face.recipe import compose_scene, named_elements
+from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import (
     Activation,
@@ -24,6 +24,7 @@ from sim import (
     System,
     Workspace,
     compile_scene,
+    displace_held,
     resting,
     simulate,
 )
@@ -36,7 +37,7 @@ SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 
 
 def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:
-    """Positions of all nodes at rest under gravity, all muscles silent.
+    """Positions of all nodes at rest under gravity and prestress, all muscles silent.
 
     Parameters
     ----------
@@ -61,10 +62,13 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
     system = compile_scene(compose_scene(face, parameters))
     state = system.rest_state()
     speed = np.inf
-    if not parameters.gravity:
+    if not parameters.gravity and parameters.prestress.method == "none":
         speed = 0.0
     work = Workspace(system, parameters.linear_solver)
     with named_elements(face):
+        if parameters.prestress.method == "displaced":
+            first = compile_scene(displacement_scene(face, parameters))
+            state = displace_held(first, state, face["position"].values)
         while speed > SETTLED_SPEED:
             if state.t > SETTLE_LIMIT - SETTLE_CHUNK / 2:
                 why = f"the face still moves at {speed:.2g} m/s, expected {SETTLED_SPEED:g} m/s"

@@ -2,21 +2,29 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.face.bundles import project_into_mesh
+from emgface.face.check import sheet_nodes
+from emgface.face.model import INNER, OUTER
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.tension_lines import skin_prestretch
 from sim import (
     Blemker,
+    ConstantForce,
     ElementVolume,
     Fixed,
     Generic,
     InvertedElement,
+    LineFibre,
+    LineMuscles,
     LogarithmicBulk,
     Material,
+    Mesh,
     MooneyRivlin,
     Muscles,
     NodalVolume,
@@ -26,13 +34,19 @@ from sim import (
     RestRayleigh,
     Scene,
     Solid,
+    Stiffening,
+    initial_stretch,
     mesh_from_arrays,
 )
+from sim.laws import BulkLaw
 from sim.scene import Term
 from sim.terms import Gravity
 
 GRAVITY = (0.0, 0.0, -9.8)
 """Acceleration [m/s^2] (Eskes et al. 2017)."""
+
+EMBEDDING_TOLERANCE = 0.02
+"""How far outside an element a fibre point may lie, as a negative shape function [1]."""
 
 DAMPING = {"current": Rayleigh, "passive": PassiveRayleigh, "rest": RestRayleigh}
 """Damping law by the stiffness it takes."""
@@ -87,32 +101,25 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
     -------
     Scene
     """
-    connectivity = face["connectivity"].values
-    wedge = connectivity[:, -1] < 0
-    blocks = {"hex8": connectivity[~wedge], "wedge6": connectivity[wedge, :6]}
-    mesh = mesh_from_arrays(
-        face["position"].values, **{kind: nodes for kind, nodes in blocks.items() if len(nodes)}
-    )
     p = parameters
-    if p.fibre_law == "blemker":
-        law = Blemker(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
-    else:
-        law = Generic(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
-    pointwise = p.kappa if p.incompressibility == "pointwise" else 0.0
-    logarithmic = p.bulk_potential == "logarithmic"
-    bulk = LogarithmicBulk(pointwise) if logarithmic else QuadraticBulk(pointwise)
     order = element_order(face)
-    muscles = Muscles(
-        names=tuple(map(str, face["muscle"].values)),
-        element=order.scene_index[face["bundle_index"].values],
-        muscle=face["bundle_muscle"].values.astype(np.int64),
-        direction=face["bundle_direction"].values,
-        law=law,
-        weight=face["bundle_weight"].values if "bundle_weight" in face else None,
+    materials, region = _tissue(face, order, p)
+    muscles = _element_muscles(face, order, p)
+    solid = Solid(
+        materials=materials,
+        region=region,
+        muscles=muscles if p.muscle_form == "elements" else None,
+        prestretch=_prestretch(face, order, p, materials[-1]),
     )
-    tissue = Material(MooneyRivlin(p.C10, p.C20), bulk, density=p.density)
-    solid = Solid(materials=(tissue,), muscles=muscles)
     terms: list[Term] = [solid]
+    if p.muscle_form == "lines":
+        terms.append(_line_muscles(face, p))
+    if p.stiffening > 1.0:
+        pointwise = [replace(m, bulk=_bulk(p, p.kappa)) for m in materials]
+        stiffened = materials if p.incompressibility == "pointwise" else tuple(pointwise)
+        tissue = replace(solid, materials=stiffened, muscles=None)
+        rows = muscles.names, muscles.element, muscles.muscle
+        terms.append(Stiffening(*rows, tissue, p.stiffening, muscles.weight))
     if p.incompressibility == "element":
         terms.append(ElementVolume(p.kappa))
     elif p.incompressibility == "nodal":
@@ -121,7 +128,95 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
         terms.append(Gravity(GRAVITY))
     damping = DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None
     fixed = np.flatnonzero(face["fixed"].values)
-    return Scene(mesh=mesh, terms=tuple(terms), reductions=(Fixed(fixed),), damping=damping)
+    return Scene(
+        mesh=_mesh(face, p), terms=tuple(terms), reductions=(Fixed(fixed),), damping=damping
+    )
+
+
+def displacement_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
+    """Scene of the first step of a prestress by displaced nodes: the whole inner sheet is held."""
+    scene = compose_scene(face, parameters)
+    inner = Fixed(sheet_nodes(face, INNER))
+    return replace(scene, reductions=(*scene.reductions, inner))
+
+
+def _mesh(face: xr.Dataset, p: SimulationParameters) -> Mesh:
+    """Mesh at rest; for a prestress by displaced nodes the inner sheet is shrunk in it."""
+    connectivity = face["connectivity"].values
+    wedge = connectivity[:, -1] < 0
+    blocks = {"hex8": connectivity[~wedge], "wedge6": connectivity[wedge, :6]}
+    position = face["position"].values.copy()
+    if p.prestress.method == "displaced":
+        inner = sheet_nodes(face, INNER)
+        middle = 0.5 * (position.min(axis=0) + position.max(axis=0))
+        middle[1] = position[:, 1].min()  # of the head, not of its front
+        position[inner] = middle + p.prestress.scale * (position[inner] - middle)
+    return mesh_from_arrays(
+        position, **{kind: nodes for kind, nodes in blocks.items() if len(nodes)}
+    )
+
+
+def _bulk(p: SimulationParameters, kappa: float) -> BulkLaw:
+    return LogarithmicBulk(kappa) if p.bulk_potential == "logarithmic" else QuadraticBulk(kappa)
+
+
+def _tissue(
+    face: xr.Dataset, order: ElementOrder, p: SimulationParameters
+) -> tuple[tuple[Material, ...], NDArray[np.int64] | None]:
+    """Materials and the one of each element; where the skin differs, it is the last."""
+    pointwise = p.incompressibility == "pointwise"
+    tissue = Material(
+        MooneyRivlin(p.C10, p.C20), _bulk(p, p.kappa if pointwise else 0.0), density=p.density
+    )
+    skin = Material(
+        MooneyRivlin(p.skin.stiffness * p.C10, p.skin.stiffness * p.C20),
+        tissue.bulk if p.skin.kappa is None else _bulk(p, p.skin.kappa),
+        density=p.density,
+    )
+    if skin == tissue:
+        return (tissue,), None
+    outer = face["layer"].values[order.face_index] == OUTER
+    return (tissue, skin), outer.astype(np.int64)
+
+
+def _element_muscles(face: xr.Dataset, order: ElementOrder, p: SimulationParameters) -> Muscles:
+    """Return muscles as active stress in elements."""
+    if p.fibre_law == "blemker":
+        law = Blemker(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
+    else:
+        law = Generic(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
+    return Muscles(
+        names=tuple(map(str, face["muscle"].values)),
+        element=order.scene_index[face["bundle_index"].values],
+        muscle=face["bundle_muscle"].values.astype(np.int64),
+        direction=face["bundle_direction"].values,
+        law=law,
+        weight=face["bundle_weight"].values if "bundle_weight" in face else None,
+    )
+
+
+def _line_muscles(face: xr.Dataset, p: SimulationParameters) -> LineMuscles:
+    """Return muscles as tension along their fibre lines, embedded in the elements."""
+    owner = face["fibre_of_point"].values
+    points, _ = project_into_mesh(
+        face["fibre_position"].values, face["position"].values, face["connectivity"].values
+    )
+    fibres = [
+        LineFibre(int(muscle), points[owner == k])
+        for k, muscle in enumerate(face["fibre_muscle"].values)
+    ]
+    names = tuple(map(str, face["muscle"].values))
+    return LineMuscles(names, fibres, ConstantForce(p.line_force), tolerance=EMBEDDING_TOLERANCE)
+
+
+def _prestretch(
+    face: xr.Dataset, order: ElementOrder, p: SimulationParameters, skin: Material
+) -> NDArray[np.float64] | None:
+    """Initial stretch of every element in the order of the scene."""
+    if p.prestress.method != "stretch":
+        return None
+    stretches = initial_stretch(skin, (p.prestress.along, p.prestress.across, 0.0))
+    return skin_prestretch(face, stretches)[order.face_index]
 
 
 @contextmanager

@@ -34,6 +34,60 @@ class SigmaMaxPolicy(Parameters):
     )
 
 
+class SkinParameters(Parameters):
+    """The outer layer of elements, epidermis and dermis, where it differs from the rest."""
+
+    stiffness: float = parameter(
+        1.0,
+        "Factor on C10 and C20 of the outer layer.",
+        unit="1",
+        source=OWN,
+        note=f"the published skin is three to seven times as stiff as the tissue beneath ({STAVNESS})",
+        gt=0,
+    )
+    kappa: float | None = parameter(
+        None,
+        "Bulk modulus of the outer layer; absent: that of the rest.",
+        unit="Pa",
+        source=OWN,
+        note="250 kPa in the model of anisotropic skin; needs incompressibility = 'pointwise'",
+        gt=0,
+    )
+
+
+class Prestress(Parameters):
+    """Tension of the skin at rest, by one of two methods."""
+
+    method: Literal["none", "stretch", "displaced"] = parameter(
+        "none",
+        "'stretch' prescribes the stress of the skin along its tension lines in the given geometry; "
+        "'displaced' shrinks the inner sheet of nodes and moves it back in a first step.",
+        unit="-",
+        source=f"{STAVNESS}, In-vivo measurements (stretch), Facial expressions (displaced)",
+        note="either way the face then settles into an equilibrium near the given geometry",
+    )
+    along: float = parameter(
+        15.9e3,
+        "Stress of the skin along the tension lines before the face settles.",
+        unit="Pa",
+        source=f"{STAVNESS}: 15.9 to 89.4 kPa in vivo",
+        note="a bulk modulus of 25 kPa bears little of it: raise skin.kappa",
+        ge=0,
+    )
+    across: float = parameter(
+        0.0, "The same across the tension lines, in the skin.", unit="Pa", source=OWN, ge=0
+    )
+    scale: float = parameter(
+        0.97,
+        "Factor on the distance of the inner sheet from the middle of the face, before it is moved "
+        "back.",
+        unit="1",
+        source=OWN,
+        gt=0.5,
+        le=1,
+    )
+
+
 class SimulationParameters(Parameters):
     """Tissue, muscles, loads and solver of the face."""
 
@@ -75,6 +129,30 @@ class SimulationParameters(Parameters):
         source=f"{ESKES} (Blemker); the published model's source (generic)",
         note="'generic' has no dependence of the active stress on length",
     )
+    muscle_form: Literal["elements", "lines"] = parameter(
+        "elements",
+        "Whether the muscles are stresses in elements or tensions along their fibre lines.",
+        unit="-",
+        source=f"{ESKES} (elements); {STAVNESS}, reference face (cables)",
+        note="lines pull with line_force and know no sigma_max",
+    )
+    line_force: float = parameter(
+        1.0,
+        "Tension of every fibre line at full activation.",
+        unit="N",
+        source="the published model's source",
+        gt=0,
+    )
+    stiffening: float = parameter(
+        1.0,
+        "Factor on the passive moduli of a muscle's elements at full activation; 1 is off.",
+        unit="1",
+        source=f"{STAVNESS}, Lip stiffness enables protrusion and rounding",
+        note="10 in the tongue model of the same collection",
+        ge=1,
+    )
+    skin: SkinParameters = Field(default=SkinParameters(), description="The outer layer.")
+    prestress: Prestress = Field(default=Prestress(), description="Tension of the skin at rest.")
     incompressibility: Literal["pointwise", "element", "nodal"] = parameter(
         "pointwise",
         "Volume that a pressure belongs to: a Gauss point, an element, or the region of a node.",
@@ -144,6 +222,16 @@ class SimulationParameters(Parameters):
                 f"incompressibility = '{self.incompressibility}' has the quadratic potential "
                 "only: set bulk_potential = 'quadratic'"
             )
+        if self.incompressibility != "pointwise":
+            for name, used in (
+                ("skin.kappa", self.skin.kappa is not None),
+                ("prestress.method = 'stretch'", self.prestress.method == "stretch"),
+            ):
+                if used:
+                    raise ValueError(
+                        f"{name} needs a bulk law at the points of the skin: set "
+                        "incompressibility = 'pointwise'"
+                    )
         if self.sigma_max < self.sigma_max_policy.minimum:
             raise ValueError(
                 f"sigma_max = {self.sigma_max:g} Pa is below sigma_max_policy.minimum = "

@@ -155,3 +155,51 @@ def test_a_face_that_cannot_settle_is_said(slab) -> None:
     soft = PARAMETERS.model_copy(update={"C10": 1e-3, "C20": 0.0, "kappa": 1e-3, "P1": 0.0})
     with pytest.raises((NotConverged, InvertedElement)):
         settle_face(slab, soft)
+
+
+def test_muscles_as_lines_stiffening_and_skin_are_parts_of_the_scene(slab) -> None:
+    p = PARAMETERS.model_copy(update={"gravity": False})
+
+    def terms(**changes) -> list[str]:
+        scene = compose_scene(slab, SimulationParameters(**p.model_dump() | changes))
+        return [type(term).__name__ for term in scene.terms]
+
+    assert terms() == ["Solid"]
+    assert terms(stiffening=10.0) == ["Solid", "Stiffening"]
+    assert terms(muscle_form="lines") == ["Solid", "LineMuscles"]
+    lines = SimulationParameters(**p.model_dump() | {"muscle_form": "lines"})
+    system = compile_scene(compose_scene(slab, lines))
+    assert system.muscles == MUSCLES
+    X = slab["position"].values
+    level = np.zeros(len(MUSCLES))
+    level[MUSCLES.index("ZYG_L")] = 0.5
+    f = system.force(X, system.control(level)).f
+    assert np.abs(f).max() > 0.01 and np.abs(f.sum(axis=0)).max() < 1e-15
+    stiff = compose_scene(slab, SimulationParameters(**p.model_dump() | {"skin": {"stiffness": 4}}))
+    tissue, skin = stiff.terms[0].materials
+    assert skin.isochoric.C10 == 4 * tissue.isochoric.C10 and skin.bulk == tissue.bulk
+    outer = stiff.terms[0].region == 1
+    np.testing.assert_array_equal(outer, slab["layer"].values[element_order(slab).face_index] == 2)
+
+
+def test_a_face_with_tense_skin_settles_in_tension(slab) -> None:
+    """Held only at its inner rim, a slab drawn together by its skin bends; 'displaced' stretches it."""
+    for method, more in (
+        ("stretch", {"skin": {"stiffness": 4.0, "kappa": 250e3}}),
+        ("displaced", {}),
+    ):
+        changes = {"gravity": False, "prestress": {"method": method}, **more}
+        p = SimulationParameters(**PARAMETERS.model_dump() | changes)
+        settled = settle_face(slab, p)
+        moved = settled["node_position"].values - slab["position"].values
+        np.testing.assert_array_equal(moved[slab["fixed"].values > 0], 0.0)
+        assert 1e-4 < np.abs(moved).max() < 0.02
+        assert settled.attrs["largest_speed"] < 1e-5
+
+
+def test_what_prestress_needs_is_said() -> None:
+    nodal = {"incompressibility": "nodal", "bulk_potential": "quadratic"}
+    with pytest.raises(ValueError, match=r"skin.kappa needs a bulk law at the points"):
+        SimulationParameters(**nodal, skin={"kappa": 1e5})
+    with pytest.raises(ValueError, match=r"'stretch' needs a bulk law at the points"):
+        SimulationParameters(**nodal, prestress={"method": "stretch"})

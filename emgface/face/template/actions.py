@@ -120,6 +120,7 @@ def steady_positions(
     duration: float = 0.8,
     step: float = 0.05,
     integrator: ConvergedEuler | None = None,
+    settled: xr.Dataset | None = None,
 ) -> tuple[Floats, Floats]:
     """Move a face from rest by steady activations, one after the other, each from rest.
 
@@ -135,6 +136,9 @@ def steady_positions(
         Time over which the activation rises, end of the run and time step [s].
     integrator : ConvergedEuler, optional
         With other tolerances, for instance.
+    settled : xarray.Dataset, optional
+        Result of `emgface.face.motion.settle_face`, where each run starts; by default the geometry as
+        it is.
 
     Returns
     -------
@@ -162,6 +166,9 @@ def steady_positions(
     system = compile_scene(replace(scene, damping=damping))
     names = list(system.muscles)
     work = Workspace(system)
+    start = system.rest_state()
+    if settled is not None:
+        start = replace(start, q=np.ascontiguousarray(settled["node_position"].values))
     positions, smallest = [], []
     for run in activations:
         unknown = [name for name in run if name not in names]
@@ -178,6 +185,7 @@ def steady_positions(
             integrator=integrator or ConvergedEuler(),
             steps=HalvingStep(step),
             probes=(SmallestJ(),),
+            initial=start,
             work=work,
         )
         positions.append(state.q)
