@@ -19,8 +19,8 @@ WINDOW = 0.1
 BLOCK = 0.5
 """Length of the means whose spread is the drift [s]."""
 COLUMNS = (
-    "hum", "hum_frequency", "hum_rms", "artefact", "drift", "stuck", "saturated", "baseline", "snr",
-    "median_frequency",
+    "hum", "hum_frequency", "hum_rms", "hum_chance", "artefact", "drift", "stuck", "saturated",
+    "baseline", "snr", "median_frequency",
 )  # fmt: skip
 
 
@@ -36,13 +36,14 @@ def emg_quality(emg: xr.DataArray) -> pd.DataFrame:
     -------
     DataFrame
         One row per channel, its name as index. Columns ``hum`` (share of the power from 10 to
-        500 Hz in the lines of the mains), ``hum_frequency`` [Hz], ``hum_rms`` [V]; ``artefact``
-        (share of the power above 2 Hz that lies below 15 Hz); ``drift`` [V] (spread of the means
-        of half seconds); ``stuck`` [s] (longest run of one value); ``saturated`` (share of samples
-        in runs of three or more at the least or greatest value); ``baseline`` [V] and ``snr`` [dB]
-        (10th percentile of the root mean square in 100 ms from 15 to 500 Hz, and the 95th over
-        it); ``median_frequency`` [Hz] of that band. NaN where a channel is constant, has gaps or
-        is shorter than a second.
+        500 Hz in the lines of the mains), ``hum_frequency`` [Hz], ``hum_rms`` [V],
+        ``hum_chance`` (probability of such lines without hum); ``artefact`` (share of the power
+        above 2 Hz that lies below 15 Hz); ``drift`` [V] (spread of the means of half seconds);
+        ``stuck`` [s] (longest run of one value); ``saturated`` (share of samples in runs of
+        three or more at the least or greatest value); ``baseline`` [V] and ``snr`` [dB] (10th
+        percentile of the root mean square in 100 ms from 15 to 500 Hz, and the 95th over it);
+        ``median_frequency`` [Hz] of that band. NaN where a channel is constant, has gaps or is
+        shorter than a second.
 
     Raises
     ------
@@ -75,6 +76,7 @@ def _measures(values: np.ndarray, rate: float) -> dict[str, float]:
         "hum": hum.share,
         "hum_frequency": hum.frequency,
         "hum_rms": hum.rms,
+        "hum_chance": hum.chance,
         "artefact": float(slow / above),
         "drift": float(np.ptp(means)),
         "stuck": longest_run(values) / rate,

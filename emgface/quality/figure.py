@@ -19,6 +19,8 @@ COLOURS = {"ok": "0.25", "warning": "#b26b00", "error": "#b00020"}
 _MOST_ROWS = 24
 _POINTS = 2000
 _MOST_FINDINGS = 14
+_WEAKEST, _STRONGEST = 0.25, 1.25
+"""Rows of a strength between these, in that of the usual row, share its scale."""
 
 
 def overview_figure(recording: xr.Dataset, table: pd.DataFrame | None = None) -> Figure:
@@ -94,6 +96,29 @@ def _envelope(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.repeat(time[: cut.size : size], 2), both
 
 
+def scale_factor(strength: float, unit: float) -> float:
+    """Return the factor by which a row is drawn, so that rows of any strength can be seen.
+
+    Parameters
+    ----------
+    strength : float [V]
+        Of the row; 0 or NaN for one that never moves.
+    unit : float [V]
+        Of the usual row.
+
+    Returns
+    -------
+    float
+        1 for a row of about the usual strength, else 1, 2 or 5 times a power of ten.
+    """
+    if not strength > 0.0 or _WEAKEST <= strength / unit <= _STRONGEST:
+        return 1.0
+    wanted = unit / strength
+    power = 10.0 ** np.floor(np.log10(wanted))
+    step = max(s for s in (1.0, 2.0, 5.0) if s * power <= wanted * (1.0 + 1e-9))
+    return float(f"{step * power:.6g}")
+
+
 def _traces(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
     verdicts, time = _verdicts(table, "channel"), emg["time_emg"].values
     names = [str(c) for c in emg["channel"].values][:_MOST_ROWS]
@@ -102,14 +127,21 @@ def _traces(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
     strong = np.nanpercentile(np.abs(centred), 99.5, axis=1)
     unit = float(np.nanmedian(strong[strong > 0])) if (strong > 0).any() else 1.0
     for row, (name, values) in enumerate(zip(names, centred, strict=True)):
-        # Half a row for the usual strength; stronger channels are cut, as the label says.
-        t, drawn = _envelope(np.clip(0.45 * values / unit, -0.6, 0.6), time)
+        # Half a row for the usual strength; what is far from it has a scale of its own, as it says.
+        factor = scale_factor(float(strong[row]), unit)
+        t, drawn = _envelope(np.clip(0.45 * factor * values / unit, -0.6, 0.6), time)
         axes.plot(t, drawn - row, lw=0.4, color=COLOURS[verdicts.get(name, "ok")])
+        if factor != 1.0:
+            told = f"\u00d7 {factor:g}" if factor > 1.0 else f"\u00f7 {1.0 / factor:g}"
+            axes.text(
+                1.0, -row, told, transform=axes.get_yaxis_transform(), ha="right",
+                va="center", fontsize=6.5, bbox={"fc": "white", "ec": "none", "pad": 0.8},
+            )  # fmt: skip
     _rows(axes, names, verdicts, emg.sizes["channel"])
     axes.set_xlabel("time [s]", fontsize=8)
     high = 2.0 * unit / 0.9
     told = f"{high * 1e6:.3g} \u00b5V" if high < 1e-3 else f"{high * 1e3:.3g} mV"
-    axes.set_title(f"EMG, one row is {told} high", fontsize=9)
+    axes.set_title(f"EMG, one row is {told} high, or drawn \u00d7 or \u00f7 as it says", fontsize=9)
 
 
 def _spectra(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
@@ -132,7 +164,7 @@ def _spectra(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
     for edge in MUSCLE:
         axes.axvline(edge, lw=0.5, ls=":", color="0.6")
     axes.set_xlabel("frequency [Hz]", fontsize=8)
-    axes.set_title("spectrum, one row is 67 dB high", fontsize=9)
+    axes.set_title("spectrum, rows of 67 dB", fontsize=9)
 
 
 def _markers(axes: Axes, position: xr.DataArray, table: pd.DataFrame) -> None:

@@ -16,6 +16,8 @@ MUCH_HUM = 0.1
 """Share of power in the lines of the mains."""
 LOUD_HUM = 5e-6
 """Root mean square [V] of hum below which it disturbs no surface EMG, however silent the muscle."""
+UNLIKELY = 1e-4
+"""Probability of a line by chance below which it is taken for hum."""
 MUCH_ARTEFACT = 0.5
 """Share of power below the band of muscles."""
 MUCH_DRIFT = 1e-3
@@ -98,7 +100,8 @@ def _rows(table: pd.DataFrame) -> list[tuple[str, dict[str, float]]]:
 def _channel(row: Mapping[str, float]) -> list[str]:
     """Clauses on one channel; a comparison with NaN is false."""
     found: list[str] = []
-    if row["hum"] > MUCH_HUM and row["hum_rms"] > LOUD_HUM:
+    sure = row["hum_chance"] < UNLIKELY
+    if row["hum"] > MUCH_HUM and row["hum_rms"] > LOUD_HUM and sure:
         found.append(
             f"{row['hum']:.0%} of its power is mains hum of {row['hum_frequency']:g} Hz, "
             f"{row['hum_rms'] * 1e6:.3g} uV: see ground and leads, or use a notch"

@@ -13,6 +13,11 @@ MAINS = (50.0, 60.0)
 """Frequencies of power grids [Hz]."""
 BAND = (10.0, 500.0)
 """Band over which hum is compared with the signal [Hz]."""
+WANDER = 0.2
+"""Deviation of the mains from their frequency [Hz]."""
+ENOUGH = 20.0
+"""Duration [s] from which the averaged spectrum is sure by itself."""
+_FINER = 8
 LEAST_DURATION = 1.0
 """Shortest signal [s] whose spectrum is judged."""
 
@@ -28,11 +33,14 @@ class Hum(NamedTuple):
         Part of the power from 10 to 500 Hz that lies in its lines.
     rms : float [V]
         Root mean square of these lines.
+    chance : float [1]
+        Probability of a line so strong by chance, in a signal without hum.
     """
 
     frequency: float
     share: float
     rms: float
+    chance: float
 
 
 def power_density(values: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -80,13 +88,14 @@ def mains_hum(values: np.ndarray, rate: float) -> Hum:
     Notes
     -----
     Two lines either side of the harmonic count for it (the width of the window), the median of the
-    lines 3 to 10 Hz away stands for the signal below it.
+    lines 3 to 10 Hz away stands for the signal below it. In a trial of a second or two the spectrum
+    of any muscle has high and low lines; ``chance`` tells whether hum is needed to explain one.
     """
     frequency, density = power_density(values, rate)
     step = float(frequency[1])
     top = min(BAND[1], 0.49 * rate)
     total = float(density[(frequency >= BAND[0]) & (frequency <= top)].sum())
-    best = Hum(MAINS[0], 0.0, 0.0)
+    best = Hum(MAINS[0], 0.0, 0.0, 1.0)
     for mains in MAINS:
         power = 0.0
         for line in np.arange(mains, top, mains):
@@ -98,8 +107,36 @@ def mains_hum(values: np.ndarray, rate: float) -> Hum:
         power = max(power, 0.0)
         share = power / total if total > 0 else 0.0
         if share > best.share:
-            best = Hum(mains, share, float(np.sqrt(power * step)))
-    return best
+            best = Hum(mains, share, float(np.sqrt(power * step)), 1.0)
+    return best._replace(
+        chance=_chance(values, rate, np.arange(best.frequency, top, best.frequency))
+    )
+
+
+def _chance(values: np.ndarray, rate: float, lines: np.ndarray) -> float:
+    """Probability that the strongest of some lines is so strong by chance.
+
+    Over the mean of m lines of the same spectrum beside it, the power of a line of noise follows the
+    F distribution of 2 and 2 m degrees of freedom: ``P(F > x) = (1 + x/m)^-m``; times the number of
+    lines that were tried (Bonferroni).
+    """
+    duration = values.size / rate
+    if duration > ENOUGH or not lines.size:
+        return 0.0 if lines.size else 1.0
+    window = scipy.signal.windows.hann(values.size, sym=False)
+    size = _FINER * values.size
+    power = np.abs(np.fft.rfft(_detrended(values) * window, size)) ** 2
+    frequency = np.fft.rfftfreq(size, 1.0 / rate)
+    best = 1.0
+    for line in lines:
+        away = np.abs(frequency - line)
+        beside = power[(away >= 3.0) & (away <= 10.0) & (frequency > 2.0)][:: 2 * _FINER]
+        m, level = beside.size, float(beside.mean())
+        if level > 0.0:
+            ratio = float(power[away <= WANDER].max()) / level
+            best = min(best, float((1.0 + ratio / m) ** -m))
+    # The mains wander, and each place that is a line apart is another try.
+    return min(1.0, best * lines.size * max(1.0, 2.0 * WANDER * duration))
 
 
 def remove_hum(

@@ -15,6 +15,10 @@ PULLING = ("ZYG", "RIS", "LLSAN", "DAO")
 CORNERS = ("corner_left", "corner_right")
 DECISIVE = 0.5
 """Correlation beyond which the sign is believed."""
+LEAST_APART = 1e-3
+"""Difference between the ways of the corners [m] from which a movement is to one side."""
+SHARE_APART = 0.3
+"""The same as a part of the way."""
 SMOOTHING = 0.2
 """Window of the envelope and of the motion [s]."""
 
@@ -89,4 +93,6 @@ def _ways(position: xr.DataArray) -> np.ndarray | None:
     size = max(1, round(SMOOTHING * sampling_rate(position["time_marker"])))
     way = np.linalg.norm(corners - np.median(corners, axis=2, keepdims=True), axis=1)
     smooth = uniform_filter1d(way, size, axis=1)
-    return smooth if np.ptp(smooth[0] - smooth[1]) > 1e-4 else None
+    # What the sides of a face differ by when both do the same tells nothing of their electrodes.
+    apart = float(np.ptp(smooth[0] - smooth[1]))
+    return smooth if apart > max(LEAST_APART, SHARE_APART * float(np.max(smooth))) else None

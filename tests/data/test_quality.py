@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
@@ -18,6 +19,8 @@ from emgface.quality import (
     swapped_markers,
     swapped_sides,
 )
+from emgface.quality.figure import scale_factor
+from emgface.quality.findings import UNLIKELY
 from emgface.quality.markers import LAYOUT
 from emgface.volunteers.emg import band_limited_noise
 
@@ -281,3 +284,32 @@ def test_the_markers_of_a_generated_face_are_not_suspected() -> None:
     named = positions(np.repeat(places[:, :, None], 5, axis=2))
     assert [*model["face_marker"].values, *model["marker"].values] == list(named["marker"].values)
     assert swapped_markers(named).empty
+
+
+def test_lines_of_a_short_burst_are_no_hum() -> None:
+    """A trial of 1.8 s: bursts have strong lines by chance, hum is told from them."""
+    time = np.arange(round(1.8 * RATE)) / RATE
+    burst = np.exp(-(((time - 0.9) / 0.3) ** 2))
+    rng = np.random.default_rng(11)
+    sos = scipy.signal.butter(2, (20.0, 200.0), "bandpass", fs=RATE, output="sos")
+    chances, shares = [], []
+    for _ in range(200):
+        muscle = 100e-6 * burst * scipy.signal.sosfilt(sos, rng.standard_normal(time.size))
+        found = mains_hum(muscle, RATE)
+        chances.append(found.chance)
+        shares.append(found.share)
+        assert found.chance > UNLIKELY
+    # by share alone some would be taken for hum; by chance, about as many as it says
+    assert max(shares) > 0.1
+    assert np.mean(np.array(chances) < 0.05) < 0.1
+    hum = 30e-6 * np.sin(2 * np.pi * 50.04 * time + 1.0)
+    assert mains_hum(muscle + hum, RATE).chance < 1e-6
+
+
+def test_rows_far_from_the_usual_strength_have_a_scale_of_their_own() -> None:
+    assert scale_factor(1.0, 1.0) == scale_factor(0.3, 1.0) == scale_factor(0.0, 1.0) == 1.0
+    assert scale_factor(float("nan"), 1.0) == 1.0
+    for strength in np.logspace(-9, 9, 400):
+        factor = scale_factor(strength, 1.0)
+        assert 0.25 <= factor * strength <= 1.25
+        assert f"{factor:e}"[0] in "125"

@@ -6,6 +6,7 @@ import pytest
 
 from emgface.dataset import read_recording
 from emgface.errors import DataError
+from emgface.inventory import inventory_table
 
 BIDS = "bids-emg-examples"
 READ = {
@@ -52,6 +53,28 @@ def test_no_file_gives_anything_but_a_recording_or_a_sentence(shared: Path) -> N
             text = REFUSED.get(name, "does not say what it holds, its rate and its units")
             assert text in told, told
     assert seen >= 12
+
+
+def test_one_command_lists_every_file(shared: Path, root: Path) -> None:
+    """With the sidecars of the tables and arrays, 8 of 15 are read; each has a row."""
+    table = inventory_table(folder(shared), sidecars=root / "docs" / "recordings").set_index("file")
+    refused = set(table.index[table["refusal"].notna()])
+    no_positions = "face-landmarks/subject1_smile_1"
+    assert refused == set(REFUSED) | {
+        f"{no_positions}_landmarks.csv", f"{no_positions}_mouth_vertical_distance.csv",
+    }  # fmt: skip
+    assert len(table) == 15 and table.loc[list(refused), "findings"].isna().all()
+    facts = {
+        "pyomeca/markers_analogs.c3d": (38, 2000.0, 51, 100.0, 5.8),
+        "biosignalsnotebooks/emg_bursts.h5": (1, 1000.0, None, None, 28.519),
+        "subvocal-facial-emg/P001_A_Nao.csv.gz": (8, 250.0, None, None, 100.268),
+        "oxazepam-facial-emg/24_FMOV_preprocessed.txt": (2, 100.0, None, None, 389.8),
+    }
+    for name, expected in facts.items():
+        row = table.loc[name, ["channels", "emg_rate", "markers", "marker_rate", "duration"]]
+        assert [None if v != v else pytest.approx(v, rel=1e-6) for v in row] == list(expected)
+    assert "mains hum of 60 Hz" in table.loc["subvocal-facial-emg/P001_A_Nao.csv.gz", "findings"]
+    assert "19 channels" in table.loc["pyomeca/markers_analogs.c3d", "findings"]
 
 
 def test_landmarks_of_one_camera_are_no_positions(shared: Path, tmp_path: Path) -> None:

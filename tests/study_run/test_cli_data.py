@@ -1,14 +1,19 @@
 """The commands that examine recordings: labels are proposed, pages drawn, nothing overwritten."""
 
+import json
+import shutil
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 import xarray as xr
 
+from emgface.bids.rules import bids_problems
 from emgface.cli.data import FORMATS
 from emgface.dataset import read_recording, readers
 from emgface.muscles import CHANNELS
+from emgface.quality import remove_hum
 from tests.study_run.test_cli import one_sentence, run, stored
 
 WORDS = {"ZYG_L": "Left zygomaticus", "RIS_R": "EMG 7", "MEN_L": "Trigger"}
@@ -143,3 +148,70 @@ def test_features_of_no_channel(laboratory: Path) -> None:
     path = next((laboratory / "recordings").glob("*_B_*.nc"))
     result = run("data", "features", path, "--channels", "Biceps")
     one_sentence(result, f"no channel of {path.name} contains 'Biceps'", "OOS_L")
+
+
+# conversion and inventory
+
+
+def test_recordings_are_converted_to_bids_and_back_with_a_notch(
+    laboratory: Path, tmp_path: Path
+) -> None:
+    source, out = laboratory / "recordings", tmp_path / "bids"
+    result = run("data", "convert", source, "--to", "bids", "--out", out, "--notch", 50)
+    assert result.exit_code == 0, result.output
+    assert "2 of 2 recordings were converted" in result.stderr
+    assert bids_problems(out) == []
+    sidecar = json.loads(next(out.rglob("*_emg.json")).read_text())
+    assert "Notch" in next(iter(sidecar["SoftwareFilters"]))
+    back = run("data", "convert", out, "--out", tmp_path / "netcdf")
+    assert back.exit_code == 0, back.output
+    for path in sorted(source.glob("*.nc")):
+        given = read_recording(path)
+        place = [given.attrs[k] for k in ("volunteer", "instruction", "repetition")]
+        found = next(
+            r
+            for r in map(read_recording, (tmp_path / "netcdf").glob("*.nc"))
+            if [r.attrs[k] for k in ("volunteer", "instruction", "repetition")] == place
+        )
+        np.testing.assert_array_equal(found["position"], given["position"])
+        notched = remove_hum(given["emg"], 50.0)
+        largest = float(abs(notched).max())
+        np.testing.assert_allclose(found["emg"], notched, rtol=0, atol=2.4e-7 * largest)
+
+
+def test_a_file_that_cannot_be_converted_does_not_stop_the_others(laboratory, tmp_path) -> None:
+    folder = tmp_path / "in"
+    shutil.copytree(laboratory / "recordings", folder)
+    (folder / "S00_broken.nc").write_bytes(b"nothing")
+    result = run("data", "convert", folder, "--out", tmp_path / "out")
+    assert result.exit_code == 2 and "2 of 3 recordings were converted" in result.stderr
+    assert "S00_broken.nc is no netCDF file" in result.stderr
+    assert len(list((tmp_path / "out").glob("*.nc"))) == 2
+    wrong = run("data", "convert", folder / "S01_B_1.nc", "--out", tmp_path / "o", "--notch", 5000)
+    assert wrong.exit_code == 2 and "SignalError: a notch of 2 Hz at 5000 Hz" in wrong.stderr
+
+
+def test_an_inventory_names_every_file_and_why_it_was_refused(laboratory, tmp_path) -> None:
+    folder = tmp_path / "in"
+    shutil.copytree(laboratory / "recordings", folder)
+    (folder / "README.md").write_text("about it")
+    (folder / "broken.c3d").write_bytes(b"nothing")
+    (folder / "emg.csv").write_text("a,b\n" + "1,2\n2,1\n" * 200)
+    (folder / "other.csv").write_text("x")
+    sidecars = tmp_path / "sidecars"
+    sidecars.mkdir()
+    (sidecars / "emg.toml").write_text(
+        'schema = "recording"\n[emg]\nfile = "emg.csv"\nrate = 1000.0\nunit = "uV"\n'
+    )
+    out = tmp_path / "table.md"
+    result = run("data", "inventory", folder, "--sidecars", sidecars, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert "3 of 5 files were read" in result.stderr
+    lines = {line.split(" | ")[0].removeprefix("| "): line for line in out.read_text().splitlines()}
+    assert {"S01_B_1.nc", "S01_E_1.nc", "broken.c3d", "emg.csv", "other.csv"} < set(lines)
+    assert "README.md" not in lines
+    assert "2 EMG | 1000 | emg uV | 0.4" in lines["emg.csv"]
+    assert "14 EMG, 16 markers | 2048, 100" in lines["S01_B_1.nc"]
+    assert "*refused: broken.c3d" in lines["broken.c3d"]
+    assert "TOML sidecar" in lines["other.csv"] and str(tmp_path) not in out.read_text()
+    one_sentence(run("data", "inventory", tmp_path / "absent"), "DataError", "No folder")
