@@ -346,12 +346,17 @@ def shares_of(ds: xr.Dataset, muscle: str) -> Floats:
     return ds["bundle_weight"].values[mine]
 
 
+def surface_names(ds: xr.Dataset) -> list[str]:
+    """Names of the parts of the boundary that the face names."""
+    return [str(name) for name in ds["surface"].values] if "surface" in ds.coords else []
+
+
 def facets_of(ds: xr.Dataset, surface: str) -> NDArray[np.integer]:
     """Nodes (facets, 4), outward, of one named part of the boundary, such as `upper_lip_inner`.
 
     Raises DataError if the face names no such part.
     """
-    names = [str(name) for name in ds["surface"].values] if "surface" in ds else []
+    names = surface_names(ds)
     if surface not in names:
         raise DataError(
             f"unknown surface {surface!r}: expected one of {', '.join(names) or 'none'}"

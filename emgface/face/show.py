@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
-from emgface.face.model import FREE, MANDIBLE, OUTER, SKULL, fibres_of
+from emgface.face.model import (
+    FREE,
+    MANDIBLE,
+    OUTER,
+    SKULL,
+    arches_of,
+    facets_of,
+    fibres_of,
+    surface_names,
+)
 from emgface.face.surface import boundary_faces
 from emgface.muscles import MODELLED, MUSCLE_NAMES, SIDES
 
@@ -27,8 +36,9 @@ MM: Final = 1e3
 VIEWS: Final = {"front": (0, 90), "left side": (0, 180), "oblique": (20, 130)}
 """Elevation and azimuth in degrees; the camera of the front view looks along -y."""
 
-_SKIN, _EDGE = "#e8c9b5", "#7d6150"
-_MARKER, _FACE_MARKER, _BONE = "#111111", "#1b6ca8", {MANDIBLE: "#c44e00", SKULL: "#4c78a8"}
+SKIN, VERMILION, LINING, TEETH, BACK = "#e8c9b5", "#c98079", "#a8615d", "#f4f0e4", "#b3907d"
+_EDGE = "#7d6150"
+MARKER, FACE_MARKER, BONE = "#111111", "#1b6ca8", {MANDIBLE: "#c44e00", SKULL: "#4c78a8"}
 
 
 def draw_face(ds: xr.Dataset, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
@@ -87,12 +97,12 @@ def face_figure(ds: xr.Dataset) -> Figure:
     FigureCanvasAgg(figure)
     kind = "generated" if ds.attrs["origin"] == "generated" else "imported"
     figure.suptitle(f"{ds.attrs['name']} ({kind}: {ds.attrs['source']}), mm\n")
-    visible, of_skin = skin_faces(ds)
+    _, of_skin = skin_faces(ds)
     position = ds["position"].values * MM
     for column, (title, (elevation, azimuth)) in enumerate(VIEWS.items(), start=1):
         above = view_axes(figure, column, position, elevation, azimuth)
         above.set_title(f"{title}: skin and markers")
-        draw_skin(above, position, visible, alpha=1.0)
+        draw_tissue(above, ds, position, elevation, azimuth)
         _draw_markers(above, ds, position, elevation, azimuth)
         below = view_axes(figure, column + len(VIEWS), position, elevation, azimuth)
         below.set_title(f"{title}: muscle fibres and fixed nodes")
@@ -185,7 +195,8 @@ def view_axes(
     return axes
 
 
-def _toward_camera(elevation: int, azimuth: int) -> Floats:
+def toward_camera(elevation: int, azimuth: int) -> Floats:
+    """Unit vector from the face to the camera."""
     e, a = np.radians([elevation, azimuth])
     return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
@@ -193,6 +204,82 @@ def _toward_camera(elevation: int, azimuth: int) -> Floats:
 def _visible(offset: Floats, camera: Floats) -> NDArray[np.bool_]:
     """Whether points on a convex head face the camera, from their horizontal place round it."""
     return offset[:, :2] @ camera[:2] > -0.15 * np.linalg.norm(offset[:, :2], axis=1)
+
+
+def coloured_parts(ds: xr.Dataset) -> list[tuple[NDArray[np.integer], str]]:
+    """What of the tissue shows, by colour: skin, and of a face that names them lips and lining.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        A face_model.
+
+    Returns
+    -------
+    list
+        Nodes (facets, 4), outward, and colour.
+    """
+    visible, _ = skin_faces(ds)
+    every, _ = boundary_faces(ds["connectivity"].values)
+    lips: dict[str, list[NDArray[np.integer]]] = {VERMILION: [], LINING: []}
+    for name in surface_names(ds):
+        colour = LINING if name.endswith("inner") else VERMILION
+        lips[colour].append(facets_of(ds, name))
+    named = {frozenset(row) for rows in lips.values() for part in rows for row in part.tolist()}
+    plain = np.array([frozenset(row) not in named for row in visible.tolist()], dtype=bool)
+    named |= {frozenset(row) for row in visible.tolist()}
+    behind = np.array([frozenset(row) not in named for row in every.tolist()], dtype=bool)
+    parts = [(visible[plain], SKIN), (every[behind], BACK)]
+    parts += [(np.concatenate(rows), colour) for colour, rows in lips.items() if rows]
+    return parts
+
+
+def draw_tissue(
+    axes: Axes3D,
+    ds: xr.Dataset,
+    position: Floats,
+    elevation: int,
+    azimuth: int,
+    *,
+    teeth: bool = True,
+) -> None:
+    """Draw what shows of a face in colour: skin, red of the lips, lining of the mouth, teeth.
+
+    Parameters
+    ----------
+    axes : mpl_toolkits.mplot3d.axes3d.Axes3D
+    ds : xarray.Dataset
+        A face_model.
+    position : ndarray, shape (nodes, 3)
+        Of the face, at rest or moved [mm].
+    elevation, azimuth : int
+        Of the camera [degrees]; facets that face away are left out.
+    teeth : bool
+        Whether to draw the dental arches.
+    """
+    parts = [(position[nodes], colour) for nodes, colour in coloured_parts(ds)]
+    if teeth:
+        parts += [(arch.points[arch.triangles] * MM, TEETH) for arch in arches_of(ds)]
+    camera = toward_camera(elevation, azimuth)
+    polygons: list[Floats] = []
+    colours: list[Floats] = []
+    edges: list[Floats] = []
+    for corners, colour in parts:
+        normal = _normals(corners)
+        towards = normal @ camera > 0.0
+        shaded = _shade(normal[towards])[:, None] * to_rgb(colour)
+        polygons += list(corners[towards])
+        colours.append(shaded)
+        edges.append(0.82 * shaded)
+    axes.add_collection3d(
+        Poly3DCollection(
+            polygons,
+            facecolors=np.concatenate(colours),
+            edgecolors=np.concatenate(edges),
+            linewidths=0.25,
+            zorder=1,
+        )
+    )
 
 
 def draw_skin(
@@ -210,15 +297,8 @@ def draw_skin(
         Opacity [1].
     """
     corners = position[faces]
-    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = normal / np.where(length > 0, length, 1.0)
-    # Light from the upper front and some from the subject's left, so that shape shows.
-    lights = np.array([[0.0, 0.75, 0.65], [-0.9, 0.2, 0.4]])
-    lights /= np.linalg.norm(lights, axis=1, keepdims=True)
-    shade = 0.55 + np.clip(normal @ lights.T, 0.0, 1.0) @ [0.35, 0.15]
-    shade = np.clip(shade, 0.0, 1.0)
-    colours = np.column_stack([shade[:, None] * to_rgb(_SKIN), np.full(len(shade), alpha)])
+    shade = _shade(_normals(corners))
+    colours = np.column_stack([shade[:, None] * to_rgb(SKIN), np.full(len(shade), alpha)])
     axes.add_collection3d(
         Poly3DCollection(
             list(corners),
@@ -230,17 +310,34 @@ def draw_skin(
     )
 
 
+def _normals(corners: Floats) -> Floats:
+    """Unit normals (n, 3) of triangles or quadrilaterals (n, 3 or 4, 3)."""
+    last = corners.shape[1] - 1
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, last] - corners[:, 1])
+    if last == 2:
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return normal / np.where(length > 0, length, 1.0)
+
+
+def _shade(normal: Floats) -> Floats:
+    """Brightness: light from the upper front and some from the subject's left, so shape shows."""
+    lights = np.array([[0.0, 0.75, 0.65], [-0.9, 0.2, 0.4]])
+    lights /= np.linalg.norm(lights, axis=1, keepdims=True)
+    return np.clip(0.55 + np.clip(normal @ lights.T, 0.0, 1.0) @ [0.35, 0.15], 0.0, 1.0)
+
+
 def _draw_markers(
     axes: Axes3D, ds: xr.Dataset, position: Floats, elevation: int, azimuth: int
 ) -> None:
     # Drawing order is fixed, so points on the far side of the head must be left out by hand.
     middle = position.mean(axis=0)
-    camera = _toward_camera(elevation, azimuth)
+    camera = toward_camera(elevation, azimuth)
     lips = position[ds["marker_node"].values]
     face = ds["face_marker_position"].values * MM
     for points, colour, label in (
-        (lips, _MARKER, "lip markers"),
-        (face, _FACE_MARKER, "face markers"),
+        (lips, MARKER, "lip markers"),
+        (face, FACE_MARKER, "face markers"),
     ):
         points = points[_visible(points - middle, camera)]
         axes.scatter(
@@ -264,7 +361,7 @@ def _draw_fixed(axes: Axes3D, ds: xr.Dataset, position: Floats) -> None:
             points[:, 1],
             zs=points[:, 2],  # pyright: ignore[reportArgumentType]
             s=3,
-            color=_BONE[kind],
+            color=BONE[kind],
             alpha=0.6,
             depthshade=False,
             label=f"{label} ({len(points)} of {int((fixed != FREE).sum())} fixed nodes)",

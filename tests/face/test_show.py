@@ -9,7 +9,17 @@ from matplotlib import image
 
 from emgface.errors import FaceError
 from emgface.face.block import block_face
-from emgface.face.show import VIEWS, draw_face, face_figure
+from emgface.face.show import (
+    LINING,
+    SKIN,
+    VERMILION,
+    VIEWS,
+    coloured_parts,
+    draw_face,
+    face_figure,
+)
+from emgface.face.surface import boundary_faces
+from emgface.face.template import template_face
 from emgface.muscles import MODELLED
 
 
@@ -38,6 +48,18 @@ def test_picture_is_written_in_the_chosen_format(tmp_path: Path) -> None:
     # Skin covers a good part of the page.
     assert np.mean(np.ptp(pixels[..., :3], axis=2) > 0.08) > 0.03
     assert draw_face(face, tmp_path / "face.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_colours_cover_the_boundary_once() -> None:
+    for face, colours in (
+        (template_face(resolution="coarse"), {SKIN, VERMILION, LINING}),
+        (block_face(cells=(10, 8)), {SKIN}),
+    ):
+        parts = coloured_parts(face)
+        drawn = np.sort(np.concatenate([nodes for nodes, _ in parts]), axis=1)
+        every = np.sort(boundary_faces(face["connectivity"].values)[0], axis=1)
+        assert len(np.unique(drawn, axis=0)) == len(drawn) == len(every)
+        assert {colour for nodes, colour in parts if len(nodes)} >= colours
 
 
 def test_unknown_format_and_unwritable_place(tmp_path: Path) -> None:

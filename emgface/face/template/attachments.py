@@ -69,7 +69,9 @@ def lip_surfaces(grid: Grid, position: Floats, corner: float) -> dict[str, Integ
     inner = np.isin(faces, sheet[..., 0]).all(axis=1) & (ring < sum(grid.rings[:3]))
     margin = np.isin(faces, sheet[:, 0]).all(axis=1)
     red = np.isin(faces, sheet[..., -1]).all(axis=1) & (ring < grid.rings[0])
-    red &= np.abs(position[faces, 0]).mean(axis=1) < corner
+    # The red tapers towards the corner, which the rings surround.
+    aside = np.clip(np.abs(position[faces, 0]).mean(axis=1) / corner, 0.0, 1.0)
+    red &= (ring + 0.5) / grid.rings[0] < 5.0 * np.sqrt(1.0 - aside**2)
     parts = {"inner": inner, "margin": margin, "vermilion": red}
     return {
         f"{lip}_lip_{name}": faces[chosen & side]

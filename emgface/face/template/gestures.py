@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from emgface.errors import DataError
-from emgface.face.show import MM, VIEWS, draw_skin, skin_faces, view_axes
+from emgface.face.show import MM, VIEWS, draw_tissue, view_axes
 from emgface.face.template.actions import steady_positions
 
 Floats = NDArray[np.float64]
@@ -90,7 +90,12 @@ def gesture_positions(
 
 
 def draw_gestures(
-    face: xr.Dataset, positions: Mapping[str, Floats], path: Path, *, dpi: int = 100
+    face: xr.Dataset,
+    positions: Mapping[str, Floats],
+    path: Path,
+    *,
+    dpi: int = 100,
+    teeth: bool = True,
 ) -> Path:
     """Draw a face at rest and in every gesture, from the front, the side and obliquely.
 
@@ -104,6 +109,8 @@ def draw_gestures(
         Picture to write.
     dpi : int
         Dots per inch.
+    teeth : bool
+        Whether to draw the dental arches, which the lips pass through without contact.
 
     Returns
     -------
@@ -115,7 +122,6 @@ def draw_gestures(
     figure = Figure(figsize=(3.2 * len(shown), 3.2 * len(VIEWS)))
     FigureCanvasAgg(figure)
     figure.suptitle(f"{face.attrs['name']}: held gestures, simulated without contact")
-    faces, _ = skin_faces(face)
     layout = (len(VIEWS), len(shown))
     for row, (elevation, azimuth) in enumerate(VIEWS.values()):
         for column, (name, position) in enumerate(shown.items()):
@@ -124,7 +130,7 @@ def draw_gestures(
             axes.set_axis_off()
             if row == 0:
                 axes.set_title(name if name == "rest" else f"{name}: {GESTURES[name][0]}")
-            draw_skin(axes, position * MM, faces)
+            draw_tissue(axes, face, position * MM, elevation, azimuth, teeth=teeth)
     figure.subplots_adjust(0, 0, 1, 0.93, 0, 0)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=dpi)
