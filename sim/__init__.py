@@ -55,6 +55,7 @@ from sim.terms import (
     NodeLoad,
     Solid,
     Stiffening,
+    Support,
 )
 
 __all__ = [
@@ -113,6 +114,7 @@ __all__ = [
     "Static",
     "StepReport",
     "Stiffening",
+    "Support",
     "SymplecticEuler",
     "System",
     "Trapezoidal",

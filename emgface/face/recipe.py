@@ -12,6 +12,7 @@ from emgface.face.bundles import project_into_mesh
 from emgface.face.check import sheet_nodes
 from emgface.face.model import INNER, OUTER
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.support import inner_support
 from emgface.face.tension_lines import skin_prestretch
 from sim import (
     Blemker,
@@ -124,6 +125,8 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
         terms.append(ElementVolume(p.kappa))
     elif p.incompressibility == "nodal":
         terms.append(NodalVolume(p.kappa))
+    if p.support > 0.0:
+        terms.append(inner_support(face, p.support))
     if p.gravity:
         terms.append(Gravity(GRAVITY))
     damping = DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None

@@ -151,6 +151,14 @@ class SimulationParameters(Parameters):
         note="10 in the tongue model of the same collection",
         ge=1,
     )
+    support: float = parameter(
+        0.0,
+        "Stiffness of a frictionless wall behind every free node of the inner sheet; 0 is none.",
+        unit="N/m",
+        source=f"{STAVNESS}, Teeth support lip protrusion; the form is of {OWN}",
+        note="stands for teeth and bone that the inner side of the lips rests on",
+        ge=0,
+    )
     skin: SkinParameters = Field(default=SkinParameters(), description="The outer layer.")
     prestress: Prestress = Field(default=Prestress(), description="Tension of the skin at rest.")
     incompressibility: Literal["pointwise", "element", "nodal"] = parameter(

@@ -6,6 +6,7 @@ from sim.terms.line_muscle import LineFibre, LineMuscles
 from sim.terms.load import NodeLoad
 from sim.terms.solid import Material, Muscles, Solid
 from sim.terms.stiffening import Stiffening
+from sim.terms.support import Support
 from sim.terms.volume import ElementVolume, NodalVolume
 
 TERMS: tuple[type[Term], ...] = (
@@ -16,6 +17,7 @@ TERMS: tuple[type[Term], ...] = (
     LineMuscles,
     NodeLoad,
     Stiffening,
+    Support,
 )
 """Every term; the derivative tests walk this tuple."""
 
@@ -31,4 +33,5 @@ __all__ = [
     "NodeLoad",
     "Solid",
     "Stiffening",
+    "Support",
 ]

@@ -44,6 +44,9 @@ EXAMPLES = {
     sim.Stiffening: lambda: sim.Stiffening(
         ("driven", "other"), np.array([2, 1, 2]), np.array([0, 1, 1]), sim.Solid(), 7.0
     ),
+    sim.Support: lambda: sim.Support(
+        np.array([0, 4, 7, 4]), rotation(4)[[0, 1, 2, 0]], stiffness=300.0, gap=2e-4
+    ),
     sim.NodeLoad: lambda: sim.NodeLoad(np.array([1, 4, 1]), np.arange(9.0).reshape(3, 3)),
 }
 """One of each term; a term that is registered without one fails below."""

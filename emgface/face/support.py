@@ -1,0 +1,49 @@
+"""Walls behind the inner sheet of a face, in place of teeth and bone."""
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import FaceError
+from emgface.face.check import sheet_nodes
+from emgface.face.model import FREE, INNER
+from emgface.face.surface import boundary_faces
+from sim import Support
+
+
+def inner_support(face: xr.Dataset, stiffness: float) -> Support:
+    """Put a frictionless wall behind every free node of the inner sheet, where the node rests.
+
+    The normal of a wall is the mean normal of the faces of the inner sheet round the node, into the
+    tissue. The lips may thus be lifted from the teeth and slide on them, but not enter them.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    stiffness : float
+        Of each wall [N/m].
+
+    Returns
+    -------
+    Support
+
+    Raises
+    ------
+    FaceError
+        No node of the inner sheet is free.
+    """
+    position = face["position"].values
+    inner = np.zeros(len(position), dtype=bool)
+    inner[sheet_nodes(face, INNER)] = True
+    faces, _ = boundary_faces(face["connectivity"].values)
+    faces = faces[inner[faces].all(axis=1)]
+    corners = position[faces]
+    area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal = np.zeros_like(position)
+    for corner in range(4):
+        np.add.at(normal, faces[:, corner], -area)  # faces look out of the tissue
+    length = np.linalg.norm(normal, axis=1)
+    nodes = np.flatnonzero((face["fixed"].values == FREE) & inner & (length > 0.0))
+    if not len(nodes):
+        raise FaceError("no node of the inner sheet is free, expected some to support")
+    return Support(nodes, normal[nodes] / length[nodes, None], stiffness)

@@ -1,0 +1,95 @@
+"""One-sided support: a wall behind every node that it may touch and leave but not pass far."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.errors import SceneError
+from sim.mesh import Mesh
+from sim.scene import Contribution, Index, Layout
+from sim.state import Array, Control
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Penalty walls, E = sum_n stiffness/2 min(0, gap + normal_n . (x_n - X_n))^2.
+
+    The wall of node n lies `gap` behind its rest position and is plane, frictionless and at rest; it
+    stands for a bone on which tissue slides.
+
+    Attributes
+    ----------
+    nodes : (k,) node indices.
+    normal : (k, 3) unit vectors away from the wall.
+    stiffness : float
+        Of each wall [N/m].
+    gap : float
+        Free way at rest [m].
+
+    Raises
+    ------
+    SceneError
+        Rows disagree, a normal has no unit length, stiffness or gap is negative, or, on compiling, a
+        node does not exist.
+    """
+
+    nodes: Index
+    normal: Array
+    stiffness: float = 1000.0
+    gap: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check rows and ranges."""
+        if self.normal.shape != (len(self.nodes), 3):
+            raise SceneError(
+                f"support rows disagree: {len(self.nodes)} nodes, normals {self.normal.shape}, expected "
+                f"({len(self.nodes)}, 3)"
+            )
+        if not np.allclose(np.linalg.norm(self.normal, axis=1), 1.0, rtol=0, atol=1e-9):
+            raise SceneError("a normal of a support has no unit length: normalise it")
+        for name, value in (("stiffness", self.stiffness), ("gap", self.gap)):
+            if not 0.0 <= value < np.inf:
+                raise SceneError(f"Support: {name} = {value!r}, expected a number >= 0")
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """None but a node with itself, which every pattern holds."""
+        return np.empty(0, dtype=np.int64)
+
+    def compile(self, layout: Layout) -> "CompiledSupport":
+        """Find the places in the matrix."""
+        return CompiledSupport(self, layout)
+
+
+class CompiledSupport:
+    """Walls laid out for a scene."""
+
+    def __init__(self, term: Support, layout: Layout) -> None:
+        nodes = np.asarray(term.nodes, dtype=np.int64)
+        n = layout.mesh.n_nodes
+        if nodes.size and (nodes.min() < 0 or nodes.max() >= n):
+            raise SceneError(f"a support names node {nodes.max()}, expected 0..{n - 1}")
+        self._nodes, self._normal = nodes, term.normal
+        self._stiffness, self._gap = term.stiffness, term.gap
+        self._X = layout.mesh.X[nodes]
+        self._target = layout.pattern.target[layout.pattern.pair_index(nodes * (n + 1))]
+        self._block = term.stiffness * np.einsum("ni,nj->nij", term.normal, term.normal)
+
+    def _depth(self, q: Array) -> Array:
+        """How far each node is behind its wall, <= 0 [m]."""
+        away = ((q[self._nodes] - self._X) * self._normal).sum(axis=1)
+        return np.minimum(self._gap + away, 0.0)
+
+    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
+        """Push nodes behind their wall back."""
+        depth = self._depth(q)
+        np.add.at(f, self._nodes, -self._stiffness * depth[:, None] * self._normal)
+        return Contribution(0.5 * self._stiffness * float((depth * depth).sum()))
+
+    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
+        """As `add_force`, and the stiffness of the walls that are touched."""
+        found = self.add_force(q, control, f)
+        touched = self._depth(q) < 0.0
+        target = self._target[touched]
+        stored = target >= 0
+        np.add.at(K, target[stored], self._block[touched].reshape(-1, 9)[stored])
+        return found
