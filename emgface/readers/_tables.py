@@ -1,6 +1,7 @@
 """How the tables and arrays that a sidecar names are read."""
 
 import warnings
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
@@ -16,6 +17,8 @@ from emgface.errors import DataError
 from emgface.readers._arrays import SUFFIXES as ARRAYS
 from emgface.readers._arrays import read_array, read_texts
 from emgface.units import to_si
+
+_UNREADABLE = (pd.errors.ParserError, pd.errors.ParserWarning)
 
 
 class Table(Parameters):
@@ -198,7 +201,7 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
             f"{sidecar.name} names {table.file}, which is not beside it; expected a CSV file: "
             "see the entry 'file'."
         ) from error
-    except (OSError, EOFError, ValueError, pd.errors.ParserError, pd.errors.ParserWarning) as error:
+    except (OSError, EOFError, ValueError, zlib.error, *_UNREADABLE) as error:
         raise DataError(
             f"{path.name} is no table ({' '.join(str(error).split())}); expected a row of labels "
             f"and rows of numbers separated by {table.delimiter!r}: see 'delimiter' in "

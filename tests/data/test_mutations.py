@@ -1,5 +1,6 @@
 """Damaged files: a typed error or a valid recording, in bounded time, whatever the damage."""
 
+import gzip
 import random
 import shutil
 import time
@@ -88,6 +89,32 @@ def matlab(folder: Path, version: int) -> tuple[Path, Path]:
     return path, folder / "a.mat"
 
 
+def hdf5(folder: Path) -> tuple[Path, Path]:
+    counts = np.random.default_rng(2).integers(0, 65535, size=(400, 1)).astype(np.uint16)
+    with h5py.File(folder / "a.h5", "w") as opened:
+        opened.create_dataset("00:07/raw/channel_3", data=counts)
+    path = folder / "a.toml"
+    path.write_text(
+        'schema = "recording"\n[emg]\nfile = "a.h5"\nvariable = "00:07/raw/channel_3"\n'
+        'rate = 1000\nunit = "mV"\nstep = 4.6e-5\nzero = 32768\n'
+    )
+    return path, folder / "a.h5"
+
+
+def packed_csv(folder: Path) -> tuple[Path, Path]:
+    path, plain = csv(folder, "csv")
+    (folder / "a.csv.gz").write_bytes(gzip.compress(plain.read_bytes(), mtime=0))
+    path.write_text(path.read_text().replace("a.csv", "a.csv.gz"))
+    return path, folder / "a.csv.gz"
+
+
+def motion_alone(folder: Path) -> tuple[Path, Path]:
+    path, motion = write_bids(recording(), folder)
+    for file in path.parent.glob("*"):
+        file.unlink()
+    return motion, motion.with_name(motion.name.replace("motion.tsv", "channels.tsv"))
+
+
 FORMATS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
     "netcdf": netcdf,
     "c3d": c3d,
@@ -102,6 +129,9 @@ FORMATS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
     "toml": lambda folder: csv(folder, "toml"),
     "mat 5": lambda folder: matlab(folder, 5),
     "mat 7.3": lambda folder: matlab(folder, 7),
+    "hdf5": lambda folder: hdf5(folder),
+    "csv gz": lambda folder: packed_csv(folder),
+    "motion alone": lambda folder: motion_alone(folder),
 }
 
 
@@ -151,8 +181,9 @@ def attempt(path: Path) -> str:
 
 # ezc3d and the HDF5 library are compiled: a crash of theirs would end this process.
 @pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("count", [50, pytest.param(500, marks=pytest.mark.slow)])
-def test_damage_gives_a_typed_error(name: str, count: int, tmp_path: Path) -> None:
+def test_damage_gives_a_typed_error(name: str, tmp_path: Path) -> None:
+    """Forty times here; ``benchmarks/mutations.py`` does it 500 times, with limited memory."""
+    count = 40
     path, target = FORMATS[name](tmp_path)
     assert attempt(path) == "ok"
     whole, rng = target.read_bytes(), random.Random(name)
@@ -167,8 +198,40 @@ def test_damage_gives_a_typed_error(name: str, count: int, tmp_path: Path) -> No
     assert attempt(path) != "ok"
 
 
+@pytest.fixture(scope="module")
+def whole_files(tmp_path_factory) -> Callable[[str], tuple[Path, Path, bytes]]:
+    """Return a sound file of every format: what to open, what to damage, and its content."""
+    found = {}
+    for name, make in FORMATS.items():
+        path, target = make(tmp_path_factory.mktemp("whole"))
+        found[name] = path, target, target.read_bytes()
+    return lambda name: found[name]
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    name=st.sampled_from(sorted(FORMATS)),
+    start=st.floats(0.0, 1.0),
+    removed=st.integers(0, 64),
+    put=st.binary(max_size=64),
+)
+def test_any_change_of_a_file_gives_a_recording_or_a_typed_error(
+    name: str, start: float, removed: int, put: bytes, whole_files
+) -> None:
+    path, target, whole = whole_files(name)
+    at = int(start * len(whole))
+    target.write_bytes(whole[:at] + put + whole[at + removed :])
+    try:
+        attempt(path)
+    finally:
+        target.write_bytes(whole)
+
+
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-@given(data=st.binary(max_size=400), name=st.sampled_from([".edf", ".poly5", ".trc", ".nc"]))
+@given(
+    data=st.binary(max_size=400),
+    name=st.sampled_from([".edf", ".bdf", ".poly5", ".trc", ".nc", ".c3d", ".toml"]),
+)
 def test_any_bytes_give_a_typed_error(data: bytes, name: str, tmp_path_factory) -> None:
     folder = tmp_path_factory.mktemp("bytes")
     (folder / f"a{name}").write_bytes(data)

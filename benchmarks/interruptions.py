@@ -1,0 +1,152 @@
+"""Kill a study at random moments, and compare what is resumed with what was never interrupted.
+
+    python benchmarks/interruptions.py --out FOLDER [--kills 50] [--workers 1] [--seed 0]
+
+A small study of simulated volunteers runs once undisturbed; then again and again in fresh folders,
+each run killed (SIGKILL) at a random moment and started anew until it ends. After every kill each
+stored result is read and held against its index. The cube and all stored results must equal those
+of the undisturbed run bit for bit, measured computing times apart. Exit status 1 if any does not.
+"""
+
+import argparse
+import json
+import random
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import xarray as xr
+
+from emgface.face.block import block_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.files import replace_file
+from emgface.study.digest import dataset_digest, file_digest
+from emgface.volunteers.settings import VolunteerParameters
+from emgface.volunteers.simulate import make_volunteers
+
+STUDY = """name = "interrupted"
+strategies = ["act_rel", "act_all"]
+[recordings]
+folder = "{folder}"
+[signals.normalisation]
+silent = "zero"
+[simulation]
+step = 0.02
+sigma_max = 100e3
+[face.block]
+cells_width = 8
+cells_height = 8
+"""
+MEASURED = ("run_time", "run_time_s", "written", "seconds")
+"""What differs from run to run because it is a time that was measured."""
+
+
+def start(study: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
+    """Start the command line in a process of its own."""
+    code = "from emgface.cli import main; main()"
+    command = [sys.executable, "-c", code, "study", "run", str(study), "--out", str(out),
+               "--workers", str(workers)]  # fmt: skip
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def content(path: Path) -> str:
+    """Digest of a dataset, measured times apart."""
+    dataset = xr.load_dataset(path, decode_times=False)
+    dataset = dataset.drop_vars([name for name in MEASURED if name in dataset])
+    dataset.attrs = {k: v for k, v in dataset.attrs.items() if k not in MEASURED}
+    return dataset_digest(dataset)
+
+
+def results(out: Path) -> dict[str, str]:
+    """Content of the cube and of every stored result, by their names."""
+    files = [
+        *(out / "store").rglob("*.nc"),
+        *([out / "cube.nc"] if (out / "cube.nc").exists() else []),
+    ]
+    return {path.relative_to(out).as_posix(): content(path) for path in files}
+
+
+def damage(out: Path) -> tuple[list[str], int]:
+    """Results that do not agree with their index, and the number of those without one.
+
+    A result is written before its index: one without is recomputed, since nobody can tell what it
+    came from.
+    """
+    wrong: list[str] = []
+    alone = 0
+    for path in (out / "store").rglob("*.nc"):
+        if path.name.startswith("."):
+            continue
+        index = path.with_suffix(".json")
+        if not index.exists():
+            alone += 1
+            content(path)  # whole all the same
+            continue
+        told = json.loads(index.read_text())
+        if told["sha256"] != file_digest(path) or told["bytes"] != path.stat().st_size:
+            wrong.append(path.name)
+    return wrong, alone
+
+
+def main() -> int:
+    """Run it all and print what was found."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    rng = random.Random(given.seed)
+    out: Path = given.out.resolve()
+    shutil.rmtree(out, ignore_errors=True)
+    make_volunteers(
+        block_face(cells=(8, 8)), out / "volunteers", n=1, instructions=("A", "B", "C"), seed=5,
+        parameters=SimulationParameters(step=0.02), settings=VolunteerParameters(emg="noise"),
+    )  # fmt: skip
+    study = out / "study.toml"
+    text = STUDY.format(folder=out / "volunteers" / "recordings")
+    replace_file(study, lambda path: path.write_text(text))
+    start(study, out / "warm", given.workers).wait()  # compiles the kernels if need be
+    began = time.monotonic()
+    start(study, out / "whole", given.workers).wait()
+    lasted = time.monotonic() - began
+    whole = results(out / "whole")
+    print(f"undisturbed: {lasted:.1f} s, {len(whole)} results", flush=True)
+    kills = bad = unindexed = studies = early = 0
+    while kills < given.kills:
+        folder = out / f"killed_{studies:03d}"
+        while True:
+            process = start(study, folder, given.workers)
+            try:
+                code = process.wait(timeout=rng.uniform(0.2, 1.0) * lasted)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                kills += 1
+                early += not (folder / "store").is_dir()
+                wrong, alone = damage(folder)
+                bad, unindexed = bad + len(wrong), unindexed + alone
+                for name in wrong:
+                    print(f"kill {kills}: {name} differs from its index", flush=True)
+                if kills < given.kills:
+                    continue
+                code = start(study, folder, given.workers).wait()
+            break
+        studies += 1
+        found = results(folder)
+        same = found == whole and code == 0
+        bad += not same
+        print(f"study {studies}: {kills} kills so far, exit {code}, "
+              f"{'equal bit for bit' if same else 'DIFFERENT'}", flush=True)  # fmt: skip
+        shutil.rmtree(folder)
+    print(
+        f"{kills} kills ({early} before anything was stored) in {studies} studies: {bad} faults; "
+        f"{unindexed} results were whole without their index and were computed again"
+    )
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
