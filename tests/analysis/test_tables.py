@@ -98,3 +98,33 @@ def test_empty_groups_show_a_dash(by: tuple[str, ...]) -> None:
     text = descriptive_table(data, by=by).text()
     assert "nan" not in text
     assert " - " in text
+
+
+def test_latex_escapes_and_aligns() -> None:
+    table = Table(
+        "rmse_of 50 % & more",
+        (Column("strategy"), Column("change", "m", "mm", 1e3)),
+        (("act_3", -1.5e-3), ("act{rel}", float("nan"))),
+        "simulated",
+    )
+    assert table.latex().splitlines() == [
+        r"\begin{table}",
+        r"  \centering",
+        r"  \caption{rmse\_of 50 \% \& more.}",
+        r"  \begin{tabular}{lr}",
+        r"    \toprule",
+        r"    strategy & change [mm] \\",
+        r"    \midrule",
+        r"    act\_3 & $-$1.50 \\",
+        r"    act\{rel\} & - \\",
+        r"    \bottomrule",
+        r"  \end{tabular}",
+        r"\end{table}",
+    ]
+    assert r"\textbackslash{}" in Table("a\\b", (), (), "simulated").latex()
+
+
+def test_a_cube_with_the_least_it_may_hold_has_a_table_of_trials() -> None:
+    least = cube().drop_vars(["shift", "steps"])
+    names = [column.name for column in trial_table(least).columns]
+    assert "shift" not in names and "status" in names

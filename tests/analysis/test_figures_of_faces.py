@@ -1,0 +1,139 @@
+"""Rendered faces, the price of accuracy and the table of survival, drawn from labelled data."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from analysis.errors import FigureError
+from analysis.figures import error_against_run_time, rendered_faces, stability_table
+from analysis.figures.accuracy import pareto
+
+
+def bowl() -> xr.Dataset:
+    """A square bump of nodes seen from the front, under two instructions and three strategies."""
+    n = 5
+    u, w = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, n))
+    rest = 0.03 * np.stack([u.ravel(), 0.3 * (2 - u.ravel() ** 2 - w.ravel() ** 2), w.ravel()], 1)
+    corner = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (corner[i : n - 1 + i, j : n - 1 + j].ravel() for i, j in
+                  ((0, 0), (0, 1), (1, 1), (1, 0)))  # fmt: skip
+    position = np.broadcast_to(rest, (2, 3, n * n, 3)).copy()
+    position[1, 2] = np.nan
+    return xr.Dataset(
+        {
+            "position": (("instruction", "strategy", "node", "axis"), position, {"units": "m"}),
+            # From +y the x axis points left: this order is counter-clockwise from outside.
+            "triangle": (
+                ("triangle", "corner"),
+                np.concatenate([np.stack([a, c, b], 1), np.stack([a, d, c], 1)]),
+            ),
+            "simulated": (
+                ("instruction", "strategy", "marker", "axis"),
+                position[:, :, [6, 8]],
+                {"units": "m"},
+            ),
+        },
+        coords={"instruction": ["B", "E"], "strategy": ["act_all", "act_3", "act_rel"]},
+        attrs={"origin": "simulated"},
+    )
+
+
+def test_every_instruction_and_strategy_has_its_face() -> None:
+    figure = rendered_faces(bowl())
+    assert len(figure.axes) == 6 and "simulated recordings" in figure.get_suptitle()
+    assert [panel.get_title() for panel in figure.axes[:2]] == ["B", "E"]
+    assert [panel.get_ylabel() for panel in figure.axes[::2]] == ["act_all", "act_3", "act_rel"]
+    drawn = [len(panel.collections) for panel in figure.axes]
+    assert drawn == [1, 1, 1, 1, 1, 0]
+    assert figure.axes[5].texts[0].get_text() == "none"
+    # All 32 triangles of the bump look at the viewer; turned inside out, none does.
+    assert len(figure.axes[0].collections[0].get_paths()) == 32
+    turned = bowl()
+    turned["triangle"] = turned["triangle"][:, ::-1]
+    assert len(rendered_faces(turned).axes[0].collections[0].get_paths()) == 0
+
+
+def test_the_subjects_right_is_on_the_left() -> None:
+    low, high = rendered_faces(bowl()).axes[0].get_xlim()
+    assert low > high
+
+
+def test_light_from_above() -> None:
+    """The upper half of a bump is brighter than the lower."""
+    collection = rendered_faces(bowl()).axes[0].collections[0]
+    height = [path.vertices[:3, 1].mean() for path in collection.get_paths()]
+    bright = collection.get_facecolor()[:, :3].sum(axis=1)
+    assert np.corrcoef(height, bright)[0, 1] > 0.8
+
+
+def test_faces_that_cannot_be_drawn() -> None:
+    with pytest.raises(FigureError, match="expected position with dims"):
+        rendered_faces(bowl().drop_vars("position"))
+    gone = bowl()
+    gone["position"] = (gone["position"] * np.nan).assign_attrs(units="m")
+    with pytest.raises(FigureError, match="every trial lacks a simulation"):
+        rendered_faces(gone)
+    with pytest.raises(FigureError, match="in 'mm', expected 'm'"):
+        rendered_faces(bowl().assign(position=bowl()["position"].assign_attrs(units="mm")))
+
+
+def runs() -> xr.Dataset:
+    error = np.array([[1e-3, 5e-4, 2.5e-4], [4e-4, 1e-4, np.nan]])
+    time = np.array([[1.0, 2.0, 4.0], [2.0, 4.0, np.nan]])
+    return xr.Dataset(
+        {
+            "error": (("method", "setting"), error, {"units": "m"}),
+            "run_time": (("method", "setting"), time, {"units": "s"}),
+        },
+        coords={"method": ["implicit Euler", "SDIRK2"], "setting": ["20 ms", "10 ms", "5 ms"]},
+    )
+
+
+def test_runs_that_no_other_beats_are_ringed() -> None:
+    figure = error_against_run_time(runs(), title="smile")
+    panel = figure.axes[0]
+    rings = next(line for line in panel.get_lines() if line.get_markersize() == 11)
+    assert sorted(rings.get_xdata().tolist()) == [1.0, 2.0, 4.0]
+    np.testing.assert_allclose(sorted(rings.get_ydata()), [0.1, 0.4, 1.0])
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["implicit Euler", "SDIRK2 (1 failed)"]
+    assert panel.get_xscale() == panel.get_yscale() == "log"
+    assert figure.get_suptitle() == "smile (simulated)"
+
+
+def test_pareto_against_brute_force() -> None:
+    rng = np.random.default_rng(4)
+    error, time = rng.integers(0, 6, (2, 40)).astype(float)
+    found = pareto(error, time)
+    for k in range(40):
+        beaten = any(
+            error[j] <= error[k] and time[j] <= time[k] and (error[j], time[j]) != (error[k], time[k])
+            for j in range(40)
+        )  # fmt: skip
+        assert found[k] == (not beaten)
+
+
+def test_runs_that_cannot_be_drawn() -> None:
+    with pytest.raises(FigureError, match="no run has a positive error"):
+        error_against_run_time(runs().assign(error=runs()["error"] * 0).assign(
+            error=(("method", "setting"), np.zeros((2, 3)), {"units": "m"})))  # fmt: skip
+    with pytest.raises(FigureError, match="run_time is in 'ms'"):
+        error_against_run_time(runs().assign(run_time=runs()["run_time"].assign_attrs(units="ms")))
+    with pytest.raises(FigureError, match="expected error with dims"):
+        error_against_run_time(runs().isel(method=0))
+
+
+def test_stability_says_what_failed() -> None:
+    status = [["ok", "failed:InvertedElement"], ["", "ok"]]
+    found = xr.Dataset(
+        {"status": (("case", "method"), status)},
+        coords={"case": ["1 MPa, one step", "rest"], "method": ["converged", "linearly_implicit"]},
+    )
+    figure = stability_table(found)
+    words = [text.get_text() for text in figure.axes[0].texts]
+    assert words == ["ok", "InvertedElement", "not run", "ok"]
+    assert figure.get_suptitle() == "stability (simulated)"
+    with pytest.raises(FigureError, match="the status broken is unknown"):
+        stability_table(found.assign(status=(("case", "method"), [["ok", "broken"], ["", "ok"]])))
+    with pytest.raises(FigureError, match="with dims case and method"):
+        stability_table(found.drop_vars("status"))
