@@ -80,7 +80,7 @@ def displace_held(
         drift = (new - q) / size
         q, done = new, done + size
     q = system.expand(system.reduce(q), end)
-    return State(state.t, q, np.zeros_like(q), state.memory)
+    return State(state.t, q, np.zeros_like(q))  # in equilibrium: nothing of the way is remembered
 
 
 def _equilibrium(

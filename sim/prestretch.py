@@ -26,6 +26,7 @@ def initial_stretch(
     Parameters
     ----------
     material : Material
+        Relaxed, where it is viscoelastic; material axes are the axes of the stress.
     stress : (3,)
         Along the three axes [Pa], tension positive.
     steps : int
@@ -77,7 +78,7 @@ def _refuse(goal: Array) -> None:
 
 def _one_element(material: Material) -> System:
     cube = mesh_from_arrays(0.5 * HEX8.corners, hex8=[range(8)])
-    return compile_scene(Scene(cube, (Solid((material,)),)))
+    return compile_scene(Scene(cube, (Solid((material,), axes=np.eye(3)[None]),)))
 
 
 def principal_stress(system: System, stretch: Array) -> Array:

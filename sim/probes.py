@@ -107,7 +107,10 @@ class SmallestJ:
 
 @dataclass(frozen=True)
 class Energies:
-    """Kinetic and potential energy [J]; the potential is that of all terms at the current control."""
+    """Kinetic and potential energy [J]; the potential is that of all terms at the current control.
+
+    Of a viscoelastic material it is the relaxed energy.
+    """
 
     def variables(self) -> tuple[Variable, ...]:
         """Two variables."""

@@ -67,9 +67,12 @@ def crossed_muscles(mesh: sim.Mesh, law=None) -> sim.Muscles:
     )
 
 
-def solid_system(mesh, isochoric=None, bulk=None, muscles=None, **scene) -> sim.System:
-    material = sim.Material(isochoric or sim.MooneyRivlin(), bulk or sim.QuadraticBulk())
-    solid = sim.Solid((material,), muscles=muscles)
+def solid_system(mesh, law=None, bulk=None, muscles=None, **scene) -> sim.System:
+    material = sim.Material(
+        law or sim.MooneyRivlin(), bulk, relaxation=scene.pop("relaxation", None)
+    )
+    axes = np.broadcast_to(rotation(8), (mesh.n_elements, 3, 3)) if material.needs_axes else None
+    solid = sim.Solid((material,), muscles=muscles, axes=axes)
     more = scene.pop("terms", ())
     return sim.compile_scene(sim.Scene(mesh, (solid, *more), **scene))
 

@@ -103,6 +103,7 @@ def smallest_J(q: Reals, nodes: Indices, gradient: Reals, out: Reals) -> None:
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
 def evaluate(
     q: Reals,
+    element: Indices,
     nodes: Indices,
     gradient: Reals,
     volume: Reals,
@@ -124,13 +125,13 @@ def evaluate(
     least_J: Reals,
     tangent: Reals,
 ) -> None:
-    """Nodal forces, energy, smallest det F and, if wanted, stiffness of every element.
+    """Nodal forces, energy, smallest det F and, if wanted, stiffness of some elements.
 
-    q (node, 3); nodes (element, 8); gradient (element, point, 3, 8); volume (element, point);
-    region (element,) row of the passive parameters; fibres of element e are rows
-    fibre_start[e]..fibre_start[e + 1], each filling fibre_weight of the element. Writes force
-    (element, 3, 8) = dE/dx, energy (element,), least_J (element,), tangent (element, 36, 9) for the
-    node pairs a <= b. An element with det F <= 0 contributes nothing; the caller reads least_J.
+    q (node, 3). Row e of nodes (row, 8), gradient (row, point, 3, 8) and volume (row, point) belongs to
+    the element element[e]. Of all elements: region, row of the passive parameters; fibre_start, the
+    fibres of element n are rows fibre_start[n]..fibre_start[n + 1], each filling fibre_weight of it; and
+    the results force (element, 3, 8) = dE/dx, energy, least_J, tangent (element, 36, 9) for the node
+    pairs a <= b. An element with det F <= 0 contributes nothing; the caller reads least_J.
     """
     n = nodes.shape[0]
     for chunk in nb.prange(CHUNKS):
@@ -148,6 +149,7 @@ def evaluate(
         s = np.empty((NODES, NODES))
         K = np.empty((NODES, 3, 3, NODES))
         for e in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
+            own = element[e]
             for a in range(NODES):
                 for i in range(3):
                     x[i, a] = q[nodes[e, a], i]
@@ -157,7 +159,7 @@ def evaluate(
                 s[:] = 0.0
             total = 0.0
             least = math.inf
-            row = region[e]
+            row = region[own]
             for k in range(gradient.shape[1]):
                 g = gradient[e, k]
                 dV = volume[e, k]
@@ -188,7 +190,7 @@ def evaluate(
                         u[i, a] = 2.0 * (F[i, 0] * g[0, a] + F[i, 1] * g[1, a] + F[i, 2] * g[2, a])
                         h[i, a] = C[i, 0] * g[0, a] + C[i, 1] * g[1, a] + C[i, 2] * g[2, a]
                         hm[i, a] = W_1J * u[i, a]
-                for f in range(fibre_start[e], fibre_start[e + 1]):
+                for f in range(fibre_start[own], fibre_start[own + 1]):
                     muscle = fibre_muscle[f]
                     I4 = 0.0
                     for i in range(3):
@@ -258,19 +260,19 @@ def evaluate(
                         for i in range(3):
                             for j in range(i, 3):
                                 _add_rows(K, a, i, j, u, h, m, hm, c)
-            energy[e] = total
-            least_J[e] = least
+            energy[own] = total
+            least_J[own] = least
             for i in range(3):
                 for a in range(NODES):
-                    force[e, i, a] = fe[i, a]
+                    force[own, i, a] = fe[i, a]
             if with_tangent:
                 p = 0
                 for a in range(NODES):
                     for b in range(a, NODES):
                         for i in range(3):
                             for j in range(3):
-                                tangent[e, p, 3 * i + j] = (
+                                tangent[own, p, 3 * i + j] = (
                                     K[a, i, j, b] if i <= j else K[b, j, i, a]
                                 )
-                            tangent[e, p, 4 * i] += s[a, b]
+                            tangent[own, p, 4 * i] += s[a, b]
                         p += 1

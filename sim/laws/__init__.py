@@ -4,23 +4,41 @@ from sim.laws.bulk import BULK_LAWS, BulkLaw, LogarithmicBulk, QuadraticBulk
 from sim.laws.fibre import FIBRE_LAWS, Blemker, Constant, FibreLaw, Generic
 from sim.laws.isochoric import ISOCHORIC_LAWS, IsochoricLaw, MooneyRivlin, NeoHooke
 from sim.laws.line import LINE_LAWS, ConstantForce, LineLaw, Peck
+from sim.laws.relaxation import Prony
+from sim.laws.tensor import (
+    TENSOR_LAWS,
+    CoRotational,
+    FiveTermMooneyRivlin,
+    Fung,
+    LinearElastic,
+    Ogden,
+    TensorLaw,
+)
 
 __all__ = [
     "BULK_LAWS",
     "FIBRE_LAWS",
     "ISOCHORIC_LAWS",
     "LINE_LAWS",
+    "TENSOR_LAWS",
     "Blemker",
     "BulkLaw",
+    "CoRotational",
     "Constant",
     "ConstantForce",
     "FibreLaw",
+    "FiveTermMooneyRivlin",
+    "Fung",
     "Generic",
     "IsochoricLaw",
     "LineLaw",
+    "LinearElastic",
     "LogarithmicBulk",
     "MooneyRivlin",
     "NeoHooke",
+    "Ogden",
     "Peck",
+    "Prony",
     "QuadraticBulk",
+    "TensorLaw",
 ]

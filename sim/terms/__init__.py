@@ -4,7 +4,9 @@ from sim.scene import Term
 from sim.terms.gravity import Gravity
 from sim.terms.line_muscle import LineFibre, LineMuscles
 from sim.terms.load import NodeLoad
-from sim.terms.solid import Material, Muscles, Solid
+from sim.terms.material import Material
+from sim.terms.muscles import Muscles
+from sim.terms.solid import Solid
 from sim.terms.stiffening import Stiffening
 from sim.terms.support import Support
 from sim.terms.volume import ElementVolume, NodalVolume

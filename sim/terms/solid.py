@@ -1,7 +1,7 @@
 """The deformable solid: passive tissue and muscle fibres in one element loop."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,112 +11,23 @@ from sim.assembly import (
     NodeSum,
     block_layouts,
     element_pair_keys,
-    grouped,
     prestretched,
 )
 from sim.errors import SceneError
-from sim.laws import Blemker, BulkLaw, FibreLaw, IsochoricLaw, MooneyRivlin, QuadraticBulk
-from sim.laws.fibre import N_FIBRE
 from sim.laws.isochoric import N_ISOCHORIC
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
+from sim.terms.material import Material
+from sim.terms.muscles import FibreTable, Muscles
+from sim.terms.relaxation import Relaxation
+from sim.terms.tensor_elements import LawTable, TensorElements, parts_of, rotations
 from sim.vectors import dot
-
-
-@dataclass(frozen=True)
-class Material:
-    """Passive tissue.
-
-    Attributes
-    ----------
-    isochoric : IsochoricLaw
-    bulk : BulkLaw
-    density : float
-        Rest density [kg/m^3].
-    """
-
-    isochoric: IsochoricLaw = field(default_factory=MooneyRivlin)
-    bulk: BulkLaw = field(default_factory=QuadraticBulk)
-    density: float = 1040.0
-
-    def __post_init__(self) -> None:
-        """Check the density."""
-        if not self.density > 0.0:
-            raise SceneError(f"Material: density = {self.density!r}, expected a number > 0")
-
-
-@dataclass(frozen=True, eq=False)
-class Muscles:
-    """Fibres in elements: one row per element of a muscle; an element may have several.
-
-    Attributes
-    ----------
-    names : tuple of str
-    element : (k,) element index of the row.
-    muscle : (k,) index into names.
-    direction : (k, 3) rest direction a0; normalised on compiling.
-    law : FibreLaw, or one per name.
-    weight : (k,) share of the element that the muscle fills, a factor on its energy [1]; None is 1.
-
-    Raises
-    ------
-    SceneError
-        Arrays disagree, an index is out of range, a direction is zero, a weight negative or no
-        number, or a muscle has no element.
-    """
-
-    names: tuple[str, ...]
-    element: Index
-    muscle: Index
-    direction: Array
-    law: FibreLaw | Sequence[FibreLaw] = field(default_factory=Blemker)
-    weight: Array | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse rows that cannot act."""
-        k = len(self.element)
-        if self.muscle.shape != (k,) or self.direction.shape != (k, 3):
-            raise SceneError(
-                f"muscle rows disagree: {k} elements, {self.muscle.shape} muscles, "
-                f"{self.direction.shape} directions, expected ({k},) and ({k}, 3)"
-            )
-        empty = np.setdiff1d(np.arange(len(self.names)), self.muscle)
-        if empty.size:
-            raise SceneError(f"muscle {self.names[empty[0]]} has no element")
-        if k and (self.muscle.min() < 0 or self.muscle.max() >= len(self.names)):
-            raise SceneError(f"muscle index out of range, expected 0..{len(self.names) - 1}")
-        norm = np.linalg.norm(self.direction, axis=1)
-        if not (norm > 0.0).all():
-            row = int(np.argmin(norm > 0.0))
-            raise SceneError(
-                f"muscle {self.names[self.muscle[row]]} has no fibre direction in element "
-                f"{self.element[row]}"
-            )
-        if self.weight is not None:
-            if self.weight.shape != (k,):
-                raise SceneError(
-                    f"muscle rows disagree: {k} elements, {self.weight.shape} weights, expected ({k},)"
-                )
-            if not (np.isfinite(self.weight) & (self.weight >= 0.0)).all():
-                row = int(np.argmin(np.isfinite(self.weight) & (self.weight >= 0.0)))
-                raise SceneError(
-                    f"muscle {self.names[self.muscle[row]]} has weight {self.weight[row]} in element "
-                    f"{self.element[row]}, expected a number >= 0"
-                )
-        if isinstance(self.law, Sequence) and len(self.law) != len(self.names):
-            raise SceneError(f"{len(self.law)} fibre laws for {len(self.names)} muscles")
-
-    def laws(self) -> tuple[FibreLaw, ...]:
-        """One law per name."""
-        if isinstance(self.law, Sequence):
-            return tuple(self.law)
-        return (self.law,) * len(self.names)
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Total-Lagrangian solid, energy sum over Gauss points of w(I1bar) + U(J) + sum of fibre energies.
+    """Total-Lagrangian solid, energy sum over Gauss points of w + U(J) + sum of fibre energies.
 
     Attributes
     ----------
@@ -126,18 +37,22 @@ class Solid:
     prestretch : (n_elements, 3, 3) deformation gradient F0 from the state free of stress to the mesh at
         rest, or None. The whole deformation is F F0; fibre directions remain those in the mesh, and the
         density that of the mesh.
+    axes : (n_elements, 3, 3) material axes in the mesh, one per column, or None if no law needs them;
+        rows of elements whose law does not are not read. A prestretch turns them by its rotation alone.
 
     Raises
     ------
     SceneError
-        On compiling: regions do not fit the mesh, a muscle names an element that does not exist, or a
-        prestretch is not finite or has det F0 <= 0.
+        On compiling: regions do not fit the mesh, a muscle names an element that does not exist, a
+        prestretch is not finite or has det F0 <= 0, or axes that a law needs are missing or not
+        orthonormal.
     """
 
     materials: tuple[Material, ...] = (Material(),)
     region: Index | None = None
     muscles: Muscles | None = None
     prestretch: Array | None = None
+    axes: Array | None = None
 
     def muscle_names(self) -> tuple[str, ...]:
         """Names of the muscles."""
@@ -178,7 +93,9 @@ class Solid:
 
     def compile(self, layout: Layout) -> "CompiledSolid":
         """Lay out gradients, parameters, fibres and sums."""
-        return CompiledSolid(self, layout, self.regions(layout.mesh))
+        region = self.regions(layout.mesh)
+        remembers = np.array([m.relaxation is not None for m in self.materials])[region].any()
+        return (RelaxingSolid if remembers else CompiledSolid)(self, layout, region)
 
 
 class CompiledSolid:
@@ -198,13 +115,20 @@ class CompiledSolid:
             self._blocks = prestretched(self._blocks, own)
         self._region, self._elements = region, elements
         materials = solid.materials
-        self._isochoric_code = np.array([m.isochoric.code for m in materials])
+        self._isochoric_code = np.array([m.law.code for m in materials])
         self._isochoric_p = np.zeros((len(materials), N_ISOCHORIC))
         for row, m in zip(self._isochoric_p, materials, strict=True):
-            row[: len(m.isochoric.parameters())] = m.isochoric.parameters()
-        self._bulk_code = np.array([m.bulk.code for m in materials])
-        self._kappa = np.array([m.bulk.kappa for m in materials], dtype=np.float64)
-        self._lay_out_fibres(solid.muscles if elements is None else None, layout, n)
+            if m.tensor_form is None:
+                row[: len(m.law.parameters())] = m.law.parameters()
+        self._bulk_code = np.array([m.bulk_code for m in materials])
+        self._kappa = np.array([m.kappa for m in materials], dtype=np.float64)
+        self._lay_out_parts(materials, _axes(solid, mesh, region, elements))
+        muscles = solid.muscles if elements is None else None
+        self._fibres = (
+            FibreTable.none(n)
+            if muscles is None
+            else FibreTable.of(muscles, n, layout.muscles, self._prestretch)
+        )
 
         self._node_sum = NodeSum(mesh, elements)
         self._matrix_sum = MatrixSum(mesh, layout.pattern, elements)
@@ -214,61 +138,51 @@ class CompiledSolid:
         self._tangent: Array | None = None
         self._no_tangent = np.zeros((1, 1, 1))
 
-    def _lay_out_fibres(self, muscles: Muscles | None, layout: Layout, n: int) -> None:
-        if muscles is None:
-            self._fibre_start = np.zeros(n + 1, dtype=np.int64)
-            self._fibre_muscle = np.zeros(0, dtype=np.int64)
-            self._fibre_direction = np.zeros((0, 3))
-            self._fibre_weight = np.zeros(0)
-            self._muscle_code = np.zeros(0, dtype=np.int64)
-            self._muscle_p = np.zeros((0, N_FIBRE))
-            return
-        if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):
-            raise SceneError(f"a muscle names element {muscles.element.max()}, expected 0..{n - 1}")
-        order, self._fibre_start = grouped(np.asarray(muscles.element, dtype=np.int64), n)
-        scene_index = np.array([layout.muscles.index(name) for name in muscles.names])
-        self._fibre_muscle = scene_index[muscles.muscle[order]]
-        direction = muscles.direction[order]
-        if self._prestretch is not None:
-            F0 = self._prestretch[muscles.element[order]]
-            direction = np.linalg.solve(F0, direction[..., None])[..., 0]
-        self._fibre_direction = np.ascontiguousarray(
-            direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    def _lay_out_parts(self, materials: tuple[Material, ...], axes: Array | None) -> None:
+        """Divide the elements by the loop that their law needs; those that remember stay together."""
+        tensor = np.array([m.tensor_form is not None for m in materials])
+        remembers = np.array([m.relaxation is not None for m in materials])
+        self._scalar_parts = parts_of(self._blocks, ~tensor[self._region])
+        table = LawTable.of(materials)
+        self._elastic, self._relaxing = (
+            tuple(
+                TensorElements(part, axes, self._region, table)
+                for part in parts_of(self._blocks, chosen[self._region])
+            )
+            for chosen in (tensor & ~remembers, tensor & remembers)
         )
-        weight = np.ones(len(order)) if muscles.weight is None else muscles.weight[order]
-        self._fibre_weight = np.ascontiguousarray(weight, dtype=np.float64)
-        self._muscle_code = np.zeros(len(layout.muscles), dtype=np.int64)
-        self._muscle_p = np.zeros((len(layout.muscles), N_FIBRE))
-        for index, law in zip(scene_index, muscles.laws(), strict=True):
-            self._muscle_code[index] = law.code
-            self._muscle_p[index, : len(law.parameters())] = law.parameters()
 
     def _evaluate(self, q: Array, control: Control, tangent: Array | None) -> Contribution:
-        for block in self._blocks:
-            rows = block.rows
+        rest = (
+            self._fibres.start,
+            self._fibres.muscle,
+            self._fibres.direction,
+            self._fibres.weight,
+            self._fibres.code,
+            self._fibres.p,
+            control.activation,
+            tangent is not None,
+            self._force,
+            self._energy,
+            self._least_J,
+            self._no_tangent if tangent is None else tangent,
+        )
+        for part in self._scalar_parts:
             kernel.evaluate(
                 q,
-                block.nodes,
-                block.gradient,
-                block.volume,
-                self._region[rows],
+                part.element,
+                part.nodes,
+                part.gradient,
+                part.volume,
+                self._region,
                 self._isochoric_code,
                 self._isochoric_p,
                 self._bulk_code,
                 self._kappa,
-                self._fibre_start[rows.start : rows.stop + 1],
-                self._fibre_muscle,
-                self._fibre_direction,
-                self._fibre_weight,
-                self._muscle_code,
-                self._muscle_p,
-                control.activation,
-                tangent is not None,
-                self._force[rows],
-                self._energy[rows],
-                self._least_J[rows],
-                self._no_tangent if tangent is None else tangent[rows],
+                *rest,
             )
+        for elements in (*self._elastic, *self._relaxing):
+            elements.evaluate(q, *rest)
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
         element = worst if self._elements is None else int(self._elements[worst])
         return Contribution(float(self._energy.sum()), float(self._least_J[worst]), element)
@@ -311,6 +225,47 @@ class CompiledSolid:
             kernel.smallest_J(q, block.nodes, block.gradient, self._least_J[block.rows])
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
         return float(self._least_J[worst]), worst
+
+
+class RelaxingSolid(CompiledSolid):
+    """A solid with viscoelastic elements: fully relaxed but during a step."""
+
+    def __init__(self, solid: Solid, layout: Layout, region: Index) -> None:
+        super().__init__(solid, layout, region)
+        self._materials = solid.materials
+        self._relaxation = Relaxation(self._relaxing, region, solid.materials)
+        self._relaxation.begin(layout.mesh.X, None, np.inf)
+
+    def during(self, q: Array, memory: Array | None, h: float) -> "RelaxingSolid":
+        """Solid over one step of length h [s]; it shares the scratch buffers of this one."""
+        step = copy(self)
+        step._relaxing = tuple(map(copy, self._relaxing))
+        step._relaxation = Relaxation(step._relaxing, self._region, self._materials)
+        step._relaxation.begin(q, memory, h)
+        return step
+
+    def remember(self, q: Array) -> Array:
+        """Elastic and internal stresses at the end of the step, at positions q."""
+        return self._relaxation.end(q)
+
+
+def _axes(solid: Solid, mesh: Mesh, region: Index, elements: Index | None) -> Array | None:
+    """Axes before the prestretch of the elements that take part; None if no law needs them."""
+    needs = np.flatnonzero(np.array([m.needs_axes for m in solid.materials])[region])
+    if len(needs) == 0:
+        return None
+    shape = (mesh.n_elements, 3, 3)
+    if solid.axes is None or solid.axes.shape != shape:
+        found = None if solid.axes is None else solid.axes.shape
+        raise SceneError(
+            f"material axes have shape {found}, expected {shape}: a law of the solid depends on them"
+        )
+    own = slice(None) if elements is None else elements
+    axes = rotations(solid.axes[own], needs)
+    if solid.prestretch is None:
+        return axes
+    U, _, Vt = np.linalg.svd(solid.prestretch[own])
+    return (U @ Vt).transpose(0, 2, 1) @ axes
 
 
 def _checked(prestretch: Array, mesh: Mesh) -> Array:

@@ -98,6 +98,12 @@ class CompiledStiffening:
         self._muscle, self._n = scene_index[term.muscle], len(elements)
         self._share = np.ones(len(self._row)) if term.weight is None else term.weight
         region = term.tissue.regions(mesh)[elements]
+        used = [m for i, m in enumerate(term.tissue.materials) if i in region]
+        if any(material.relaxation is not None for material in used):
+            raise SceneError(
+                "the tissue that stiffens is viscoelastic, expected elastic materials: give the term "
+                "a tissue without relaxation, and what it adds is elastic"
+            )
         self._solid = CompiledSolid(term.tissue, layout, region, elements)
         self._factor = term.factor
 

@@ -177,7 +177,7 @@ def test_muscles_as_lines_stiffening_and_skin_are_parts_of_the_scene(slab) -> No
     assert np.abs(f).max() > 0.01 and np.abs(f.sum(axis=0)).max() < 1e-15
     stiff = compose_scene(slab, SimulationParameters(**p.model_dump() | {"skin": {"stiffness": 4}}))
     tissue, skin = stiff.terms[0].materials
-    assert skin.isochoric.C10 == 4 * tissue.isochoric.C10 and skin.bulk == tissue.bulk
+    assert skin.law.C10 == 4 * tissue.law.C10 and skin.bulk == tissue.bulk
     outer = stiff.terms[0].region == 1
     np.testing.assert_array_equal(outer, slab["layer"].values[element_order(slab).face_index] == 2)
 

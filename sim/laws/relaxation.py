@@ -1,0 +1,69 @@
+"""Quasi-linear viscoelasticity: how the stress of a law relaxes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import SceneError
+from sim.laws.parameters import require
+
+
+@dataclass(frozen=True)
+class Prony:
+    """Reduced relaxation function G(t) = 1 - sum_i g_i (1 - exp(-t/tau_i)), G(0) = 1.
+
+    The stress of a law becomes S(t) = int_0^t G(t - s) dS_e/ds ds with S_e its elastic (instantaneous)
+    stress. Over a step in which S_e changes linearly the integral is exact by the recursion
+
+        H_i(t + h) = e_i H_i(t) + a_i (S_e(t + h) - S_e(t)),
+        S = (1 - sum g_i) S_e + sum g_i H_i,   e_i = exp(-h/tau_i),   a_i = (1 - e_i) tau_i/h.
+
+    Attributes
+    ----------
+    g : tuple of float
+        Fraction of the stress that relaxes with each time; in sum below 1.
+    tau : tuple of float
+        Relaxation times [s].
+
+    Raises
+    ------
+    SceneError
+        The tuples differ in length or are empty, a value is not positive, or the fractions reach 1.
+
+    Notes
+    -----
+    Source: Fung 1993, Biomechanics, Sect. 7.6; recursion: Taylor, Pister and Goudreau 1970. The
+    coefficients of the law are the instantaneous ones; a static equilibrium feels 1 - sum g_i of them.
+    """
+
+    g: tuple[float, ...]
+    tau: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if len(self.g) != len(self.tau) or not self.g:
+            raise SceneError(
+                f"Prony: {len(self.g)} fractions g for {len(self.tau)} times tau, expected as many of "
+                "each, at least one"
+            )
+        for name in ("g", "tau"):
+            for value in getattr(self, name):
+                require(self, name, value, at_least=0.0, strictly=True)
+        require(self, "1 - sum of g", self.relaxed, at_least=0.0, strictly=True)
+
+    @property
+    def relaxed(self) -> float:
+        """Fraction of the stress that stays, G at infinite time."""
+        return 1.0 - sum(self.g)
+
+    def decay(self, h: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """e_i and a_i over a step of length h [s], which may be infinite."""
+        x = h / np.array(self.tau)
+        with np.errstate(invalid="ignore"):
+            mean = np.where(x > 0.0, -np.expm1(-x) / np.where(x > 0.0, x, 1.0), 1.0)
+        return np.exp(-x), mean
+
+    def at(self, t: float) -> float:
+        """G(t)."""
+        return self.relaxed + float(np.dot(self.g, np.exp(-t / np.array(self.tau))))

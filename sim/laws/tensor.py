@@ -1,0 +1,253 @@
+"""Laws of the whole strain tensor, for what one scalar does not determine.
+
+An isochoric law needs a bulk law beside it; the others answer for the change of volume themselves.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+from sim._kernels import tensor_laws as kernel
+from sim.errors import SceneError
+from sim.laws.parameters import require
+
+
+class TensorLaw(Protocol):
+    """What the element loop needs of a law of the strain tensor.
+
+    Attributes
+    ----------
+    code : int
+        Of `sim._kernels.tensor_laws.tensor_law`.
+    measure : int
+        Strain that the law receives: ISOCHORIC, FINITE or SMALL of the same module.
+    needs_axes : bool
+        Whether the law depends on the material axes of the element.
+    """
+
+    code: ClassVar[int]
+    measure: ClassVar[int]
+    needs_axes: ClassVar[bool]
+
+    def parameters(self) -> tuple[float, ...]:
+        """Parameters in the order of the kernel, as many as the law has."""
+        ...
+
+
+@dataclass(frozen=True)
+class FiveTermMooneyRivlin:
+    """Mooney-Rivlin law with all five terms.
+
+    w = C10 (I1bar - 3) + C01 (I2bar - 3) + C20 (I1bar - 3)^2 + C11 (I1bar - 3)(I2bar - 3)
+    + C02 (I2bar - 3)^2, with I2bar = (I1bar^2 - tr Cbar^2)/2.
+
+    Attributes
+    ----------
+    C10, C01, C20, C11, C02 : float
+        Stiffnesses [Pa]; the initial shear modulus is 2 (C10 + C01).
+
+    Raises
+    ------
+    SceneError
+        A coefficient is not finite, or C10 + C01 is not positive.
+
+    Notes
+    -----
+    With C01 = C11 = C02 = 0 this is `MooneyRivlin`, which costs less. Source: Stavness et al., Coupled
+    biomechanical modeling of the face, Sect. 11.2.2; the coefficients of the second invariant are zero
+    there.
+    """
+
+    C10: float = 2500.0
+    C01: float = 0.0
+    C20: float = 1175.0
+    C11: float = 0.0
+    C02: float = 0.0
+    code: ClassVar[int] = kernel.FIVE_TERM_MOONEY_RIVLIN
+    measure: ClassVar[int] = kernel.ISOCHORIC
+    needs_axes: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name in ("C10", "C01", "C20", "C11", "C02"):
+            require(self, name, getattr(self, name), at_least=-1e300, strictly=True)
+        require(self, "C10 + C01", self.C10 + self.C01, at_least=0.0, strictly=True)
+
+    def parameters(self) -> tuple[float, ...]:
+        """C10, C01, C20, C11, C02 [Pa]."""
+        return (self.C10, self.C01, self.C20, self.C11, self.C02)
+
+
+@dataclass(frozen=True)
+class Ogden:
+    """Ogden law of any number of terms in the isochoric principal stretches l_i.
+
+    w = sum_p mu_p/alpha_p (l_1^alpha_p + l_2^alpha_p + l_3^alpha_p - 3).
+
+    Attributes
+    ----------
+    mu : tuple of float
+        Coefficients [Pa]; the initial shear modulus is sum mu_p alpha_p / 2.
+    alpha : tuple of float
+        Exponents [1], not zero.
+
+    Raises
+    ------
+    SceneError
+        The tuples differ in length or are empty, an exponent is zero, or a term has
+        mu_p alpha_p <= 0, which is not stable at every stretch.
+
+    Notes
+    -----
+    Source: Ogden 1972, Proc R Soc A 326:565-584. The skin of the face was fitted with an Ogden law by
+    Flynn et al. 2013 (Stavness et al., Sect. 11.2.2.2), whose coefficients are not published there;
+    the defaults are an example with a shear modulus of 5 kPa, as `MooneyRivlin` has.
+    """
+
+    mu: tuple[float, ...] = (1250.0, -250.0)
+    alpha: tuple[float, ...] = (6.0, -10.0)
+    code: ClassVar[int] = kernel.OGDEN
+    measure: ClassVar[int] = kernel.ISOCHORIC
+    needs_axes: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if len(self.mu) != len(self.alpha) or not self.mu:
+            raise SceneError(
+                f"Ogden: {len(self.mu)} values of mu for {len(self.alpha)} of alpha, expected as many "
+                "of each, at least one"
+            )
+        for mu, alpha in zip(self.mu, self.alpha, strict=True):
+            require(self, "mu_p alpha_p", mu * alpha, at_least=0.0, strictly=True)
+
+    def parameters(self) -> tuple[float, ...]:
+        """Return the number of terms, then mu [Pa] and alpha of each."""
+        pairs = zip(self.mu, self.alpha, strict=True)
+        return (float(len(self.mu)), *(value for pair in pairs for value in pair))
+
+
+@dataclass(frozen=True)
+class Fung:
+    """Orthotropic exponential law of the skin, along the material axes a_i of the element.
+
+    w = (c/2)(e^Q - 1), Q = (1/4c) [sum_i 2 mu_i (L_i - 2 K_i + 1)
+    + sum_ij lame_ij (K_i - 1)(K_j - 1)], K_i = a_i . Cbar a_i, L_i = a_i . Cbar^2 a_i.
+
+    Attributes
+    ----------
+    mu : tuple of 3 float
+        Shear moduli of the axes [Pa].
+    lame : tuple of 6 float
+        Lame moduli 11, 22, 33, 12, 23, 31 [Pa].
+    c : float
+        Stress scale of the exponential [Pa]; the smaller, the sooner it stiffens.
+
+    Raises
+    ------
+    SceneError
+        A tuple has another length, or mu or c is not positive.
+
+    Notes
+    -----
+    Defaults: mature skin; half of mu and lame for young, twice for old skin. Source: Flynn et al. 2015
+    as given with the anisotropic face model (published model's data), with a bulk modulus of 250 kPa;
+    axis 1 runs along the relaxed skin tension lines.
+    """
+
+    mu: tuple[float, float, float] = (17773.0, 5931.0, 5931.0)
+    lame: tuple[float, float, float, float, float, float] = (1e3, 1e3, 1e3, 1e3, 1e3, 1e3)
+    c: float = 3784.0
+    code: ClassVar[int] = kernel.FUNG
+    measure: ClassVar[int] = kernel.ISOCHORIC
+    needs_axes: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if len(self.mu) != 3 or len(self.lame) != 6:
+            raise SceneError(
+                f"Fung: {len(self.mu)} values of mu and {len(self.lame)} of lame, expected 3 and 6"
+            )
+        for name, value in (("c", self.c), *(("mu", value) for value in self.mu)):
+            require(self, name, value, at_least=0.0, strictly=True)
+        for value in self.lame:
+            require(self, "lame", value, at_least=-1e300, strictly=True)
+
+    def parameters(self) -> tuple[float, ...]:
+        """C [Pa], mu [Pa], lame [Pa]."""
+        return (self.c, *self.mu, *self.lame)
+
+
+@dataclass(frozen=True)
+class _YoungPoisson:
+    """Isotropic moduli.
+
+    Attributes
+    ----------
+    young : float
+        Young's modulus [Pa].
+    poisson : float
+        Poisson's ratio [1].
+
+    Raises
+    ------
+    SceneError
+        young is not positive, or poisson is outside -1 < poisson < 0.5.
+    """
+
+    young: float = 15e3
+    poisson: float = 0.45
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require(self, "young", self.young, at_least=0.0, strictly=True)
+        require(self, "poisson", self.poisson, at_least=-1.0, strictly=True)
+        require(self, "0.5 - poisson", 0.5 - self.poisson, at_least=0.0, strictly=True)
+
+    def parameters(self) -> tuple[float, ...]:
+        """Lame's first modulus and the shear modulus [Pa]."""
+        shear = self.young / (2.0 * (1.0 + self.poisson))
+        return (2.0 * shear * self.poisson / (1.0 - 2.0 * self.poisson), shear)
+
+
+@dataclass(frozen=True)
+class LinearElastic(_YoungPoisson):
+    """Hooke's law of the small strain eps, W = mu eps:eps + lame/2 (tr eps)^2.
+
+    For small rotations only: a turned body feels a strain that it does not have.
+    """
+
+    code: ClassVar[int] = kernel.LINEAR
+    measure: ClassVar[int] = kernel.SMALL
+    needs_axes: ClassVar[bool] = False
+
+
+@dataclass(frozen=True)
+class CoRotational(_YoungPoisson):
+    """Hooke's law with the rotation taken out, W = mu |U - I|^2 + lame/2 (tr U - 3)^2.
+
+    With F = R U the stress is P = R (2 mu (U - I) + lame tr(U - I) I): the linear law in axes that turn
+    with R, at every Gauss point. Because U and that stress commute, P is the derivative of W, so that
+    energy is conserved; the tangent is the exact derivative of P, with the turning of R in it. (The
+    source keeps R fixed in the tangent: the same forces, another path of the iteration.)
+
+    Notes
+    -----
+    Source: Mueller and Gross 2004, Interactive virtual materials (stiffness warping by the polar
+    decomposition), the method of the first vocal tract models (Fels et al., Developing physically-based
+    vocal tract models). There R belongs to a tetrahedron; with one Gauss point `tet4` is that element,
+    and hexahedra and wedges have one R per Gauss point. Linear in compression: no energy barrier keeps
+    an element from inverting.
+    """
+
+    code: ClassVar[int] = kernel.CO_ROTATIONAL
+    measure: ClassVar[int] = kernel.FINITE
+    needs_axes: ClassVar[bool] = False
+
+
+TENSOR_LAWS: tuple[type[TensorLaw], ...] = (
+    FiveTermMooneyRivlin,
+    Ogden,
+    Fung,
+    LinearElastic,
+    CoRotational,
+)
+"""Every law of the strain tensor; the derivative, symmetry and frame tests walk this tuple."""

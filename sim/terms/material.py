@@ -1,0 +1,89 @@
+"""Passive tissue: a law, a bulk law, and how the stress relaxes."""
+
+from dataclasses import dataclass, field
+
+from sim._kernels import tensor_laws
+from sim.errors import SceneError
+from sim.laws import (
+    TENSOR_LAWS,
+    BulkLaw,
+    IsochoricLaw,
+    MooneyRivlin,
+    Prony,
+    QuadraticBulk,
+    TensorLaw,
+)
+
+
+@dataclass(frozen=True)
+class Material:
+    """Passive tissue.
+
+    Attributes
+    ----------
+    law : IsochoricLaw or TensorLaw
+    bulk : BulkLaw or None
+        Pointwise law of the volume. None: `QuadraticBulk` beside an isochoric law, and nothing beside a
+        law that answers for the volume itself (`LinearElastic`, `CoRotational`).
+    density : float
+        Rest density [kg/m^3].
+    relaxation : Prony or None
+        Makes the stress of the law viscoelastic; the bulk law stays elastic.
+
+    Raises
+    ------
+    SceneError
+        The density is not positive, or two laws answer for the volume.
+    """
+
+    law: IsochoricLaw | TensorLaw = field(default_factory=MooneyRivlin)
+    bulk: BulkLaw | None = None
+    density: float = 1040.0
+    relaxation: Prony | None = None
+
+    def __post_init__(self) -> None:
+        """Check the density and complete the bulk law."""
+        if not self.density > 0.0:
+            raise SceneError(f"Material: density = {self.density!r}, expected a number > 0")
+        if self._is_isochoric:
+            if self.bulk is None:
+                object.__setattr__(self, "bulk", QuadraticBulk())
+        elif self.bulk is not None:
+            raise SceneError(
+                f"Material: {type(self.law).__name__} answers for the volume itself, expected no bulk "
+                "law beside it: give bulk=None"
+            )
+
+    @property
+    def _is_isochoric(self) -> bool:
+        if isinstance(self.law, TENSOR_LAWS):
+            return self.law.measure == tensor_laws.ISOCHORIC
+        return True
+
+    @property
+    def kappa(self) -> float:
+        """Bulk modulus of the pointwise bulk law [Pa]."""
+        return 0.0 if self.bulk is None else self.bulk.kappa
+
+    @property
+    def bulk_code(self) -> int:
+        """Code of the bulk law; any where there is none."""
+        return 0 if self.bulk is None else self.bulk.code
+
+    @property
+    def needs_axes(self) -> bool:
+        """Whether the law depends on the material axes of the element."""
+        return isinstance(self.law, TENSOR_LAWS) and self.law.needs_axes
+
+    @property
+    def tensor_form(self) -> tuple[int, int, tuple[float, ...]] | None:
+        """Measure, code and parameters for the second element loop; None if the first serves.
+
+        The first loop takes elastic laws of one scalar alone.
+        """
+        law = self.law
+        if isinstance(law, TENSOR_LAWS):
+            return law.measure, law.code, law.parameters()
+        if self.relaxation is None:
+            return None
+        return tensor_laws.ISOCHORIC, tensor_laws.ISOCHORIC_FIRST + law.code, law.parameters()

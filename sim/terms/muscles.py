@@ -1,0 +1,147 @@
+"""Muscle fibres in the elements of a solid."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim.assembly import grouped
+from sim.errors import SceneError
+from sim.laws import Blemker, FibreLaw
+from sim.laws.fibre import N_FIBRE
+from sim.scene import Index
+from sim.state import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Muscles:
+    """Fibres in elements: one row per element of a muscle; an element may have several.
+
+    Attributes
+    ----------
+    names : tuple of str
+    element : (k,) element index of the row.
+    muscle : (k,) index into names.
+    direction : (k, 3) rest direction a0; normalised on compiling.
+    law : FibreLaw, or one per name.
+    weight : (k,) share of the element that the muscle fills, a factor on its energy [1]; None is 1.
+
+    Raises
+    ------
+    SceneError
+        Arrays disagree, an index is out of range, a direction is zero, a weight negative or no
+        number, or a muscle has no element.
+    """
+
+    names: tuple[str, ...]
+    element: Index
+    muscle: Index
+    direction: Array
+    law: FibreLaw | Sequence[FibreLaw] = field(default_factory=Blemker)
+    weight: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse rows that cannot act."""
+        k = len(self.element)
+        if self.muscle.shape != (k,) or self.direction.shape != (k, 3):
+            raise SceneError(
+                f"muscle rows disagree: {k} elements, {self.muscle.shape} muscles, "
+                f"{self.direction.shape} directions, expected ({k},) and ({k}, 3)"
+            )
+        empty = np.setdiff1d(np.arange(len(self.names)), self.muscle)
+        if empty.size:
+            raise SceneError(f"muscle {self.names[empty[0]]} has no element")
+        if k and (self.muscle.min() < 0 or self.muscle.max() >= len(self.names)):
+            raise SceneError(f"muscle index out of range, expected 0..{len(self.names) - 1}")
+        norm = np.linalg.norm(self.direction, axis=1)
+        if not (norm > 0.0).all():
+            row = int(np.argmin(norm > 0.0))
+            raise SceneError(
+                f"muscle {self.names[self.muscle[row]]} has no fibre direction in element "
+                f"{self.element[row]}"
+            )
+        if self.weight is not None:
+            if self.weight.shape != (k,):
+                raise SceneError(
+                    f"muscle rows disagree: {k} elements, {self.weight.shape} weights, expected ({k},)"
+                )
+            if not (np.isfinite(self.weight) & (self.weight >= 0.0)).all():
+                row = int(np.argmin(np.isfinite(self.weight) & (self.weight >= 0.0)))
+                raise SceneError(
+                    f"muscle {self.names[self.muscle[row]]} has weight {self.weight[row]} in element "
+                    f"{self.element[row]}, expected a number >= 0"
+                )
+        if isinstance(self.law, Sequence) and len(self.law) != len(self.names):
+            raise SceneError(f"{len(self.law)} fibre laws for {len(self.names)} muscles")
+
+    def laws(self) -> tuple[FibreLaw, ...]:
+        """One law per name."""
+        if isinstance(self.law, Sequence):
+            return tuple(self.law)
+        return (self.law,) * len(self.names)
+
+
+@dataclass(frozen=True, eq=False)
+class FibreTable:
+    """Fibres by element, as the element loops read them.
+
+    Those of element n are rows start[n]..start[n + 1] of muscle, direction and weight; code and p belong
+    to the muscles of the scene.
+    """
+
+    start: Index
+    muscle: Index
+    direction: Array
+    weight: Array
+    code: Index
+    p: Array
+
+    @staticmethod
+    def none(n_elements: int) -> "FibreTable":
+        """No fibre in any element."""
+        index, empty = np.zeros(0, dtype=np.int64), np.zeros(0)
+        start = np.zeros(n_elements + 1, dtype=np.int64)
+        return FibreTable(start, index, np.zeros((0, 3)), empty, index, np.zeros((0, N_FIBRE)))
+
+    @staticmethod
+    def of(
+        muscles: Muscles, n_elements: int, scene_muscles: tuple[str, ...], F0: Array | None
+    ) -> "FibreTable":
+        """Group the rows of muscles by element.
+
+        Parameters
+        ----------
+        muscles : Muscles
+        n_elements : int
+        scene_muscles : names of all muscles of the scene.
+        F0 : (n_elements, 3, 3) prestretch, from before which the directions are taken, or None.
+
+        Raises
+        ------
+        SceneError
+            A muscle names an element that does not exist.
+        """
+        n = n_elements
+        if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):
+            raise SceneError(f"a muscle names element {muscles.element.max()}, expected 0..{n - 1}")
+        order, start = grouped(np.asarray(muscles.element, dtype=np.int64), n)
+        scene_index = np.array([scene_muscles.index(name) for name in muscles.names])
+        direction = muscles.direction[order]
+        if F0 is not None:
+            own = F0[muscles.element[order]]
+            direction = np.linalg.solve(own, direction[..., None])[..., 0]
+        direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        weight = np.ones(len(order)) if muscles.weight is None else muscles.weight[order]
+        code = np.zeros(len(scene_muscles), dtype=np.int64)
+        p = np.zeros((len(scene_muscles), N_FIBRE))
+        for index, law in zip(scene_index, muscles.laws(), strict=True):
+            code[index] = law.code
+            p[index, : len(law.parameters())] = law.parameters()
+        return FibreTable(
+            start,
+            scene_index[muscles.muscle[order]],
+            np.ascontiguousarray(direction),
+            np.ascontiguousarray(weight, dtype=np.float64),
+            code,
+            p,
+        )

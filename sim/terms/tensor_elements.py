@@ -1,0 +1,162 @@
+"""Elements whose law needs the whole strain tensor, laid out for the second element loop."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels import tensor_solid as kernel
+from sim.assembly import BlockLayout
+from sim.errors import SceneError
+from sim.scene import Index
+from sim.state import Array
+from sim.terms.material import Material
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Elements of one type and one family of laws.
+
+    Attributes
+    ----------
+    element : (n,) their places among all elements.
+    nodes, gradient, volume : their rows of a `sim.assembly.BlockLayout`.
+    """
+
+    element: Index
+    nodes: Index
+    gradient: Array
+    volume: Array
+
+
+def parts_of(blocks: Sequence[BlockLayout], chosen: NDArray[np.bool_]) -> tuple[Part, ...]:
+    """Chosen elements of every block, without copies where all of a block are."""
+    parts: list[Part] = []
+    for b in blocks:
+        own = np.flatnonzero(chosen[b.rows])
+        if len(own) == 0:
+            continue
+        element = own + b.rows.start
+        if len(own) == len(b.nodes):
+            parts.append(Part(element, b.nodes, b.gradient, b.volume))
+        else:
+            parts.append(Part(element, b.nodes[own], b.gradient[own], b.volume[own]))
+    return tuple(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class LawTable:
+    """Laws of all materials as the kernel reads them; rows of scalar materials are not read."""
+
+    measure: Index
+    code: Index
+    p: Array
+    bulk_code: Index
+    kappa: Array
+
+    @staticmethod
+    def of(materials: Sequence[Material]) -> "LawTable":
+        """Tabulate."""
+        forms = [m.tensor_form or (0, 0, ()) for m in materials]
+        p = np.zeros((len(materials), max(len(form[2]) for form in forms)))
+        for row, form in zip(p, forms, strict=True):
+            row[: len(form[2])] = form[2]
+        return LawTable(
+            np.array([form[0] for form in forms]),
+            np.array([form[1] for form in forms]),
+            p,
+            np.array([m.bulk_code for m in materials]),
+            np.array([m.kappa for m in materials], dtype=np.float64),
+        )
+
+
+class TensorElements:
+    """Elements of one part under laws of the strain tensor.
+
+    Parameters
+    ----------
+    part : Part
+    axes : (n_elements, 3, 3) or None
+        Material axes of all elements in the columns.
+    region : (n_elements,) index into the materials.
+    table : LawTable
+    """
+
+    def __init__(self, part: Part, axes: Array | None, region: Index, table: LawTable) -> None:
+        n = len(part.element)
+        self.part, self._region, self._table = part, region, table
+        chosen = np.broadcast_to(np.eye(3), (n, 3, 3)) if axes is None else axes[part.element]
+        self._axes = np.ascontiguousarray(chosen)
+        self.scale = np.ones(n)
+        """Factor on the stress of the law, one per element."""
+        self.history = np.zeros((0, 0, 0))
+        """Stress that stays the same over a step (n, n_points, 6) [Pa], or no rows."""
+
+    def evaluate(self, q: Array, *rest: Any) -> None:
+        """Forces, energies and stiffness, into the arrays of all elements.
+
+        rest : fibre arrays, activation, whether the stiffness is wanted, and the four results.
+        """
+        part, table = self.part, self._table
+        kernel.evaluate(
+            q,
+            part.element,
+            part.nodes,
+            part.gradient,
+            part.volume,
+            self._axes,
+            self.scale,
+            self.history,
+            self._region,
+            table.measure,
+            table.code,
+            table.p,
+            table.bulk_code,
+            table.kappa,
+            *rest,
+        )
+
+    def law_stress(self, q: Array) -> Array:
+        """Elastic stress of the law alone at every Gauss point (n, n_points, 6) [Pa]."""
+        part, table = self.part, self._table
+        out = np.empty((*part.volume.shape, 6))
+        kernel.law_stress(
+            q,
+            part.element,
+            part.nodes,
+            part.gradient,
+            self._axes,
+            self._region,
+            table.measure,
+            table.code,
+            table.p,
+            out,
+        )
+        return out
+
+
+def rotations(axes: Array, wanted: Index) -> Array:
+    """Proper orthogonal axes nearest to those given (n_elements, 3, 3), at the wanted elements.
+
+    Raises
+    ------
+    SceneError
+        Axes are far from orthonormal or left-handed.
+    """
+    found = axes[wanted]
+    finite = np.isfinite(np.sum(found, axis=(1, 2)))
+    U, _, Vt = np.linalg.svd(np.where(finite[:, None, None], found, np.eye(3)))
+    nearest = U @ Vt
+    off = np.abs(nearest - found).max(axis=(1, 2))
+    good = finite & (off < 1e-2) & (np.linalg.det(nearest) > 0.0)
+    if not good.all():
+        bad = int(np.argmin(good))
+        raise SceneError(
+            f"the material axes of element {wanted[bad]} are {found[bad].tolist()}, expected three "
+            "orthonormal, right-handed columns"
+        )
+    out = np.broadcast_to(np.eye(3), axes.shape).copy()
+    out[wanted] = nearest
+    return out
