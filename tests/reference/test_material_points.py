@@ -1,0 +1,116 @@
+"""Stress and spatial moduli at material points against those of another simulator.
+
+Provenance: ArtiSynth 3.9 (see the README beside the data). Its moduli are the push-forward
+D_ijkl = F_iI F_jJ F_kK F_lL D_IJKL / J of the material ones, in the component order of ours.
+"""
+
+import json
+
+import numpy as np
+import pytest
+
+import sim
+from sim._kernels import tensor_laws, tensor_solid
+from sim.laws.fibre import N_FIBRE
+
+ROW, COLUMN = tensor_laws.ROW, tensor_laws.COLUMN
+FIBRE_LAWS = {"blemker": sim.Blemker, "generic": sim.Generic}
+ROUNDING = 1e-13
+"""Relative; two double-precision programs, sums in different order."""
+
+
+@pytest.fixture(scope="module")
+def points(shared):
+    path = shared / "artisynth_reference" / "unit" / "unit_material_points.json"
+    return json.loads(path.read_text())
+
+
+def six(A):
+    return np.ascontiguousarray(A[ROW, COLUMN])
+
+
+def pushed_forward(F, S, D):
+    """Cauchy stress (3, 3) and spatial moduli (6, 6) [Pa]."""
+    J = np.linalg.det(F)
+    stress, moduli = np.empty((3, 3)), np.empty((3, 3, 3, 3))
+    place = tensor_laws.PLACE
+    stress[...] = S[place]
+    moduli[...] = D[place[:, :, None, None], place[None, None]]
+    spatial = np.einsum("iI,jJ,kK,lL,IJKL->ijkl", F, F, F, F, moduli) / J
+    i, j = ROW[:, None], COLUMN[:, None]
+    return F @ stress @ F.T / J, spatial[i, j, ROW, COLUMN]
+
+
+def isochoric(F, add):
+    """Both of an isochoric law, given what adds its derivatives by the isochoric C."""
+    J, C = np.linalg.det(F), F.T @ F
+    Sb, Db, S, D = (np.zeros(shape) for shape in (6, (6, 6), 6, (6, 6)))
+    add(J, six(C), Sb, Db)
+    tensor_solid.project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True)
+    return pushed_forward(F, S, D)
+
+
+def passive(F, law):
+    form = sim.Material(law, relaxation=sim.Prony((0.5,), (1.0,))).tensor_form
+
+    def add(J, C, Sb, Db):
+        _, code, p = form
+        tensor_laws.tensor_law(code, np.array(p), J ** (-2 / 3) * C, np.eye(3), Sb, Db, True)
+
+    return isochoric(F, add)
+
+
+def fibre(F, law, activation, a0):
+    p = np.zeros(N_FIBRE)
+    p[: len(law.parameters())] = law.parameters()
+
+    def add(J, C, Sb, Db):
+        tensor_solid._fibre_stress(law.code, p, activation, 1.0, a0, J, C, Sb, Db, True)
+
+    return isochoric(F, add)
+
+
+def agree(found, expected, scale):
+    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * scale)
+
+
+@pytest.mark.parametrize(
+    "law", [sim.MooneyRivlin(2500.0, 1175.0), sim.FiveTermMooneyRivlin(2500.0, 0.0, 1175.0)]
+)
+def test_stress_and_moduli_of_the_passive_law(points, law):
+    assert len(points["cases"]) > 3
+    for case in points["cases"]:
+        sigma, D = passive(np.array(case["F"]), law)
+        expected = case["MR_dev"]
+        agree(sigma, expected["sigma"], np.abs(expected["D"]).max())
+        agree(D, expected["D"], np.abs(expected["D"]).max())
+
+
+def test_stress_and_moduli_of_the_fibres(points):
+    found = set()
+    for case in points["cases"]:
+        for muscle in case["muscle"]:
+            material, activation = muscle["material"], muscle["excitation"]
+            name = material["type"].removesuffix("Muscle").lower()
+            law = FIBRE_LAWS[name](sigma_max=material["maxStress"])
+            sigma, D = fibre(np.array(case["F"]), law, activation, np.array(case["dir0"]))
+            agree(sigma, muscle["sigma"], material["maxStress"])
+            agree(D, muscle["D"], material["maxStress"])
+            found.add((name, activation))
+    assert found == {(name, a) for name in FIBRE_LAWS for a in (0.0, 0.5, 1.0)}
+
+
+def test_fibre_laws_over_all_stretches(points):
+    """Isochoric stretch along the fibre, over every branch of both laws."""
+    found = set()
+    for point in points["stretch_sweep"]:
+        stretch, law = point["lambda"], FIBRE_LAWS[point["type"]](sigma_max=1e5)
+        F = np.diag([stretch, stretch**-0.5, stretch**-0.5])
+        sigma, D = fibre(F, law, point["excitation"], np.array([1.0, 0.0, 0.0]))
+        agree(sigma[0, 0], point["sigma_xx"], 1e5)
+        agree(sigma[1, 1], point["sigma_yy"], 1e5)
+        agree(D[0, 0], point["D_xxxx"], 1e6)
+        found.add((point["type"], stretch))
+    for name in FIBRE_LAWS:
+        stretches = [stretch for other, stretch in found if other == name]
+        assert min(stretches) < 0.4 and max(stretches) > 1.6
