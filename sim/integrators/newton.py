@@ -182,6 +182,16 @@ def minimise(
         found = search(potential.point, point, direction)
         contraction = np.inf
         if found is None:
+            largest = float(np.abs(direction).max())
+            if (
+                made_here
+                and largest <= tolerances.position
+                and point.residual <= tolerances.residual
+            ):
+                # nothing descends because nothing is left but rounding: a step from rest to rest
+                return point, Iteration(
+                    iteration, factorisations, point.residual, largest, shortest, shifts
+                )
             if made_here:
                 raise NotConverged(tuple(residuals), until, "no step lowers the potential")
         else:

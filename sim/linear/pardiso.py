@@ -100,6 +100,11 @@ class Pardiso:
         self._call(FACTORISE, self._none)
         self._factorised = True
 
+    @property
+    def factor_bytes(self) -> int:
+        """Size of the non-zeros of the factor [B], as PARDISO counts them."""
+        return 8 * int(self._solver.iparm[17])
+
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor.
 

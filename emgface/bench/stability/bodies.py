@@ -1,0 +1,107 @@
+"""Small bodies for the battery: a layered block with two muscles, held at its base or free."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+import sim
+from sim.scene import Constraint, Term
+
+Floats = NDArray[np.float64]
+
+SIZE = 0.02
+"""Edge of the block [m]."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A cube of 3 x 3 x 3 hexahedra in three layers along z, with one muscle along x and one along z.
+
+    Attributes
+    ----------
+    sigma_max : largest active stress [Pa].
+    kappa : bulk modulus [Pa].
+    volume : "pointwise", "element", "nodal" or "hard".
+    stiff : factor on the passive stiffness of the uppermost layer.
+    dense : factor on its density.
+    gravity : acceleration along z [m/s^2].
+    held : whether the base is fixed.
+    damped : whether Rayleigh damping acts.
+    squeezed : factor on the height of the middle layer, which makes slivers of its elements.
+    """
+
+    sigma_max: float = 100e3
+    kappa: float = 25e3
+    volume: str = "pointwise"
+    stiff: float = 1.0
+    dense: float = 1.0
+    gravity: float = -9.8
+    held: bool = True
+    damped: bool = True
+    squeezed: float = 1.0
+
+    def mesh(self) -> sim.Mesh:
+        """Nodes and hexahedra."""
+        levels = np.array([0.0, 1.0, 1.0 + self.squeezed, 2.0 + self.squeezed]) * SIZE / 3.0
+        side = np.linspace(0.0, SIZE, 4)
+        X = np.stack(np.meshgrid(side, side, levels, indexing="ij"), axis=-1)
+        index = np.arange(64).reshape(4, 4, 4)
+        corners = (
+            (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1),
+        )  # fmt: skip
+        cells = [index[a : 3 + a, b : 3 + b, c : 3 + c].ravel() for a, b, c in corners]
+        return sim.mesh_from_arrays(X.reshape(-1, 3), hex8=np.stack(cells, axis=1))
+
+    def scene(self) -> sim.Scene:
+        """Parts of the scene."""
+        mesh = self.mesh()
+        pointwise = self.kappa if self.volume == "pointwise" else 0.0
+
+        def tissue(stiffness: float, density: float) -> sim.Material:
+            law = sim.MooneyRivlin(2500.0 * stiffness, 1175.0 * stiffness)
+            return sim.Material(law, sim.QuadraticBulk(pointwise * stiffness), 1040.0 * density)
+
+        elements = np.arange(27)
+        muscles = sim.Muscles(
+            ("along", "up"),
+            np.tile(elements, 2),
+            np.repeat([0, 1], 27),
+            np.repeat(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 27, axis=0),
+            sim.Blemker(self.sigma_max),
+        )
+        solid = sim.Solid(
+            (tissue(1.0, 1.0), tissue(self.stiff, self.dense)),
+            region=(elements % 3 == 2).astype(np.int64),
+            muscles=muscles,
+        )
+        terms: list[Term] = [solid, sim.Gravity((0.0, 0.0, self.gravity))]
+        constraints: tuple[Constraint, ...] = ()
+        if self.volume == "element":
+            terms.append(sim.ElementVolume(self.kappa))
+        elif self.volume == "nodal":
+            terms.append(sim.NodalVolume(self.kappa, at_fixed=True))
+        elif self.volume == "hard":
+            constraints = (sim.HardElementVolume(),)
+        base = np.flatnonzero(mesh.X[:, 2] == 0.0)
+        return sim.Scene(
+            mesh,
+            tuple(terms),
+            (sim.Fixed(base),) if self.held else (),
+            sim.RestRayleigh(19.0, 0.055) if self.damped else None,
+            constraints,
+        )
+
+    def system(self) -> sim.System:
+        """The compiled scene."""
+        return sim.compile_scene(self.scene())
+
+    def but(self, **changes: object) -> "Block":
+        """The same block with changes."""
+        return replace(self, **changes)  # pyright: ignore[reportArgumentType]
+
+
+def held_at(levels: tuple[float, float], ramp: float) -> sim.Activation:
+    """Both muscles to their levels within the ramp [s]."""
+    peak = np.array(levels)
+    return sim.Activation(np.array([0.0, ramp]), np.stack([np.zeros(2), peak]))

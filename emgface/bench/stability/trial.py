@@ -1,0 +1,127 @@
+"""One case of the battery, run and judged."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+import sim
+from sim.integrators import Integrator
+from sim.steps import StepControl
+
+IMPLICIT: dict[str, Integrator] = {
+    "linearly implicit Euler": sim.LinearlyImplicitEuler(),
+    "linearly implicit trapezoidal": sim.LinearlyImplicitTrapezoidal(),
+    "Euler": sim.ConvergedEuler(),
+    "trapezoidal": sim.Trapezoidal(),
+    "SDIRK2": sim.Sdirk2(),
+}
+EXPLICIT: dict[str, Integrator] = {
+    "symplectic Euler": sim.SymplecticEuler(),
+    "RK4": sim.RungeKutta4(),
+}
+CONVERGED = ("Euler", "trapezoidal", "SDIRK2")
+MOST = 1.0
+"""No node of a right answer moves further than this from where it was [m]."""
+
+Judge = Callable[[sim.System, sim.State, "Outcome"], str]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a case went.
+
+    Attributes
+    ----------
+    outcome : "ok", "refused: <error>" (a typed failure) or "WRONG: <what>".
+    """
+
+    row: int
+    title: str
+    case: str
+    integrator: str
+    outcome: str
+    smallest_J: float = float("nan")
+    iterations: float = float("nan")
+    rejected: float = float("nan")
+    energy_drift: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What is run.
+
+    Attributes
+    ----------
+    row, title, case : where it stands in the table.
+    system : made when it is run, so that its failure is part of the outcome.
+    activation, duration, steps : what drives it; `steps.h` is the output interval.
+    start : initial state, from the system; rest by default.
+    judge : further condition of a right answer; returns what is wrong, or "".
+    refusal : name of the error that is the right answer, or "".
+    """
+
+    row: int
+    title: str
+    case: str
+    system: Callable[[], sim.System]
+    activation: Callable[[sim.System], sim.Activation]
+    duration: float
+    steps: StepControl
+    integrators: dict[str, Integrator] = field(default_factory=lambda: dict(IMPLICIT))
+    start: Callable[[sim.System], sim.State] = sim.System.rest_state
+    judge: Callable[[sim.System, sim.State, sim.State, np.ndarray], str] | None = None
+    refusal: str = ""
+
+
+def run(trial: Trial, name: str) -> Outcome:
+    """Run a trial with one integrator and judge what comes of it."""
+    integrator = trial.integrators[name]
+    head = (trial.row, trial.title, trial.case, name)
+    # the one-solution schemes have nothing to halve for: their failure is the finding
+    single = not name.startswith(CONVERGED) and isinstance(trial.steps, sim.HalvingStep)
+    steps = sim.FixedStep(trial.steps.h) if single else trial.steps
+    try:
+        system = trial.system()
+        start = trial.start(system)
+        trajectory, end = sim.simulate(
+            system,
+            trial.activation(system),
+            duration=trial.duration,
+            integrator=integrator,
+            steps=steps,
+            probes=(sim.SmallestJ(), sim.Iterations(), sim.Energies()),
+            initial=start,
+        )
+    except sim.SimulationError as error:
+        right = trial.refusal in ("", type(error).__name__)
+        word = "refused" if right else "WRONG: refused"
+        return Outcome(*head, f"{word}: {type(error).__name__}")
+    energy = (trajectory["kinetic_energy"] + trajectory["potential_energy"]).values
+    wrong = _wrong(system, start, end, energy, trial)
+    scale = max(float(np.abs(energy).max()), 1e-30)
+    return Outcome(
+        *head,
+        f"WRONG: {wrong}" if wrong else "ok",
+        float(trajectory["smallest_J"].min()),
+        float(trajectory["iterations"].sum() / len(trajectory["time"][1:])),
+        float(trajectory["rejected"].sum()),
+        float(np.diff(energy).max() / scale),
+    )
+
+
+def _wrong(
+    system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray, trial: Trial
+) -> str:
+    if trial.refusal:
+        return f"accepted, expected {trial.refusal}"
+    if not (np.isfinite(end.q).all() and np.isfinite(end.v).all()):
+        return "NaN in the result"
+    least, element = system.smallest_J(end.q)
+    if not least > 0.0:
+        return f"element {element} is inverted"
+    if trial.judge is not None:
+        return trial.judge(system, start, end, energy)
+    if np.abs(end.q - start.q).max() > MOST:
+        return "it has flown away"
+    return ""
