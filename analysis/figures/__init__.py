@@ -7,6 +7,7 @@ from analysis.figures.boxes import box_plots
 from analysis.figures.choices import sensitivity_plot
 from analysis.figures.emg import emg_with_features
 from analysis.figures.faces import rendered_faces
+from analysis.figures.growth import growth
 from analysis.figures.style import save
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "emg_with_features",
     "error_against_run_time",
     "feature_boxes",
+    "growth",
     "marker_traces",
     "rendered_faces",
     "save",

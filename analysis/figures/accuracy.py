@@ -14,7 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LINES: Final = ("-", "--", ":", "-.")
-OUTCOMES: Final = {"ok": ("#009E73", ""), "failed": ("#D55E00", "//"), "not run": ("0.92", "")}
+OUTCOMES: Final = {
+    "ok": ("#009E73", ""),
+    "failed": ("#D55E00", "//"),
+    "wrong": ("#000000", "xx"),
+    "not run": ("0.92", ""),
+}
 """Colour and hatch of a cell."""
 
 
@@ -113,7 +118,8 @@ def stability_table(found: xr.Dataset, *, title: str = "") -> "Figure":
     Parameters
     ----------
     found : xarray.Dataset
-        Text ``status`` (case, method): "ok", "failed:<name of the error>", or "" where not run.
+        Text ``status`` (case, method): "ok", "ok:<what was rightly refused>", "failed:<name of the
+        error>", "wrong:<what>" for an answer that came without an error, or "" where not run.
     title : str
         Names the scene.
 
@@ -135,7 +141,9 @@ def stability_table(found: xr.Dataset, *, title: str = "") -> "Figure":
     kinds = np.where(status == "", "not run", np.char.partition(status, ":")[..., 0])
     odd = sorted(set(kinds.ravel().tolist()) - set(OUTCOMES))
     if odd:
-        raise FigureError(f"the status {names(odd)} is unknown, expected ok or failed:<error>")
+        raise FigureError(
+            f"the status {names(odd)} is unknown, expected ok, failed:<error> or wrong:<what>"
+        )
     cases = [str(label).replace("_", " ") for label in found["case"].values]
     methods = [str(label).replace("_", " ") for label in found["method"].values]
     figure = blank(2.6 + 1.5 * len(methods), 1.1 + 0.34 * len(cases))
@@ -170,7 +178,8 @@ def stability_table(found: xr.Dataset, *, title: str = "") -> "Figure":
                 alpha=0.35,
                 label=k,
             )
-            for k in ("ok", "failed")
+            for k in ("ok", "failed", "wrong")
+            if (kinds == k).any()
         ],
     )
     _title(figure, title or "stability")

@@ -26,7 +26,7 @@ def activation_of(
     levels: Mapping[str, float], muscles: tuple[str, ...], duration: float
 ) -> Activation:
     """Activation that brings the named muscles to their levels and back."""
-    time = SAMPLE * np.arange(round(duration / SAMPLE) + 1)
+    time = SAMPLE * np.arange(round(duration / SAMPLE) + 1, dtype=np.float64)
     peak = np.array([levels.get(name, 0.0) for name in muscles])
     return Activation(time, profile(time, duration)[:, None] * peak)
 

@@ -50,9 +50,10 @@ class Setting:
 
     Attributes
     ----------
-    name : str
     family : str
         Settings of one family make one line of the figure.
+    label : str
+        What tells it from others of its family.
     integrator : Integrator
     steps : StepControl
     volume : str
@@ -61,12 +62,17 @@ class Setting:
         Linear solver, or "auto".
     """
 
-    name: str
     family: str
+    label: str
     integrator: Integrator
     steps: StepControl
     volume: str = "pointwise"
     linear: str = "auto"
+
+    @property
+    def name(self) -> str:
+        """Family and label."""
+        return f"{self.family}: {self.label}"
 
 
 def standard_settings(
@@ -81,54 +87,37 @@ def standard_settings(
     volumes : sequence of str
     """
     found: list[Setting] = []
-    milli = 1e-3
+    single: dict[str, Integrator] = {
+        "linearly implicit Euler": LinearlyImplicitEuler(),
+        "linearly implicit trapezoidal": LinearlyImplicitTrapezoidal(),
+    }
+    converged: dict[str, Integrator] = {
+        "Euler": ConvergedEuler(),
+        "trapezoidal": Trapezoidal(),
+        "SDIRK2": Sdirk2(),
+    }
     for volume in volumes:
-
-        def add(
-            name: str,
-            family: str,
-            integrator: Integrator,
-            steps: StepControl,
-            linear: str = "auto",
-            volume: str = volume,
-        ) -> None:
-            found.append(
-                Setting(
-                    f"{name}, {volume}", f"{family}, {volume}", integrator, steps, volume, linear
-                )
-            )
-
-        for h in (20, 10, 5, 2.5):
-            for label, cls in (
-                ("linearly implicit Euler", LinearlyImplicitEuler),
-                ("linearly implicit trapezoidal", LinearlyImplicitTrapezoidal),
-            ):
-                add(f"{label} {h:g} ms", label, cls(), FixedStep(h * milli))
-        for h in (40, 20, 10, 5, 2.5):
-            add(f"Euler {h:g} ms", "Euler", ConvergedEuler(), HalvingStep(h * milli))
-            add(f"trapezoidal {h:g} ms", "trapezoidal", Trapezoidal(), HalvingStep(h * milli))
-            add(f"SDIRK2 {h:g} ms", "SDIRK2", Sdirk2(), HalvingStep(h * milli))
+        tail = "" if len(volumes) == 1 else f", {volume}"
+        for milli in (40, 20, 10, 5, 2.5):
+            h, label = milli * 1e-3, f"{milli:g} ms"
+            if milli <= 20:
+                for name, integrator in single.items():
+                    found.append(Setting(name + tail, label, integrator, FixedStep(h), volume))
+            for name, integrator in converged.items():
+                found.append(Setting(name + tail, label, integrator, HalvingStep(h), volume))
         for tolerance in (1e-4, 1e-5, 1e-7):
-            add(
-                f"Euler 10 ms to {tolerance * 1e3:g} mm",
-                "Euler, iteration tolerance",
-                ConvergedEuler(tolerance=tolerance, residual_tolerance=20.0 * tolerance),
-                HalvingStep(10 * milli),
-            )
+            loose = ConvergedEuler(tolerance=tolerance, residual_tolerance=20.0 * tolerance)
+            family, label = f"Euler 10 ms, iteration tolerance{tail}", f"{tolerance * 1e3:g} mm"
+            found.append(Setting(family, label, loose, HalvingStep(0.01), volume))
         for tolerance in (1e-3, 3e-4, 1e-4, 3e-5):
-            add(
-                f"SDIRK2 to {tolerance * 1e3:g} mm",
-                "SDIRK2, error control",
-                Sdirk2(tolerance=min(1e-6, 0.01 * tolerance)),
-                ErrorControlledStep(tolerance, 20 * milli, nodes),
-            )
+            iterated = Sdirk2(tolerance=min(1e-6, 0.01 * tolerance))
+            steps = ErrorControlledStep(tolerance, 0.02, nodes)
+            family, label = f"SDIRK2, error control{tail}", f"{tolerance * 1e3:g} mm"
+            found.append(Setting(family, label, iterated, steps, volume))
         if volume != "hard":
-            add(
-                "Euler 10 ms, SuperLU",
-                "SuperLU",
-                ConvergedEuler(),
-                HalvingStep(10 * milli),
-                "superlu",
+            family = f"Euler 10 ms, SuperLU{tail}"
+            found.append(
+                Setting(family, "10 ms", ConvergedEuler(), HalvingStep(0.01), volume, "superlu")
             )
     return found
 
@@ -257,6 +246,7 @@ def measure(
         coords={
             "setting": [s.name for s in chosen],
             "family": ("setting", [s.family for s in chosen]),
+            "label": ("setting", [s.label for s in chosen]),
             "volume": ("setting", [s.volume for s in chosen]),
             "instruction": list(instructions),
         },

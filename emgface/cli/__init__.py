@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli import data, face, study, trial, volunteers
+from emgface.cli import bench, data, face, study, trial, volunteers
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
 
 app = typer.Typer(
@@ -46,6 +46,7 @@ app.command()(study.demo)
 app.add_typer(study.app, name="study")
 app.add_typer(face.app, name="face")
 app.add_typer(data.app, name="data")
+app.add_typer(bench.app, name="bench")
 app.command()(trial.activate)
 app.command()(trial.simulate)
 app.command()(trial.score)

@@ -34,6 +34,7 @@ class Outcome:
     Attributes
     ----------
     outcome : "ok", "refused: <error>" (a typed failure) or "WRONG: <what>".
+    expected : whether a refusal is the right answer to the case.
     """
 
     row: int
@@ -45,6 +46,7 @@ class Outcome:
     iterations: float = float("nan")
     rejected: float = float("nan")
     energy_drift: float = float("nan")
+    expected: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,8 @@ def run(trial: Trial, name: str) -> Outcome:
     except sim.SimulationError as error:
         right = trial.refusal in ("", type(error).__name__)
         word = "refused" if right else "WRONG: refused"
-        return Outcome(*head, f"{word}: {type(error).__name__}")
+        name = type(error).__name__
+        return Outcome(*head, f"{word}: {name}", expected=right and bool(trial.refusal))
     energy = (trajectory["kinetic_energy"] + trajectory["potential_energy"]).values
     wrong = _wrong(system, start, end, energy, trial)
     scale = max(float(np.abs(energy).max()), 1e-30)

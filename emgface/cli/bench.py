@@ -1,0 +1,111 @@
+"""``emgface bench``: error against run time, stability and growth, measured on this machine."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from emgface.cli.console import frame, progress, say, show_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+app = typer.Typer(no_args_is_help=True, help="Measure accuracy, run time and stability.")
+
+FaceOption = Annotated[
+    Path | None, typer.Option("--face", help="Face model (netCDF); the template face if absent.")
+]
+OutOption = Annotated[Path, typer.Option("--out", help="Folder for netCDF, table and figure.")]
+SigmaOption = Annotated[float, typer.Option("--sigma-max", help="Largest active stress [Pa].")]
+
+
+def _face(path: Path | None, resolution: str = "coarse") -> "xr.Dataset":
+    from emgface.cli.machine import announce_compilation
+    from emgface.face.model import load_face
+    from emgface.face.template import template_face
+
+    announce_compilation()
+    return template_face(resolution=resolution) if path is None else load_face(path)
+
+
+def _finish(kind: str, found: "xr.Dataset", folder: Path) -> None:
+    from emgface.bench.store import store
+
+    table, paths = store(kind, found, folder)
+    show_table(frame(table), f"{kind} (simulated)")
+    say("written: " + ", ".join(str(path) for path in paths))
+
+
+@app.command(name="work-precision")
+def work_precision(
+    out_path: OutOption = Path("bench"),
+    face_path: FaceOption = None,
+    sigma_max: SigmaOption = 100e3,
+    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 0.8,
+    repeats: Annotated[int, typer.Option(help="Runs per setting; times are medians.")] = 3,
+    instruction: Annotated[
+        list[str] | None, typer.Option(help="Gesture, A to F; A, D and E by default.")
+    ] = None,
+    volume: Annotated[
+        list[str] | None,
+        typer.Option(help="pointwise, element, nodal or hard; pointwise by default."),
+    ] = None,
+) -> None:
+    """Measure the error of every setting of the solver against its run time."""
+    from emgface.bench.work_precision import measure
+    from emgface.face.simulation_parameters import SimulationParameters
+
+    face = _face(face_path)
+    with progress("work-precision") as bar:
+        found = measure(
+            face,
+            SimulationParameters(sigma_max=sigma_max),
+            instructions=tuple(instruction or "ADE"),
+            volumes=tuple(volume or ("pointwise",)),
+            duration=duration,
+            repeats=repeats,
+            progress=bar.working,
+        )
+    say(f"U = {1e3 * found.attrs['unit_s']:.1f} ms (one factorisation and one solution)")
+    _finish("work-precision", found, out_path)
+
+
+@app.command()
+def stability(
+    out_path: OutOption = Path("bench"),
+    face_path: FaceOption = None,
+    row: Annotated[list[int] | None, typer.Option(help="Row 1 to 11; all by default.")] = None,
+) -> None:
+    """Run the stability battery: extreme cases with every integrator."""
+    from emgface.bench.stability import run_battery
+
+    face = _face(face_path)
+    with progress("stability") as bar:
+        found = run_battery(face, rows=row, progress=bar.show)
+    _finish("stability", found, out_path)
+    wrong = int(found["outcome"].str.startswith("WRONG").sum())
+    if wrong:
+        say(f"{wrong} wrong answers came without an error")
+        raise typer.Exit(1)
+
+
+@app.command()
+def scaling(
+    out_path: OutOption = Path("bench"),
+    face_path: FaceOption = None,
+    refine: Annotated[
+        bool, typer.Option(help="Also divide every element of the largest face into eight.")
+    ] = True,
+) -> None:
+    """Time every phase of a step on growing meshes, and fit the exponents."""
+    from emgface.bench.scaling import measure
+    from emgface.face.simulation_parameters import SimulationParameters
+
+    faces = (
+        [_face(None, resolution) for resolution in ("coarse", "medium", "fine")]
+        if face_path is None
+        else [_face(face_path)]
+    )
+    with progress("scaling") as bar:
+        found = measure(faces, SimulationParameters(), refine=refine, progress=bar.working)
+    _finish("scaling", found, out_path)
