@@ -1,4 +1,4 @@
-"""The study of the demonstration: two simulated volunteers on a generated block of lip tissue."""
+"""The study of the demonstration: two simulated volunteers on the generated template face."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
     out : Path
         Folder of the demonstration; the recordings are expected in ``volunteers/recordings``.
     quick : bool
-        Two instructions on a coarse block instead of all six on the default one.
+        Two instructions instead of all six.
 
     Returns
     -------
@@ -26,7 +26,6 @@ def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
     Muscles whose feature never exceeds the threshold are taken as silent (Eq. 8 would be 0/0),
     which the published chain does not foresee.
     """
-    block = {"cells_width": 12, "cells_height": 10} if quick else {}
     return configure(
         StudyConfiguration,
         {
@@ -35,7 +34,7 @@ def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
                 "folder": (out / "volunteers" / "recordings").resolve(),
                 "instructions": ["B", "E"] if quick else list(INSTRUCTIONS),
             },
-            "face": {"block": block},
+            "face": {"template": {"resolution": "coarse"}},
             "signals": {"normalisation": {"silent": "zero"}},
             "simulation": {"sigma_max": 100e3},
         },
