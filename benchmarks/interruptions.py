@@ -19,8 +19,8 @@ from pathlib import Path
 
 import xarray as xr
 
-from emgface.face.block import block_face
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
 from emgface.files import replace_file
 from emgface.study.digest import dataset_digest, file_digest
 from emgface.volunteers.settings import VolunteerParameters
@@ -35,9 +35,8 @@ silent = "zero"
 [simulation]
 step = 0.02
 sigma_max = 100e3
-[face.block]
-cells_width = 8
-cells_height = 8
+[face.template]
+resolution = "coarse"
 """
 MEASURED = ("run_time", "run_time_s", "written", "seconds")
 """What differs from run to run because it is a time that was measured."""
@@ -102,7 +101,8 @@ def main() -> int:
     out: Path = given.out.resolve()
     shutil.rmtree(out, ignore_errors=True)
     make_volunteers(
-        block_face(cells=(8, 8)), out / "volunteers", n=1, instructions=("A", "B", "C"), seed=5,
+        template_face(resolution="coarse"), out / "volunteers",
+        n=1, instructions=("A", "B", "C"), seed=5,
         parameters=SimulationParameters(step=0.02), settings=VolunteerParameters(emg="noise"),
     )  # fmt: skip
     study = out / "study.toml"

@@ -138,20 +138,6 @@ def show(
     say(f"Wrote {picture}.")
 
 
-@app.command()
-def block(
-    out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
-) -> None:
-    """Generate the block of lip tissue that serves where no face is imported."""
-    from emgface.face.model import save_face
-    from emgface.study.configuration import FaceConfiguration
-    from emgface.study.faces import study_face
-
-    face = study_face(FaceConfiguration())
-    save_face(face, out_path)
-    _say_written(face, out_path)
-
-
 def _say_written(face: "xr.Dataset", path: Path) -> None:
     say(
         f"Wrote {path}: {face.attrs['name']}, {face.attrs['origin']}: {face.sizes['node']} nodes, "

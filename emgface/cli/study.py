@@ -104,12 +104,10 @@ def demo(
     out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")] = Path(
         "emgface-demo"
     ),
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer trials on a coarser block.")
-    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer instructions.")] = False,
 ) -> None:
-    """Simulate two volunteers on a block of lip tissue and run a study of them."""
-    use_one_thread()  # the block is small: threads would only wait for each other
+    """Simulate two volunteers on the generated template face and run a study of them."""
+    use_one_thread()  # the face is coarse: threads would only wait for each other
     from emgface.face.model import save_face
     from emgface.study.demo import demo_study
     from emgface.study.faces import study_face

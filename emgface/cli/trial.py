@@ -12,7 +12,7 @@ StudyPath = Annotated[
     Path | None, typer.Option("--study", help="Study file whose parameters apply.")
 ]
 FacePath = Annotated[
-    Path | None, typer.Option("--face", help="Face model; that of the study, or the block.")
+    Path | None, typer.Option("--face", help="Face model; that of the study, or the template.")
 ]
 
 

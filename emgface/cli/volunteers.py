@@ -34,9 +34,6 @@ def volunteers(
         Path | None,
         typer.Option(help="Face model, scaled for each volunteer; drawn for each when absent."),
     ] = None,
-    block: Annotated[
-        bool, typer.Option("--block", help="Take the block of lip tissue for a face.")
-    ] = False,
     resolution: Annotated[
         str,
         typer.Option(help="Elements of the faces drawn: coarse, medium, fine or about how many."),
@@ -70,8 +67,6 @@ def volunteers(
 ) -> None:
     """Simulate volunteers: known activations, sEMG and lip markers, labelled simulated."""
     from emgface.choices import configure
-    from emgface.errors import ConfigurationError
-    from emgface.face.block import block_face
     from emgface.face.model import load_face
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.study.configuration import StudyConfiguration, load_study
@@ -80,8 +75,6 @@ def volunteers(
     from emgface.volunteers.simulate import make_volunteers
     from emgface.volunteers.write import write_set_as_bids
 
-    if face is not None and block:
-        raise ConfigurationError("--face and --block are both given, expected one: drop the other")
     settings = configure(
         VolunteerParameters,
         {
@@ -95,9 +88,9 @@ def volunteers(
     simulation = configuration.simulation.model_dump()
     simulation["step"] = step or configuration.simulation.step / 2
     parameters = configure(SimulationParameters, simulation)
-    model = load_face(face) if face else block_face() if block else None
+    model = load_face(face) if face else None
     own = configuration.face  # of a template each volunteer has its own
-    if model is None and (own.path is not None or own.block is not None):
+    if model is None and own.path is not None:
         model = study_face(own)
     announce_compilation()
     with progress("simulated volunteers") as bar:

@@ -69,16 +69,6 @@ class RecordingsConfiguration(Parameters):
         return values
 
 
-class BlockParameters(Parameters):
-    """The generated block of lip tissue that serves where no face is imported."""
-
-    cells_width: int = parameter(20, "Cells across the width, even.", unit="1", source=OWN, ge=6)
-    cells_height: int = parameter(16, "Cells along the height, even.", unit="1", source=OWN, ge=6)
-    width: float = parameter(60e-3, "Width.", unit="m", source=OWN, gt=0)
-    depth: float = parameter(12e-3, "Depth.", unit="m", source=OWN, gt=0)
-    height: float = parameter(50e-3, "Height.", unit="m", source=OWN, gt=0)
-
-
 class TemplateParameters(Parameters):
     """The parametric lower face, generated."""
 
@@ -119,30 +109,24 @@ class TemplateParameters(Parameters):
 
 
 class FaceConfiguration(Parameters):
-    """Which face model is simulated: a file, the template or the block, which is the default."""
+    """Which face model is simulated: a file or the template, which is the default."""
 
     path: Path | None = parameter(
         None,
         "Face model as written by 'emgface face import' or 'emgface face build'; relative to this "
-        "file. Without path, template and block, the block is generated.",
+        "file. Without path, the template is generated.",
         unit="-",
         source=OWN,
     )
     template: TemplateParameters | None = Field(
-        default=None, description="The parametric lower face; in place of path and block."
-    )
-    block: BlockParameters | None = Field(
-        default=None,
-        description="The generated block of lip tissue; in place of path and template.",
+        default=None, description="The parametric lower face; in place of path."
     )
 
     @model_validator(mode="after")
     def _one_source(self) -> "FaceConfiguration":
-        given = [name for name in ("path", "template", "block") if getattr(self, name) is not None]
-        if len(given) > 1:
+        if self.path is not None and self.template is not None:
             raise ValueError(
-                f"{' and '.join(given)} are given, expected one source of the face: delete the "
-                "others"
+                "path and template are given, expected one source of the face: delete the other"
             )
         return self
 

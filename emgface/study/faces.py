@@ -2,19 +2,18 @@
 
 import xarray as xr
 
-from emgface.face.block import block_face
 from emgface.face.model import load_face
 from emgface.face.template import template_face
-from emgface.study.configuration import BlockParameters, FaceConfiguration
+from emgface.study.configuration import FaceConfiguration, TemplateParameters
 
 
 def study_face(configuration: FaceConfiguration) -> xr.Dataset:
-    """Load the face of a study, or generate the template or the block.
+    """Load the face of a study, or generate the template.
 
     Parameters
     ----------
     configuration : FaceConfiguration
-        File, template or block; the block when none is given.
+        File or template; the template with its defaults when neither is given.
 
     Returns
     -------
@@ -28,7 +27,5 @@ def study_face(configuration: FaceConfiguration) -> xr.Dataset:
     """
     if configuration.path is not None:
         return load_face(configuration.path)
-    if configuration.template is not None:
-        return template_face(**configuration.template.model_dump())
-    b = configuration.block or BlockParameters()
-    return block_face(size=(b.width, b.depth, b.height), cells=(b.cells_width, b.cells_height))
+    template = configuration.template or TemplateParameters()
+    return template_face(**template.model_dump())

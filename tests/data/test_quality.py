@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from emgface.check import check_recording, problems
 from emgface.errors import SignalError
-from emgface.face.block import block_face
+from emgface.face.template import template_face
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
 from emgface.quality import (
     cross_talk,
@@ -278,7 +278,7 @@ def test_equal_sides_tell_nothing() -> None:
 
 
 def test_the_markers_of_a_generated_face_are_not_suspected() -> None:
-    model = block_face()
+    model = template_face(resolution="coarse")
     lips = model["position"].values[model["marker_node"].values]
     places = np.concatenate([model["face_marker_position"].values, lips])
     named = positions(np.repeat(places[:, :, None], 5, axis=2))

@@ -8,7 +8,6 @@ import xarray as xr
 from matplotlib import image
 
 from emgface.errors import FaceError
-from emgface.face.block import block_face
 from emgface.face.show import (
     LINING,
     SKIN,
@@ -24,7 +23,7 @@ from emgface.muscles import MODELLED
 
 
 def test_figure_says_what_it_shows() -> None:
-    figure = face_figure(block_face(cells=(10, 8)))
+    figure = face_figure(template_face(resolution="coarse"))
     assert len(figure.axes) == 2 * len(VIEWS)
     assert "generated" in figure.get_suptitle()
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -41,7 +40,7 @@ def test_imported_face_says_so(reference_face: xr.Dataset) -> None:
 
 
 def test_picture_is_written_in_the_chosen_format(tmp_path: Path) -> None:
-    face = block_face(cells=(10, 8))
+    face = template_face(resolution="coarse")
     path = draw_face(face, tmp_path / "new" / "face.png", dpi=50)
     pixels = image.imread(path)
     assert pixels.shape[:2] == (525, 700)
@@ -53,7 +52,7 @@ def test_picture_is_written_in_the_chosen_format(tmp_path: Path) -> None:
 def test_colours_cover_the_boundary_once() -> None:
     for face, colours in (
         (template_face(resolution="coarse"), {SKIN, VERMILION, LINING}),
-        (block_face(cells=(10, 8)), {SKIN}),
+        (template_face(resolution="coarse").drop_dims(["facet", "surface"]), {SKIN}),
     ):
         parts = coloured_parts(face)
         drawn = np.sort(np.concatenate([nodes for nodes, _ in parts]), axis=1)
@@ -63,7 +62,7 @@ def test_colours_cover_the_boundary_once() -> None:
 
 
 def test_unknown_format_and_unwritable_place(tmp_path: Path) -> None:
-    face = block_face(cells=(10, 8))
+    face = template_face(resolution="coarse")
     with pytest.raises(FaceError, match="no known picture format"):
         draw_face(face, tmp_path / "face.doc")
     (tmp_path / "file").write_text("")

@@ -95,7 +95,7 @@ def test_the_template_is_printed_or_written(tmp_path: Path) -> None:
 
 def test_a_face_is_generated_checked_and_drawn(tmp_path: Path) -> None:
     face = tmp_path / "face.nc"
-    assert run("face", "block", "--out", face).exit_code == 0
+    assert run("face", "build", "--resolution", "coarse", "--out", face).exit_code == 0
     checked = run("face", "check", face)
     assert checked.exit_code == 0 and "nodes" in checked.stdout and "ZYG_L" in checked.stdout
     assert run("face", "show", face, "--out", tmp_path / "face.png").exit_code == 0

@@ -89,8 +89,7 @@ def test_the_template_writes_the_values_of_a_study() -> None:
         ("[simulation]\nincompressibility = 'nodal'\n", "bulk_potential = 'quadratic'"),
         ("[alignment]\nscale_range = [1.1, 1.2]\n", "does not span 1"),
         ("[recordings]\ninstructions = ['A', 'G']\n", "instruction G is unknown.*A, B, C, D, E, F"),
-        ("[face]\npath = 'a.nc'\n[face.block]\n", "path and block are given, expected one source"),
-        ("[face.template]\n[face.block]\n", "template and block are given, expected one source"),
+        ("[face]\npath = 'a.nc'\n[face.template]\n", "path and template are given, expected one"),
         ("[face.template]\npreset = 'elf'\n", "face.template.preset.*'elf'.*older_woman"),
         ("[face.template]\nresolution = 'huge'\n", "face.template.resolution.*'huge'.*coarse"),
         ("[face.template]\nresolution = 12\n", "face.template.resolution.*400 to 200000"),
@@ -117,10 +116,9 @@ def test_paths_are_relative_to_the_file_and_not_to_the_shell(tmp_path: Path, mon
     assert study.face.path == tmp_path / "face.nc"
 
 
-@pytest.mark.parametrize("kind", ["template", "block"])
-def test_a_source_of_the_face_is_chosen_by_taking_away_the_comment_signs(kind: str) -> None:
+def test_a_source_of_the_face_is_chosen_by_taking_away_the_comment_signs() -> None:
     text = study_template()
-    start = text.index(f"# [face.{kind}]")
+    start = text.index("# [face.template]")
     end = text.index("\n\n\n", start)
     rows = text[start:end].splitlines()
     chosen = [row.removeprefix("# ") if re.match(r"# (\[|\w+ = )", row) else row for row in rows]
@@ -128,7 +126,7 @@ def test_a_source_of_the_face_is_chosen_by_taking_away_the_comment_signs(kind: s
         StudyConfiguration, tomllib.loads(text[:start] + "\n".join(chosen) + text[end:])
     )
     given = {name for name, value in study.face if value is not None}
-    assert given == {kind}
+    assert given == {"template"}
 
 
 def test_a_study_simulates_the_template_it_names() -> None:
@@ -136,8 +134,8 @@ def test_a_study_simulates_the_template_it_names() -> None:
     face = study_face(configure(StudyConfiguration, given).face)
     same = template_face(resolution="coarse", preset="woman", seed=4)
     assert dataset_digest(face) == dataset_digest(same)
-    block = study_face(configure(StudyConfiguration, {}).face)
-    assert block.attrs["source"] == "emgface.face.block"
+    means = study_face(configure(StudyConfiguration, {}).face)
+    assert dataset_digest(means) == dataset_digest(template_face())
 
 
 def test_a_study_cannot_be_changed_after_it_was_read() -> None:

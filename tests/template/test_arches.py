@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 from emgface.errors import DataError, FaceError
-from emgface.face.block import block_face
 from emgface.face.model import (
     MANDIBLE,
     SKULL,
@@ -125,7 +124,7 @@ def test_unknown_surface(coarse: xr.Dataset) -> None:
         DataError, match="unknown surface 'tongue': expected one of upper_lip_inner"
     ):
         facets_of(coarse, "tongue")
-    plain = block_face(cells=(10, 8))
+    plain = coarse.drop_dims(["facet", "surface", "arch_point", "arch_facet"])
     assert arches_of(plain) == []
     with pytest.raises(DataError, match="unknown surface 'skin': expected one of none"):
         facets_of(plain, "skin")
