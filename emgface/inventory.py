@@ -49,13 +49,50 @@ def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -
         If the folder is absent or holds no such file.
     """
     root = Path(folder)
-    if not root.is_dir():
-        raise DataError(f"No folder {root}; expected recordings in it: see the path.")
-    told = _sidecars(root, Path(sidecars)) if sidecars is not None else {}
-    rows = [_row(path, root, told.get(path)) for path in _files(root)]
+    rows = [_row(path, root, found) for path, found in read_files(root, sidecars=sidecars)]
     if not rows:
         raise DataError(f"{root} holds no file of signals; expected recordings: see the path.")
     return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def read_files(
+    folder: str | Path, *, sidecars: str | Path | None = None
+) -> Iterator[tuple[Path, xr.Dataset | EmgfaceError]]:
+    """Read every file of a folder that may hold signals, one after the other.
+
+    Parameters
+    ----------
+    folder, sidecars
+        As for `inventory_table`.
+
+    Yields
+    ------
+    pathlib.Path
+        The file.
+    xarray.Dataset or EmgfaceError
+        The recording, or why it was refused.
+
+    Raises
+    ------
+    DataError
+        If a folder is absent.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise DataError(f"No folder {root}; expected recordings in it: see the path.")
+    told = _sidecars(root, Path(sidecars)) if sidecars is not None else {}
+    for path in _files(root):
+        try:
+            if path not in told:
+                yield path, read_recording(path)
+                continue
+            with tempfile.TemporaryDirectory() as place:
+                beside = Path(place) / f"{path.stem}.toml"
+                beside.write_text(told[path], encoding="utf-8")
+                recording = read_recording(beside)
+            yield path, recording.assign_attrs(sidecar=f"{path.stem}.toml")
+        except EmgfaceError as error:
+            yield path, error
 
 
 def _files(root: Path) -> Iterator[Path]:
@@ -97,24 +134,17 @@ def _sidecars(root: Path, folder: Path) -> dict[Path, str]:
     return found
 
 
-def _row(path: Path, root: Path, sidecar: str | None) -> dict[str, Any]:
+def _row(path: Path, root: Path, found: xr.Dataset | EmgfaceError) -> dict[str, Any]:
     reader = readers().get(path.suffix.lower())
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     row["file"] = path.relative_to(root).as_posix()
     row["format"] = reader.FORMAT if reader else path.suffix.lower().removeprefix(".")
-    try:
-        if sidecar is None:
-            recording = read_recording(path)
-        else:
-            row["format"] += " with a sidecar"
-            with tempfile.TemporaryDirectory() as place:
-                beside = Path(place) / f"{path.stem}.toml"
-                beside.write_text(sidecar, encoding="utf-8")
-                recording = read_recording(beside)
-    except EmgfaceError as error:
-        row["refusal"] = " ".join(str(error).split()).replace(f"{path.parent.resolve()}/", "")
+    if isinstance(found, EmgfaceError):
+        row["refusal"] = " ".join(str(found).split()).replace(f"{path.parent.resolve()}/", "")
         return row
-    return row | _measures(recording) | {"findings": _findings(recording)}
+    if "sidecar" in found.attrs:
+        row["format"] += " with a sidecar"
+    return row | _measures(found) | {"findings": _findings(found)}
 
 
 def _measures(recording: xr.Dataset) -> dict[str, Any]:

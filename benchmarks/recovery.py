@@ -1,0 +1,139 @@
+"""What the signal chain recovers of the true activation, against noise and cross-talk, as a figure.
+
+    python benchmarks/recovery.py --out FIGURE.png [--n 3] [--seed 0] [--emg motor_units]
+
+Simulated EMG of known activations goes through the chain; estimate and truth are compared muscle by
+muscle: Spearman's rank correlation over time, and the root-mean-square error. Writes the figure and,
+beside it, the values as netCDF.
+"""
+
+import argparse
+import warnings
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from analysis.figures.style import COLOURS, MARKS, SHADES, blank, styled
+from emgface.choices import configure
+from emgface.parameters import SignalChain
+from emgface.volunteers.recovery import Condition, recover
+from emgface.volunteers.settings import VolunteerParameters
+
+SNR = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)
+CROSS_TALK = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
+USUAL = Condition(40.0, 0.05)
+ZERO = {"silent": "zero"}
+CHAINS = {
+    "WAMP 10 uV, per trial": {"normalisation": ZERO},
+    "RMS, per trial": {"feature": {"kind": "rms"}, "normalisation": ZERO},
+    "WAMP 10 uV, reference": {"normalisation": ZERO | {"reach": "reference", "outside": "clip"}},
+    "RMS, reference": {
+        "feature": {"kind": "rms"},
+        "normalisation": ZERO | {"reach": "reference", "outside": "clip"},
+    },
+}
+SHOWN = {"rank_correlation": "rank correlation", "error": "activation error (RMS)"}
+FALSE = "false activation (RMS)"
+
+
+def sweep(found, axis, conditions):
+    """Select the conditions of one sweep, along its axis."""
+    return found.isel(condition=[conditions.index(c) for c in axis])
+
+
+@styled
+def draw(noise: xr.Dataset, mixed: xr.Dataset):
+    """Heat maps per muscle for the first chain, then medians over muscles for all chains."""
+    figure = blank(9.5, 12.5)
+    axes = figure.subplots(5, 2, height_ratios=(2.3, 1.6, 2.3, 1.6, 1.6))
+    columns = ((noise, "snr", "signal-to-noise ratio [dB]"), (mixed, "cross_talk", "cross-talk"))
+    for row, (name, title) in enumerate(SHOWN.items()):
+        for panel, line, (found, coord, label) in zip(
+            axes[2 * row], axes[2 * row + 1], columns, strict=True
+        ):
+            ticks = [f"{v:g}" for v in found[coord].values]
+            per_muscle = found[name].isel(chain=0).median("trial").transpose("muscle", "condition")
+            limits = (0.0, 1.0) if name == "rank_correlation" else (0.0, 0.6)
+            image = panel.imshow(
+                per_muscle, aspect="auto", cmap=SHADES, vmin=limits[0], vmax=limits[1]
+            )
+            middle = 0.5 * sum(limits)
+            for (i, j), value in np.ndenumerate(per_muscle.values):
+                colour = "white" if value < middle else "black"
+                panel.text(
+                    j,
+                    i,
+                    "-" if np.isnan(value) else f"{value:.2f}",
+                    ha="center",
+                    va="center",
+                    fontsize=6.5,
+                    color=colour,
+                )
+            panel.set_xticks(range(len(ticks)), ticks)
+            panel.set_yticks(range(found.sizes["muscle"]), found["muscle"].values)
+            panel.set_title(f"{title}, {found['chain'].values[0]}, median over trials")
+            figure.colorbar(image, ax=panel, fraction=0.04)
+            for k, chain in enumerate(found["chain"].values):
+                over = found[name].isel(chain=k)
+                spread = over.median("trial").quantile([0.25, 0.5, 0.75], "muscle")
+                line.plot(
+                    range(len(ticks)), spread[1], marker=MARKS[k], color=COLOURS[k], label=chain
+                )
+                line.fill_between(
+                    range(len(ticks)), spread[0], spread[2], color=COLOURS[k], alpha=0.12
+                )
+            line.set_xticks(range(len(ticks)), ticks)
+            line.set_xlabel(label)
+            line.set_ylabel(title)
+            line.set_ylim(*limits)
+    for line, (found, coord, label) in zip(axes[4], columns, strict=True):
+        ticks = [f"{v:g}" for v in found[coord].values]
+        for k, _ in enumerate(found["chain"].values):
+            wrong = found["false_activation"].isel(chain=k).median("trial").median("muscle")
+            line.plot(range(len(ticks)), wrong, marker=MARKS[k], color=COLOURS[k])
+        line.set_xticks(range(len(ticks)), ticks)
+        line.set_xlabel(label)
+        line.set_ylabel(FALSE)
+        line.set_ylim(0.0, 0.6)
+        line.set_title("muscles that take no part in the movement")
+    axes[1, 0].legend(ncols=2, loc="lower right", fontsize=7)
+    axes[1, 1].set_title("medians over muscles, shaded the quartiles")
+    figure.suptitle("Activation recovered from SIMULATED EMG")
+    return figure
+
+
+def main() -> None:
+    """Compute, draw and print."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--n", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--emg", choices=("motor_units", "noise"), default="motor_units")
+    given = parser.parse_args()
+    noisy = [Condition(snr, USUAL.cross_talk) for snr in SNR]
+    mixing = [Condition(USUAL.snr, share) for share in CROSS_TALK]
+    conditions = list(dict.fromkeys([*noisy, *mixing]))
+    chains = {name: configure(SignalChain, values) for name, values in CHAINS.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = recover(
+            conditions, chains, n=given.n, seed=given.seed,
+            settings=VolunteerParameters(emg=given.emg),
+        )  # fmt: skip
+    given.out.parent.mkdir(parents=True, exist_ok=True)
+    found.to_netcdf(given.out.with_suffix(".nc"))
+    draw(sweep(found, noisy, conditions), sweep(found, mixing, conditions)).savefig(
+        given.out, dpi=130
+    )
+    for axis, coord in ((noisy, "snr"), (mixing, "cross_talk")):
+        part = sweep(found, axis, conditions)
+        for name in (*SHOWN, "false_activation"):
+            table = part[name].median("trial").median("muscle").to_pandas()
+            table.index = part[coord].values
+            print(f"\n{name} against {coord} (median over trials and muscles), simulated")
+            print(table.round(3).to_string())
+
+
+if __name__ == "__main__":
+    main()

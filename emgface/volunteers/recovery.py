@@ -1,0 +1,213 @@
+"""How much of the true activation the signal chain recovers from simulated EMG."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy.stats
+import xarray as xr
+
+from emgface.activation import activation_of, feature_range
+from emgface.errors import SignalError
+from emgface.muscles import CHANNELS, INSTRUCTIONS, MODELLED, MUSCLES
+from emgface.parameters import SignalChain
+from emgface.volunteers.emg import Pools, draw_pools, synthesise_emg
+from emgface.volunteers.person import SimulatedVolunteer, draw_volunteer
+from emgface.volunteers.session import trial_activation
+from emgface.volunteers.settings import VolunteerParameters
+
+LEAST_PEAK: Final = 0.06
+"""Peak of the true activation from which a muscle takes part in a trial."""
+MEASURES: Final = ("rank_correlation", "error", "shape_error", "false_activation")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What the electrodes of all volunteers have in common.
+
+    Attributes
+    ----------
+    snr : float [dB]
+        Root mean square of a channel at full activation over that of its baseline noise.
+    cross_talk : float [1]
+        Share of a neighbour's amplitude.
+    """
+
+    snr: float
+    cross_talk: float
+
+
+def recover(
+    conditions: Iterable[Condition],
+    chains: Mapping[str, SignalChain],
+    *,
+    n: int = 3,
+    seed: int = 0,
+    instructions: Sequence[str] = tuple(INSTRUCTIONS),
+    settings: VolunteerParameters | None = None,
+) -> xr.Dataset:
+    """Compare the activation that signal chains give with the true one, muscle by muscle.
+
+    Parameters
+    ----------
+    conditions : iterable of Condition
+        Noise and cross-talk, one after the other.
+    chains : mapping of str to SignalChain
+        By name; one whose normalisation reaches to a reference is given a recording in which each
+        muscle is fully active once.
+    n : int
+        Number of volunteers.
+    seed : int
+        Seed of the set.
+    instructions : sequence of str
+        Some of A to F; one repetition each.
+    settings : VolunteerParameters, optional
+        Source of the EMG and length of trials.
+
+    Returns
+    -------
+    Dataset
+        Dims (condition, chain, muscle, trial), muscle without side, both sides averaged;
+        ``rank_correlation`` [1], Spearman's over time; ``error`` [1], root mean square of the
+        difference; ``shape_error`` [1], the same after the best factor on the estimate, over the
+        root mean square of the truth; NaN where a muscle does not take part (`LEAST_PEAK`).
+        ``false_activation`` [1], root mean square of the difference of a muscle that does not take
+        part; NaN elsewhere. All are NaN where the chain refused the trial. Coords ``snr`` [dB],
+        ``cross_talk`` [1]; attribute origin "simulated".
+    """
+    wanted = list(conditions)
+    settings = settings or VolunteerParameters()
+    people = [draw_volunteer(index, seed) for index in range(1, n + 1)]
+    trials = [(person, instruction) for person in people for instruction in instructions]
+    shape = (len(wanted), len(chains), len(MODELLED), len(trials))
+    found = {name: np.full(shape, np.nan) for name in MEASURES}
+    pools = {
+        person.index: draw_pools(np.random.default_rng([seed, person.index, 7]))
+        if settings.emg == "motor_units"
+        else None
+        for person in people
+    }
+    references = any(chain.normalisation.reach == "reference" for chain in chains.values())
+    for k, condition in enumerate(wanted):
+        extents = {
+            (name, person.index): feature_range(
+                [_recording(person, full_effort(), condition, settings, pools[person.index], "")],
+                chain,
+            )
+            for name, chain in chains.items()
+            for person in (people if references else [])
+            if chain.normalisation.reach == "reference"
+        }
+        for t, (person, instruction) in enumerate(trials):
+            truth = trial_activation(person, instruction, 1, settings)
+            recording = _recording(
+                person, truth, condition, settings, pools[person.index], instruction
+            )
+            for c, (name, chain) in enumerate(chains.items()):
+                try:
+                    estimate = activation_of(
+                        recording,
+                        chain,
+                        strategy="act_all",
+                        reference=extents.get((name, person.index)),
+                    )["activation"]
+                except SignalError:
+                    continue  # the chain says that it cannot; the cell stays NaN
+                for measure, values in _compare(estimate, truth).items():
+                    found[measure][k, c, :, t] = values
+    dims = ("condition", "chain", "muscle", "trial")
+    return xr.Dataset(
+        {name: (dims, values, {"units": "1"}) for name, values in found.items()},
+        coords={
+            "chain": list(chains),
+            "muscle": list(MODELLED),
+            "trial": [f"{person.name} {instruction}" for person, instruction in trials],
+            "snr": ("condition", [one.snr for one in wanted], {"units": "dB"}),
+            "cross_talk": ("condition", [one.cross_talk for one in wanted], {"units": "1"}),
+        },
+        attrs={"origin": "simulated", "emg": settings.emg, "seed": seed, "n": n},
+    )
+
+
+def full_effort(*, hold: float = 0.6, rest: float = 0.4) -> xr.DataArray:
+    """Activation in which each muscle, both sides together, is fully active once.
+
+    Parameters
+    ----------
+    hold, rest : float
+        Seconds of full activation of each muscle, and of rest before and after.
+
+    Returns
+    -------
+    DataArray
+        ``(muscle, time_true)`` [1].
+    """
+    rate, period = 1000.0, hold + rest
+    time = np.arange(round(len(MODELLED) * period * rate) + 1) / rate
+    values = np.zeros((len(MUSCLES), time.size))
+    for k, name in enumerate(MODELLED):
+        on = (time >= k * period + rest / 2) & (time < (k + 1) * period - rest / 2)
+        for side in ("L", "R"):
+            values[MUSCLES.index(f"{name}_{side}"), on] = 1.0
+    return xr.DataArray(
+        values,
+        coords={"muscle": list(MUSCLES), "time_true": ("time_true", time, {"units": "s"})},
+        dims=("muscle", "time_true"),
+        attrs={"units": "1"},
+    )
+
+
+def _recording(
+    person: SimulatedVolunteer,
+    truth: xr.DataArray,
+    condition: Condition,
+    settings: VolunteerParameters,
+    pools: Pools | None,
+    instruction: str,
+) -> xr.Dataset:
+    """EMG of one trial; every channel has the same ratio of its gain to its noise."""
+    gain = np.array([person.gain[channel] for channel in CHANNELS])
+    place = list(INSTRUCTIONS).index(instruction) if instruction else len(INSTRUCTIONS)
+    rng = np.random.default_rng([person.seed, person.index, 11, place])
+    emg = synthesise_emg(
+        truth,
+        gain=gain,
+        cross_talk=condition.cross_talk,
+        baseline_noise=0.0,
+        mains_hum=person.mains_hum,
+        rng=rng,
+        sampling_rate=settings.sampling_rate,
+        pools=pools,
+    )
+    noise = gain[:, None] * 10.0 ** (-condition.snr / 20.0)
+    emg = emg + noise * rng.standard_normal(emg.shape)
+    attrs = {"origin": "simulated", "volunteer": person.name}
+    if instruction:
+        attrs["instruction"] = instruction
+    return xr.Dataset({"emg": emg.assign_attrs(units="V")}, attrs=attrs)
+
+
+def _compare(estimate: xr.DataArray, truth: xr.DataArray) -> dict[str, np.ndarray]:
+    """Measures of each muscle, both sides averaged."""
+    real = truth.interp(time_true=estimate["time"].values)
+    sides = {name: np.full((2, len(MODELLED)), np.nan) for name in MEASURES}
+    for s, side in enumerate(("L", "R")):
+        for m, muscle in enumerate(MODELLED):
+            a = real.sel(muscle=f"{muscle}_{side}").values
+            b = estimate.sel(muscle=f"{muscle}_{side}").values
+            if a.max() < LEAST_PEAK:
+                sides["false_activation"][s, m] = np.sqrt(np.mean((b - a) ** 2))
+                continue
+            power = float(b @ b)
+            factor = float(a @ b) / power if power > 0.0 else 0.0
+            sides["error"][s, m] = np.sqrt(np.mean((b - a) ** 2))
+            sides["shape_error"][s, m] = np.sqrt(np.mean((factor * b - a) ** 2) / np.mean(a**2))
+            # An estimate that never changes orders nothing.
+            flat = np.ptp(b) == 0.0
+            sides["rank_correlation"][s, m] = 0.0 if flat else scipy.stats.spearmanr(a, b)[0]
+    with np.errstate(invalid="ignore"):
+        return {
+            name: np.nansum(values, axis=0) / np.isfinite(values).sum(axis=0)
+            for name, values in sides.items()
+        }
