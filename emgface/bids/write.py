@@ -13,9 +13,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from emgface.bids.electrodes import LINKS, electrode_tables
 from emgface.bids.names import file_name
 from emgface.bids.rules import (
     BIDS_VERSION,
+    ELECTRODE_COLUMNS,
     EMG_COLUMNS,
     MOTION_COLUMNS,
     PARTICIPANT_COLUMNS,
@@ -24,6 +26,7 @@ from emgface.bids.rules import (
 from emgface.bids.sidecars import read_tsv
 from emgface.errors import DataError
 from emgface.files import replace_file
+from emgface.labels import note
 from emgface.muscles import AXES, MUSCLE_NAMES
 from emgface.schema import validate
 from emgface.signals import check_gaps, sampling_rate
@@ -178,10 +181,36 @@ def _write_emg(
     rows = [
         (label, "EMG", unit, MUSCLE_NAMES.get(label.partition("_")[0], "n/a")) for label in labels
     ]
-    _table(path.with_name(file_name(given, "channels.tsv")), (*EMG_COLUMNS, "target_muscle"), rows)
+    columns = (*EMG_COLUMNS, "target_muscle")
+    if "electrodes" in recording.attrs:
+        links = _write_electrodes(recording, labels, path.parent, given)
+        # The muscle of the study's name, where it is one; else what the source says.
+        rows = [
+            (*row[:3], link[2] if row[3] == "n/a" else row[3], *link[:2])
+            for row, link in zip(rows, links, strict=True)
+        ]
+        columns = (*columns, *LINKS[:2])
+    _table(path.with_name(file_name(given, "channels.tsv")), columns, rows)
     told = {**_DEFAULTS, **_common(recording, rate, n)}
     told |= {"RecordingType": "continuous", "EMGChannelCount": len(labels), **further}
     _json(path.with_suffix(".json"), told)
+
+
+def _write_electrodes(
+    recording: xr.Dataset, labels: Sequence[str], folder: Path, given: dict[str, str]
+) -> list[tuple[str, ...]]:
+    """Write where the electrodes lie, and return the electrodes and muscle of each channel."""
+    told, original = str(recording.attrs["electrodes"]), note(recording, "original_names")
+    links, places, system = electrode_tables(told, labels, original)
+    if places:
+        subject = {"sub": given["sub"]}
+        columns = (*ELECTRODE_COLUMNS, "z", "coordinate_system")
+        _table(folder / file_name(subject, "electrodes.tsv"), columns, places)
+        _json(
+            folder / file_name(subject, "coordsystem.json"),
+            {"EMGCoordinateSystem": "Other", "EMGCoordinateUnits": "n/a", **system},
+        )
+    return links
 
 
 def _write_motion(

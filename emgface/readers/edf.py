@@ -14,6 +14,7 @@ import edfio
 import numpy as np
 import xarray as xr
 
+from emgface.bids.electrodes import read_electrodes
 from emgface.bids.sidecars import EmgSidecars, emg_sidecars
 from emgface.errors import DataError
 from emgface.readers._build import Part, assemble_parts, unique_labels, voltages
@@ -106,7 +107,9 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     united = assemble_parts(
         [emg, *motion], origin=sidecars.origin, device=sidecars.device or content.device
     )
-    return united.assign_attrs(sidecars.trial)
+    electrodes = read_electrodes(path, sidecars.channels)
+    told = {} if electrodes is None else {"electrodes": electrodes}
+    return united.assign_attrs({**sidecars.trial, **told})
 
 
 def _of_one_rate(

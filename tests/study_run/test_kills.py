@@ -1,0 +1,65 @@
+"""A process that is killed at any moment leaves whole results or none."""
+
+import os
+import random
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.study.store import Stage, Store
+
+COUNT, KILLS = 25, 6
+STAGE = Stage("counting", ("emgface.study.store",))
+
+
+def work(folder: Path) -> list[str]:
+    """Compute what is absent; what each result holds follows from its number."""
+    store = Store(folder, report=lambda text: None)
+    for number in range(COUNT):
+
+        def compute(number: int = number) -> xr.Dataset:
+            values = np.random.default_rng(number).normal(size=4000)
+            return xr.Dataset({"x": ("i", values)}, attrs={"number": number})
+
+        result = store.get_or_compute(STAGE, {"number": str(number)}, {}, compute)
+        assert result.dataset.attrs["number"] == number
+    return [event.outcome for event in store.events]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork a process")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_killed_at_random_the_store_is_never_corrupt(tmp_path: Path) -> None:
+    """``benchmarks/interruptions.py`` does the same to whole studies, fifty times."""
+    began = time.monotonic()
+    assert work(tmp_path / "whole") == ["computed"] * COUNT
+    lasted = time.monotonic() - began
+    rng = random.Random(3)
+    killed = 0
+    for _ in range(KILLS):
+        child = os.fork()
+        if child == 0:
+            work(tmp_path / "killed")
+            os._exit(0)
+        time.sleep(rng.uniform(0.05, 0.3) * lasted)
+        os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
+        killed += os.WIFSIGNALED(status)
+        for path in (tmp_path / "killed").rglob("*.nc"):
+            number = int(xr.load_dataset(path).attrs["number"])
+            same = tmp_path / "whole" / path.relative_to(tmp_path / "killed")
+            xr.testing.assert_identical(xr.load_dataset(path), xr.load_dataset(same))
+            assert 0 <= number < COUNT
+    assert killed >= 3
+    outcomes = work(tmp_path / "killed")
+    assert len(outcomes) == COUNT and outcomes.count("reused") > 0
+    names = {path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*.nc")}
+    found = {path.relative_to(tmp_path / "killed") for path in (tmp_path / "killed").rglob("*.nc")}
+    assert found == names
+    for name in names:
+        xr.testing.assert_identical(
+            xr.load_dataset(tmp_path / "whole" / name), xr.load_dataset(tmp_path / "killed" / name)
+        )
