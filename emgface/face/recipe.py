@@ -14,6 +14,7 @@ from emgface.face.model import INNER, OUTER
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.support import inner_support
 from emgface.face.tension_lines import skin_prestretch
+from emgface.face.tissue import material_axes
 from sim import (
     Blemker,
     ConstantForce,
@@ -110,13 +111,16 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
         materials=materials,
         region=region,
         muscles=muscles if p.muscle_form == "elements" else None,
-        prestretch=_prestretch(face, order, p, materials[-1]),
+        prestretch=_prestretch(face, order, p, materials, region),
+        axes=(
+            material_axes(face)[order.face_index] if any(m.needs_axes for m in materials) else None
+        ),
     )
     terms: list[Term] = [solid]
     if p.muscle_form == "lines":
         terms.append(_line_muscles(face, p))
     if p.stiffening > 1.0:
-        pointwise = [replace(m, bulk=_bulk(p, p.kappa)) for m in materials]
+        pointwise = [m if m.bulk is None else replace(m, bulk=_bulk(p, p.kappa)) for m in materials]
         stiffened = materials if p.incompressibility == "pointwise" else tuple(pointwise)
         tissue = replace(solid, materials=stiffened, muscles=None)
         rows = muscles.names, muscles.element, muscles.muscle
@@ -166,7 +170,7 @@ def _bulk(p: SimulationParameters, kappa: float) -> BulkLaw:
 def _tissue(
     face: xr.Dataset, order: ElementOrder, p: SimulationParameters
 ) -> tuple[tuple[Material, ...], NDArray[np.int64] | None]:
-    """Materials and the one of each element; where the skin differs, it is the last."""
+    """Materials and the one of each element, in the order of the scene."""
     pointwise = p.incompressibility == "pointwise"
     tissue = Material(
         MooneyRivlin(p.C10, p.C20), _bulk(p, p.kappa if pointwise else 0.0), density=p.density
@@ -176,10 +180,15 @@ def _tissue(
         tissue.bulk if p.skin.kappa is None else _bulk(p, p.skin.kappa),
         density=p.density,
     )
-    if skin == tissue:
-        return (tissue,), None
-    outer = face["layer"].values[order.face_index] == OUTER
-    return (tissue, skin), outer.astype(np.int64)
+    materials, region = [tissue], np.zeros(len(order.face_index), dtype=np.int64)
+    if skin != tissue:
+        materials.append(skin)
+        region[face["layer"].values == OUTER] = 1
+    for own in p.tissues:
+        bulk = tissue.bulk if own.kappa is None else _bulk(p, own.kappa)
+        region[own.chosen(face)] = len(materials)
+        materials.append(own.material(bulk, p.density))
+    return tuple(materials), None if len(materials) == 1 else region[order.face_index]
 
 
 def _element_muscles(face: xr.Dataset, order: ElementOrder, p: SimulationParameters) -> Muscles:
@@ -213,11 +222,17 @@ def _line_muscles(face: xr.Dataset, p: SimulationParameters) -> LineMuscles:
 
 
 def _prestretch(
-    face: xr.Dataset, order: ElementOrder, p: SimulationParameters, skin: Material
+    face: xr.Dataset,
+    order: ElementOrder,
+    p: SimulationParameters,
+    materials: tuple[Material, ...],
+    region: NDArray[np.int64] | None,
 ) -> NDArray[np.float64] | None:
-    """Initial stretch of every element in the order of the scene."""
+    """Initial stretch of every element of the scene, for the commonest tissue of the skin."""
     if p.prestress.method != "stretch":
         return None
+    outer = face["layer"].values[order.face_index] == OUTER
+    skin = materials[0 if region is None else int(np.bincount(region[outer]).argmax())]
     stretches = initial_stretch(skin, (p.prestress.along, p.prestress.across, 0.0))
     return skin_prestretch(face, stretches)[order.face_index]
 

@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.face.tissue import Tissue
 
 STAVNESS = "Stavness et al., Coupled biomechanical modeling of the face"
 BLEMKER = "Blemker et al. 2005, J Biomech 38:657-665"
@@ -160,6 +161,11 @@ class SimulationParameters(Parameters):
         ge=0,
     )
     skin: SkinParameters = Field(default=SkinParameters(), description="The outer layer.")
+    tissues: tuple[Tissue, ...] = Field(
+        default=(),
+        description="Tissues of layers, muscles or single elements, in place of C10, C20, kappa, "
+        "density and skin there; a later one takes the place of an earlier one.",
+    )
     prestress: Prestress = Field(default=Prestress(), description="Tension of the skin at rest.")
     incompressibility: Literal["pointwise", "element", "nodal"] = parameter(
         "pointwise",
@@ -233,13 +239,23 @@ class SimulationParameters(Parameters):
         if self.incompressibility != "pointwise":
             for name, used in (
                 ("skin.kappa", self.skin.kappa is not None),
+                ("kappa of a tissue", any(t.kappa is not None for t in self.tissues)),
+                (
+                    "a tissue with law 'linear' or 'co_rotational'",
+                    any(t.law in ("linear", "co_rotational") for t in self.tissues),
+                ),
                 ("prestress.method = 'stretch'", self.prestress.method == "stretch"),
             ):
                 if used:
                     raise ValueError(
-                        f"{name} needs a bulk law at the points of the skin: set "
+                        f"{name} needs a bulk law at the points: set "
                         "incompressibility = 'pointwise'"
                     )
+        if self.stiffening > 1.0 and any(t.relaxing for t in self.tissues):
+            raise ValueError(
+                "a tissue with relaxing stress cannot stiffen with activation: set stiffening = 1 or "
+                "make the tissue elastic"
+            )
         if self.sigma_max < self.sigma_max_policy.minimum:
             raise ValueError(
                 f"sigma_max = {self.sigma_max:g} Pa is below sigma_max_policy.minimum = "

@@ -110,6 +110,15 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         "after each simulation that failed), Rayleigh damping "
         f"(alpha = {s.alpha:g} 1/s, beta = {s.beta:g} s, tangent {s.damping_tangent}) "
         f"{'and gravity' if s.gravity else 'and no gravity'}.",
+        *(
+            f"The elements of {t.where()} had the law {t.passive_law()} (stresses in Pa)"
+            + (
+                f" and relaxed by the fractions {t.relaxing} within {t.times} s."
+                if t.relaxing
+                else "."
+            )
+            for t in s.tissues
+        ),
         f"Motion was integrated by the implicit Euler method in steps of {1e3 * s.step:g} ms, "
         f"{solver}.",
     ]

@@ -55,7 +55,7 @@ def _table(model: BaseModel, name: str) -> list[str]:
         lines += ["", *(f"# {line}" for line in textwrap.wrap(fields[key].description or "", 96))]
         given = getattr(model, key)
         for row in given or (empty,):
-            rows = [f"[[{key}]]", *_table(row, "")]
+            rows = [f"[[{name}.{key}]]" if name else f"[[{key}]]", *_table(row, "")]
             lines += rows if given else [f"# {r}" if r and r[0] != "#" else r for r in rows]
     return lines
 
@@ -80,4 +80,6 @@ def _nested(model: BaseModel, key: str) -> Any:
 def _value(value: Any) -> str:
     if isinstance(value, Path):
         value = value.as_posix()
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{name} = {_value(one)}" for name, one in value.items()) + "}"
     return json.dumps(list(value) if isinstance(value, tuple) else value)

@@ -174,5 +174,6 @@ def person_parameters(
             "C10": parameters.C10 * person.stiffness,
             "C20": parameters.C20 * person.stiffness,
             "kappa": parameters.kappa * person.stiffness,
+            "tissues": tuple(t.stiffened(person.stiffness) for t in parameters.tissues),
         }
     )

@@ -1,0 +1,238 @@
+"""Tissues of a face by layer, muscle and element: which law holds where."""
+
+from dataclasses import fields, replace
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import field_validator, model_validator
+from scipy.spatial import KDTree
+
+from emgface.choices import OWN, Parameters, parameter
+from emgface.errors import FaceError
+from emgface.face.model import CENTRE, INNER, OUTER
+from emgface.face.quality import element_centres
+from emgface.face.tension_lines import skin_axes
+from emgface.muscles import MUSCLES
+from sim import (
+    CoRotational,
+    FiveTermMooneyRivlin,
+    Fung,
+    LinearElastic,
+    Material,
+    MooneyRivlin,
+    NeoHooke,
+    Ogden,
+    Prony,
+    SceneError,
+)
+from sim.laws import BulkLaw, IsochoricLaw, TensorLaw
+
+LAWS: dict[str, Any] = {
+    "mooney_rivlin": MooneyRivlin,
+    "neo_hooke": NeoHooke,
+    "five_term_mooney_rivlin": FiveTermMooneyRivlin,
+    "ogden": Ogden,
+    "fung": Fung,
+    "linear": LinearElastic,
+    "co_rotational": CoRotational,
+}
+"""Laws of passive tissue by the name in a study file."""
+
+LAYERS = {"inner": INNER, "centre": CENTRE, "outer": OUTER}
+NOT_MODULI = {"alpha", "poisson"}
+"""Coefficients without the unit of a stress."""
+
+Coefficient = float | tuple[float, ...]
+
+
+class Tissue(Parameters):
+    """Tissue of the elements that meet all given conditions, in place of that of the whole face."""
+
+    layers: tuple[Literal["inner", "centre", "outer"], ...] = parameter(
+        (), "Layers of elements; all when empty.", unit="-", source=OWN
+    )
+    muscles: tuple[str, ...] = parameter(
+        (),
+        "Muscles, with side, any of which the element belongs to; all elements when empty.",
+        unit="-",
+        source=OWN,
+    )
+    elements: tuple[int, ...] = parameter(
+        (), "Ids of elements of the face model; all when empty.", unit="-", source=OWN
+    )
+    law: Literal[
+        "mooney_rivlin",
+        "neo_hooke",
+        "five_term_mooney_rivlin",
+        "ogden",
+        "fung",
+        "linear",
+        "co_rotational",
+    ] = parameter(
+        "mooney_rivlin",
+        "Law of the passive tissue.",
+        unit="-",
+        source=OWN,
+        note="'fung' takes the tension line of the nearest skin as its first axis; 'linear' is for "
+        "small rotations only",
+    )
+    coefficients: dict[str, Coefficient] = parameter(
+        {},
+        "Coefficients of the law by the names of its class in sim; those left out have its defaults.",
+        unit="Pa",
+        source="the class of the law",
+    )
+    stiffness: float = parameter(
+        1.0,
+        "Factor on all coefficients of the law that are stresses.",
+        unit="1",
+        source=OWN,
+        note="0.5 and 2 with the defaults of 'fung' for young and old skin",
+        gt=0,
+    )
+    kappa: float | None = parameter(
+        None,
+        "Bulk modulus; absent: that of the face.",
+        unit="Pa",
+        source=OWN,
+        note="'linear' and 'co_rotational' have none beside their coefficients",
+        gt=0,
+    )
+    density: float | None = parameter(
+        None, "Density; absent: that of the face.", unit="kg/m^3", source=OWN, gt=0
+    )
+    relaxing: tuple[float, ...] = parameter(
+        (), "Fractions of the stress that relax (Prony series); elastic when empty.", unit="1",
+        source=OWN, note="the coefficients are then the instantaneous ones",
+    )  # fmt: skip
+    times: tuple[float, ...] = parameter(
+        (), "Relaxation time of each fraction.", unit="s", source=OWN
+    )
+
+    @field_validator("muscles")
+    @classmethod
+    def _known(cls, values: tuple[str, ...]) -> tuple[str, ...]:
+        unknown = [value for value in values if value not in MUSCLES]
+        if unknown:
+            raise ValueError(
+                f"muscle {', '.join(unknown)} is unknown, expected some of {', '.join(MUSCLES)}"
+            )
+        return values
+
+    @model_validator(mode="after")
+    def _possible(self) -> "Tissue":
+        names = [field.name for field in fields(LAWS[self.law])]
+        unknown = [name for name in self.coefficients if name not in names]
+        if unknown:
+            raise ValueError(
+                f"coefficient {', '.join(unknown)} of law '{self.law}' is unknown, expected some of "
+                f"{', '.join(names)}"
+            )
+        try:
+            material = self.material(None, 1000.0)
+        except (SceneError, TypeError) as error:
+            raise ValueError(str(error)) from error
+        if material.bulk is None and self.kappa is not None:
+            raise ValueError(
+                f"law '{self.law}' answers for the volume itself: delete kappa and give poisson among "
+                "its coefficients"
+            )
+        return self
+
+    def passive_law(self) -> IsochoricLaw | TensorLaw:
+        """Law with its coefficients, times the stiffness."""
+        law = LAWS[self.law](**self.coefficients)
+        if self.stiffness == 1.0:
+            return law
+        moduli = [field.name for field in fields(law) if field.name not in NOT_MODULI]
+        return replace(law, **{n: _times(self.stiffness, getattr(law, n)) for n in moduli})
+
+    def material(self, bulk: BulkLaw | None, density: float) -> Material:
+        """Material with the bulk law and density of the face where the tissue has no own.
+
+        Parameters
+        ----------
+        bulk : BulkLaw or None
+            Pointwise law of the volume for an isochoric law.
+        density : float
+            [kg/m^3]
+        """
+        law = self.passive_law()
+        own = None if isinstance(law, LinearElastic | CoRotational) else bulk
+        prony = Prony(self.relaxing, self.times) if self.relaxing or self.times else None
+        return Material(law, own, self.density or density, prony)
+
+    def stiffened(self, factor: float) -> "Tissue":
+        """Tissue of a person whose tissue is stiffer by a factor, the bulk modulus included."""
+        kappa = None if self.kappa is None else factor * self.kappa
+        return self.model_copy(update={"stiffness": factor * self.stiffness, "kappa": kappa})
+
+    def where(self) -> str:
+        """Tell in words which elements the tissue is of."""
+        conditions = [f"the {', '.join(self.layers)} layer"] if self.layers else []
+        conditions += [f"the muscles {', '.join(self.muscles)}"] if self.muscles else []
+        conditions += [f"{len(self.elements)} named elements"] if self.elements else []
+        return " within ".join(conditions) or "the whole face"
+
+    def chosen(self, face: xr.Dataset) -> NDArray[np.bool_]:
+        """Tell which elements of a face the tissue is of, shape (n_elements,).
+
+        Raises
+        ------
+        FaceError
+            The face lacks an element that is named, or no element meets the conditions.
+        """
+        chosen = np.ones(face.sizes["element"], dtype=bool)
+        if self.layers:
+            chosen &= np.isin(face["layer"].values, [LAYERS[name] for name in self.layers])
+        if self.muscles:
+            rows = np.isin(face["muscle"].values[face["bundle_muscle"].values], self.muscles)
+            inside = np.zeros_like(chosen)
+            inside[face["bundle_index"].values[rows]] = True
+            chosen &= inside
+        if self.elements:
+            ids = face["element_id"].values
+            missing = np.setdiff1d(self.elements, ids)
+            if missing.size:
+                raise FaceError(
+                    f"a tissue names element {missing[0]}, which the face lacks: expected ids from "
+                    f"{ids.min()} to {ids.max()}"
+                )
+            chosen &= np.isin(ids, self.elements)
+        if not chosen.any():
+            raise FaceError(
+                f"no element is in layers {list(self.layers)}, muscles {list(self.muscles)} and the "
+                "named elements: expected at least one, check the tissue's conditions"
+            )
+        return chosen
+
+
+def _times(factor: float, value: Coefficient) -> Coefficient:
+    return tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
+
+
+def material_axes(face: xr.Dataset) -> NDArray[np.float64]:
+    """Axes of every element in the columns: those of the nearest element of the skin.
+
+    The first column runs along the tension line, the second across it, the third outwards.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+
+    Returns
+    -------
+    (n_elements, 3, 3) in the order of the face.
+
+    Raises
+    ------
+    FaceError
+        The face has no skin or no fibres.
+    """
+    element, axes = skin_axes(face)
+    centres = element_centres(face["position"].values, face["connectivity"].values)
+    nearest = KDTree(centres[element]).query(centres)[1]
+    return np.ascontiguousarray(axes[nearest].transpose(0, 2, 1))
