@@ -193,6 +193,12 @@ def minimise(
                     iteration, factorisations, point.residual, largest, shortest, shifts
                 )
             if made_here:
+                left = float(np.abs(direction).max())
+                if left <= tolerances.position and point.residual <= tolerances.residual:
+                    # at the minimum already, but for rounding
+                    return point, Iteration(
+                        iteration, factorisations, point.residual, left, shortest, shifts
+                    )
                 raise NotConverged(tuple(residuals), until, "no step lowers the potential")
         else:
             length, new = found

@@ -1,0 +1,122 @@
+"""Equilibria of a face under held activations, by the quasi-static solver with load stepping."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import ActivationError
+from emgface.face.recipe import compose_scene, displacement_scene, named_elements
+from emgface.face.simulation_parameters import SimulationParameters
+from sim import (
+    Activation,
+    HalvingStep,
+    Static,
+    Workspace,
+    compile_scene,
+    displace_held,
+    simulate,
+)
+from sim.state import State
+
+LEVELS = tuple(round(0.1 * k, 1) for k in range(11))
+"""Shares of the activation at which equilibria are kept."""
+
+Progress = Callable[[int, int], None]
+
+
+def equilibria(
+    face: xr.Dataset,
+    activation: Mapping[str, float],
+    parameters: SimulationParameters,
+    *,
+    levels: Sequence[float] = LEVELS,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Raise an activation in steps; after each the face finds its equilibrium.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    activation : mapping
+        Muscle such as ``ZYG_L`` to its activation at level 1 [1]; the rest is silent.
+    parameters : SimulationParameters
+        Laws and loads; step, solver and damping do not matter.
+    levels : sequence of float
+        Ascending shares of the activation, from 0 to 1. What the face does at level 0 comes of gravity
+        and prestress.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after every level.
+
+    Returns
+    -------
+    Dataset
+        ``node_position(level, node, axis)`` [m], ``smallest_J(level)``; attrs ``origin`` "simulated",
+        ``face``, ``sigma_max`` [Pa].
+
+    Raises
+    ------
+    ActivationError
+        A muscle is unknown, or the levels do not ascend.
+    ControlError
+        An activation lies outside 0-1.
+    InvertedElement, NotConverged, SingularSystem
+        A step fails even when divided; ``element`` is the id in the face model.
+
+    Notes
+    -----
+    A branch that buckles is followed to the equilibrium that the descent from the previous level finds.
+    """
+    if not len(levels) or not (np.diff(levels) > 0.0).all():
+        raise ActivationError(
+            f"the levels {tuple(levels)} do not ascend, expected shares from 0 to 1"
+        )
+    system = compile_scene(compose_scene(face, parameters))
+    unknown = [name for name in activation if name not in system.muscles]
+    if unknown:
+        raise ActivationError(
+            f"unknown muscle {unknown[0]!r}, expected some of {', '.join(system.muscles)}"
+        )
+    peak = np.array([activation.get(name, 0.0) for name in system.muscles])
+    work = Workspace(system, parameters.linear_solver)
+    state = system.rest_state()
+    positions, smallest = list[np.ndarray](), list[float]()
+    last = 0.0
+    with named_elements(face):
+        if parameters.prestress.method == "displaced":
+            first = compile_scene(displacement_scene(face, parameters))
+            state = displace_held(first, state, face["position"].values)
+        for done, level in enumerate(levels, 1):
+            ramp = Activation(np.array([0.0, 1.0]), np.stack([last * peak, level * peak]))
+            state = State(0.0, state.q, np.zeros_like(state.q), state.memory)
+            _, state = simulate(
+                system,
+                ramp,
+                duration=1.0,
+                integrator=Static(),
+                steps=HalvingStep(1.0),
+                probes=(),
+                initial=state,
+                work=work,
+            )
+            last = level
+            positions.append(state.q)
+            smallest.append(system.smallest_J(state.q)[0])
+            if progress is not None:
+                progress(done, len(levels))
+    return xr.Dataset(
+        {
+            "node_position": (("level", "node", "axis"), np.stack(positions), {"units": "m"}),
+            "smallest_J": ("level", np.array(smallest), {"units": "1"}),
+        },
+        coords={
+            "level": ("level", np.asarray(levels, dtype=np.float64), {"units": "1"}),
+            "axis": face["axis"].values,
+        },
+        attrs={
+            "origin": "simulated",
+            "face": str(face.attrs.get("name", "")),
+            "sigma_max": parameters.sigma_max,
+        },
+    )

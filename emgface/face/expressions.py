@@ -1,0 +1,186 @@
+"""Facial expressions: held activations, displacement of landmarks, and what the skin changes in them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.face.check import sheet_nodes
+from emgface.face.equilibria import equilibria
+from emgface.face.lip_rounding import SIGMA_MAX, WALL
+from emgface.face.model import OUTER
+from emgface.face.simulation_parameters import SimulationParameters
+
+Floats = NDArray[np.float64]
+
+EXPRESSIONS: Final[Mapping[str, Mapping[str, float]]] = {
+    "closed-mouth smile": {"ZYG": 0.5, "RIS": 0.3, "LAO": 0.3, "OOM": 0.1},
+    "open-mouth smile": {"ZYG": 0.6, "RIS": 0.4, "LAO": 0.3, "LLSAN": 0.2, "DLI": 0.2},
+    "pursing of the lips": {"OOP": 0.5, "OOM": 0.1},
+    "lips turned downwards": {"DAO": 0.7},
+}
+"""Muscles of either side and their activation [1]. Source of the four: Stavness et al., Facial
+expression simulations, which states no activations; these are chosen."""
+
+LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+@dataclass(frozen=True)
+class Skin:
+    """A variant of the skin: its name and the changes it makes to `SimulationParameters`."""
+
+    name: str
+    changes: Mapping[str, Any]
+
+
+SKINS: Final = (
+    Skin("as the tissue beneath", {}),
+    Skin("2 x stiffer", {"skin": {"stiffness": 2.0}}),
+    Skin("4 x stiffer", {"skin": {"stiffness": 4.0}}),
+    Skin(
+        "4 x stiffer, tension 15.9 kPa",
+        {
+            "skin": {"stiffness": 4.0, "kappa": 250e3},
+            "prestress": {"method": "stretch", "along": 15.9e3},
+        },
+    ),
+    Skin("inner sheet displaced from 0.97", {"prestress": {"method": "displaced"}}),
+)
+"""Skins compared; what stiffness and tension do is to be read against the first."""
+
+
+def landmarks(face: xr.Dataset) -> dict[str, int]:
+    """Nodes of the skin whose displacement is reported.
+
+    The ten lip markers; the margins of both lips in the midline; chin: the foremost midline node of the
+    skin at least 10 mm below the lower lip margin; cheeks: the nodes nearest to 25 mm lateral and 20 mm
+    above the mouth corners.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with `lip_opening_node`.
+
+    Returns
+    -------
+    dict
+        Name to node index.
+    """
+    position = face["position"].values
+    found = {
+        str(name): int(node)
+        for name, node in zip(face["marker"].values, face["marker_node"].values, strict=True)
+    }
+    upper, lower = (int(node) for node in face["lip_opening_node"].values)
+    found |= {"upper_margin": upper, "lower_margin": lower}
+    skin = sheet_nodes(face, OUTER)
+    at = position[skin]
+    chin = skin[(np.abs(at[:, 0]) < 1e-3) & (at[:, 2] < position[lower, 2] - 0.01)]
+    found["chin"] = int(chin[np.argmax(position[chin, 1])])
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        wanted = position[found[f"corner_{side}"]] + np.array([sign * 0.025, 0.0, 0.02])
+        # nearest in front view: the skin falls away sideways
+        away = np.linalg.norm((at - wanted)[:, [0, 2]], axis=1)
+        front = at[:, 1] > np.median(position[:, 1])
+        found[f"cheek_{side}"] = int(skin[np.argmin(np.where(front, away, np.inf))])
+    return found
+
+
+def express(
+    face: xr.Dataset,
+    *,
+    expressions: Mapping[str, Mapping[str, float]] = EXPRESSIONS,
+    skins: tuple[Skin, ...] = SKINS,
+    points: Mapping[str, int] | None = None,
+    parameters: SimulationParameters | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[pd.DataFrame, dict[tuple[str, str], Floats]]:
+    """Hold expressions with several skins and measure how far landmarks move.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    expressions : mapping
+        Name to muscles (without side) and activations.
+    skins : tuple of Skin
+    points : mapping, optional
+        Name to node; `landmarks` by default.
+    parameters : SimulationParameters, optional
+        By default sigma_max = 100 kPa, no gravity, walls in place of teeth and bone.
+    progress : callable, optional
+        Receives a sentence per run.
+
+    Returns
+    -------
+    table : DataFrame
+        One row per expression, skin and landmark: displacement [mm] from the equilibrium without
+        activation and its components medially, forward and up.
+    positions : dict
+        (expression, skin) to node positions (nodes, 3) [m].
+
+    Raises
+    ------
+    As `emgface.face.equilibria.equilibria`.
+
+    Notes
+    -----
+    Without contact of the lips: they may pass through each other.
+    """
+    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, support=WALL)
+    points = landmarks(face) if points is None else points
+    rows: list[dict[str, object]] = []
+    positions: dict[tuple[str, str], Floats] = {}
+    for skin in skins:
+        changed = SimulationParameters.model_validate(base.model_dump() | dict(skin.changes))
+        for name, muscles in expressions.items():
+            if progress is not None:
+                progress(f"{name}, skin {skin.name}")
+            drive = {f"{m}_{side}": level for m, level in muscles.items() for side in "LR"}
+            found = equilibria(face, drive, changed, levels=LEVELS)["node_position"].values
+            positions[name, skin.name] = found[-1]
+            for landmark, node in points.items():
+                moved = 1e3 * (found[-1] - found[0])[node]
+                medially = -np.sign(face["position"].values[node, 0]) * moved[0]
+                rows.append(
+                    {
+                        "expression": name,
+                        "skin": skin.name,
+                        "landmark": landmark,
+                        "displacement (mm)": float(np.linalg.norm(moved)),
+                        "medially (mm)": float(medially),
+                        "forward (mm)": float(moved[1]),
+                        "up (mm)": float(moved[2]),
+                    }
+                )
+    return pd.DataFrame(rows), positions
+
+
+def summary(table: pd.DataFrame) -> pd.DataFrame:
+    """Corners, mean and most moved landmark of every expression and skin in a table of `express`.
+
+    Returns
+    -------
+    DataFrame
+        Displacement of the corners (mean) and of all landmarks (mean) [mm], the landmark that moves
+        most, and whether it is a corner.
+    """
+    rows: list[dict[str, object]] = []
+    for (name, skin), own in table.groupby(["expression", "skin"], sort=False):
+        size = own.set_index("landmark")["displacement (mm)"]
+        most = str(size.idxmax())
+        rows.append(
+            {
+                "expression": name,
+                "skin": skin,
+                "corners (mm)": float(size[["corner_left", "corner_right"]].mean()),
+                "all landmarks (mm)": float(size.mean()),
+                "moves most": most.removesuffix("_left").removesuffix("_right"),
+                "largest (mm)": float(size.max()),
+            }
+        )
+    return pd.DataFrame(rows)

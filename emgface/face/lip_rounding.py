@@ -1,0 +1,122 @@
+"""Lip rounding by orbicularis oris, with and without stress stiffening, with and without teeth."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import pandas as pd
+import xarray as xr
+
+from emgface.face.equilibria import LEVELS, equilibria
+from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.face.simulation_parameters import SimulationParameters
+
+SIGMA_MAX: Final = 100e3
+"""Largest active stress of the published lip and expression simulations [Pa] (Stavness et al.)."""
+
+WALL: Final = 1000.0
+"""Stiffness of the walls that stand for teeth [N/m]."""
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """Lip rounding of one face.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row per support, stiffening and activation with the measures of `lip_shape` in mm and mm^2,
+        the closing of the corners [mm] and the smallest det F.
+    motion : mapping
+        (support, stiffening) to the Dataset of `equilibria`.
+    """
+
+    table: pd.DataFrame
+    motion: Mapping[tuple[bool, float], xr.Dataset]
+
+
+def round_lips(
+    face: xr.Dataset,
+    *,
+    stiffening: Sequence[float] = (1.0, 10.0),
+    support: Sequence[bool] = (False, True),
+    levels: Sequence[float] = LEVELS,
+    parameters: SimulationParameters | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Rounding:
+    """Activate the peripheral orbicularis oris of both sides in steps and measure the mouth.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with `lip_opening_node`.
+    stiffening : sequence of float
+        Factors on the passive moduli of the muscle's elements at full activation; 1 is without.
+    support : sequence of bool
+        Without and with walls behind the lips in place of teeth and bone.
+    levels : sequence of float
+        Activations.
+    parameters : SimulationParameters, optional
+        By default sigma_max = 100 kPa and no gravity; stiffening and support are set here.
+    progress : callable, optional
+        Receives a sentence per run.
+
+    Returns
+    -------
+    Rounding
+
+    Raises
+    ------
+    As `emgface.face.equilibria.equilibria` and `emgface.face.lip_shape.lip_rim`.
+
+    Notes
+    -----
+    The lips do not touch each other: where they would, their overlap is reported. Source of the
+    experiment: Stavness et al., Lip stiffness enables protrusion and rounding, Fig. 11.10; Teeth support
+    lip protrusion, Fig. 11.12.
+    """
+    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
+    rim = lip_rim(face)
+    left = int(face["marker_node"].values[list(face["marker"].values).index("corner_left")])
+    rows: list[dict[str, float | bool]] = []
+    motion: dict[tuple[bool, float], xr.Dataset] = {}
+    for behind in support:
+        for factor in stiffening:
+            if progress is not None:
+                progress(f"{'walls' if behind else 'no walls'}, stiffening {factor:g}")
+            changes = {"stiffening": factor, "support": WALL if behind else 0.0}
+            found = equilibria(
+                face,
+                {"OOP_L": 1.0, "OOP_R": 1.0},
+                base.model_copy(update=changes),
+                levels=levels,
+            )
+            motion[behind, factor] = found
+            for k, level in enumerate(levels):
+                q = found["node_position"].values[k]
+                shape = lip_shape(face, rim, q)
+                moved = q[left] - face["position"].values[left]
+                rows.append(
+                    {"support": behind, "stiffening": factor, "activation": level}
+                    | {
+                        f"{name} ({_UNIT[name][0]})": value * _UNIT[name][1]
+                        for name, value in shape.items()
+                    }
+                    | {
+                        "corner medially (mm)": 1e3 * float(moved[0]),
+                        "corner forward (mm)": 1e3 * float(moved[1]),
+                        "smallest det F": float(found["smallest_J"].values[k]),
+                    }
+                )
+    return Rounding(pd.DataFrame(rows), motion)
+
+
+_UNIT: Final = {
+    "width": ("mm", 1e3),
+    "height": ("mm", 1e3),
+    "area": ("mm2", 1e6),
+    "overlap": ("mm2", 1e6),
+    "roundness": ("1", 1.0),
+    "protrusion": ("mm", 1e3),
+    "margin_protrusion": ("mm", 1e3),
+}

@@ -1,0 +1,140 @@
+"""Shape of the mouth opening: width, height, area, overlap, rounding and protrusion of the lips."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import FaceError
+from emgface.face.check import sheet_nodes
+from emgface.face.model import OUTER
+from emgface.face.surface import boundary_faces
+from emgface.muscles import LIP_MARKERS
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SAMPLES = 201
+"""Places across the mouth at which the gap between the lips is taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class LipRim:
+    """Margins of the lips, where the skin ends at the mouth opening.
+
+    Attributes
+    ----------
+    upper, lower : ndarray of int
+        Nodes from the left to the right corner; the corners belong to both.
+    """
+
+    upper: Integers
+    lower: Integers
+
+
+def lip_rim(face: xr.Dataset) -> LipRim:
+    """Find the boundary loop of the skin at the mouth and part it at its corners.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with `lip_opening_node`.
+
+    Returns
+    -------
+    LipRim
+
+    Raises
+    ------
+    FaceError
+        The face has no lip opening, or its nodes lie on no closed boundary of the skin.
+    """
+    if "lip_opening_node" not in face:
+        raise FaceError("the face has no lip_opening_node, expected one of either lip")
+    top, bottom = (int(node) for node in face["lip_opening_node"].values)
+    position = face["position"].values
+    skin = np.zeros(len(position), dtype=bool)
+    skin[sheet_nodes(face, OUTER)] = True
+    faces, _ = boundary_faces(face["connectivity"].values)
+    faces = faces[skin[faces].all(axis=1)]
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    key, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    neighbours: dict[int, list[int]] = {}
+    for a, b in key[counts == 1]:
+        neighbours.setdefault(int(a), []).append(int(b))
+        neighbours.setdefault(int(b), []).append(int(a))
+    loop = _walk(top, neighbours)
+    if bottom not in loop:
+        raise FaceError(
+            "the lip_opening_nodes lie on no common closed boundary of the skin, expected the mouth"
+        )
+    x = position[loop, 0]
+    left, right = int(np.argmin(x)), int(np.argmax(x))
+    rolled = np.roll(loop, -left)
+    turn = (right - left) % len(loop)
+    one, other = rolled[: turn + 1], np.concatenate([rolled[turn:], rolled[:1]])[::-1]
+    upper, lower = (one, other) if top in one else (other, one)
+    return LipRim(upper.astype(np.int64), lower.astype(np.int64))
+
+
+def _walk(start: int, neighbours: dict[int, list[int]]) -> Integers:
+    """Nodes of the closed boundary through a node, in order; empty where there is none."""
+    loop, before, here = [start], -1, start
+    while True:
+        if len(neighbours.get(here, [])) != 2:
+            return np.empty(0, dtype=np.int64)
+        ahead = [node for node in neighbours[here] if node != before]
+        before, here = here, ahead[0]
+        if here == start:
+            return np.array(loop, dtype=np.int64)
+        loop.append(here)
+
+
+def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, float]:
+    """Measure the mouth of a deformed face.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model; the geometry it stores is the rest from which protrusion counts.
+    rim : LipRim
+        Of the same face.
+    position : ndarray, shape (nodes, 3)
+        [m]
+
+    Returns
+    -------
+    dict
+        `width` between the corners of the opening along x [m]; `height` of the opening in the midline
+        along z, negative where the lips pass through each other [m]; `area` of the opening seen from
+        the front and `overlap` of the lips likewise [m^2]; `roundness`, height over width [1];
+        `protrusion`, mean forward displacement of the four paramedian markers, and
+        `margin_protrusion`, of the two margins in the midline [m].
+    """
+    top, bottom = (int(node) for node in face["lip_opening_node"].values)
+    upper, lower = position[rim.upper], position[rim.lower]
+    ends = np.array([upper[0, 0], upper[-1, 0]])
+    low, high = float(ends.min()), float(ends.max())
+    x = np.linspace(low, high, SAMPLES)
+    gap = _height(upper, x) - _height(lower, x)
+    step = (high - low) / (SAMPLES - 1)
+    node = face["marker_node"].values
+    paramedian = [node[k] for k, name in enumerate(LIP_MARKERS) if "paramedian" in name]
+    forward = (position - face["position"].values)[:, 1]
+    height = float(position[top, 2] - position[bottom, 2])
+    return {
+        "width": high - low,
+        "height": height,
+        "area": float(np.maximum(gap, 0.0).sum() * step),
+        "overlap": float(np.maximum(-gap, 0.0).sum() * step),
+        "roundness": height / (high - low),
+        "protrusion": float(forward[paramedian].mean()),
+        "margin_protrusion": float(forward[[top, bottom]].mean()),
+    }
+
+
+def _height(margin: Floats, x: Floats) -> Floats:
+    order = np.argsort(margin[:, 0], kind="stable")
+    return np.interp(x, margin[order, 0], margin[order, 2])

@@ -1,0 +1,50 @@
+"""Expressions: the mouth corner moves most, a stiffer skin moves landmarks less."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from emgface.face.expressions import EXPRESSIONS, SKINS, express, landmarks, summary
+
+
+@pytest.fixture(scope="module")
+def table(coarse: xr.Dataset) -> pd.DataFrame:
+    return express(coarse, skins=(SKINS[0], SKINS[2]))[0]
+
+
+def test_landmarks_lie_where_their_names_say(coarse: xr.Dataset) -> None:
+    X, at = coarse["position"].values, landmarks(coarse)
+    assert X[at["upper_margin"], 2] > X[at["lower_margin"], 2] > X[at["chin"], 2] + 0.01
+    for side, sign in (("left", -1), ("right", 1)):
+        outward = (X[at[f"cheek_{side}"]] - X[at[f"corner_{side}"]]) * [sign, 1, 1]
+        assert outward[0] > 0.005 and outward[2] > 0.005
+
+
+def test_the_mouth_corner_moves_most_in_every_expression(table: pd.DataFrame) -> None:
+    found = summary(table)
+    assert set(found["expression"]) == set(EXPRESSIONS)
+    assert (found["moves most"] == "corner").all()
+    assert np.allclose(found["largest (mm)"], found["corners (mm)"], rtol=1e-3)
+    assert (found["corners (mm)"] > 2.0).all()
+
+
+def test_expressions_are_what_they_are_called(table: pd.DataFrame) -> None:
+    own = table[table.skin == SKINS[0].name].set_index(["expression", "landmark"])
+    corner = own.xs("corner_left", level="landmark")
+    for smile in ("closed-mouth smile", "open-mouth smile"):
+        assert corner.loc[smile, "medially (mm)"] < -2 and corner.loc[smile, "up (mm)"] > 2
+    assert corner.loc["pursing of the lips", "medially (mm)"] > 2
+    assert corner.loc["pursing of the lips", "forward (mm)"] > 2
+    assert corner.loc["lips turned downwards", "up (mm)"] < -2
+    margins = own["up (mm)"].unstack()
+    opening = margins["upper_margin"] - margins["lower_margin"]
+    assert opening["open-mouth smile"] > opening["closed-mouth smile"] + 1
+
+
+def test_a_stiffer_skin_moves_landmarks_less(table: pd.DataFrame) -> None:
+    size = summary(table).set_index(["expression", "skin"])
+    for expression in EXPRESSIONS:
+        soft, stiff = (size.loc[(expression, SKINS[k].name)] for k in (0, 2))
+        for name in ("corners (mm)", "all landmarks (mm)"):
+            assert stiff[name] < 0.97 * soft[name], (expression, name)
