@@ -9,12 +9,12 @@ import scipy.signal
 
 from emgface.volunteers.action_potentials import action_potentials, draw_geometry
 
-UNITS: Final = 60
+UNITS: Final = 100
 """Motor units within reach of one electrode pair."""
 RECRUITMENT_RANGE: Final = 30.0
 """Largest over smallest recruitment threshold."""
-SIZE_RANGE: Final = 30.0
-"""Largest over smallest action potential."""
+SIZE_RANGE: Final = 10.0
+"""Largest over smallest action potential: motor units of the face are small and alike."""
 LOWEST_RATE: Final = 8.0
 """Discharges per second at recruitment."""
 HIGHEST_RATE: Final = 40.0

@@ -39,7 +39,7 @@ def test_units_are_recruited_by_size_and_fire_as_published(pool) -> None:
     drawn = [draw_pool(np.random.default_rng(seed), RATE) for seed in range(8)]
     energy = [np.log(np.square(one.potential).sum(axis=(1, 2))) for one in drawn]
     slope = np.polyfit(np.arange(n), np.mean(energy, axis=0), 1)[0]
-    # sizes RP^(i/n), squared; places of 60 units in 8 pools scatter the slope by some 5 %, and
+    # sizes RP^(i/n), squared; places of 100 units in 8 pools scatter the slope by some 5 %, and
     # larger units conduct faster
     assert slope == pytest.approx(2.0 * np.log(SIZE_RANGE) / n, rel=0.2)
     levels = np.linspace(0.0, 1.0, 401)
