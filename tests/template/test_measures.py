@@ -16,11 +16,15 @@ from emgface.face.template.norms import NORMS
 from tests.template.conftest import sheets
 
 
-def test_every_measure_has_a_norm_with_source_and_note() -> None:
+def test_every_measure_has_a_norm_with_source_and_standing() -> None:
     names = {field.name for field in fields(Measures)} - {"width_asymmetry", "droop"}
     table = norms_table()
     assert set(table.index) == names
-    assert (table["source"].str.len() > 5).all() and (table["note"].str.len() > 5).all()
+    assert (table["source"].str.len() > 5).all()
+    assumed = table["standing"] == "assumption"
+    assert (table["standing"][~assumed] == "found").all()
+    assert 5 <= (~assumed).sum() < len(table)
+    assert (table["note"][assumed].str.len() > 5).all(), "an assumption says what it rests on"
     assert (table[["men_sd", "women_sd"]] > 0).all(axis=None)
     for sex in ("men", "women"):
         assert (table["smallest"] < table[sex] - table[f"{sex}_sd"]).all()
@@ -50,6 +54,7 @@ def test_defaults_lie_between_women_and_men() -> None:
             "add up to 27 mm, expected at most 0.6 of mouth_width",
         ),
         ({"nose_width": 0.048, "mouth_width": 0.04}, "nose_width is 48 mm"),
+        ({"jaw_rise": 0.04, "chin_height": 0.037}, "jaw_rise is 40 mm, expected at most 1 of chin"),
         ({"width_asymmetry": 0.5}, "width_asymmetry is 0.5, expected -0.2 to 0.2"),
         ({"lip_width": 0.05}, "unknown measure 'lip_width', expected one of mouth_width"),
     ],

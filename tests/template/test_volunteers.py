@@ -21,8 +21,9 @@ from emgface.face.template.norms import NORMS
 def test_presets() -> None:
     assert preset_measures() == Measures()
     woman, man, girl = (preset_measures(name) for name in ("woman", "man", "girl"))
-    assert woman.mouth_width == pytest.approx(50.2e-3) and man.mouth_width == pytest.approx(54.5e-3)
-    assert girl.nose_height == pytest.approx(0.86 * woman.nose_height)
+    assert woman.mouth_width == pytest.approx(47.9e-3) and man.mouth_width == pytest.approx(50.1e-3)
+    assert girl.nose_height == pytest.approx(47.2e-3)
+    assert girl.cheek_thickness == pytest.approx(0.86 * woman.cheek_thickness)
     older = preset_measures("older_woman")
     assert older.upper_lip_height > woman.upper_lip_height
     assert older.upper_vermilion_height < woman.upper_vermilion_height

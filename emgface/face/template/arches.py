@@ -38,7 +38,7 @@ class ArchForm:
     depth: float
 
 
-FORMS: Final = {SKULL: ArchForm(0.585, 0.62), MANDIBLE: ArchForm(0.565, 0.56)}
+FORMS: Final = {SKULL: ArchForm(0.55, 0.58), MANDIBLE: ArchForm(0.53, 0.52)}
 """About 55 and 53 mm between the outer faces of the first molars, 29 and 26 mm deep, for a mean jaw."""
 EXPOSURE: Final = 4.3e-3
 """Upper incisors below the margin of the relaxed upper lip [m]: mean of 3.9 (men) and 4.7 mm (women)

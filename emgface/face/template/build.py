@@ -212,6 +212,18 @@ def _possible(seed: int, index: int, *, preset: str, spread: float, asymmetry: f
             return measures
 
 
+def shaped_positions(measures: Measures, grid: Grid) -> Floats:
+    """Positions (nodes, 3) of a person's face, with the differences between its sides [m].
+
+    Raises FaceError as `emgface.face.template.calibrate.calibrated_surfaces`.
+    """
+    surfaces = calibrated_surfaces(measures)
+    position = node_positions(surfaces, grid)
+    if measures.width_asymmetry or measures.droop:
+        position = _asymmetry(measures, surfaces.mouth_half_width)(position)
+    return position
+
+
 def node_positions(surfaces: Surfaces, grid: Grid) -> Floats:
     """Positions (nodes, 3) of the symmetric face [m]."""
     q, lip = grid.left_rays

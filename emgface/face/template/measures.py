@@ -94,6 +94,7 @@ class Measures:
         self._demand("nose_width", "mouth_width", 1.05)
         self._demand("jaw_width", "face_width", 0.95)
         self._demand("nose_protrusion", "nose_height", 0.6)
+        self._demand("jaw_rise", "chin_height", 1.0)
         if vermilion > 0.6 * self.mouth_width:
             raise FaceError(
                 f"upper_vermilion_height and lower_vermilion_height add up to {_mm(vermilion)}, "

@@ -1,20 +1,32 @@
-"""Norms of the lower face: means and spreads in millimetres, with sources and how sure they are."""
+"""Norms of the lower face: means and spreads in millimetres, with sources and how sure they are.
+
+Every number has a source, and a standing that says what was done to make sure of it. "found": means and
+deviations stand in the table that is named. "assumption": the number is quoted from the literature
+without the source at hand, was derived, or was chosen; the note says which.
+"""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import pandas as pd
 
+FACIAL_NORMS: Final = (
+    "3D Facial Norms, Weinberg et al. 2016, Cleft Palate Craniofac J 53:e185-e197 (2454 white North "
+    "Americans), at 25 years as smoothed over age in the open statistics of Cliniface (data/stats)"
+)
+KESTERKE: Final = "Kesterke et al. 2016, Biol Sex Differ 7:23, 3D Facial Norms at 19 to 25 years"
 FARKAS: Final = (
     "Farkas 1994, Anthropometry of the Head and Face, 2nd ed., North American young adults"
 )
-FARKAS_2005: Final = "Farkas et al. 2005, J Craniofac Surg 16:615-646, North American whites"
 STEPHAN: Final = "Stephan and Simpson 2008, J Forensic Sci 53:1257-1272, adults"
 ARNETT: Final = (
     "Arnett et al. 1999, Am J Orthod Dentofacial Orthop 116:239-253, adults, relaxed lips"
 )
+CHOPRA: Final = "Chopra et al. 2015, Aesthet Surg J 35:1007-1013"
 OWN: Final = "choice of this template"
-_COMMON: Final = "as commonly quoted from the source; not compared with its tables"
+
+Standing = Literal["found", "assumption"]
+_QUOTED: Final = "as commonly quoted; the source was not at hand"
 _SHAPE: Final = "shapes the template; no published norm is claimed"
 
 
@@ -32,8 +44,12 @@ class Norm:
         Mean and standard deviation [mm].
     bounds : tuple of float
         Smallest and largest value accepted [mm].
-    source, note : str
-        Where the numbers come from and how sure they are.
+    source : str
+        Where the numbers come from.
+    standing : {"found", "assumption"}
+        Whether they were found there, see the module.
+    note : str
+        What else there is to know.
     """
 
     name: str
@@ -42,78 +58,84 @@ class Norm:
     women: tuple[float, float]
     bounds: tuple[float, float]
     source: str
+    standing: Standing
     note: str
 
 
 # fmt: off
 NORMS: Final = (
-    Norm("mouth_width", "cheilion to cheilion", (54.5, 3.0), (50.2, 3.5), (33, 70),
-         FARKAS_2005, _COMMON),
-    Norm("philtrum_width", "between the crests of the philtrum", (11.0, 1.5), (9.5, 1.5), (5, 18),
-         OWN, "of the size commonly reported; spread assumed"),
-    Norm("upper_lip_height", "subnasale to stomion", (22.3, 2.1), (20.1, 2.0), (11, 31),
-         FARKAS, _COMMON),
-    Norm("upper_vermilion_height", "labrale superius to stomion", (8.0, 1.4), (8.7, 1.3), (3, 14),
-         FARKAS, _COMMON),
-    Norm("lower_vermilion_height", "stomion to labrale inferius", (9.3, 1.6), (9.4, 1.5), (4, 15),
-         FARKAS, _COMMON),
+    Norm("mouth_width", "cheilion to cheilion", (50.1, 3.8), (47.9, 3.5), (33, 70),
+         FACIAL_NORMS, "found", ""),
+    Norm("philtrum_width", "between the crests of the philtrum", (13.1, 1.7), (11.8, 1.7), (5, 20),
+         FACIAL_NORMS, "found", ""),
+    Norm("upper_lip_height", "subnasale to stomion", (22.6, 2.5), (20.3, 2.4), (11, 31),
+         FACIAL_NORMS, "found", ""),
+    Norm("upper_vermilion_height", "labrale superius to stomion", (7.6, 1.6), (7.4, 1.4), (3, 14),
+         FACIAL_NORMS, "found", ""),
+    Norm("lower_vermilion_height", "stomion to labrale inferius", (8.7, 2.1), (8.6, 1.7), (4, 15),
+         FACIAL_NORMS, "found", ""),
     Norm("lower_lip_height", "stomion to sublabiale", (19.7, 1.9), (17.8, 1.7), (10, 27),
-         FARKAS, _COMMON),
-    Norm("chin_height", "stomion to gnathion", (50.7, 4.4), (43.4, 3.1), (27, 66),
-         FARKAS, _COMMON),
-    Norm("nose_height", "nasion to subnasale", (54.8, 3.3), (50.6, 3.1), (33, 68),
-         FARKAS_2005, _COMMON),
-    Norm("nose_width", "alare to alare", (34.9, 2.1), (31.4, 2.0), (19, 48),
-         FARKAS_2005, _COMMON),
-    Norm("nose_protrusion", "subnasale to pronasale", (19.5, 1.9), (19.7, 1.6), (12, 28),
-         FARKAS, _COMMON),
-    Norm("face_width", "zygion to zygion", (137.1, 4.3), (129.9, 5.3), (95, 160),
-         FARKAS_2005, _COMMON),
-    Norm("jaw_width", "gonion to gonion", (97.1, 5.8), (91.1, 5.9), (62, 125),
-         FARKAS_2005, _COMMON),
+         FARKAS, "assumption", _QUOTED),
+    Norm("chin_height", "stomion to gnathion", (47.3, 4.4), (43.2, 3.1), (27, 66),
+         FACIAL_NORMS, "assumption",
+         "means: nasion-gnathion 126.6 and 118.0 less nose and upper lip, all found; spread quoted"),
+    Norm("nose_height", "nasion to subnasale", (56.7, 3.9), (54.5, 3.6), (33, 70),
+         FACIAL_NORMS, "found", ""),
+    Norm("nose_width", "alare to alare", (35.9, 2.6), (32.7, 2.3), (19, 48),
+         FACIAL_NORMS, "found", ""),
+    Norm("nose_protrusion", "subnasale to pronasale", (21.1, 1.9), (20.0, 1.6), (12, 30),
+         KESTERKE, "assumption", "means as quoted from its additional file 1; spread assumed"),
+    Norm("face_width", "zygion to zygion", (137.1, 6.3), (130.1, 5.3), (95, 160),
+         FACIAL_NORMS, "found", ""),
+    Norm("jaw_width", "gonion to gonion", (103.7, 7.1), (97.0, 6.5), (62, 125),
+         FACIAL_NORMS, "found", ""),
     Norm("face_depth", "subnasale to the frontal plane of the tragia",
          (107.0, 4.5), (100.0, 4.0), (70, 125),
-         OWN, "estimated from subnasale-tragion distances and the width between the tragia"),
+         OWN, "assumption",
+         "estimated from subnasale-tragion distances and the width between the tragia"),
     Norm("upper_lip_protrusion", "upper lip before the vertical through subnasale",
-         (3.3, 1.7), (3.7, 1.2), (0.2, 10), ARNETT, _COMMON),
+         (3.3, 1.7), (3.7, 1.2), (0.2, 10), ARNETT, "assumption", _QUOTED),
     Norm("lower_lip_protrusion", "lower lip before the vertical through subnasale",
-         (1.0, 2.2), (1.9, 1.4), (-5, 9), ARNETT, _COMMON),
+         (1.0, 2.2), (1.9, 1.4), (-5, 9), ARNETT, "assumption", _QUOTED),
     Norm("chin_protrusion", "pogonion before (+) or behind (-) the vertical through subnasale",
-         (-3.5, 1.8), (-2.6, 1.9), (-9, 5), ARNETT, _COMMON),
-    Norm("cheek_fullness", "bulge of the cheek", (4.0, 1.5), (5.0, 1.5), (-2, 10), OWN, _SHAPE),
+         (-3.5, 1.8), (-2.6, 1.9), (-9, 5), ARNETT, "assumption", _QUOTED),
+    Norm("cheek_fullness", "bulge of the cheek", (4.0, 1.5), (5.0, 1.5), (-2, 10),
+         OWN, "assumption", _SHAPE),
     Norm("cheekbone_prominence", "bulge over the zygoma", (5.0, 1.2), (5.0, 1.2), (0, 10),
-         OWN, _SHAPE),
+         OWN, "assumption", _SHAPE),
     Norm("jaw_rise", "rise of the lower border of the jaw from chin to angle",
-         (32.0, 4.0), (30.0, 4.0), (15, 45), OWN, _SHAPE),
+         (32.0, 4.0), (30.0, 4.0), (15, 45), OWN, "assumption", _SHAPE),
     Norm("cupid_bow", "height of the peaks of the Cupid's bow", (1.2, 0.4), (1.4, 0.4), (0, 3),
-         OWN, _SHAPE),
-    Norm("lip_gap", "opening of the relaxed lips in the midline", (2.4, 1.1), (3.3, 1.3), (0.8, 7),
-         ARNETT, _COMMON),
+         OWN, "assumption", _SHAPE),
+    Norm("lip_gap", "opening of the relaxed lips in the midline", (2.4, 1.1), (3.3, 1.3), (1.0, 7),
+         ARNETT, "assumption", _QUOTED),
     Norm("skin_thickness", "outer layer", (1.6, 0.15), (1.5, 0.15), (0.8, 3),
-         OWN, "about 1.5 mm"),
+         CHOPRA, "assumption",
+         "within the 0.76 to 1.97 mm of dermis found over the face; one value for all regions"),
     Norm("upper_lip_thickness", "vermilion to upper incisor", (14.8, 1.4), (12.6, 1.8), (6, 20),
-         ARNETT, _COMMON),
+         ARNETT, "assumption", _QUOTED),
     Norm("lower_lip_thickness", "vermilion to lower incisor", (15.1, 1.2), (13.6, 1.4), (6, 20),
-         ARNETT, _COMMON),
+         ARNETT, "assumption", _QUOTED),
     Norm("philtrum_thickness", "mid-philtrum to bone", (11.0, 1.5), (10.0, 1.5), (5, 16),
-         STEPHAN, f"rounded; {_COMMON}"),
+         STEPHAN, "assumption", f"rounded; {_QUOTED}"),
     Norm("chin_thickness", "pogonion to bone", (13.5, 2.3), (11.8, 1.5), (5, 20),
-         ARNETT, _COMMON),
+         ARNETT, "assumption", _QUOTED),
     Norm("jaw_thickness", "menton to bone, and along the border of the jaw",
-         (8.8, 1.3), (7.4, 1.6), (2.8, 13), ARNETT, _COMMON),
+         (8.8, 1.3), (7.4, 1.6), (2.8, 13), ARNETT, "assumption", _QUOTED),
     Norm("cheekbone_thickness", "skin to zygoma and infraorbital rim", (7.5, 1.2), (8.0, 1.2),
-         (4, 12), STEPHAN, f"rounded, zygion and infraorbital together; {_COMMON}"),
+         (4, 12), STEPHAN, "assumption", f"rounded, zygion and infraorbital together; {_QUOTED}"),
     Norm("cheek_thickness", "skin to the lining of the cheek", (11.0, 1.2), (11.5, 1.2), (6, 16),
-         OWN, "of the soft tissue that moves; neither masseter nor the fat pad behind it"),
+         OWN, "assumption",
+         "of the soft tissue that moves; neither masseter nor the fat pad behind it"),
     Norm("nose_thickness", "skin to nasal bone and cartilage", (5.5, 0.8), (5.5, 0.8), (2.5, 9),
-         STEPHAN, f"rounded, nasion to nasal bone, wide at the wings; {_COMMON}"),
+         STEPHAN, "assumption", f"rounded, nasion to nasal bone, wide at the wings; {_QUOTED}"),
 )
 # fmt: on
 """Every measure; `norms_table` shows it."""
 
 
 def norms_table() -> pd.DataFrame:
-    """Every measure with means, standard deviations, bounds [mm], source and note.
+    """Every measure with means, standard deviations, bounds [mm], source, standing and note.
 
     Returns
     -------
@@ -130,6 +152,7 @@ def norms_table() -> pd.DataFrame:
             "smallest": norm.bounds[0],
             "largest": norm.bounds[1],
             "source": norm.source,
+            "standing": norm.standing,
             "note": norm.note,
         }
         for norm in NORMS

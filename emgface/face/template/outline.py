@@ -30,6 +30,8 @@ _EVEN_SHARE: Final = 0.2
 """How much of an even spacing of rays is mixed into that of an ellipse, against tiny corner cells."""
 _CORNER_RIM: Final = 3.5e-3
 """Distance of the vermilion border from the mouth corner [m]."""
+_OPEN: Final = 2.4e-3
+"""Opening of the lips below which the ends of the slit become blunter [m]."""
 _PERIORAL_WIDTH: Final = 0.55
 """Half width of the perioral region beyond the corner, over the half width of the mouth."""
 _BOW_WIDTH: Final = 3.2e-3
@@ -69,8 +71,10 @@ def _curves(m: Measures, half_width: float, q: Floats, lip: Floats) -> list[Floa
     angle = 0.5 * np.pi * q
     upper = lip > 0
 
-    # Blunt ends keep the angle between the lips at the corner away from zero.
-    slit = 0.5 * m.lip_gap * np.sqrt(np.clip(1.0 - share**4, 0.0, None))
+    # Blunt ends keep the angle between the lips at the corner away from zero, all the more so
+    # where the lips are close.
+    blunt = 4.0 * np.clip(_OPEN / m.lip_gap, 1.0, 3.0)
+    slit = 0.5 * m.lip_gap * np.sqrt(np.clip(1.0 - share**blunt, 0.0, None))
     margin = _curve(half_width * share, lip * slit)
 
     vermilion = np.where(upper, m.upper_vermilion_height, m.lower_vermilion_height)
