@@ -12,23 +12,29 @@ from sim import (
     Activation,
     ConvergedEuler,
     Energies,
+    ErrorControlledStep,
     FixedStep,
     HalvingStep,
     Iterations,
     LinearlyImplicitEuler,
+    LinearlyImplicitTrapezoidal,
     Markers,
     NotConverged,
     Opening,
+    Sdirk2,
     SmallestJ,
     State,
     System,
+    Trapezoidal,
     Workspace,
     compile_scene,
     displace_held,
     resting,
     simulate,
 )
+from sim.integrators import Integrator
 from sim.probes import Probe
+from sim.steps import StepControl
 
 Progress = Callable[[int, int], None]
 
@@ -147,14 +153,13 @@ def simulate_face(
         settled = settle_face(face, parameters)
     rest = system.rest_state()
     start = State(0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory)
-    converged = parameters.solver == "converged"
     with named_elements(face):
         trajectory, _ = simulate(
             system,
             control,
             duration=duration,
-            integrator=ConvergedEuler() if converged else LinearlyImplicitEuler(),
-            steps=HalvingStep(parameters.step) if converged else FixedStep(parameters.step),
+            integrator=INTEGRATORS[parameters.solver],
+            steps=_steps(face, parameters),
             probes=(*_probes(face), *further),
             initial=start,
             work=Workspace(system, parameters.linear_solver),
@@ -170,6 +175,25 @@ def simulate_face(
         "recorded_pace": pace,
     }
     return trajectory
+
+
+INTEGRATORS: dict[str, Integrator] = {
+    "converged": ConvergedEuler(),
+    "trapezoidal": Trapezoidal(),
+    "sdirk2": Sdirk2(),
+    "linearly_implicit": LinearlyImplicitEuler(),
+    "linearly_implicit_trapezoidal": LinearlyImplicitTrapezoidal(),
+}
+"""Integrator by the name of the parameter `solver`."""
+
+
+def _steps(face: xr.Dataset, parameters: SimulationParameters) -> StepControl:
+    if parameters.error_tolerance is not None:
+        nodes = face["marker_node"].values.astype(np.int64)
+        return ErrorControlledStep(parameters.error_tolerance, parameters.step, nodes)
+    if parameters.solver.startswith("linearly_implicit"):
+        return FixedStep(parameters.step)
+    return HalvingStep(parameters.step)
 
 
 def _probes(face: xr.Dataset) -> tuple[Probe, ...]:

@@ -21,6 +21,7 @@ from sim import (
     ElementVolume,
     Fixed,
     Generic,
+    HardElementVolume,
     InvertedElement,
     LineFibre,
     LineMuscles,
@@ -136,7 +137,11 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
     damping = DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None
     fixed = np.flatnonzero(face["fixed"].values)
     return Scene(
-        mesh=_mesh(face, p), terms=tuple(terms), reductions=(Fixed(fixed),), damping=damping
+        mesh=_mesh(face, p),
+        terms=tuple(terms),
+        reductions=(Fixed(fixed),),
+        damping=damping,
+        constraints=(HardElementVolume(),) if p.incompressibility == "hard" else (),
     )
 
 

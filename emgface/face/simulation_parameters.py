@@ -1,10 +1,11 @@
 """Every choice of the mechanics of one simulation, with default, unit and source."""
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
 from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.face.accuracy import accuracy_settings
 from emgface.face.tissue import Tissue
 
 STAVNESS = "Stavness et al., Coupled biomechanical modeling of the face"
@@ -92,14 +93,38 @@ class Prestress(Parameters):
 class SimulationParameters(Parameters):
     """Tissue, muscles, loads and solver of the face."""
 
-    solver: Literal["converged", "linearly_implicit"] = parameter(
+    accuracy: str | None = parameter(
+        None,
+        "'draft', 'study', 'reference', or the error wanted such as '0.1 mm'; sets solver, step and "
+        "error_tolerance where they are not given.",
+        unit="-",
+        source=f"{OWN}: points measured by `emgface bench work-precision`",
+    )
+    solver: Literal[
         "converged",
-        "Implicit Euler, iterated to its tolerance or with a single linear solution per step.",
+        "trapezoidal",
+        "sdirk2",
+        "linearly_implicit",
+        "linearly_implicit_trapezoidal",
+    ] = parameter(
+        "converged",
+        "Integrator: implicit Euler iterated to its tolerance ('converged'), the trapezoidal rule, the "
+        "L-stable second-order SDIRK2, or Euler and trapezoidal rule with one linear solution a step.",
         unit="-",
         source=OWN,
         note="'linearly_implicit' is what the published simulator does",
     )
-    step: float = parameter(0.01, "Time step.", unit="s", source=OWN, gt=0, le=0.1)
+    step: float = parameter(
+        0.01, "Time step, and the time between outputs.", unit="s", source=OWN, gt=0, le=0.1
+    )
+    error_tolerance: float | None = parameter(
+        None,
+        "Error of the lip markers that the steps are chosen by, each dividing `step`; absent: steps "
+        "of one size, halved where they fail.",
+        unit="m",
+        source=OWN,
+        gt=0,
+    )
     timing: Literal["recorded", "normalised"] = parameter(
         "recorded",
         "Simulated time: that of the recording, or one step per sample of the activation.",
@@ -167,13 +192,14 @@ class SimulationParameters(Parameters):
         "density and skin there; a later one takes the place of an earlier one.",
     )
     prestress: Prestress = Field(default=Prestress(), description="Tension of the skin at rest.")
-    incompressibility: Literal["pointwise", "element", "nodal"] = parameter(
+    incompressibility: Literal["pointwise", "element", "nodal", "hard"] = parameter(
         "pointwise",
-        "Volume that a pressure belongs to: a Gauss point, an element, or the region of a node.",
+        "Volume that a pressure belongs to: a Gauss point, an element, or the region of a node; "
+        "'hard' keeps the volume of every element.",
         unit="-",
         source=f"{ESKES}, Incompressibility (nodal)",
         note="'nodal' cures locking best and costs most; 'element' and 'nodal' take the quadratic "
-        "potential",
+        "potential, 'hard' has none",
     )
     bulk_potential: Literal["logarithmic", "quadratic"] = parameter(
         "logarithmic",
@@ -229,9 +255,22 @@ class SimulationParameters(Parameters):
         source=f"{ESKES}, Finite element face model",
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _as_accurate(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("accuracy") is not None:
+            return accuracy_settings(str(data["accuracy"])) | data
+        return data
+
     @model_validator(mode="after")
     def _startable(self) -> "SimulationParameters":
-        if self.incompressibility != "pointwise" and self.bulk_potential != "quadratic":
+        if self.error_tolerance is not None and self.solver.startswith("linearly_implicit"):
+            raise ValueError(
+                f"solver = '{self.solver}' has no error control: choose 'sdirk2', 'trapezoidal' or "
+                "'converged', or leave error_tolerance out"
+            )
+        soft = self.incompressibility in ("element", "nodal")
+        if soft and self.bulk_potential != "quadratic":
             raise ValueError(
                 f"incompressibility = '{self.incompressibility}' has the quadratic potential "
                 "only: set bulk_potential = 'quadratic'"

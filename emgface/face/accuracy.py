@@ -1,0 +1,50 @@
+"""Presets of accuracy: points of least run time, chosen by measurement."""
+
+import re
+from typing import Any, Final
+
+from emgface.units import DIVISORS, spelling
+
+PRESETS: Final[dict[str, dict[str, Any]]] = {
+    "draft": {"solver": "sdirk2", "step": 0.02},
+    "study": {"solver": "sdirk2", "step": 0.01},
+    "reference": {"solver": "sdirk2", "step": 0.0025},
+}
+"""Solver and step [s] of each preset; `docs/accuracy.md` gives the measured error and time of each."""
+
+_LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
+
+
+def accuracy_settings(accuracy: str) -> dict[str, Any]:
+    """Settings of a preset, or of an error wanted.
+
+    Parameters
+    ----------
+    accuracy : str
+        "draft", "study", "reference", or a length such as "0.1 mm": the error of the lip markers that
+        the steps are chosen by.
+
+    Returns
+    -------
+    dict
+        Values of ``solver``, ``step`` [s] and ``error_tolerance`` [m].
+
+    Raises
+    ------
+    ValueError
+        Neither a preset nor a length above zero.
+    """
+    if accuracy in PRESETS:
+        return dict(PRESETS[accuracy])
+    found = _LENGTH.fullmatch(accuracy)
+    unit = spelling(found[2]) if found else ""
+    try:
+        length = float(found[1]) / DIVISORS["m"][unit] if found else 0.0
+    except (KeyError, ValueError):
+        length = 0.0
+    if not length > 0.0:
+        raise ValueError(
+            f"accuracy = {accuracy!r}, expected one of {', '.join(PRESETS)} or an error such as "
+            "'0.1 mm'"
+        )
+    return {"solver": "sdirk2", "step": 0.01, "error_tolerance": length}

@@ -1,0 +1,67 @@
+"""Accuracy by the name of a preset or by the error wanted; every solver moves a face."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.choices import configure
+from emgface.errors import ConfigurationError
+from emgface.face.accuracy import PRESETS
+from emgface.face.motion import INTEGRATORS, simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+
+
+@pytest.fixture(scope="module")
+def face():
+    return template_face(resolution="coarse")
+
+
+def activation(face, duration=0.08):
+    time = np.linspace(0.0, duration, 9)
+    values = np.zeros((face.sizes["muscle"], 9))
+    for side in "LR":
+        values[list(face["muscle"].values).index(f"ZYG_{side}")] = 0.5 * time / duration
+    coords = {"muscle": face["muscle"].values, "time": time}
+    return xr.DataArray(values, dims=("muscle", "time"), coords=coords)
+
+
+def test_a_preset_sets_what_is_not_given():
+    chosen = configure(SimulationParameters, {"accuracy": "reference"})
+    assert (chosen.solver, chosen.step) == ("sdirk2", PRESETS["reference"]["step"])
+    assert configure(SimulationParameters, {"accuracy": "draft", "step": 0.005}).step == 0.005
+    again = SimulationParameters.model_validate(chosen.model_dump())
+    assert again == chosen
+
+
+def test_an_error_wanted_is_read_with_its_unit():
+    assert configure(SimulationParameters, {"accuracy": "0.1 mm"}).error_tolerance == 1e-4
+    assert configure(SimulationParameters, {"accuracy": "50 um"}).error_tolerance == 5e-5
+
+
+@pytest.mark.parametrize("wrong", ["excellent", "0.1", "0 mm", "-1 mm", "1 s", "a mm"])
+def test_other_accuracies_are_refused(wrong):
+    with pytest.raises(ConfigurationError, match="accuracy"):
+        configure(SimulationParameters, {"accuracy": wrong})
+
+
+def test_error_control_of_a_scheme_of_one_solution_is_refused():
+    with pytest.raises(ConfigurationError, match="error control"):
+        configure(SimulationParameters, {"solver": "linearly_implicit", "error_tolerance": 1e-4})
+
+
+def test_every_solver_moves_the_face_alike(face):
+    base = {"gravity": False, "sigma_max": 100e3}
+
+    def corner(values):
+        parameters = configure(SimulationParameters, base | values)
+        run = simulate_face(face, activation(face), parameters)
+        return run["position"].sel(marker="corner_left").isel(time=-1).values
+
+    fine = corner({"accuracy": "reference"})
+    moved = np.linalg.norm(fine - corner({"sigma_max": 30e3, "accuracy": "reference"}))
+    for solver in INTEGRATORS:
+        assert np.linalg.norm(corner({"solver": solver}) - fine) < 0.3 * moved, solver
+    assert np.linalg.norm(corner({"accuracy": "0.01 mm"}) - fine) < 1e-5
+    hard = corner({"solver": "sdirk2", "incompressibility": "hard"})
+    assert 0.0 < np.linalg.norm(hard - fine) < moved
