@@ -37,6 +37,7 @@ PER_TRIAL: Final = {
     "sigma_max": ("Pa", "maximum muscle stress that was used"),
     "steps": ("1", "time steps computed"),
     "run_time": ("s", "computing time"),
+    "numerical_error": ("m", "estimated error of the time steps"),
 }
 CHOICES: Final = ("form", "reference", "smallest_motion", "scaling", "scale_range", "scale_step",
                   "max_shift", "least_overlap", "least_gain", "cutoff", "sign_by", "centred",
@@ -113,7 +114,7 @@ def build_cube(
             raise CubeError(f"trial {trial.label} is given twice: keep one of its results")
         seen.add(index)
         status[index], reason[index] = trial.status, trial.reason
-        for name in ("sigma_max", "steps", "run_time"):
+        for name in ("sigma_max", "steps", "run_time", "numerical_error"):
             per_trial[name][index] = getattr(trial, name)
         if trial.scores is None:
             continue

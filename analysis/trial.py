@@ -34,6 +34,8 @@ class Trial:
         Maximum muscle stress that was used [Pa]; NaN where unknown.
     steps : float
         Time steps computed [1]; NaN where unknown.
+    numerical_error : float
+        Estimated error of the time steps [m].
     run_time : float
         Computing time [s]; NaN where unknown.
     origin : {"measured", "simulated"}, optional
@@ -55,6 +57,7 @@ class Trial:
     sigma_max: float = np.nan
     steps: float = np.nan
     run_time: float = np.nan
+    numerical_error: float = np.nan
     origin: Origin | None = None
 
     def __post_init__(self) -> None:

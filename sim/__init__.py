@@ -43,7 +43,7 @@ from sim.laws import (
 )
 from sim.mesh import Mesh, mesh_from_arrays
 from sim.prestretch import IN_VIVO, initial_stretch, stretch_field
-from sim.probes import Energies, Iterations, Markers, Opening, Positions, SmallestJ
+from sim.probes import Energies, Iterations, Markers, Opening, Positions, SmallestJ, StepErrors
 from sim.reductions import Fixed
 from sim.scene import Scene
 from sim.simulate import Activation, resting, simulate
@@ -124,6 +124,7 @@ __all__ = [
     "Solid",
     "State",
     "Static",
+    "StepErrors",
     "StepReport",
     "Stiffening",
     "Support",

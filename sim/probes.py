@@ -105,6 +105,37 @@ class SmallestJ:
         return (report.smallest_J if report else system.smallest_J(state.q)[0],)
 
 
+@dataclass(frozen=True, eq=False)
+class StepErrors:
+    """Estimated error that each step has made at named nodes, (marker, axis) [m].
+
+    NaN where the integrator has no estimate.
+
+    Attributes
+    ----------
+    nodes : (n_markers,) node indices.
+    names : marker names.
+    """
+
+    nodes: Index
+    names: tuple[str, ...]
+
+    def variables(self) -> tuple[Variable, ...]:
+        """One variable ``step_error``."""
+        coords = {"marker": self.names, "axis": AXES}
+        return (Variable("step_error", "m", ("marker", "axis"), coords),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Return the estimate at the nodes; zero at the start."""
+        if report is None:
+            return (np.zeros((len(self.nodes), 3)),)
+        if report.local_error is None:
+            return (np.full((len(self.nodes), 3), np.nan),)
+        return (report.local_error[self.nodes],)
+
+
 @dataclass(frozen=True)
 class Energies:
     """Kinetic and potential energy [J]; the potential is that of all terms at the current control.

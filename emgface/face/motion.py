@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import ActivationError
+from emgface.face.numerical_error import numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import (
@@ -24,6 +25,7 @@ from sim import (
     Sdirk2,
     SmallestJ,
     State,
+    StepErrors,
     System,
     Trapezoidal,
     Workspace,
@@ -133,7 +135,8 @@ def simulate_face(
     -------
     Dataset
         ``position(marker, axis, time)`` [m] of the lip markers from time 0, with ``smallest_J``,
-        ``iterations``, ``lip_opening`` [m], energies [J]; attrs ``solver``, ``step`` [s],
+        ``iterations``, ``lip_opening`` [m], energies [J], ``numerical_error`` [m] of the markers as
+        estimated by `emgface.face.numerical_error`; attrs ``solver``, ``step`` [s],
         ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated", and where the motion lies in the
         recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second).
 
@@ -165,6 +168,8 @@ def simulate_face(
             work=Workspace(system, parameters.linear_solver),
             progress=progress,
         )
+    error = numerical_error(trajectory["step_error"], parameters.beta)
+    trajectory = trajectory.drop_vars("step_error").assign(numerical_error=error)
     trajectory.attrs |= {
         "solver": parameters.solver,
         "step": parameters.step,
@@ -174,6 +179,8 @@ def simulate_face(
         "recorded_start": float(activation["time"].values[0]),
         "recorded_pace": pace,
     }
+    if error.notnull().all():
+        trajectory.attrs["numerical_error"] = float(error.max())
     return trajectory
 
 
@@ -198,11 +205,12 @@ def _steps(face: xr.Dataset, parameters: SimulationParameters) -> StepControl:
 
 def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
     names = tuple(map(str, face["marker"].values))
-    probes: list[Probe] = [Markers(face["marker_node"].values.astype(np.int64), names)]
+    nodes = face["marker_node"].values.astype(np.int64)
+    probes: list[Probe] = [Markers(nodes, names)]
     if "lip_opening_node" in face:
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
         probes.append(Opening(upper, lower))
-    return (*probes, SmallestJ(), Energies(), Iterations())
+    return (*probes, StepErrors(nodes, names), SmallestJ(), Energies(), Iterations())
 
 
 def _control(

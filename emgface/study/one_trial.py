@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from analysis.errors import AnalysisError
 from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError
@@ -49,6 +51,7 @@ def run_trial(bench: Laboratory, trial: PlannedTrial, extent: Result | None = No
             "sigma_max": float(attrs["sigma_max"]),
             "run_time": float(attrs["run_time_s"]),
             "steps": steps_of(motion.dataset),
+            "numerical_error": float(attrs.get("numerical_error", np.nan)),
         }
         aligned = bench.aligned(recording, motion, trial.label)
         scores = bench.scores(aligned, motion, trial.label)

@@ -2,9 +2,11 @@
 
 from typing import Protocol
 
+import numpy as np
+
 from sim.errors import SceneError
 from sim.integrators.contract import Integrator, Workspace
-from sim.state import ControlAt, State, StepReport
+from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
 
@@ -51,5 +53,11 @@ def united(reports: list[StepReport], rejected: int) -> StepReport:
         line_search=min(r.line_search for r in reports),
         shifts=sum(r.shifts for r in reports),
         indefinite=sum(r.indefinite for r in reports),
+        local_error=_sum([r.local_error for r in reports]),
         error=sum(r.error for r in reports),
     )
+
+
+def _sum(errors: list[Array | None]) -> Array | None:
+    known = [e for e in errors if e is not None]
+    return np.sum(known, axis=0) if known and len(known) == len(errors) else None

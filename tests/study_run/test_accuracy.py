@@ -65,3 +65,25 @@ def test_every_solver_moves_the_face_alike(face):
     assert np.linalg.norm(corner({"accuracy": "0.01 mm"}) - fine) < 1e-5
     hard = corner({"solver": "sdirk2", "incompressibility": "hard"})
     assert 0.0 < np.linalg.norm(hard - fine) < moved
+
+
+def test_the_estimated_error_of_a_motion_is_near_the_true_one(face):
+    def run(values):
+        base = {"gravity": False, "sigma_max": 100e3}
+        drive = activation(face, 0.16)
+        return simulate_face(face, drive, configure(SimulationParameters, base | values))
+
+    fine = run({"solver": "sdirk2", "step": 0.00125})
+    for solver, low, high in (
+        ("converged", 0.5, 3.0),
+        ("linearly_implicit", 0.5, 3.0),
+        ("sdirk2", 0.5, 6.0),
+    ):
+        coarse = run({"solver": solver, "step": 0.02})
+        there = fine["position"].sel(time=coarse["time"], method="nearest")
+        gap = (coarse["position"] - there.assign_coords(time=coarse["time"])) ** 2
+        true = float(np.sqrt(gap.sum("axis")).max())
+        assert low < coarse.attrs["numerical_error"] / true < high, solver
+    none = run({"solver": "linearly_implicit_trapezoidal", "step": 0.02})
+    assert "numerical_error" not in none.attrs
+    assert none["numerical_error"].isnull().any()
