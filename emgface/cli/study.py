@@ -8,6 +8,11 @@ import typer
 from emgface.cli.console import BAD_INPUT, PARTIAL, ProgressObserver, out, progress, say
 from emgface.cli.machine import announce_compilation, cores, use_one_thread
 
+AccuracyOption = Annotated[
+    str | None,
+    typer.Option(help="draft, study, reference, or the error wanted, such as '0.1 mm'."),
+]
+
 app = typer.Typer(no_args_is_help=True, help="Whole studies, from recordings to the scored cube.")
 
 
@@ -36,11 +41,21 @@ def run(
         int | None,
         typer.Option(min=1, help="Processes that simulate at the same time; one per core."),
     ] = None,
+    accuracy: AccuracyOption = None,
 ) -> None:
     """Run a study, or complete one that was interrupted."""
     from emgface.study.configuration import load_study
 
-    raise typer.Exit(_run(load_study(path), out_path, workers or cores()))
+    configuration = _as_accurate(load_study(path), accuracy)
+    raise typer.Exit(_run(configuration, out_path, workers or cores()))
+
+
+def _as_accurate(configuration, accuracy: str | None):  # noqa: ANN001, ANN202
+    """Study with another accuracy of its simulations, where one is given."""
+    if accuracy is None:
+        return configuration
+    simulation = configuration.simulation.as_accurate(accuracy)
+    return configuration.model_copy(update={"simulation": simulation})
 
 
 def _run(configuration, out_path: Path, workers: int) -> int:  # noqa: ANN001
@@ -105,6 +120,7 @@ def demo(
         "emgface-demo"
     ),
     quick: Annotated[bool, typer.Option("--quick", help="Fewer instructions.")] = False,
+    accuracy: AccuracyOption = None,
 ) -> None:
     """Simulate two volunteers on the generated template face and run a study of them."""
     use_one_thread()  # the face is coarse: threads would only wait for each other
@@ -115,7 +131,7 @@ def demo(
     from emgface.study.template import study_template
     from emgface.volunteers.simulate import make_volunteers
 
-    plan, workers = demo_study(out_path, quick=quick), cores()
+    plan, workers = _as_accurate(demo_study(out_path, quick=quick), accuracy), cores()
     say("All of this demonstration is simulated: volunteers, sEMG and motion.")
     face = study_face(plan.face)
     save_face(face, out_path / "face.nc")

@@ -61,7 +61,13 @@ def simulate(
     sigma_max: Annotated[
         float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
     ] = None,
-    solver: Annotated[str | None, typer.Option(help="converged or linearly_implicit.")] = None,
+    solver: Annotated[
+        str | None, typer.Option(help="converged, trapezoidal, sdirk2 or linearly_implicit.")
+    ] = None,
+    accuracy: Annotated[
+        str | None,
+        typer.Option(help="draft, study, reference, or the error wanted, such as '0.1 mm'."),
+    ] = None,
 ) -> None:
     """Move the face by an activation."""
     from emgface.choices import configure
@@ -73,11 +79,11 @@ def simulate(
     from emgface.study.policy import lower_sigma_max
 
     configuration = load_study(study) if study else StudyConfiguration()
+    base = configuration.simulation
+    base = base if accuracy is None else base.as_accurate(accuracy)
     given = {"sigma_max": sigma_max, "solver": solver}
     changes = {name: value for name, value in given.items() if value is not None}
-    parameters = configure(
-        SimulationParameters, configuration.simulation.model_dump() | changes, where="simulation"
-    )
+    parameters = configure(SimulationParameters, base.model_dump() | changes, where="simulation")
     drive = read_netcdf(activation, "activation")
     where = FaceConfiguration(path=face) if face else configuration.face
     model = study_face(where)

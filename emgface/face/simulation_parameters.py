@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.choices import ESKES, OWN, Parameters, configure, parameter
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.tissue import Tissue
 
@@ -301,3 +301,23 @@ class SimulationParameters(Parameters):
                 f"{self.sigma_max_policy.minimum:g} Pa: lower the minimum"
             )
         return self
+
+    def as_accurate(self, accuracy: str) -> "SimulationParameters":
+        """The same tissue and loads, solved to a preset or an error wanted.
+
+        Parameters
+        ----------
+        accuracy : str
+            "draft", "study", "reference", or an error such as "0.1 mm".
+
+        Returns
+        -------
+        SimulationParameters
+
+        Raises
+        ------
+        ConfigurationError
+            It is neither.
+        """
+        values = self.model_dump(exclude={"solver", "step", "error_tolerance"})
+        return configure(SimulationParameters, values | {"accuracy": accuracy}, where="simulation")

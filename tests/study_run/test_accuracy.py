@@ -34,6 +34,13 @@ def test_a_preset_sets_what_is_not_given():
     assert again == chosen
 
 
+def test_the_accuracy_of_given_parameters_is_changed():
+    given = SimulationParameters(solver="linearly_implicit", step=0.002, sigma_max=80e3)
+    chosen = given.as_accurate("draft")
+    assert (chosen.solver, chosen.step, chosen.sigma_max) == ("sdirk2", 0.02, 80e3)
+    assert given.as_accurate("1 mm").error_tolerance == 1e-3
+
+
 def test_an_error_wanted_is_read_with_its_unit():
     assert configure(SimulationParameters, {"accuracy": "0.1 mm"}).error_tolerance == 1e-4
     assert configure(SimulationParameters, {"accuracy": "50 um"}).error_tolerance == 5e-5
