@@ -170,6 +170,7 @@ def _with_frames(
         "triangle": packed(skin.triangle.astype("<u4")),
         "origin": str(results.cube.attrs["origin"]),
         "face": str(results.bench.face.attrs["name"]),
+        "lips": [round(1e3 * float(x), 3) for x in _lips(results.bench.face) - centre],
         "instructions": {
             key: INSTRUCTIONS[key] for key in dict.fromkeys(t["instruction"] for t in trials)
         },
@@ -181,6 +182,11 @@ def _with_frames(
         ],
         "trials": trials,
     }
+
+
+def _lips(face: xr.Dataset) -> NDArray[np.float64]:
+    """Middle of the lip markers at rest, which the page looks at [m]."""
+    return face["position"].values[face["marker_node"].values].mean(axis=0)
 
 
 def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:

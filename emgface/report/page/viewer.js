@@ -64,13 +64,15 @@ async function decode(trial) {
   return decoded.get(trial);
 }
 
-// Both ways of drawing share one orthographic camera that turns about the middle of the face.
+// Both ways of drawing share one orthographic camera. It looks at the lips, and takes in as much of the
+// face as lets them be seen.
 function extent() {
   let reach = 0;
   for (let i = 0; i < start.length; i++) reach = Math.max(reach, Math.abs(start[i]));
-  return 1.16 * reach;
+  return Math.min(1.16 * reach, 62);
 }
 let reach = 60;
+const MIDDLE = data.lips;
 
 // Two shapes, so that the markers differ without colour as well.
 function mark(pen, kind, u, v, size, line) {
@@ -134,6 +136,7 @@ function webgl(triangles) {
     const a = (view.yaw * Math.PI) / 180, b = (view.pitch * Math.PI) / 180;
     camera.position.set(500 * Math.sin(a) * Math.cos(b), 500 * Math.cos(a) * Math.cos(b), 500 * Math.sin(b));
     camera.lookAt(0, 0, 0);
+    camera.position.set(camera.position.x + MIDDLE[0], camera.position.y + MIDDLE[1], camera.position.z + MIDDLE[2]);
     lamp.position.set(camera.position.x - 200 * Math.cos(a), camera.position.y + 200 * Math.sin(a), camera.position.z + 350);
     for (let i = 0; i < colour.length; i += 3) {
       linear.setRGB(colour[i], colour[i + 1], colour[i + 2], THREE.SRGBColorSpace);
@@ -166,7 +169,8 @@ function plain(triangles) {
     const scale = (Math.min(width, height) / 2) * (view.zoom / reach);
     const a = (view.yaw * Math.PI) / 180, b = (view.pitch * Math.PI) / 180;
     const ca = Math.cos(a), sa = Math.sin(a), cb = Math.cos(b), sb = Math.sin(b);
-    const project = (x, y, z) => {
+    const project = (right, front, top) => {
+      const x = right - MIDDLE[0], y = front - MIDDLE[1], z = top - MIDDLE[2];
       const away = sa * x + ca * y;
       return [-(ca * x - sa * y) * scale, -(cb * z - sb * away) * scale, cb * away + sb * z];
     };
