@@ -64,12 +64,14 @@ def rendered_faces(faces: xr.Dataset) -> "Figure":
         raise FigureError("there is no face to draw: every trial lacks a simulation")
     corners = faces["triangle"].values
     low, high = np.nanmin(position, axis=(0, 1, 2)), np.nanmax(position, axis=(0, 1, 2))
-    if "simulated" in faces and np.isfinite(faces["simulated"].values).any():
+    marked = (
+        1e3 * faces["simulated"].values.reshape(-1, 3) if "simulated" in faces else np.empty((0, 3))
+    )
+    marked = marked[np.isfinite(marked).all(axis=-1)]
+    if len(marked) > 1 and np.ptp(marked[:, 0]) > 0:
         # The lips are what is compared: a face around them, not a head.
-        marked = 1e3 * faces["simulated"].values.reshape(-1, 3)
-        middle, half = np.nanmean(marked, axis=0), 1.9 * np.nanmax(np.ptp(marked, axis=0)) / 2
-        low = np.maximum(low, middle - half)
-        high = np.minimum(high, middle + half)
+        middle, half = marked.mean(axis=0), 1.9 * float(np.ptp(marked, axis=0).max()) / 2
+        low, high = np.maximum(low, middle - half), np.minimum(high, middle + half)
     instructions = [str(label) for label in faces["instruction"].values]
     strategies = [str(label) for label in faces["strategy"].values]
     width = min(1.9, 9.0 / len(instructions))

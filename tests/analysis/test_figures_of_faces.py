@@ -58,6 +58,14 @@ def test_the_subjects_right_is_on_the_left() -> None:
     assert low > high
 
 
+def test_the_picture_is_of_the_lips() -> None:
+    """Two markers 30 mm apart, at x = -15 and 15: the picture is 1.9 times as wide."""
+    high, low = rendered_faces(bowl()).axes[0].get_xlim()
+    np.testing.assert_allclose([low, high], [-28.5, 28.5])
+    high, low = rendered_faces(bowl().drop_vars("simulated")).axes[0].get_xlim()
+    np.testing.assert_allclose([low, high], [-30.0, 30.0])
+
+
 def test_light_from_above() -> None:
     """The upper half of a bump is brighter than the lower."""
     collection = rendered_faces(bowl()).axes[0].collections[0]
