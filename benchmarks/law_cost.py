@@ -3,7 +3,8 @@
     python benchmarks/law_cost.py [--cells 18] [--repeats 7]
 
 One block of hexahedra, at a random deformation, without muscles; the summation into nodes and matrix is
-counted, as every law needs it. The laws take turns, so that a drift of the machine hits all of them.
+counted, as every law needs it. Processor time, on one thread; the laws take turns, so that a drift of
+the machine hits all of them. Set NUMBA_NUM_THREADS=1.
 """
 
 import argparse
@@ -63,9 +64,9 @@ def main():
     for _ in range(options.repeats):
         for name, pair in calls.items():
             for call, found in zip(pair, times[name], strict=True):
-                start = time.perf_counter()
+                start = time.process_time()
                 call()
-                found.append(time.perf_counter() - start)
+                found.append(time.process_time() - start)
     median = {name: [1e3 * statistics.median(x) for x in pair] for name, pair in times.items()}
     reference = median["MooneyRivlin (first loop)"]
     print(f"{mesh.n_elements} hexahedra, medians of {options.repeats}")

@@ -82,48 +82,57 @@ def five_term_mooney_rivlin(p, C, S, D, with_tangent):
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
+def turn(aii, ajj, aij):
+    """Tangent, cosine and sine of the Jacobi rotation that makes aij zero."""
+    theta = (ajj - aii) / (2.0 * aij)
+    if abs(theta) > 1e150:  # theta^2 would overflow
+        return 0.5 / theta, 1.0, 0.5 / theta
+    t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
+    if theta < 0.0:
+        t = -t
+    c = 1.0 / math.sqrt(t * t + 1.0)
+    return t, c, t * c
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def turn_columns(N, i, j, c, s):
+    """Rotate columns i and j of N (3, 3)."""
+    for m in range(3):
+        ni, nj = N[m, i], N[m, j]
+        N[m, i] = c * ni - s * nj
+        N[m, j] = s * ni + c * nj
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
 def principal(C, c, N):
     """Eigenvalues c (3,) of a symmetric tensor and unit eigenvectors in the columns of N (3, 3).
 
     Cyclic Jacobi rotations: accurate also where eigenvalues coincide, unlike the closed form.
     """
-    A = np.empty((3, 3))
+    a, b, d, ab, bd, da = C[0], C[1], C[2], C[3], C[4], C[5]
     for i in range(3):
         for j in range(3):
-            A[i, j] = C[PLACE[i, j]]
             N[i, j] = 1.0 if i == j else 0.0
-    size = A[0, 0] * A[0, 0] + A[1, 1] * A[1, 1] + A[2, 2] * A[2, 2]
+    size = a * a + b * b + d * d
     for _ in range(12):
-        off = A[0, 1] * A[0, 1] + A[0, 2] * A[0, 2] + A[1, 2] * A[1, 2]
-        if not (off > 1e-33 * size):  # a NaN ends it, too
+        if not (ab * ab + bd * bd + da * da > 1e-33 * size):  # a NaN ends it, too
             break
-        for k in range(3):
-            i = 0 if k < 2 else 1
-            j = 1 if k == 0 else 2
-            if A[i, j] == 0.0:
-                continue
-            theta = (A[j, j] - A[i, i]) / (2.0 * A[i, j])
-            if abs(theta) > 1e150:
-                A[i, j] = A[j, i] = 0.0
-                continue
-            t = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
-            if theta < 0.0:
-                t = -t
-            co = 1.0 / math.sqrt(t * t + 1.0)
-            si = t * co
-            r = 3 - i - j
-            A[i, i] -= t * A[i, j]
-            A[j, j] += t * A[i, j]
-            A[i, j] = A[j, i] = 0.0
-            ri, rj = A[r, i], A[r, j]
-            A[r, i] = A[i, r] = co * ri - si * rj
-            A[r, j] = A[j, r] = si * ri + co * rj
-            for m in range(3):
-                mi, mj = N[m, i], N[m, j]
-                N[m, i] = co * mi - si * mj
-                N[m, j] = si * mi + co * mj
-    for i in range(3):
-        c[i] = A[i, i]
+        if ab != 0.0:
+            t, co, si = turn(a, b, ab)
+            a, b, ab = a - t * ab, b + t * ab, 0.0
+            da, bd = co * da - si * bd, si * da + co * bd
+            turn_columns(N, 0, 1, co, si)
+        if da != 0.0:
+            t, co, si = turn(a, d, da)
+            a, d, da = a - t * da, d + t * da, 0.0
+            ab, bd = co * ab - si * bd, si * ab + co * bd
+            turn_columns(N, 0, 2, co, si)
+        if bd != 0.0:
+            t, co, si = turn(b, d, bd)
+            b, d, bd = b - t * bd, d + t * bd, 0.0
+            ab, da = co * ab - si * da, si * ab + co * da
+            turn_columns(N, 1, 2, co, si)
+    c[0], c[1], c[2] = a, b, d
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
@@ -136,7 +145,7 @@ def power_slope(x, y, b):
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def from_principal(N, s, d, shear, S, D, with_tangent):
+def from_principal(N, s, d, shear, S, D, with_tangent, work):
     """S and D of an isotropic law from its principal values.
 
     s (3,) principal stresses; d (3, 3) the derivatives 2 ds_i/dc_j; shear (3,) the divided differences
@@ -148,14 +157,13 @@ def from_principal(N, s, d, shear, S, D, with_tangent):
             S[a] += s[i] * N[ROW[a], i] * N[COLUMN[a], i]
     if not with_tangent:
         return
-    G = np.empty((6, 6))  # the dyads of the eigenvectors, then those of the pairs
+    G, H = work[2], work[3]  # G: the dyads of the eigenvectors, then those of the pairs
     for a in range(6):
         k, m = ROW[a], COLUMN[a]
         for i in range(3):
             j = (i + 1) % 3
             G[i, a] = N[k, i] * N[m, i]
             G[3 + i, a] = 0.5 * (N[k, i] * N[m, j] + N[k, j] * N[m, i])
-    H = np.empty((3, 6))
     for i in range(3):
         for b in range(6):
             H[i, b] = d[i, 0] * G[0, b] + d[i, 1] * G[1, b] + d[i, 2] * G[2, b]
@@ -168,10 +176,14 @@ def from_principal(N, s, d, shear, S, D, with_tangent):
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def ogden(p, C, S, D, with_tangent):
+def ogden(p, C, S, D, with_tangent, work):
     """Sum of mu/alpha (l1^alpha + l2^alpha + l3^alpha - 3); p = number of terms, mu, alpha, mu, ..."""
-    c, s, shear = np.empty(3), np.zeros(3), np.zeros(3)
-    N, d = np.empty((3, 3)), np.zeros((3, 3))
+    c, s, shear = work[0, 0], work[0, 1], work[0, 2]
+    N, d = work[1, 0:3], work[1, 3:6]
+    for i in range(3):
+        s[i] = shear[i] = 0.0
+        for j in range(3):
+            d[i, j] = 0.0
     principal(C, c, N)
     W = 0.0
     for k in range(int(p[0])):
@@ -182,15 +194,15 @@ def ogden(p, C, S, D, with_tangent):
             if with_tangent:
                 d[i, i] += 2.0 * mu * (b - 1.0) * c[i] ** (b - 2.0)
                 shear[i] += 2.0 * mu * power_slope(c[i], c[(i + 1) % 3], b - 1.0)
-    from_principal(N, s, d, shear, S, D, with_tangent)
+    from_principal(N, s, d, shear, S, D, with_tangent, work)
     return W
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def co_rotational(p, C, S, D, with_tangent):
+def co_rotational(p, C, S, D, with_tangent, work):
     """Mu |U - I|^2 + lame/2 (tr U - 3)^2 with the right stretch U; p = lame, mu."""
-    c, s, shear = np.empty(3), np.empty(3), np.empty(3)
-    N, d = np.empty((3, 3)), np.empty((3, 3))
+    c, s, shear = work[0, 0], work[0, 1], work[0, 2]
+    N, d = work[1, 0:3], work[1, 3:6]
     principal(C, c, N)
     lame, mu = p[0], p[1]
     trace = math.sqrt(c[0]) + math.sqrt(c[1]) + math.sqrt(c[2]) - 3.0
@@ -204,7 +216,7 @@ def co_rotational(p, C, S, D, with_tangent):
                 d[i, j] = lame / (stretch * math.sqrt(c[j]))
             d[i, i] -= (lame * trace - 2.0 * mu) / (stretch * c[i])
             shear[i] = 2.0 * (lame * trace - 2.0 * mu) * power_slope(c[i], c[(i + 1) % 3], -0.5)
-    from_principal(N, s, d, shear, S, D, with_tangent)
+    from_principal(N, s, d, shear, S, D, with_tangent, work)
     return W
 
 
@@ -227,13 +239,13 @@ def linear(p, C, S, D, with_tangent):
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def fung(p, C, axes, S, D, with_tangent):
+def fung(p, C, axes, S, D, with_tangent, work):
     """c/2 (exp Q - 1), Q quadratic in the strain along the material axes (columns of axes).
 
     p = c, mu1, mu2, mu3, then lambda 11 22 33 12 23 31. With E = C - I in these axes
     4 c Q = 2 sum_ij mu_i E_ij^2 + sum_ij lambda_ij E_ii E_jj.
     """
-    E = np.empty(6)
+    E, s = work[0, 0], work[0, 1]  # s: stress along the axes but for exp Q
     for a in range(6):
         i, j = ROW[a], COLUMN[a]
         x = 0.0
@@ -241,7 +253,6 @@ def fung(p, C, axes, S, D, with_tangent):
             for m in range(3):
                 x += axes[k, i] * C[PLACE[k, m]] * axes[m, j]
         E[a] = x - (1.0 if a < 3 else 0.0)
-    s = np.empty(6)  # stress along the axes but for exp Q
     for a in range(6):
         i, j = ROW[a], COLUMN[a]
         s[a] = 0.5 * (p[1 + i] + p[1 + j]) * E[a]
@@ -250,7 +261,11 @@ def fung(p, C, axes, S, D, with_tangent):
                 s[a] += 0.5 * p[4 + PLACE[i, k]] * E[k]
     Q = contract(s, E) / (2.0 * p[0])
     e = math.exp(Q)
-    R = np.empty((6, 6))  # from tensor components along the axes to those of space
+    R, M, T = (
+        work[1],
+        work[2],
+        work[3],
+    )  # R: from tensor components along the axes to those of space
     for a in range(6):
         k, m = ROW[a], COLUMN[a]
         for b in range(6):
@@ -264,7 +279,6 @@ def fung(p, C, axes, S, D, with_tangent):
             x += R[a, b] * s[b]
         S[a] = e * x
     if with_tangent:
-        M = np.empty((6, 6))
         for b in range(6):
             for g in range(6):
                 x = 2.0 / p[0] * s[b] * s[g]
@@ -274,7 +288,6 @@ def fung(p, C, axes, S, D, with_tangent):
                 if b < 3 and g < 3:
                     x += p[4 + PLACE[b, g]]
                 M[b, g] = e * x
-        T = np.empty((6, 6))
         for a in range(6):
             for g in range(6):
                 x = 0.0
@@ -304,18 +317,21 @@ def scalar_isochoric(code, p, C, S, D, with_tangent):
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def tensor_law(code, p, C, axes, S, D, with_tangent):
-    """Energy of the law with this code; S and, if wanted, D by the strain that it was given."""
+def tensor_law(code, p, C, axes, S, D, with_tangent, work):
+    """Energy of the law with this code; S and, if wanted, D by the strain that it was given.
+
+    work (4, 6, 6) is scratch, since an array made here would be allocated at every Gauss point.
+    """
     if code == FIVE_TERM_MOONEY_RIVLIN:
         return five_term_mooney_rivlin(p, C, S, D, with_tangent)
     if code == OGDEN:
-        return ogden(p, C, S, D, with_tangent)
+        return ogden(p, C, S, D, with_tangent, work)
     if code == FUNG:
-        return fung(p, C, axes, S, D, with_tangent)
+        return fung(p, C, axes, S, D, with_tangent, work)
     if code == LINEAR:
         return linear(p, C, S, D, with_tangent)
     if code == CO_ROTATIONAL:
-        return co_rotational(p, C, S, D, with_tangent)
+        return co_rotational(p, C, S, D, with_tangent, work)
     if code >= ISOCHORIC_FIRST:
         return scalar_isochoric(code - ISOCHORIC_FIRST, p, C, S, D, with_tangent)
     for i in range(6):

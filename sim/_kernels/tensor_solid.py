@@ -37,14 +37,26 @@ Indices = NDArray[np.int64]
 @nb.njit(cache=True, fastmath=FLAGS)
 def _strains(F, J, cof, C, inverse, small):
     """Right Cauchy-Green tensor, its inverse, and I + 2 eps, all (6,)."""
-    for a in range(6):
-        i, j = ROW[a], COLUMN[a]
-        C[a] = F[0, i] * F[0, j] + F[1, i] * F[1, j] + F[2, i] * F[2, j]
-        # C^-1 = F^-1 F^-T and F^-T = cof/J
-        inverse[a] = (cof[0, i] * cof[0, j] + cof[1, i] * cof[1, j] + cof[2, i] * cof[2, j]) / (
-            J * J
-        )
-        small[a] = F[i, j] + F[j, i] - (1.0 if a < 3 else 0.0)
+    # written out, since the compiler does not see through arrays of indices
+    r = 1.0 / (J * J)  # C^-1 = F^-1 F^-T and F^-T = cof/J
+    C[0] = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
+    C[1] = F[0, 1] * F[0, 1] + F[1, 1] * F[1, 1] + F[2, 1] * F[2, 1]
+    C[2] = F[0, 2] * F[0, 2] + F[1, 2] * F[1, 2] + F[2, 2] * F[2, 2]
+    C[3] = F[0, 0] * F[0, 1] + F[1, 0] * F[1, 1] + F[2, 0] * F[2, 1]
+    C[4] = F[0, 1] * F[0, 2] + F[1, 1] * F[1, 2] + F[2, 1] * F[2, 2]
+    C[5] = F[0, 2] * F[0, 0] + F[1, 2] * F[1, 0] + F[2, 2] * F[2, 0]
+    inverse[0] = r * (cof[0, 0] * cof[0, 0] + cof[1, 0] * cof[1, 0] + cof[2, 0] * cof[2, 0])
+    inverse[1] = r * (cof[0, 1] * cof[0, 1] + cof[1, 1] * cof[1, 1] + cof[2, 1] * cof[2, 1])
+    inverse[2] = r * (cof[0, 2] * cof[0, 2] + cof[1, 2] * cof[1, 2] + cof[2, 2] * cof[2, 2])
+    inverse[3] = r * (cof[0, 0] * cof[0, 1] + cof[1, 0] * cof[1, 1] + cof[2, 0] * cof[2, 1])
+    inverse[4] = r * (cof[0, 1] * cof[0, 2] + cof[1, 1] * cof[1, 2] + cof[2, 1] * cof[2, 2])
+    inverse[5] = r * (cof[0, 2] * cof[0, 0] + cof[1, 2] * cof[1, 0] + cof[2, 2] * cof[2, 0])
+    small[0] = F[0, 0] + F[0, 0] - 1.0
+    small[1] = F[1, 1] + F[1, 1] - 1.0
+    small[2] = F[2, 2] + F[2, 2] - 1.0
+    small[3] = F[0, 1] + F[1, 0]
+    small[4] = F[1, 2] + F[2, 1]
+    small[5] = F[2, 0] + F[0, 2]
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
@@ -61,7 +73,7 @@ def _add_product(D, inverse, dyad, symmetric):
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def project(Sb, Db, J, C, inverse, S, D, with_tangent):
+def project(Sb, Db, J, C, inverse, S, D, with_tangent, work):
     """Add to S and D those of an energy of Cbar = J^(-2/3) C, from its derivatives Sb, Db by Cbar.
 
     Source: Holzapfel 2000, Nonlinear Solid Mechanics, Eqs 6.90 and 6.168.
@@ -69,7 +81,7 @@ def project(Sb, Db, J, C, inverse, S, D, with_tangent):
     s = J ** (-2.0 / 3.0)
     q = contract(Sb, C)
     if with_tangent:
-        X = np.empty(6)
+        X = work[0, 0]
         for a in range(6):
             x = 0.0
             for b in range(6):
@@ -89,20 +101,20 @@ def project(Sb, Db, J, C, inverse, S, D, with_tangent):
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def _law(measure, code, p, J, C, inverse, small, axes, S, D, Sb, Db, Cb, with_tangent):
+def _law(measure, code, p, J, C, inverse, small, axes, S, D, Sb, Db, Cb, with_tangent, work):
     """Energy of the passive law; its S and D replace those given."""
     if measure == SMALL:
-        return tensor_law(code, p, small, axes, S, D, with_tangent)
+        return tensor_law(code, p, small, axes, S, D, with_tangent, work)
     if measure != ISOCHORIC:
-        return tensor_law(code, p, C, axes, S, D, with_tangent)
+        return tensor_law(code, p, C, axes, S, D, with_tangent, work)
     s = J ** (-2.0 / 3.0)
     for a in range(6):
         Cb[a] = s * C[a]
         S[a] = 0.0
     if with_tangent:
         D[:] = 0.0
-    W = tensor_law(code, p, Cb, axes, Sb, Db, with_tangent)
-    project(Sb, Db, J, C, inverse, S, D, with_tangent)
+    W = tensor_law(code, p, Cb, axes, Sb, Db, with_tangent, work)
+    project(Sb, Db, J, C, inverse, S, D, with_tangent, work)
     return W
 
 
@@ -130,9 +142,8 @@ def _fibre_stress(law_code, p, activation, weight, a0, J, C, Sb, Db, with_tangen
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def _moduli(F, S, D, A):
-    """A = d_ik S_JL + F_iI F_kK D_IJKL, (9, 9)."""
-    T = np.empty((9, 6))
+def _moduli(F, S, D, A, T):
+    """A = d_ik S_JL + F_iI F_kK D_IJKL, (9, 9); T (9, 6) is scratch."""
     for i in range(3):
         for j in range(3):
             for b in range(6):
@@ -220,7 +231,8 @@ def evaluate(
         S, Sb, Cb = np.empty(6), np.empty(6), np.empty(6)
         D, Db = np.empty((6, 6)), np.empty((6, 6))
         St, Dt = np.empty(6), np.empty((6, 6))
-        P, A = np.empty((3, 3)), np.empty((9, 9))
+        P, A, T = np.empty((3, 3)), np.empty((9, 9)), np.empty((9, 6))
+        work = np.empty((4, 6, 6))
         G = np.empty((3, NODES))
         fe = np.empty((3, NODES))
         K = np.empty((NODES, 3, 3, NODES))
@@ -235,7 +247,7 @@ def evaluate(
             total = 0.0
             least = math.inf
             row = region[own]
-            is_small = measure[row] == SMALL
+            is_small, factor = measure[row] == SMALL, scale[e]
             for k in range(gradient.shape[1]):
                 g = gradient[e, k]
                 dV = volume[e, k]
@@ -245,7 +257,7 @@ def evaluate(
                 if not (J > 0.0):
                     continue
                 _strains(F, J, cof, C, inverse, small)
-                W = scale[e] * _law(
+                W = factor * _law(
                     measure[row],
                     law_code[row],
                     law_p[row],
@@ -260,12 +272,10 @@ def evaluate(
                     Db,
                     Cb,
                     with_tangent,
+                    work,
                 )
                 for a in range(6):
-                    S[a] *= scale[e]
-                    if with_tangent:
-                        for b in range(6):
-                            D[a, b] *= scale[e]
+                    S[a] *= factor
                 if history.shape[0] > 0:
                     for a in range(6):
                         H = history[e, k, a]
@@ -274,14 +284,14 @@ def evaluate(
                         S[a] += H
                         W += H * strain * (1.0 if a < 3 else 2.0)
                 # St and Dt are those by C; a law of small strain keeps its S and D apart
-                if is_small:
-                    St[:] = 0.0
-                    if with_tangent:
-                        Dt[:] = 0.0
-                else:
-                    St[:] = S
-                    if with_tangent:
-                        Dt[:] = D
+                share = 0.0 if is_small else 1.0
+                for a in range(6):
+                    St[a] = share * S[a]
+                if with_tangent:
+                    for a in range(6):
+                        for b in range(6):
+                            D[a, b] *= factor
+                            Dt[a, b] = share * D[a, b]
                 if kappa[row] != 0.0:
                     U, UJ, UJJ = bulk(bulk_code[row], kappa[row], J)
                     W += U
@@ -306,23 +316,21 @@ def evaluate(
                             Db,
                             with_tangent,
                         )
-                    project(Sb, Db, J, C, inverse, St, Dt, with_tangent)
+                    project(Sb, Db, J, C, inverse, St, Dt, with_tangent, work)
                 total += dV * W
                 for i in range(3):
-                    for j in range(3):
-                        P[i, j] = (
-                            F[i, 0] * St[PLACE[0, j]]
-                            + F[i, 1] * St[PLACE[1, j]]
-                            + F[i, 2] * St[PLACE[2, j]]
-                        )
-                        if is_small:
+                    P[i, 0] = F[i, 0] * St[0] + F[i, 1] * St[3] + F[i, 2] * St[5]
+                    P[i, 1] = F[i, 0] * St[3] + F[i, 1] * St[1] + F[i, 2] * St[4]
+                    P[i, 2] = F[i, 0] * St[5] + F[i, 1] * St[4] + F[i, 2] * St[2]
+                    if is_small:
+                        for j in range(3):
                             P[i, j] += S[PLACE[i, j]]
                 for i in range(3):
                     p0, p1, p2 = dV * P[i, 0], dV * P[i, 1], dV * P[i, 2]
                     for a in range(NODES):
                         fe[i, a] += p0 * g[0, a] + p1 * g[1, a] + p2 * g[2, a]
                 if with_tangent:
-                    _moduli(F, St, Dt, A)
+                    _moduli(F, St, Dt, A, T)
                     if is_small:
                         for i in range(9):
                             for j in range(9):
@@ -375,6 +383,7 @@ def law_stress(
         C, inverse, small = np.empty(6), np.empty(6), np.empty(6)
         S, Sb, Cb = np.empty(6), np.empty(6), np.empty(6)
         D, Db = np.empty((6, 6)), np.empty((6, 6))
+        work = np.empty((4, 6, 6))
         for e in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
             for a in range(NODES):
                 for i in range(3):
@@ -401,6 +410,7 @@ def law_stress(
                     Db,
                     Cb,
                     False,
+                    work,
                 )
                 for a in range(6):
                     out[e, k, a] = S[a]

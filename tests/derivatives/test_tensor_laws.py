@@ -12,6 +12,7 @@ from tests.bodies import rotation
 ROW, COLUMN = kernel.ROW, kernel.COLUMN
 WEIGHT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # how often a component stands in the tensor
 AXES = rotation(4)
+WORK = np.empty((4, 6, 6))
 
 EXAMPLES = {
     sim.FiveTermMooneyRivlin: sim.FiveTermMooneyRivlin(2500.0, 800.0, 1175.0, 300.0, 150.0),
@@ -35,7 +36,7 @@ def full(s):
 
 def evaluate(code, p, C):
     S, D = np.full(6, np.nan), np.full((6, 6), np.nan)
-    W = kernel.tensor_law(code, np.array(p), six(C), AXES, S, D, True)
+    W = kernel.tensor_law(code, np.array(p), six(C), AXES, S, D, True, WORK)
     return W, S, D
 
 
@@ -103,7 +104,7 @@ def test_projection_gives_the_derivatives_by_C(cls):
         J = np.sqrt(np.linalg.det(C))
         W, Sb, Db = evaluate(code, law.parameters(), J ** (-2 / 3) * C)
         S, D = np.zeros(6), np.zeros((6, 6))
-        project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True)
+        project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True, WORK)
         return W, S, D
 
     W, S, D = at(C)

@@ -15,6 +15,7 @@ from sim.laws.fibre import N_FIBRE
 
 ROW, COLUMN = tensor_laws.ROW, tensor_laws.COLUMN
 FIBRE_LAWS = {"blemker": sim.Blemker, "generic": sim.Generic}
+WORK = np.empty((4, 6, 6))
 ROUNDING = 1e-13
 """Relative; two double-precision programs, sums in different order."""
 
@@ -46,7 +47,7 @@ def isochoric(F, add):
     J, C = np.linalg.det(F), F.T @ F
     Sb, Db, S, D = (np.zeros(shape) for shape in (6, (6, 6), 6, (6, 6)))
     add(J, six(C), Sb, Db)
-    tensor_solid.project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True)
+    tensor_solid.project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True, WORK)
     return pushed_forward(F, S, D)
 
 
@@ -55,7 +56,7 @@ def passive(F, law):
 
     def add(J, C, Sb, Db):
         _, code, p = form
-        tensor_laws.tensor_law(code, np.array(p), J ** (-2 / 3) * C, np.eye(3), Sb, Db, True)
+        tensor_laws.tensor_law(code, np.array(p), J ** (-2 / 3) * C, np.eye(3), Sb, Db, True, WORK)
 
     return isochoric(F, add)
 
