@@ -57,6 +57,9 @@ def volunteers(
     electrode_failure: Annotated[
         float, typer.Option(help="Probability that an electrode fails in a session.")
     ] = 0.0,
+    sessions: Annotated[
+        bool, typer.Option("--sessions", help="Also write the sessions uncut, with their events.")
+    ] = False,
     workers: Annotated[
         int | None,
         typer.Option(min=1, help="Processes that simulate at the same time; one per core."),
@@ -82,6 +85,7 @@ def volunteers(
             "resolution": int(resolution) if resolution.isdigit() else resolution,
             "cross_talk": cross_talk,
             "electrode_failure": electrode_failure,
+            "keep_sessions": sessions,
         },
     )
     configuration = load_study(study) if study else StudyConfiguration()

@@ -105,6 +105,13 @@ class VolunteerParameters(Parameters):
         le=1,
     )
 
+    keep_sessions: bool = parameter(
+        False,
+        "Also write each session uncut, with the rests, and its events as BIDS writes them.",
+        unit="-",
+        source=OWN,
+    )
+
     @field_validator("resolution")
     @classmethod
     def _possible(cls, value: str | int) -> str | int:

@@ -28,6 +28,7 @@ from emgface.volunteers.person import (
 )
 from emgface.volunteers.session import session_events, simulate_session, trial_activation
 from emgface.volunteers.settings import VolunteerParameters
+from emgface.volunteers.write import write_session
 
 _MECHANICS = ("sim", "emgface.face.motion", "emgface.face.recipe")
 REST = Stage("volunteer_rest", _MECHANICS)
@@ -176,6 +177,8 @@ class _Recorder:
             pools=subject.pools,
         )
         events = session_events(instruction, self._setup.repetitions, settings)
+        if settings.keep_sessions:
+            write_session(session, events, self._setup.out / "sessions")
         paths: list[Path] = []
         for number, trial in enumerate(cut_trials(session, events), 1):
             trial.attrs["true_sigma_max"] = session.attrs["true_sigma_max"][number - 1]

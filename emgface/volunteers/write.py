@@ -4,10 +4,12 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+import pandas as pd
 import xarray as xr
 
 from emgface.bids import write_bids
-from emgface.dataset import read_recording
+from emgface.dataset import read_recording, write_recording
+from emgface.files import replace_file
 from emgface.netcdf import write_netcdf
 
 
@@ -38,6 +40,36 @@ def write_truth(recording: xr.Dataset, path: Path) -> Path:
     attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
     truth = activation.to_dataset(name="activation").assign_attrs(attrs, strategy="true")
     return write_netcdf(truth, path, "activation")
+
+
+def write_session(session: xr.Dataset, events: pd.DataFrame, folder: Path) -> Path:
+    """Write a session uncut, with a table of its events beside it.
+
+    Parameters
+    ----------
+    session : Dataset
+        Recording of several repetitions.
+    events : DataFrame
+        Columns ``onset``, ``duration`` [s] and ``label``.
+    folder : Path
+        Where to write ``<volunteer>_<instruction>.nc`` and ``..._events.tsv``.
+
+    Returns
+    -------
+    Path
+        The recording; `emgface.events.read_events` reads the table.
+
+    Raises
+    ------
+    DataError
+        If it cannot be written.
+    """
+    name = f"{session.attrs['volunteer']}_{session.attrs['instruction']}"
+    path = write_recording(session, folder / f"{name}.nc")
+    table = events.rename(columns={"label": "trial_type"})
+    text = table.to_csv(sep="\t", index=False, lineterminator="\n")
+    replace_file(folder / f"{name}_events.tsv", lambda target: target.write_text(text))
+    return path
 
 
 def write_set_as_bids(paths: Iterable[Path], root: Path, truth: Path) -> list[Path]:

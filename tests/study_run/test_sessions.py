@@ -9,10 +9,13 @@ import xarray as xr
 
 from emgface.bids.rules import bids_problems
 from emgface.check import check_recording
-from emgface.dataset import find_recordings, read_recording
+from emgface.dataset import find_recordings, read_recording, write_recording
+from emgface.events import cut_trials, find_repetitions, read_events
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS
 from emgface.netcdf import read_netcdf
+from emgface.parameters import FilterParameters
+from emgface.signals import bandpass
 from emgface.volunteers.disturbances import RAIL, Failure, fail, movement_artefacts
 from emgface.volunteers.filming import film, occlude, three_cameras
 from emgface.volunteers.instructions import true_activation
@@ -59,6 +62,16 @@ def test_four_repetitions_have_two_seconds_of_rest_around_them() -> None:
         found = whole["true_activation"].sel(time_true=slice(onset, onset + 2.2999))
         np.testing.assert_array_equal(found.values, expected.values[:, : found.sizes["time_true"]])
     assert whole.attrs["true_sigma_max"] == [100e3, 100e3 + 1, 100e3 + 2, 100e3 + 3]
+
+
+def test_repetitions_are_found_in_the_activity_of_a_session() -> None:
+    whole, events = session(artefact_probability=0.0), session_events("D", 4, QUICK)
+    found = find_repetitions(bandpass(whole["emg"], FilterParameters()))
+    assert len(found) == 4
+    start, end = found["onset"].values, (found["onset"] + found["duration"]).values
+    # bursts last from 0.18 to 0.82 of a trial, and rise over a third of that
+    assert ((start > events["onset"] + 0.2) & (start < events["onset"] + 0.8)).all()
+    assert ((end > events["onset"] + 1.0) & (end < events["onset"] + 1.7)).all()
 
 
 def test_repetitions_differ_in_timing_and_the_sides_in_effort() -> None:
@@ -139,7 +152,7 @@ def test_failures_are_drawn_and_told() -> None:
 
 
 def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -> None:
-    short = QUICK.model_copy(update={"duration": 0.8})
+    short = QUICK.model_copy(update={"duration": 0.8, "keep_sessions": True})
     paths = make_volunteers(
         None, tmp_path, n=2, repetitions=2, instructions=("B",), seed=3, settings=short,
         parameters=SimulationParameters(step=0.05, gravity=False),
@@ -161,5 +174,13 @@ def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -
         truth = read_netcdf(tmp_path / "truth" / original.name, "activation")
         np.testing.assert_array_equal(truth["activation"], second["true_activation"])
         assert truth.attrs["origin"] == "simulated"
+    events = read_events(tmp_path / "sessions" / "S01_B_events.tsv")
+    cuts = list(cut_trials(read_recording(tmp_path / "sessions" / "S01_B.nc"), events))
+    for trial, path in zip(cuts, paths[:2], strict=True):
+        xr.testing.assert_equal(trial, read_recording(path))
+    again = read_recording(write_recording(read_recording(paths[0]), tmp_path / "again.nc"))
+    xr.testing.assert_identical(
+        again.assign_attrs(source=""), read_recording(paths[0]).assign_attrs(source="")
+    )
     faces = [read_recording(p)["position"].isel(time_marker=0).values for p in paths[::2]]
     assert np.nanmax(np.abs(faces[0] - faces[1])) > 2e-3  # two faces, not one
