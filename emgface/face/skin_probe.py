@@ -1,0 +1,117 @@
+"""Stiffness of the skin of a face, felt by a small probe along and across the tension lines."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import FaceError
+from emgface.face.check import sheet_nodes
+from emgface.face.model import OUTER
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.tension_lines import skin_axes
+from sim import Fixed, Static, Workspace, compile_scene
+
+Floats = NDArray[np.float64]
+
+RADIUS = 0.003
+"""Radius of the patch under each foot of the probe [m]."""
+GAUGE = 0.016
+"""Distance of the two feet of the probe [m]."""
+RING = 0.03
+"""Radius of the ring round it, outside which everything is held [m]."""
+
+
+def probe_skin(
+    face: xr.Dataset,
+    parameters: SimulationParameters,
+    *,
+    elements: Sequence[int] | None = None,
+    places: int = 8,
+    radius: float = RADIUS,
+    gauge: float = GAUGE,
+    ring: float = RING,
+) -> pd.DataFrame:
+    """Pull patches of skin apart a little and report force over the growth of their distance.
+
+    A ring holds all nodes further than `ring` from the place; within, the tissue finds its equilibrium
+    without activation. The two feet of the probe then pull with opposite forces, each shared equally
+    among the skin nodes within `radius`, and the growth of their distance follows from one solution
+    with the tangent.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    parameters : SimulationParameters
+        Laws and loads, prestress among them.
+    elements : sequence of int, optional
+        Elements of the skin to probe; by default some of those that lie freest, evenly chosen.
+    places : int
+        Number of those.
+    radius : float
+        Of each patch [m].
+    gauge : float
+        Distance of the feet [m].
+    ring : float
+        Of the held surroundings [m].
+
+    Returns
+    -------
+    DataFrame
+        One row per element: stiffness along and across the tension line [N/m].
+
+    Raises
+    ------
+    FaceError
+        An element is not on the skin.
+    InvertedElement, NotConverged, SingularSystem
+        The tissue within a ring finds no equilibrium, or none that is a minimum.
+
+    Notes
+    -----
+    Source of the claim that skin is stiffest along its tension lines: Stavness et al., Anisotropic
+    in-vivo measurements, by a probe within a ring that is glued to the skin.
+    """
+    scene = compose_scene(face, parameters)
+    position = face["position"].values
+    own, axes = skin_axes(face)
+    connectivity = face["connectivity"].values[own]
+    skin = sheet_nodes(face, OUTER)
+    used = np.isin(connectivity, skin)
+    place = (position[connectivity] * used[..., None]).sum(axis=1) / used.sum(axis=1)[:, None]
+    if elements is None:
+        # far from what is held, and in front
+        fixed = position[face["fixed"].values > 0]
+        free = np.linalg.norm(place[:, None] - fixed[None], axis=2).min(axis=1)
+        freest = np.sort(np.argsort(-free, kind="stable")[: max(len(own) // 3, places)])
+        row = freest[np.linspace(0, len(freest) - 1, places).round().astype(int)]
+    else:
+        missing = np.setdiff1d(elements, own)
+        if missing.size:
+            raise FaceError(f"element index {missing[0]} is not on the skin")
+        row = np.searchsorted(own, np.asarray(elements))
+    rows: list[dict[str, float]] = []
+    for k in row:
+        far = np.flatnonzero(np.linalg.norm(position - place[k], axis=1) > ring)
+        system = compile_scene(replace(scene, reductions=(*scene.reductions, Fixed(far))))
+        control = system.control(np.zeros(len(system.muscles)))
+        work = Workspace(system, parameters.linear_solver)
+        state, _ = Static().step(system, system.rest_state(), control, 1.0, work)
+        work.linear.factorise(system.tangent(state.q, control)[1])
+        found: dict[str, float] = {"element": int(own[k])}
+        for name, axis in (("along (N/m)", 0), ("across (N/m)", 1)):
+            load = np.zeros_like(position)
+            for sign in (-1.0, 1.0):
+                foot = place[k] + sign * 0.5 * gauge * axes[k, axis]
+                away = np.linalg.norm(position[skin] - foot, axis=1)
+                patch = skin[away <= max(radius, float(away.min()) + 1e-9)]
+                load[patch] += sign * axes[k, axis] / len(patch)
+            rhs = system.reduce(load)
+            found[name] = 1.0 / float(rhs @ work.linear.solve(rhs))
+        rows.append(found)
+    return pd.DataFrame(rows)
