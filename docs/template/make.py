@@ -36,9 +36,10 @@ VOLUNTEERS = 1000
 
 
 def shrink(path: Path) -> None:
-    """Store a picture with 128 colours; shading needs few."""
+    """Store a picture as JPEG beside its PNG, and drop the latter."""
     with Image.open(path) as picture:
-        picture.convert("RGB").quantize(128).save(path, optimize=True)
+        picture.convert("RGB").save(path.with_suffix(".jpg"), quality=88, optimize=True)
+    path.unlink()
 
 
 def markdown(table: pd.DataFrame, digits: int = 2) -> str:
@@ -59,12 +60,12 @@ def pictures() -> str:
     shrink(draw_face(fine, HERE / "face.png", dpi=80))
     if viewer_is_available():
         shrink(draw_shaded(fine, HERE / "shaded.png"))
-    return """![Shaded: skin, lips, teeth, markers; muscles and attachments](shaded.png)
+    return """![Shaded: skin, lips, teeth, markers; muscles and attachments](shaded.jpg)
 
 `emgface face show face.nc` draws the former where pyvista is installed, and this by matplotlib
 anywhere:
 
-![Skin, markers, muscles and attachments](face.png)
+![Skin, markers, muscles and attachments](face.jpg)
 
 The nostrils are dimples in the underside of the nose; there is no passage."""
 
@@ -179,7 +180,7 @@ def gestures() -> str:
 without contact: lips may
 pass through each other and through the teeth.
 
-![Rest and six gestures](gestures.png)
+![Rest and six gestures](gestures.jpg)
 
 {markdown(table)}"""
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from emgface.errors import FaceError
-from emgface.face.template import Measures, norms_table, parse_measures, template_face
+from emgface.face.template import Measures, build, norms_table, parse_measures, template_face
 from emgface.face.template.calibrate import (
     TOLERANCE,
     calibrated_surfaces,
@@ -67,6 +67,32 @@ def test_impossible_measures_are_refused_by_name(values: dict[str, float], messa
 def test_a_measure_out_of_reach_is_refused_by_name() -> None:
     with pytest.raises(FaceError, match="lower_lip_protrusion of -4.0 mm cannot be reached"):
         calibrated_surfaces(Measures(chin_protrusion=5e-3, lower_lip_protrusion=-4e-3))
+
+
+def test_measures_that_make_no_sound_face_are_refused_by_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What the surface allows and the mesh does not: the measure furthest from its norm is named."""
+
+    def refuse(**given: object) -> None:
+        raise FaceError("element 64 is inverted at rest")
+
+    monkeypatch.setattr(build, "build_face", refuse)
+    with pytest.raises(FaceError, match=r"^cheek_thickness of 15 mm, 3.1 standard dev.*element 64"):
+        template_face(resolution="coarse", measures={"cheek_thickness": 0.015})
+
+
+def test_any_measures_make_a_face_or_are_refused_by_name() -> None:
+    """Far beyond any person: half of the measures anywhere within their bounds."""
+    rng, built = np.random.default_rng(3), 0
+    for _ in range(15):
+        values = {n.name: 1e-3 * rng.uniform(*n.bounds) for n in NORMS if rng.random() < 0.5}
+        try:
+            template_face(resolution="coarse", measures=values)
+            built += 1
+        except FaceError as error:
+            assert any(norm.name in str(error) for norm in NORMS), error
+    assert 0 < built < 15
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from emgface.face.template.attachments import (
 )
 from emgface.face.template.calibrate import calibrated_surfaces
 from emgface.face.template.grid import Grid, make_grid
-from emgface.face.template.measures import Measures
+from emgface.face.template.measures import Measures, least_usual
 from emgface.face.template.muscles import RADIUS, Muscles, place_muscles
 from emgface.face.template.surface import Surfaces
 from emgface.face.template.volunteers import preset_measures, random_measures
@@ -100,6 +100,24 @@ def template_face(
         raise FaceError(f"the muscle radius is {radius} m, expected a positive length")
 
     grid = make_grid(resolution)
+    if not name:
+        name = f"template face ({preset}" + ("" if seed is None else f", volunteer {seed}") + ")"
+    attrs = {"muscle_radius": radius, "preset": preset, "seed": "" if seed is None else seed}
+    try:
+        return _built(own, grid, radius, name, attrs)
+    except FaceError as error:
+        if any(measure in str(error) for measure in asdict(own)):
+            raise
+        raise FaceError(
+            f"{least_usual(own)} makes no sound face beside the other measures ({error}): bring it "
+            "nearer to the mean"
+        ) from error
+
+
+def _built(
+    own: Measures, grid: Grid, radius: float, name: str, attrs: Mapping[str, str | int | float]
+) -> xr.Dataset:
+    """Put surfaces, muscles, attachments, markers and arches together."""
     surfaces = calibrated_surfaces(own)
     position = node_positions(surfaces, grid)
     muscles = place_muscles(surfaces, grid, position, radius=radius)
@@ -108,8 +126,6 @@ def template_face(
         warp = _asymmetry(own, surfaces.mouth_half_width)
         muscles = _warped(muscles, element_centres(position, grid.connectivity), warp)
         position, face_markers = warp(position), warp(face_markers)
-    if not name:
-        name = f"template face ({preset}" + ("" if seed is None else f", volunteer {seed}") + ")"
     return build_face(
         position=position,
         connectivity=grid.connectivity,
@@ -126,9 +142,7 @@ def template_face(
         origin="generated",
         source="emgface.face.template",
         attrs={
-            "muscle_radius": radius,
-            "preset": preset,
-            "seed": "" if seed is None else seed,
+            **attrs,
             "rays": grid.rays,
             "rings": grid.n_rings,
             **{f"measure_{key}": value for key, value in asdict(own).items()},

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
-from emgface.face.template.measures import MM, Measures
+from emgface.face.template.measures import MM, Measures, least_usual
 from emgface.face.template.outline import MARGIN, MIDDLE, PERIORAL, RIM, VERMILION
 from emgface.face.template.surface import Surfaces
 
@@ -99,7 +99,10 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
     best: tuple[float, dict[str, float], Surfaces] | None = None
     for _ in range(_ROUNDS):
         surfaces = Surfaces(_Parameters(**told))
-        found = surface_measures(surfaces)
+        try:
+            found = surface_measures(surfaces)
+        except ValueError:  # the search has left what can be built
+            break
         miss = {name: getattr(measures, name) - value for name, value in found.items()}
         size = max(map(abs, miss.values()))
         if best is None or size < best[0]:
@@ -108,7 +111,11 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
             break
         for name, difference in miss.items():
             told[name] += 0.7 * difference
-    assert best is not None
+    if best is None:
+        raise FaceError(
+            f"{least_usual(measures)} makes no face beside the other measures: bring it nearer to the "
+            "mean"
+        )
     size, miss, surfaces = best
     if size <= LARGEST_MISS:
         return surfaces

@@ -126,6 +126,21 @@ class Measures:
         return replace(self, **values)
 
 
+def least_usual(measures: Measures) -> str:
+    """Name the measure furthest from its norm, with its value, for a message."""
+
+    def distance(name: str) -> float:
+        norm = _BY_NAME[name]
+        spread = 0.5 * (norm.men[1] + norm.women[1]) * MM
+        return abs(getattr(measures, name) - _middle(name)) / spread
+
+    name = max(_BY_NAME, key=distance)
+    return (
+        f"{name} of {_mm(getattr(measures, name))}, {distance(name):.1f} standard deviations from the "
+        "mean of men and women,"
+    )
+
+
 def bounds(name: str) -> tuple[float, float]:
     """Smallest and largest accepted value of a measure.
 
