@@ -174,6 +174,7 @@ SHOWN: Final = {
     "scale": ("1", "1", 1.0, 3),
     "sigma_max": ("Pa", "kPa", 1e-3, 0),
     "run_time": ("s", "s", 1.0, 1),
+    "numerical_error": ("m", "mm", 1e3, 3),
 }
 """SI unit, unit shown, factor and decimals of the variables that tables list."""
 
@@ -253,11 +254,11 @@ def trial_table(cube: xr.Dataset) -> Table:
     -------
     Table
         One row per trial: labels, status, median rho over markers, markers undefined, shift,
-        scale, sigma_max, steps, run time, reason.
+        scale, sigma_max, steps, run time, numerical error of the markers, reason.
     """
     listed = trials(cube)
     names = ["status", "median_rho", "n_undefined", "shift", "scale", "sigma_max", "steps",
-             "run_time", "reason"]  # fmt: skip
+             "run_time", "numerical_error", "reason"]  # fmt: skip
     columns = tuple(
         Column(name, *SHOWN.get("rho" if name == "median_rho" else name, ("", "", 1.0, 0)))
         for name in (*TRIAL_DIMS, *names)

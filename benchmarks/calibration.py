@@ -56,9 +56,9 @@ def main() -> None:
             apart = abs(size - nominal) > 2.6 * np.sqrt(
                 nominal * (1 - nominal) / options.simulations
             )
-            verdict = "" if np.isnan(size) else "as stated"
+            verdict = "" if np.isnan(size) else "within error"
             if apart:
-                verdict = "below nominal" if size < nominal else "ABOVE nominal"
+                verdict = "below nominal" if size < nominal else "above nominal"
             rows.append(
                 (n, str(test), size, error, verdict, float(one["coverage"]),
                  float(one["coverage_error"]), EXACT.get(str(test), ""))
@@ -74,7 +74,7 @@ def main() -> None:
         ),
         tuple(rows),
         "simulated",
-        f"{options.simulations} cubes per row, seed {options.seed}; coverage of 0.95 unless stated "
+        f"{options.simulations} cubes per row, seed {options.seed}; intervals of 0.95 unless stated "
         "(the exact intervals take the next level they can reach). 'Above' and 'below' are beyond "
         "2.6 Monte Carlo errors. Made by benchmarks/calibration.py.",
     )  # fmt: skip

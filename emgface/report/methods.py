@@ -14,6 +14,23 @@ FEATURES = {
     "envelope": "linear envelope with the neural transfer function of Buchanan et al. (2004)",
 }
 STAGES = {"signal": "filtered signals", "feature": "features", "activation": "normalised features"}
+VOLUMES = {
+    "pointwise": "at each Gauss point",
+    "element": "of each element",
+    "nodal": "of the region of each node",
+}
+TANGENTS = {
+    "current": "as it is",
+    "passive": "as it is, muscles silent",
+    "rest": "at rest",
+}
+INTEGRATORS = {
+    "converged": "the implicit Euler method, each step iterated until it converged,",
+    "trapezoidal": "the trapezoidal rule, each step iterated until it converged,",
+    "sdirk2": "the second-order L-stable SDIRK method, each stage iterated until it converged,",
+    "linearly_implicit": "the implicit Euler method, with one linear solution per step,",
+    "linearly_implicit_trapezoidal": "the trapezoidal rule, with one linear solution per step,",
+}
 REACHES = {
     "trial": "over each trial",
     "session": "over all trials of a volunteer",
@@ -95,33 +112,47 @@ def _signals(study: StudyConfiguration) -> list[str]:
 
 def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     s = study.simulation
-    law = "Blemker et al. 2005" if s.fibre_law == "blemker" else "a law without length dependence"
-    solver = (
-        "iterated until it converged" if s.solver == "converged" else "one linear solution per step"
-    )
-    bulk = f"kappa/2 {'(ln J)' if s.bulk_potential == 'logarithmic' else '(J - 1)'}²"
     face = str(cube.attrs.get("face", "unnamed"))
     kind = str(cube.attrs.get("face_origin", "of unstated origin"))
-    return [
+    if s.incompressibility == "hard":
+        volume = "the volume of every element kept"
+    else:
+        bulk = "(ln J)²" if s.bulk_potential == "logarithmic" else "(J - 1)²"
+        where = VOLUMES[s.incompressibility]
+        volume = f"kappa = {s.kappa / 1e3:g} kPa, potential kappa/2 {bulk} {where}"
+    told = [
         f"The face model ({face}, {kind}) consisted of Mooney-Rivlin tissue (C10 = {s.C10:g} Pa, "
-        f"C20 = {s.C20:g} Pa, kappa = {s.kappa / 1e3:g} kPa, bulk potential {bulk}, "
-        f"{s.incompressibility} volume, density {s.density:g} kg/m³) with muscle fibres of {law} "
-        f"(sigma_max starting at {s.sigma_max / 1e3:g} kPa, times {s.sigma_max_policy.factor:g} "
-        "after each simulation that failed), Rayleigh damping "
-        f"(alpha = {s.alpha:g} 1/s, beta = {s.beta:g} s, tangent {s.damping_tangent}) "
-        f"{'and gravity' if s.gravity else 'and no gravity'}.",
-        *(
-            f"The elements of {t.where()} had the law {t.passive_law()} (stresses in Pa)"
-            + (
-                f" and relaxed by the fractions {t.relaxing} within {t.times} s."
-                if t.relaxing
-                else "."
-            )
-            for t in s.tissues
-        ),
-        f"Motion was integrated by the implicit Euler method in steps of {1e3 * s.step:g} ms, "
-        f"{solver}.",
+        f"C20 = {s.C20:g} Pa, {volume}; density {s.density:g} kg/m³), with Rayleigh damping "
+        f"(alpha = {s.alpha:g} 1/s, beta = {s.beta:g} s, stiffness {TANGENTS[s.damping_tangent]}) "
+        f"{'and gravity' if s.gravity else 'and no gravity'}."
     ]
+    policy = (
+        f"sigma_max began at {s.sigma_max / 1e3:g} kPa and was multiplied by "
+        f"{s.sigma_max_policy.factor:g} after each simulation that failed"
+    )
+    if s.muscle_form == "lines":
+        told.append(f"Muscles were lines of {s.line_force:g} N at full activation.")
+    elif s.fibre_law == "blemker":
+        told.append(f"Muscle fibres followed the law of Blemker et al. 2005; {policy}.")
+    else:
+        told.append(f"Muscle fibres pulled alike at every length; {policy}.")
+    own = [
+        ("skin of its own", s.skin != type(s.skin)()),
+        (f"{len(s.tissues)} further tissues", bool(s.tissues)),
+        (f"prestress ({s.prestress.method})", s.prestress != type(s.prestress)()),
+        (f"support of {s.support:g} N/m behind the lips", s.support > 0),
+        (f"stiffening of active muscles by a factor of {s.stiffening:g}", s.stiffening > 1),
+    ]
+    if further := [text for text, used in own if used]:
+        told.append(f"The model had {', '.join(further)}; the table of parameters has the details.")
+    control = (
+        f", chosen by an error of {1e3 * s.error_tolerance:g} mm at the lip markers and dividing "
+        f"{1e3 * s.step:g} ms"
+        if s.error_tolerance is not None
+        else f" of {1e3 * s.step:g} ms"
+    )
+    told.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
+    return told
 
 
 def _scores(study: StudyConfiguration) -> list[str]:

@@ -181,6 +181,10 @@ def _variant(study: "StudyConfiguration", index: tuple[int, ...], where: str) ->
         labels.append(axis.labels()[level])
         for name, value in zip(axis.parameters, axis.values()[level], strict=True):
             _set(values, name.split("."), value)
+            if name == "simulation.accuracy":
+                # It sets these three where they are not given; here they are merely its own result.
+                for follows in ("solver", "step", "error_tolerance"):
+                    values["simulation"].pop(follows)
     place = f"{where}: " if where else ""
     words = ", ".join(
         f"{axis.dim} = {label}" for axis, label in zip(study.axis, labels, strict=True)

@@ -175,3 +175,12 @@ def test_cubes_that_do_not_fit() -> None:
         combine_cubes({("a",): base, ("b",): base.isel(marker=[0])}, {"phase": ["a", "b"]})
     with pytest.raises(CubeError, match="labelled c"):
         combine_cubes({("a",): base, ("c",): base}, {"phase": ["a", "b"]})
+
+
+def test_accuracy_may_be_varied(tmp_path: Path) -> None:
+    study = loaded(
+        tmp_path,
+        "[[axis]]\nparameters = ['simulation.accuracy']\nlevels = ['draft', 'reference']",
+    )
+    steps = [variant.study.simulation.step for variant in variants(study)]
+    assert steps[0] > steps[1]

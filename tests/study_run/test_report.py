@@ -7,6 +7,7 @@ import json
 import re
 import zlib
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -15,14 +16,18 @@ import xarray as xr
 from analysis.cube import build_cube
 from analysis.statistics.calibration import simulated_scores
 from analysis.trial import Trial
+from emgface.choices import configure
 from emgface.errors import DataError
 from emgface.face.model import load_face
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.netcdf import write_netcdf
 from emgface.report import contents
+from emgface.report.methods import methods
 from emgface.report.motion import ABSENT, QUANTUM, deltas, whole
 from emgface.report.results import Results, open_results, representative
 from emgface.report.skin import decimated, skin_of
 from emgface.report.write import THREE, _resource, render
+from emgface.study.configuration import StudyConfiguration
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
@@ -52,7 +57,7 @@ def test_page_has_every_part(page: Path) -> None:
                  "Citation"):  # fmt: skip
         assert part in text, part
     assert "slab <of> tissue" in text and "simulated recordings" in text
-    assert "There is one volunteer" in text and "not estimated" in text
+    assert "There is one volunteer" in text and "largest numerical error [mm]" in text
     assert "signals.filter.low" in text and "Eskes et al. 2017, Methods" in text
     assert "Butterworth, design order 4, forward and backward" in text
     digest = hashlib.sha256((page.parent / "study" / "cube.nc").read_bytes()).hexdigest()
@@ -219,6 +224,15 @@ def test_representative_trial_is_in_the_middle() -> None:
     assert representative(cube)["i1"][0] in {"v1", "v2"}
 
 
+def test_error_that_was_not_estimated_is_called_so() -> None:
+    cube = scores(volunteers=2)
+    table = contents.cost(Results(Path(), cube))
+    assert table is not None and {row[-1] for row in table.rows} == {"not estimated"}
+    cube["numerical_error"] = (0.25e-3 * xr.ones_like(cube["run_time"])).assign_attrs(units="m")
+    table = contents.cost(Results(Path(), cube))
+    assert table is not None and {row[-1] for row in table.rows} == {"0.25"}
+
+
 def test_exclusions_name_markers_without_rho() -> None:
     cube = scores(volunteers=2, instructions=1, repetitions=1)
     cube["rho"][0, 0, 0, 0, 1] = np.nan
@@ -234,3 +248,35 @@ def test_exclusions_name_markers_without_rho() -> None:
             "1 of 3 markers have no rho: measured does not move",
         ),
     )
+
+
+def chosen(**simulation) -> str:
+    study = configure(StudyConfiguration, {"simulation": simulation})
+    return methods(study, scores().assign_attrs(face="slab", face_origin="generated"))
+
+
+def test_methods_know_every_choice_of_the_mechanics() -> None:
+    fields = SimulationParameters.model_fields
+    told: dict[str, set[str]] = {}
+    for name in ("solver", "incompressibility", "fibre_law", "muscle_form", "damping_tangent"):
+        options = get_args(fields[name].annotation)
+        extra = {"bulk_potential": "quadratic"} if name == "incompressibility" else {}
+        told[name] = {chosen(**{name: option}, **extra) for option in options}
+        assert len(told[name]) == len(options), name
+    assert "chosen by an error of 0.1 mm" in chosen(solver="sdirk2", error_tolerance=1e-4)
+    assert "support of 5 N/m" in chosen(support=5.0)
+
+
+def test_methods_know_every_choice_of_the_signals() -> None:
+    for table, name in (
+        ("feature", "kind"),
+        ("mapping", "mapping_stage"),
+        ("normalisation", "reach"),
+    ):
+        model = getattr(StudyConfiguration().signals, table)
+        options = get_args(type(model).model_fields[name].annotation)
+        texts = {
+            methods(configure(StudyConfiguration, {"signals": {table: {name: option}}}), scores())
+            for option in options
+        }
+        assert len(texts) == len(options), name
