@@ -155,7 +155,7 @@ def gestures() -> str:
     """Rest and the six instructions, by the muscles that are relevant for them."""
     fine = template_face(resolution="fine")
     positions = gesture_positions(fine)
-    shrink(draw_gestures(fine, positions, HERE / "gestures.png", dpi=90))
+    shrink(draw_gestures(fine, positions, HERE / "gestures.png", dpi=110))
     moved = {}
     for name, position in positions.items():
         u = 1e3 * (position - fine["position"].values)[fine["marker_node"].values]
@@ -176,9 +176,8 @@ def gestures() -> str:
             "mouth to the left": -u[:, 0].mean(),
         }
     table = pd.DataFrame.from_dict(moved, orient="index").rename_axis("instruction (mm)")
-    return f"""Before (rest) and after, by muscles of Table 1 of Eskes et al. 2017, simulated
-without contact: lips may
-pass through each other and through the teeth.
+    return f"""Before (rest) and after, by muscles of Table 1 of Eskes et al. 2017, simulated.
+Walls behind the lining of lips and cheeks stand for teeth and gums; lips do not meet lips.
 
 ![Rest and six gestures](gestures.jpg)
 

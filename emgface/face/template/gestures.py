@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from emgface.errors import DataError
+from emgface.face.lip_rounding import WALL
 from emgface.face.show import MM, VIEWS, draw_tissue, view_axes
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.actions import steady_positions
 
 Floats = NDArray[np.float64]
@@ -61,7 +63,10 @@ def gesture_activation(instruction: str) -> dict[str, float]:
 
 
 def gesture_positions(
-    face: xr.Dataset, instructions: tuple[str, ...] = tuple(GESTURES)
+    face: xr.Dataset,
+    instructions: tuple[str, ...] = tuple(GESTURES),
+    *,
+    parameters: SimulationParameters | None = None,
 ) -> dict[str, Floats]:
     """Simulate the held gestures.
 
@@ -71,6 +76,9 @@ def gesture_positions(
         A face_model.
     instructions : tuple of str
         Some of A to F.
+    parameters : SimulationParameters, optional
+        Laws and loads; by default sigma_max is 100 kPa, gravity off and the lining of lips and
+        cheeks supported by walls where it rests, as by teeth and gums.
 
     Returns
     -------
@@ -85,7 +93,9 @@ def gesture_positions(
         As `emgface.face.template.actions.steady_positions`.
     """
     runs = [gesture_activation(instruction) for instruction in instructions]
-    positions, _ = steady_positions(face, runs)
+    if parameters is None:
+        parameters = SimulationParameters(sigma_max=100e3, gravity=False, support=WALL)
+    positions, _ = steady_positions(face, runs, parameters=parameters)
     return dict(zip(instructions, positions, strict=True))
 
 
@@ -121,7 +131,7 @@ def draw_gestures(
     every = np.concatenate(list(shown.values())) * MM
     figure = Figure(figsize=(3.2 * len(shown), 3.2 * len(VIEWS)))
     FigureCanvasAgg(figure)
-    figure.suptitle(f"{face.attrs['name']}: held gestures, simulated without contact")
+    figure.suptitle(f"{face.attrs['name']}: held gestures, simulated; lips meet no lips")
     layout = (len(VIEWS), len(shown))
     for row, (elevation, azimuth) in enumerate(VIEWS.values()):
         for column, (name, position) in enumerate(shown.items()):
