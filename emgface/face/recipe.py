@@ -108,8 +108,9 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
     order = element_order(face)
     materials, region = _tissue(face, order, p)
     muscles = _element_muscles(face, order, p)
+    pointwise = p.incompressibility == "pointwise"
     solid = Solid(
-        materials=materials,
+        materials=materials if pointwise else tuple(map(_without_bulk, materials)),
         region=region,
         muscles=muscles if p.muscle_form == "elements" else None,
         prestretch=_prestretch(face, order, p, materials, region),
@@ -121,15 +122,13 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
     if p.muscle_form == "lines":
         terms.append(_line_muscles(face, p))
     if p.stiffening > 1.0:
-        pointwise = [m if m.bulk is None else replace(m, bulk=_bulk(p, p.kappa)) for m in materials]
-        stiffened = materials if p.incompressibility == "pointwise" else tuple(pointwise)
-        tissue = replace(solid, materials=stiffened, muscles=None)
+        tissue = replace(solid, materials=materials, muscles=None)
         rows = muscles.names, muscles.element, muscles.muscle
         terms.append(Stiffening(*rows, tissue, p.stiffening, muscles.weight))
     if p.incompressibility == "element":
-        terms.append(ElementVolume(p.kappa))
+        terms.append(ElementVolume(_kappa(materials, region)))
     elif p.incompressibility == "nodal":
-        terms.append(NodalVolume(p.kappa))
+        terms.append(NodalVolume(_kappa(materials, region)))
     if p.support > 0.0:
         terms.append(inner_support(face, p.support))
     if p.gravity:
@@ -175,11 +174,8 @@ def _bulk(p: SimulationParameters, kappa: float) -> BulkLaw:
 def _tissue(
     face: xr.Dataset, order: ElementOrder, p: SimulationParameters
 ) -> tuple[tuple[Material, ...], NDArray[np.int64] | None]:
-    """Materials and the one of each element, in the order of the scene."""
-    pointwise = p.incompressibility == "pointwise"
-    tissue = Material(
-        MooneyRivlin(p.C10, p.C20), _bulk(p, p.kappa if pointwise else 0.0), density=p.density
-    )
+    """Materials with their bulk laws, and the one of each element, in the order of the scene."""
+    tissue = Material(MooneyRivlin(p.C10, p.C20), _bulk(p, p.kappa), density=p.density)
     skin = Material(
         MooneyRivlin(p.skin.stiffness * p.C10, p.skin.stiffness * p.C20),
         tissue.bulk if p.skin.kappa is None else _bulk(p, p.skin.kappa),
@@ -194,6 +190,19 @@ def _tissue(
         region[own.chosen(face)] = len(materials)
         materials.append(own.material(bulk, p.density))
     return tuple(materials), None if len(materials) == 1 else region[order.face_index]
+
+
+def _without_bulk(material: Material) -> Material:
+    """Leave the volume to a term or a condition of its own."""
+    return material if material.bulk is None else replace(material, bulk=QuadraticBulk(0.0))
+
+
+def _kappa(
+    materials: tuple[Material, ...], region: NDArray[np.int64] | None
+) -> float | NDArray[np.float64]:
+    """Bulk modulus of every element, one number where all agree [Pa]."""
+    values = np.array([m.kappa for m in materials])
+    return float(values[0]) if region is None else values[region]
 
 
 def _element_muscles(face: xr.Dataset, order: ElementOrder, p: SimulationParameters) -> Muscles:

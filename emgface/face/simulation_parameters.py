@@ -52,7 +52,7 @@ class SkinParameters(Parameters):
         "Bulk modulus of the outer layer; absent: that of the rest.",
         unit="Pa",
         source=OWN,
-        note="250 kPa in the model of anisotropic skin; needs incompressibility = 'pointwise'",
+        note="250 kPa in the model of anisotropic skin",
         gt=0,
     )
 
@@ -275,21 +275,22 @@ class SimulationParameters(Parameters):
                 f"incompressibility = '{self.incompressibility}' has the quadratic potential "
                 "only: set bulk_potential = 'quadratic'"
             )
-        if self.incompressibility != "pointwise":
-            for name, used in (
-                ("skin.kappa", self.skin.kappa is not None),
-                ("kappa of a tissue", any(t.kappa is not None for t in self.tissues)),
-                (
-                    "a tissue with law 'linear' or 'co_rotational'",
-                    any(t.law in ("linear", "co_rotational") for t in self.tissues),
-                ),
-                ("prestress.method = 'stretch'", self.prestress.method == "stretch"),
-            ):
-                if used:
-                    raise ValueError(
-                        f"{name} needs a bulk law at the points: set "
-                        "incompressibility = 'pointwise'"
-                    )
+        linear = any(t.law in ("linear", "co_rotational") for t in self.tissues)
+        for name, used, fits in (
+            ("skin.kappa", self.skin.kappa is not None, ("pointwise", "element", "nodal")),
+            (
+                "kappa of a tissue",
+                any(t.kappa is not None for t in self.tissues),
+                ("pointwise", "element", "nodal"),
+            ),
+            ("a tissue with law 'linear' or 'co_rotational'", linear, ("pointwise", "element")),
+            ("prestress.method = 'stretch'", self.prestress.method == "stretch", ("pointwise",)),
+        ):
+            if used and self.incompressibility not in fits:
+                raise ValueError(
+                    f"{name} does not go with incompressibility = '{self.incompressibility}': "
+                    f"expected {' or '.join(map(repr, fits))}"
+                )
         if self.stiffening > 1.0 and any(t.relaxing for t in self.tissues):
             raise ValueError(
                 "a tissue with relaxing stress cannot stiffen with activation: set stiffening = 1 or "

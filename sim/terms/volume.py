@@ -23,22 +23,22 @@ from sim.vectors import dot
 from sim.volumes import PointVolumes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ElementVolume:
-    """One pressure per element, E = sum_e kappa/2 V_e (v_e/V_e - 1)^2.
+    """One pressure per element, E = sum_e kappa_e/2 V_e (v_e/V_e - 1)^2.
 
     Attributes
     ----------
-    kappa : float
-        Bulk modulus [Pa].
+    kappa : float or (n_elements,) array
+        Bulk modulus [Pa]; zero where another law answers for the volume.
 
     Raises
     ------
     SceneError
-        kappa is not positive.
+        kappa is negative, or nowhere positive, or (on compiling) does not fit the mesh.
     """
 
-    kappa: float = 25e3
+    kappa: float | Array = 25e3
 
     def __post_init__(self) -> None:
         """Check the range."""
@@ -53,9 +53,9 @@ class ElementVolume:
         return CompiledElementVolume(self.kappa, layout)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NodalVolume:
-    """One pressure per node, E = sum_n kappa/2 V_n (v_n/V_n - 1)^2.
+    """One pressure per node, E = sum_n kappa_n/2 V_n (v_n/V_n - 1)^2.
 
     v_n is the volume of the Gauss points that belong to node n: of each element at the node, the point
     in its corner; a tetrahedron gives each of its nodes a quarter (Bonet and Burton 1998). Source: the
@@ -63,22 +63,22 @@ class NodalVolume:
 
     Attributes
     ----------
-    kappa : float
-        Bulk modulus [Pa].
+    kappa : float or (n_elements,) array
+        Bulk modulus [Pa]; kappa_n is its mean over the region of the node, weighted by volume.
     at_fixed : bool
         Whether fully fixed nodes have a pressure, too; in the published simulator they have none.
 
     Raises
     ------
     SceneError
-        kappa is not positive.
+        kappa is negative, or nowhere positive, or (on compiling) does not fit the mesh.
 
     Notes
     -----
     Couples all nodes that share a neighbour: the factor is about three times that of other bulk laws.
     """
 
-    kappa: float = 25e3
+    kappa: float | Array = 25e3
     at_fixed: bool = False
 
     def __post_init__(self) -> None:
@@ -96,16 +96,29 @@ class NodalVolume:
         return CompiledNodalVolume(self, layout)
 
 
-def _require_positive(kappa: float) -> None:
-    if not 0.0 < kappa < np.inf:
-        raise SceneError(f"soft incompressibility: kappa = {kappa!r}, expected a number > 0")
+def _require_positive(kappa: float | Array) -> None:
+    values = np.atleast_1d(kappa)
+    if not ((values >= 0.0) & (values < np.inf)).all() or not (values > 0.0).any():
+        raise SceneError(
+            f"soft incompressibility: kappa = {kappa!r}, expected a number > 0, or one >= 0 per element"
+        )
+
+
+def _by_element(kappa: float | Array, mesh: Mesh) -> Array:
+    """Bulk modulus of every element (n_elements,), checked."""
+    if np.ndim(kappa) and np.shape(kappa) != (mesh.n_elements,):
+        raise SceneError(
+            f"soft incompressibility: kappa has shape {np.shape(kappa)}, expected one number or "
+            f"({mesh.n_elements},)"
+        )
+    return np.broadcast_to(np.asarray(kappa, dtype=np.float64), (mesh.n_elements,))
 
 
 class CompiledElementVolume:
     """Element volumes laid out for a scene; the buffers carry nothing between calls."""
 
-    def __init__(self, kappa: float, layout: Layout) -> None:
-        self._kappa, self._volumes = kappa, PointVolumes(layout.mesh)
+    def __init__(self, kappa: float | Array, layout: Layout) -> None:
+        self._kappa, self._volumes = _by_element(kappa, layout.mesh), PointVolumes(layout.mesh)
         self._matrix_sum = MatrixSum(layout.mesh, layout.pattern)
         self._rest = self._volumes.rest.sum(axis=1)
         self._is_point = self._volumes.rest > 0.0
@@ -115,7 +128,7 @@ class CompiledElementVolume:
         self._volumes.evaluate(q)
         strain = (self._volumes.v * self._is_point).sum(axis=1) / self._rest - 1.0
         pressure = np.ascontiguousarray((self._kappa * strain)[:, None] * self._is_point)
-        return pressure, 0.5 * self._kappa * dot(self._rest, strain**2)
+        return pressure, 0.5 * dot(self._kappa * self._rest, strain**2)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Subtract dE/dq from f."""
@@ -140,7 +153,7 @@ class CompiledNodalVolume:
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:
         mesh, pattern = layout.mesh, layout.pattern
-        self._kappa, self._volumes = term.kappa, PointVolumes(mesh, point_per_node=True)
+        self._volumes = PointVolumes(mesh, point_per_node=True)
         self._matrix_sum = MatrixSum(mesh, pattern)
         self._blocks = np.zeros(self._matrix_sum.shape)
 
@@ -166,9 +179,13 @@ class CompiledNodalVolume:
         self._first, self._second = a[order].astype(np.int32), b[order].astype(np.int32)
         self._target = np.ascontiguousarray(pattern.target[pattern.pair_index(pair)])
 
-        self._rest: Array = np.bincount(
-            owner, self._volumes.rest[element, point], mesh.n_nodes
-        ).astype(np.float64)
+        share = self._volumes.rest[element, point]
+        self._rest: Array = np.bincount(owner, share, mesh.n_nodes).astype(np.float64)
+        kappa = _by_element(term.kappa, mesh)
+        self._kappa: Array = np.full(mesh.n_nodes, kappa[0])
+        if np.ptp(kappa) > 0.0:
+            own = kappa[element] * share
+            self._kappa = np.bincount(owner, own, mesh.n_nodes).astype(np.float64) / self._rest
         self._nodal = np.empty(mesh.n_nodes)
         self._g = np.empty((len(star), 3))
         moves = np.zeros(mesh.n_nodes, dtype=bool)
@@ -190,7 +207,7 @@ class CompiledNodalVolume:
         )
         strain = self._counts * (self._nodal / self._rest - 1.0)
         pressure = np.ascontiguousarray((self._kappa * strain)[self._owner] * self._is_point)
-        return pressure, 0.5 * self._kappa * dot(self._rest, strain**2)
+        return pressure, 0.5 * dot(self._kappa * self._rest, strain**2)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Subtract dE/dq from f."""

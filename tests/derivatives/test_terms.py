@@ -123,6 +123,40 @@ def test_tetrahedra_with_every_volume_term(volume):
     derivatives_agree(system, [0.3, 0.8])
 
 
+@pytest.mark.parametrize("volume", [sim.ElementVolume, sim.NodalVolume])
+def test_every_element_may_have_a_bulk_modulus_of_its_own(volume):
+    kappa = np.linspace(1e4, 4e4, MESH.n_elements)
+    kappa[0] = 0.0
+    both = sim.compile_scene(sim.Scene(MESH, (Weightless(), volume(kappa))))
+    derivatives_agree(both, [])
+    even = np.full(MESH.n_elements, 25e3)
+    even[0] *= 1 + 1e-12  # takes the path of unequal moduli
+    systems = [sim.compile_scene(sim.Scene(MESH, (Weightless(), volume(k)))) for k in (even, 25e3)]
+    unequal, equal = (s.force(deformed(), s.control(np.zeros(0))).f for s in systems)
+    np.testing.assert_allclose(unequal, equal, atol=1e-11 * np.abs(equal).max())
+
+
+@pytest.mark.parametrize(
+    ("kappa", "said"),
+    [
+        (np.ones(7), "has shape \\(7,\\)"),
+        (np.zeros(MESH.n_elements), "expected a number > 0"),
+        (np.array([1.0, -1.0]), "expected a number > 0"),
+        (0.0, "expected a number > 0"),
+    ],
+)
+def test_an_impossible_bulk_modulus_is_refused(kappa, said):
+    for volume in (sim.ElementVolume, sim.NodalVolume):
+        with pytest.raises(sim.SceneError, match=said):
+            sim.compile_scene(sim.Scene(MESH, (Weightless(), volume(kappa))))
+
+
+@pytest.mark.parametrize("law", TENSOR_LAWS)
+def test_laws_of_the_strain_tensor_on_tetrahedra(law):
+    mesh = tetrahedra((2, 1, 1), (0.02, 0.01, 0.01))
+    derivatives_agree(system_of(law, None, sim.Blemker, mesh), [0.3, 0.8])
+
+
 def test_a_tetrahedron_gives_each_node_a_quarter_of_its_volume():
     """E = kappa/2 V_n (v_n/V_n - 1)^2 summed over nodes, from volumes by determinants."""
     mesh = tetrahedra((2, 1, 1), (0.02, 0.01, 0.01))

@@ -199,7 +199,7 @@ def test_a_face_with_tense_skin_settles_in_tension(slab) -> None:
 
 def test_what_prestress_needs_is_said() -> None:
     nodal = {"incompressibility": "nodal", "bulk_potential": "quadratic"}
-    with pytest.raises(ValueError, match=r"skin.kappa needs a bulk law at the points"):
-        SimulationParameters(**nodal, skin={"kappa": 1e5})
-    with pytest.raises(ValueError, match=r"'stretch' needs a bulk law at the points"):
+    with pytest.raises(ValueError, match=r"skin.kappa does not go with .* = 'hard'"):
+        SimulationParameters(**nodal | {"incompressibility": "hard"}, skin={"kappa": 1e5})
+    with pytest.raises(ValueError, match=r"'stretch' does not go with .* = 'nodal'"):
         SimulationParameters(**nodal, prestress={"method": "stretch"})

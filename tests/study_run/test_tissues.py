@@ -118,6 +118,21 @@ def test_a_face_without_tissues_is_the_same_as_ever(slab) -> None:
     assert len(solid.materials) == 1 and solid.region is None and solid.axes is None
 
 
+@pytest.mark.parametrize(
+    ("kind", "term"), [("element", sim.ElementVolume), ("nodal", sim.NodalVolume)]
+)
+def test_the_volume_of_every_layer_keeps_its_own_modulus(slab, kind, term) -> None:
+    p = parameters(f'incompressibility = "{kind}"\n' + FLYNN)
+    scene = compose_scene(slab, p)
+    outer = slab["layer"].values == OUTER
+    volume = next(t for t in scene.terms if isinstance(t, term))
+    np.testing.assert_array_equal(volume.kappa, np.where(outer, 250e3, 50e3))
+    assert {m.kappa for m in scene.terms[0].materials} == {0.0}
+    system = compile_scene(scene)
+    at_rest = system.force(scene.mesh.X, system.control(np.zeros(len(MUSCLES))))
+    assert np.abs(at_rest.f).max() < 1e-12 and at_rest.energy == pytest.approx(0.0, abs=1e-15)
+
+
 def drive(slab, duration=0.2) -> xr.DataArray:
     time = np.linspace(0.0, duration, 21)
     values = np.zeros((len(MUSCLES), time.size))
@@ -171,8 +186,8 @@ def test_the_study_file_holds_tissues_and_reads_them_back() -> None:
         ('[[tissues]]\nrelaxing = [0.6]', "1 fractions g for 0"),
         ('[[tissues]]\nlaw = "co_rotational"\nkappa = 1e5', "answers for the volume itself"),
         (
-            'incompressibility = "nodal"\nbulk_potential = "quadratic"\n[[tissues]]\nkappa = 1e5',
-            "kappa of a tissue needs a bulk law",
+            'incompressibility = "nodal"\nbulk_potential = "quadratic"\n[[tissues]]\nlaw = "linear"',
+            "'linear' or 'co_rotational' does not go with .* 'nodal'",
         ),
         ("stiffening = 3.0\n[[tissues]]\nrelaxing = [0.6]\ntimes = [1.0]", "cannot stiffen"),
     ],
