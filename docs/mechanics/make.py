@@ -1,0 +1,231 @@
+"""Make the tables and pictures of this folder.
+
+python docs/mechanics/make.py                          template face, then the page
+python docs/mechanics/make.py --face FACE.nc --out DIR  any other face; numbers and pictures to DIR
+python docs/mechanics/make.py --page                    the page alone, from the tables that are here
+"""
+
+import argparse
+from pathlib import Path
+
+import pandas as pd
+import xarray as xr
+from PIL import Image
+
+from emgface.face.expressions import EXPRESSIONS, SKINS, express, summary
+from emgface.face.lip_rounding import round_lips
+from emgface.face.model import load_face
+from emgface.face.show_displacement import draw_displacement
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.skin_probe import probe_skin
+from emgface.face.template import template_face
+
+HERE = Path(__file__).parent
+RESOLUTION = "medium"
+STRESSES = (0.0, 15.9e3, 40e3, 89.4e3)
+
+PAGE = """# Lips, expressions and skin
+
+Everything here is simulated. `python docs/mechanics/make.py` makes the template's tables and
+pictures anew, with `--face` and `--out` those of any other face. The lips do not touch each
+other: `overlap` says how far they pass through. "Walls" are frictionless one-sided supports of
+1000 N/m behind every free node of the inner sheet, in place of teeth and bone. Without gravity,
+largest muscle stress 100 kPa, pointwise volume; equilibria by the quasi-static solver.
+
+## How to read it
+
+**Lip rounding.** Orbicularis oris (peripheral part) of both sides at half and full activation;
+`stiffening` is the factor on the passive moduli of its elements at full activation, 1 is without
+(Stavness et al., Fig. 11.10). With stiffening the shape reached at half activation is nearly kept
+at full activation: opening and protrusion change about half as much as without. Without walls and
+without stiffening the lower lip of the reference face is pulled in beneath the upper one between
+0.4 and 0.5; with stiffening it is not. With walls the lips protrude further (Fig. 11.12); on the
+reference face they retract without them.
+
+**Expressions.** The publication states no activations; those used are in
+`emgface.face.expressions.EXPRESSIONS`. Landmarks are the ten lip markers, the lip margins in the
+midline, chin and cheeks. The mouth corner moves most in each of the four, and a stiffer skin
+moves landmarks less; what tension does depends on the expression, as published. The first depends
+on the choice for the lips turned downwards: on the reference face the depressor of the lower lip
+at only 0.1 moves chin and lower lip further than the depressor of the corner at 0.7 moves the
+corner.
+
+**Skin under tension.** Two feet 16 mm apart pull at the skin within a held ring of 30 mm radius,
+along and across the tension line of the place. The lines come from a rule, at right angles to the
+muscles beneath. Against the published orientations of the reference face, carried over by node
+numbers, its median deviation is 14 degrees round the mouth and 18 in the upper face, but 50 in
+the cheeks, where the rule is no better than chance. On a held block the stress is exactly the
+prescribed one, and 15.9 and 89.4 kPa raise the stiffness along the line from 14.9 to 61.6 and 248
+kPa, across it to 19.6 and 29.6 kPa (`tests/verification`). On a face the stress relaxes within
+the ring and an isotropic tissue lies beneath: tension stiffens both directions there.
+
+## Survival
+
+Largest sigma_max (kPa) from a grid of 25 to 1000 kPa at which no element inverts, every muscle
+pair alone and all twenty muscles together, reference face, activation from 0 to 1 in 0.1 s and
+then held, steps of 10 ms; 0: not even 25 kPa, 1000: the end of the grid. `python
+benchmarks/survival.py` made `survival.csv`, which holds every attempt.
+
+{survival}
+
+{faces}
+"""
+
+
+def shrink(path: Path) -> None:
+    """Store a picture with 128 colours."""
+    with Image.open(path) as picture:
+        picture.convert("RGB").quantize(128).save(path, optimize=True)
+
+
+def markdown(table: pd.DataFrame, digits: int = 2) -> str:
+    """Format a table for a page."""
+
+    def cell(value: object) -> str:
+        return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
+
+    rows = [list(map(str, table.columns)), ["---"] * len(table.columns)]
+    rows += [[cell(value) for value in row] for row in table.itertuples(index=False)]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def say(text: str) -> None:
+    """Print at once."""
+    print(text, flush=True)
+
+
+def rounding(face: xr.Dataset, out: Path) -> None:
+    """Lip rounding: table and pictures."""
+    found = round_lips(face, progress=say)
+    found.table.round(4).to_csv(out / "rounding.csv", index=False)
+    shown = {
+        f"{'stiffening' if factor > 1 else 'no stiffening'}, activation {level:g}": found.motion[
+            True, factor
+        ]["node_position"]
+        .sel(level=level)
+        .values
+        for factor in (1.0, 10.0)
+        for level in (0.5, 1.0)
+    }
+    title = f"{face.attrs['name']}: orbicularis oris, walls for teeth, no lip contact; simulated"
+    path = draw_displacement(
+        face, shown, out / "rounding.png", title=title, columns=("front", "left side"), dpi=70
+    )
+    shrink(path)
+
+
+def expressions(face: xr.Dataset, out: Path) -> None:
+    """Expressions: table of landmarks and a picture."""
+    table, positions = express(face, progress=say)
+    table.round(4).to_csv(out / "landmarks.csv", index=False)
+    summary(table).round(4).to_csv(out / "expressions.csv", index=False)
+    shown = {name: positions[name, SKINS[0].name] for name in EXPRESSIONS}
+    title = f"{face.attrs['name']}: expressions, walls for teeth, no lip contact; simulated"
+    path = draw_displacement(
+        face, shown, out / "expressions.png", title=title, columns=("front", "left side"), dpi=70
+    )
+    shrink(path)
+
+
+def probes(face: xr.Dataset, out: Path) -> None:
+    """Stiffness of the skin under prestress."""
+    rows = []
+    for stress in STRESSES:
+        say(f"probe, {stress / 1e3:g} kPa")
+        method = "stretch" if stress else "none"
+        p = SimulationParameters.model_validate(
+            {
+                "gravity": False,
+                "sigma_max": 100e3,
+                "skin": {"kappa": 250e3},
+                "prestress": {"method": method, "along": stress},
+            }
+        )
+        table = probe_skin(face, p)
+        ratio = table["along (N/m)"] / table["across (N/m)"]
+        rows.append(
+            {
+                "tension (kPa)": stress / 1e3,
+                "along, median (N/m)": table["along (N/m)"].median(),
+                "across, median (N/m)": table["across (N/m)"].median(),
+                "along / across, median": ratio.median(),
+            }
+        )
+    pd.DataFrame(rows).round(4).to_csv(out / "probe.csv", index=False)
+
+
+def lips_table(folder: Path) -> str:
+    """Rounding at half and full activation."""
+    table = pd.read_csv(folder / "rounding.csv")
+    table = table[table.activation.isin([0.0, 0.5, 1.0])]
+    table = table[~((table.activation == 0.0) & (table.support | (table.stiffening > 1.0)))]
+    table = table.assign(
+        walls=table.support.map({True: "yes", False: "no"}),
+        stiffening=table.stiffening.map(lambda s: f"{s:g}"),
+        activation=table.activation.map(lambda a: f"{a:g}"),
+    )
+    columns = ["walls", "stiffening", "activation", "protrusion (mm)", "margin_protrusion (mm)"]
+    columns += ["height (mm)", "width (mm)", "area (mm2)", "overlap (mm2)", "roundness (1)"]
+    return markdown(table[[*columns, "smallest det F"]])
+
+
+def survival_table() -> str:
+    """Largest surviving sigma_max by solver, from the attempts."""
+    found = pd.read_csv(HERE / "survival.csv")
+    parts = []
+    for (kind, duration), own in found.groupby(["incompressibility", "duration_s"], sort=False):
+        best = own[own.survived].groupby(["muscle", "solver"])["sigma_max_kPa"].max().unstack()
+        order = [m for m in dict.fromkeys(own.muscle)]
+        solvers = list(dict.fromkeys(own.solver))
+        best = best.reindex(index=order, columns=solvers).fillna(0).astype(int)
+        table = markdown(best.rename_axis("muscle pair").reset_index())
+        parts.append(f"{kind} volume, held to {duration:g} s:\n\n{table}")
+    return "\n\n".join(parts)
+
+
+def page() -> None:
+    """Write the page from the tables."""
+    sections = []
+    for folder, name in (
+        (HERE / "template", "Template face"),
+        (HERE / "reference", "Reference face"),
+    ):
+        if not (folder / "rounding.csv").exists():
+            continue
+        pictures = (folder / "rounding.png").exists()
+        text = [f"## {name}", "### Lip rounding", lips_table(folder)]
+        if pictures:
+            text.append(f"![Lips rounded by orbicularis oris]({folder.name}/rounding.png)")
+        text += ["### Expressions", markdown(pd.read_csv(folder / "expressions.csv"))]
+        if pictures:
+            text.append(f"![Four expressions]({folder.name}/expressions.png)")
+        text += ["### Skin under tension", markdown(pd.read_csv(folder / "probe.csv"))]
+        sections.append("\n\n".join(text))
+    body = PAGE.replace("{survival}", survival_table()).replace("{faces}", "\n\n".join(sections))
+    (HERE / "README.md").write_text(body.rstrip() + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Make what is asked for."""
+    parser = argparse.ArgumentParser(
+        description="Tables and pictures of lips, expressions and skin."
+    )
+    parser.add_argument("--face", type=Path)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--page", action="store_true")
+    options = parser.parse_args()
+    if not options.page:
+        face = load_face(options.face) if options.face else template_face(resolution=RESOLUTION)
+        out = options.out or HERE / "template"
+        if options.face and options.out is None:
+            parser.error("--face needs --out, a folder for its numbers and pictures")
+        out.mkdir(parents=True, exist_ok=True)
+        rounding(face, out)
+        expressions(face, out)
+        probes(face, out)
+    if not options.face:
+        page()
+
+
+if __name__ == "__main__":
+    main()
