@@ -1,0 +1,124 @@
+"""Which of the choices that the publication leaves open move rho, on simulated volunteers.
+
+    python benchmarks/open_choices.py --out docs/choices
+
+simulates volunteers on the coarse template face, scores them under every level of eight choices, one
+off its reference at a time, and writes table and figure. About four seconds per trial and core.
+"""
+
+import argparse
+import tempfile
+import tomllib
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from analysis.figures import save, sensitivity_plot
+from analysis.sensitivity import choices_table, sensitivity
+from emgface.choices import configure
+from emgface.errors import FeatureWarning
+from emgface.face.check import sheet_nodes
+from emgface.face.model import OUTER, save_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.run import run_study
+from emgface.volunteers.simulate import make_volunteers
+
+CHOICES = """
+[[axis]]
+parameters = ["signals.mapping.mapping_stage"]
+levels = ["signal", "feature", "activation"]
+[[axis]]
+name = "normalisation_reach"
+parameters = ["signals.normalisation.reach"]
+levels = ["trial", "session"]
+[[axis]]
+name = "wamp_threshold"
+parameters = ["signals.feature.threshold"]
+levels = [10e-6, 5e-6, 20e-6]
+[[axis]]
+parameters = ["signals.filter.phase"]
+levels = ["zero", "causal"]
+[[axis]]
+parameters = ["simulation.sigma_max"]
+levels = [100e3, 50e3]
+[[axis]]
+parameters = ["simulation.fibre_law", "simulation.P1"]
+levels = [["blemker", 0.05], ["generic", 500.0]]
+[[axis]]
+parameters = ["simulation.bulk_potential"]
+levels = ["logarithmic", "quadratic"]
+[[axis]]
+name = "marker_ring"
+parameters = ["face.path"]
+levels = ["FOLDER/lips.nc", "FOLDER/further_out.nc"]
+"""
+
+
+def with_markers_further_out(face):
+    """Move every marker to the nearest other node of the skin, away from the mouth."""
+    position = face["position"].values
+    node = face["marker_node"].values.copy()
+    skin = np.setdiff1d(sheet_nodes(face, OUTER), node)
+    middle = position[node].mean(axis=0)
+    for k, own in enumerate(node):
+        radius = np.linalg.norm((position[skin] - middle)[:, [0, 2]], axis=1)
+        outside = skin[radius > np.linalg.norm((position[own] - middle)[[0, 2]]) + 2e-3]
+        free = np.setdiff1d(outside, node[:k])
+        node[k] = free[np.argmin(np.linalg.norm(position[free] - position[own], axis=1))]
+    return face.assign(marker_node=face["marker_node"].copy(data=node))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--volunteers", type=int, default=6)
+    parser.add_argument("--instructions", nargs="+", default=["D"])
+    parser.add_argument("--strategies", nargs="+", default=["act_rel"])
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--out", type=Path, default=Path("docs/choices"))
+    parser.add_argument("--work", type=Path, help="folder to keep, so that a run can go on")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", FeatureWarning)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.work or Path(temporary)
+        face = template_face(resolution="coarse")
+        save_face(face, folder / "lips.nc")
+        save_face(with_markers_further_out(face), folder / "further_out.nc")
+        make_volunteers(
+            face,
+            folder / "volunteers",
+            n=options.volunteers,
+            instructions=options.instructions,
+            seed=options.seed,
+            parameters=SimulationParameters(step=0.02, sigma_max=100e3),
+            workers=options.workers,
+        )
+        text = CHOICES.replace("FOLDER", folder.as_posix())
+        study = configure(
+            StudyConfiguration,
+            {
+                "name": "open choices",
+                "strategies": options.strategies,
+                "recordings": {"folder": folder / "volunteers" / "recordings"},
+                "face": {"path": folder / "lips.nc"},
+                "signals": {"normalisation": {"silent": "zero"}},
+                "simulation": {"step": 0.02, "sigma_max": 100e3},
+            }
+            | tomllib.loads(text),
+        )
+        cube = run_study(study, folder / "study", workers=options.workers).cube
+    options.out.mkdir(parents=True, exist_ok=True)
+    for variable in ("rho", "amplitude_ratio"):
+        found = sensitivity(cube, variable=variable)
+        table = choices_table(found)
+        (options.out / f"{variable}.csv").write_text(table.csv(), encoding="utf-8")
+        (options.out / f"{variable}.md").write_text(table.markdown(), encoding="utf-8")
+        save(sensitivity_plot(found), options.out / f"{variable}.svg")
+        print(table.text(), found.attrs["summary"], sep="\n")
+
+
+if __name__ == "__main__":
+    main()
