@@ -11,9 +11,10 @@ import xarray as xr
 
 from emgface.bids.rules import bids_problems
 from emgface.cli.data import FORMATS
-from emgface.dataset import read_recording, readers
+from emgface.dataset import read_recording, readers, write_recording
 from emgface.muscles import CHANNELS
 from emgface.quality import remove_hum
+from tests.data.conftest import recording
 from tests.study_run.test_cli import one_sentence, run, stored
 
 WORDS = {"ZYG_L": "Left zygomaticus", "RIS_R": "EMG 7", "MEN_L": "Trigger"}
@@ -215,3 +216,38 @@ def test_an_inventory_names_every_file_and_why_it_was_refused(laboratory, tmp_pa
     assert "*refused: broken.c3d" in lines["broken.c3d"]
     assert "TOML sidecar" in lines["other.csv"] and str(tmp_path) not in out.read_text()
     one_sentence(run("data", "inventory", tmp_path / "absent"), "DataError", "No folder")
+
+
+def test_a_session_is_cut_by_events_and_by_its_activity(tmp_path: Path) -> None:
+    """A session of two bursts a marker clock of which is half a second behind."""
+    trial = recording()
+    rng = np.random.default_rng(4)
+    time = np.arange(round(8.0 * 2048)) / 2048
+    on = ((time > 1.5) & (time < 2.7)) | ((time > 5.0) & (time < 6.2))
+    emg = (100e-6 * on + 1e-6) * rng.normal(size=(14, time.size))
+    frames = np.arange(800) / 100 - 0.5
+    still = trial["position"].isel(time_marker=[0]).values.repeat(800, axis=2)
+    session = trial[["channel", "marker", "axis"]].assign(
+        emg=(("channel", "time_emg"), emg, {"units": "V"}),
+        position=(("marker", "axis", "time_marker"), still, {"units": "m"}),
+        time_emg=("time_emg", time, {"units": "s"}),
+        time_marker=("time_marker", frames, {"units": "s"}),
+    )
+    session.attrs.pop("repetition", None)
+    path = write_recording(session, tmp_path / "session.nc")
+    found = run("data", "cut", path, "--out", tmp_path / "found", "--offset", 0.5)
+    assert found.exit_code == 0, found.output
+    names = sorted(p.name for p in (tmp_path / "found").glob("*.nc"))
+    assert names == ["V01_A_1.nc", "V01_A_2.nc"]
+    first = read_recording(tmp_path / "found" / names[0])
+    assert abs(float(first["time_emg"][-1]) - 1.2) < 0.3
+    assert abs(float(first["time_marker"][0])) < 0.011  # on the clock of the EMG
+    events = tmp_path / "a_events.tsv"
+    events.write_text("onset\tduration\ttrial_type\n1.5\t1.2\tD\n5.0\t1.2\tD\n")
+    told = run("data", "cut", path, "--out", tmp_path / "told", "--events", events, "--before", 0.2)
+    assert told.exit_code == 0, told.output
+    second = read_recording(tmp_path / "told" / "V01_D_2.nc")
+    assert second.attrs["cut_from"] == [4.8, 6.2]
+    assert second.sizes["time_emg"] == pytest.approx(1.4 * 2048, abs=2)
+    far = run("data", "cut", path, "--out", tmp_path / "far", "--events", events, "--after", 9)
+    one_sentence(far, "SignalError", "expected it inside")

@@ -1,0 +1,193 @@
+"""``emgface data``, continued: what a folder holds, conversion, cutting, and the page of objects."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
+from emgface.cli.data import FORMATS
+
+
+def inventory(
+    folder: Annotated[Path, typer.Argument(help="Folder of files of any kind.")],
+    sidecars: Annotated[
+        Path | None,
+        typer.Option(help="Folder of TOML sidecars for tables and arrays in the other folder."),
+    ] = None,
+    out_path: Annotated[
+        Path | None, typer.Option("--out", help="File to write, too: .csv or .md.")
+    ] = None,
+) -> None:
+    """List every file: channels, rates, units, duration and findings, or why it was refused."""
+    from emgface.errors import DataError
+    from emgface.files import replace_file
+    from emgface.inventory import inventory_table, markdown
+
+    if out_path is not None and out_path.suffix.lower() not in (".csv", ".md"):
+        raise DataError(f"{out_path.name} ends in {out_path.suffix!r}, expected .csv or .md")
+    table = inventory_table(folder, sidecars=sidecars)
+    signals = [
+        "file",
+        "format",
+        "channels",
+        "emg_rate",
+        "markers",
+        "marker_rate",
+        "units",
+        "duration",
+    ]
+    read = table[table["refusal"].isna()]
+    show_table(frame(read[signals]), f"read from {folder}")
+    for row in read.to_dict("records"):
+        say(f"{row['file']}: {row['findings']}.")
+    for row in table[table["refusal"].notna()].to_dict("records"):
+        say(f"Refused {row['file']}: {row['refusal']}")
+    say(f"{len(read)} of {len(table)} files were read.")
+    if out_path is not None:
+        text = table.to_csv(index=False) if out_path.suffix.lower() == ".csv" else markdown(table)
+        replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+        say(f"Wrote {out_path}.")
+
+
+class Target(StrEnum):
+    """Formats that recordings are converted to."""
+
+    bids = "bids"
+    netcdf = "netcdf"
+
+
+def convert(
+    paths: Annotated[
+        list[Path], typer.Argument(help=f"Recordings, or folders of them: {FORMATS}.")
+    ],
+    out_path: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
+    to: Annotated[Target, typer.Option(help="Format to write.")] = Target.netcdf,
+    mapping: Annotated[
+        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
+    ] = None,
+    notch: Annotated[
+        float | None,
+        typer.Option(help="Remove mains hum of this frequency and its harmonics [Hz], 50 or 60."),
+    ] = None,
+    notch_width: Annotated[float, typer.Option(help="Width of each notch [Hz].")] = 2.0,
+) -> None:
+    """Convert recordings to netCDF or to EMG-BIDS and Motion-BIDS, with a notch where wanted."""
+    from emgface.bids import write_bids
+    from emgface.bids.rules import bids_problems
+    from emgface.dataset import find_recordings, read_recording, write_recording
+    from emgface.errors import DataError, EmgfaceError
+    from emgface.quality import remove_hum
+
+    given = [
+        file for path in paths for file in (find_recordings(path) if path.is_dir() else [path])
+    ]
+    taken: dict[Path, Path] = {}
+    n_bad = 0
+    for file in given:
+        try:
+            recording = read_recording(file, mapping=mapping)
+            if notch is not None and "emg" in recording:
+                emg = remove_hum(recording["emg"], notch, width=notch_width)
+                recording = recording.assign(emg=emg)
+            if to == Target.bids:
+                extra = (
+                    {} if notch is None else {"SoftwareFilters": _notch_entry(notch, notch_width)}
+                )
+                written = write_bids(recording, out_path, emg=extra)[0]
+            else:
+                target = out_path / f"{file.stem}.nc"
+                if target in taken:
+                    raise DataError(
+                        f"{file} and {taken[target]} would both become {target.name}, expected "
+                        "names that differ: convert them into different folders"
+                    )
+                taken[target] = file
+                written = write_recording(recording, target)
+        except EmgfaceError as error:
+            fail(error)
+            n_bad += 1
+            continue
+        say(f"{file.name}: wrote {written}.")
+    broken = bids_problems(out_path) if to == Target.bids and n_bad < len(given) else []
+    for sentence in broken:
+        say(sentence)
+    say(f"{len(given) - n_bad} of {len(given)} recordings were converted.")
+    if n_bad or broken:
+        raise typer.Exit(BAD_INPUT)
+
+
+def _notch_entry(frequency: float, width: float) -> dict[str, object]:
+    """Entry SoftwareFilters of a BIDS sidecar."""
+    return {
+        "Notch filter at the mains frequency and its harmonics, forward and backward": {
+            "frequency (Hz)": frequency,
+            "width (Hz)": width,
+        }
+    }
+
+
+def cut(
+    path: Annotated[Path, typer.Argument(help=f"Recording of several repetitions: {FORMATS}.")],
+    out_path: Annotated[Path, typer.Option("--out", help="Folder to write the trials to.")],
+    events: Annotated[
+        Path | None,
+        typer.Option(help="Events (*_events.tsv); the activity tells repetitions when absent."),
+    ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
+    ] = None,
+    offset: Annotated[
+        float | None,
+        typer.Option(help="Seconds by which the clock of the markers is behind that of the EMG."),
+    ] = None,
+    before: Annotated[float, typer.Option(min=0, help="Seconds before the onset.")] = 0.0,
+    after: Annotated[float, typer.Option(min=0, help="Seconds after the end.")] = 0.0,
+) -> None:
+    """Cut a long recording into trials, by events or by the activity itself."""
+    from emgface.dataset import read_recording, write_recording
+    from emgface.errors import DataError
+    from emgface.events import cut_trials, find_repetitions, read_events
+    from emgface.parameters import FilterParameters
+    from emgface.signals import bandpass
+    from emgface.synchronise import synchronise
+
+    recording = read_recording(path, mapping=mapping)
+    if offset is not None:
+        recording = synchronise(recording, offset=offset)
+    if events is not None:
+        table = read_events(events)
+    elif "emg" in recording:
+        table = find_repetitions(bandpass(recording["emg"], FilterParameters()))
+    else:
+        raise DataError(
+            f"{path.name} holds no EMG in which to find repetitions, expected some or events: name "
+            "a table with --events"
+        )
+    show_table(frame(table), f"{path.name}: {len(table)} trials")
+    for trial in cut_trials(recording, table, before=before, after=after):
+        names = [str(trial.attrs.get(k, "")) for k in ("volunteer", "instruction", "repetition")]
+        names[0] = names[0] or path.stem
+        target = out_path / ("_".join(name for name in names if name) + ".nc")
+        say(f"Wrote {write_recording(trial, target)}.")
+
+
+def schema(
+    out_path: Annotated[
+        Path | None, typer.Option("--out", help="File to write; printed when absent.")
+    ] = None,
+    study: Annotated[
+        bool, typer.Option("--study", help="The JSON Schema of a study file instead of the page.")
+    ] = False,
+) -> None:
+    """Write the page that documents every object: variables, dims, units, ranges."""
+    from emgface.files import replace_file
+    from emgface.schema_page import schema_page, study_schema_text
+
+    text = study_schema_text() if study else schema_page()
+    if out_path is None:
+        typer.echo(text, nl=False)
+        return
+    replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+    say(f"Wrote {out_path}.")
