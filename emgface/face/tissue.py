@@ -169,8 +169,21 @@ class Tissue(Parameters):
         kappa = None if self.kappa is None else factor * self.kappa
         return self.model_copy(update={"stiffness": factor * self.stiffness, "kappa": kappa})
 
-    def where(self) -> str:
-        """Tell in words which elements the tissue is of."""
+    def __str__(self) -> str:
+        """Tell where the tissue is and what it is made of, in words."""
+        told = [f"law {self.passive_law()} (stresses in Pa)"]
+        if self.kappa is not None:
+            told.append(f"kappa {self.kappa / 1e3:g} kPa")
+        if self.density is not None:
+            told.append(f"density {self.density:g} kg/m³")
+        if self.relaxing:
+            pairs = zip(self.relaxing, self.times, strict=True)
+            told.append(
+                "relaxation of " + " and ".join(f"{100 * g:g} % with {tau:g} s" for g, tau in pairs)
+            )
+        return f"{self._where()} had {', '.join(told)}"
+
+    def _where(self) -> str:
         conditions = [f"the {', '.join(self.layers)} layer"] if self.layers else []
         conditions += [f"the muscles {', '.join(self.muscles)}"] if self.muscles else []
         conditions += [f"{len(self.elements)} named elements"] if self.elements else []

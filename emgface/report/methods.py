@@ -138,13 +138,13 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         told.append(f"Muscle fibres pulled alike at every length; {policy}.")
     own = [
         ("skin of its own", s.skin != type(s.skin)()),
-        (f"{len(s.tissues)} further tissues", bool(s.tissues)),
         (f"prestress ({s.prestress.method})", s.prestress != type(s.prestress)()),
         (f"support of {s.support:g} N/m behind the lips", s.support > 0),
         (f"stiffening of active muscles by a factor of {s.stiffening:g}", s.stiffening > 1),
     ]
     if further := [text for text, used in own if used]:
         told.append(f"The model had {', '.join(further)}; the table of parameters has the details.")
+    told += [f"The tissue of {tissue}." for tissue in s.tissues]
     control = (
         f", chosen by an error of {1e3 * s.error_tolerance:g} mm at the lip markers and dividing "
         f"{1e3 * s.step:g} ms"

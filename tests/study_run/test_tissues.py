@@ -15,6 +15,7 @@ from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.tissue import LAWS, Tissue, material_axes
 from emgface.muscles import MUSCLES
+from emgface.report.methods import methods
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.template import study_template
 from sim import compile_scene
@@ -172,6 +173,19 @@ def test_the_study_file_holds_tissues_and_reads_them_back() -> None:
     assert configure(StudyConfiguration, values).simulation == study.simulation
     assert "[[simulation.tissues]]" in study_template()  # as a comment
     assert tomllib.loads(study_template())["simulation"].get("tissues", []) == []
+
+
+def test_the_methods_of_a_report_tell_of_every_tissue() -> None:
+    slow = parameters(FLYNN + "relaxing = [0.3, 0.2]\ntimes = [0.2, 1.5]\n")
+    dims = ("volunteer", "instruction", "repetition")
+    cube = xr.Dataset({"status": (dims, [[["ok"]]])}, attrs={"origin": "simulated"})
+    text = methods(StudyConfiguration(simulation=slow), cube)
+    assert "The tissue of the whole face had law MooneyRivlin(C10=400.0, C20=1400.0)" in text
+    assert (
+        "The tissue of the outer layer had law Fung(mu=(8886.5, 2965.5, 2965.5), lame=(500.0, 500.0, "
+        "500.0, 500.0, 500.0, 500.0), c=1892.0) (stresses in Pa), kappa 250 kPa, density 1100 kg/m³, "
+        "relaxation of 30 % with 0.2 s and 20 % with 1.5 s."
+    ) in text
 
 
 @pytest.mark.parametrize(
