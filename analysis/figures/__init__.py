@@ -5,6 +5,7 @@ from analysis.figures.activations import activation_heat_map, feature_boxes
 from analysis.figures.alignment import marker_traces, synchronisation
 from analysis.figures.boxes import box_plots
 from analysis.figures.choices import sensitivity_plot
+from analysis.figures.cost import cost_of_parts
 from analysis.figures.emg import emg_with_features
 from analysis.figures.faces import rendered_faces
 from analysis.figures.growth import growth
@@ -13,6 +14,7 @@ from analysis.figures.style import save
 __all__ = [
     "activation_heat_map",
     "box_plots",
+    "cost_of_parts",
     "emg_with_features",
     "error_against_run_time",
     "feature_boxes",

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from analysis.figures import error_against_run_time, growth, save, stability_table
+from analysis.figures import cost_of_parts, error_against_run_time, growth, save, stability_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,9 +98,22 @@ def growth_table(found: xr.Dataset) -> pd.DataFrame:
     return pd.concat([table.astype(object), pd.DataFrame([last])], ignore_index=True)
 
 
+def cost_table(found: xr.Dataset) -> pd.DataFrame:
+    """One row per scene: milliseconds per phase, and what it costs more than the tissue alone."""
+    table = (1e3 * found["seconds"].to_pandas()).add_suffix(" ms")
+    table.insert(0, "scene", found["scene"].values)
+    for phase in ("force", "tangent", "step"):
+        table[f"{phase} - alone ms"] = table[f"{phase} ms"] - table[f"{phase} ms"].iloc[0]
+    table["spread ms"] = 1e3 * found["spread"].values
+    table["step U"] = found["seconds"].sel(phase="step").values / found.attrs["unit_s"]
+    table["nonzeros"] = found["nonzeros"].values
+    return table.reset_index(drop=True)
+
+
 KINDS: dict[str, tuple[Callable[[xr.Dataset], pd.DataFrame], Callable[[xr.Dataset], "Figure"]]] = {
     "work-precision": (work_precision_table, work_precision_figure),
     "stability": (stability_frame, stability_figure),
+    "cost": (cost_table, cost_of_parts),
     "scaling": (growth_table, growth),
 }
 """Table and figure of every kind of measurement."""

@@ -1,4 +1,4 @@
-"""``emgface bench``: error against run time, stability and growth, measured on this machine."""
+"""``emgface bench``: error against run time, stability, cost and growth, on this machine."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -87,6 +87,21 @@ def stability(
     if wrong:
         say(f"{wrong} wrong answers came without an error")
         raise typer.Exit(1)
+
+
+@app.command()
+def cost(
+    out_path: OutOption = Path("bench"),
+    face_path: FaceOption = None,
+    rounds: Annotated[int, typer.Option(help="Rounds over all scenes; times are medians.")] = 15,
+) -> None:
+    """Switch each part of a scene on and off and time the step."""
+    from emgface.bench.cost import measure
+
+    face = _face(face_path)
+    with progress("cost") as bar:
+        found = measure(face, rounds=rounds, progress=bar.show)
+    _finish("cost", found, out_path)
 
 
 @app.command()

@@ -6,7 +6,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import sim
-from emgface.bench import scaling, work_precision
+from emgface.bench import cost, scaling, work_precision
 from emgface.bench.scaling import slope
 from emgface.bench.stability import run_battery
 from emgface.bench.store import KINDS, store
@@ -83,7 +83,16 @@ def test_the_battery_has_no_wrong_answers_and_converged_solvers_survive(face):
 def test_what_is_measured_is_stored_with_table_and_figure(measured, face, tmp_path):
     small = scaling.measure([face], SimulationParameters(gravity=False), refine=False, repeats=1)
     battery = run_battery(rows=(5, 10))
-    for kind, found in zip(KINDS, (measured, battery, small), strict=True):
+    parts = cost.measure(face, rounds=2)
+    made = dict(
+        zip(
+            ("work-precision", "stability", "cost", "scaling"),
+            (measured, battery, parts, small),
+            strict=True,
+        )
+    )
+    assert set(made) == set(KINDS)
+    for kind, found in made.items():
         table, paths = store(kind, found, tmp_path)
         assert len(table) > 0
         assert all(path.stat().st_size > 0 for path in paths)
@@ -92,6 +101,19 @@ def test_what_is_measured_is_stored_with_table_and_figure(measured, face, tmp_pa
         assert set(again.data_vars) == set(found.data_vars)
         again.close()
         assert "simulated" in paths[2].read_text()
+
+
+def test_every_scene_of_the_cost_table_has_the_part_that_it_names(face):
+    made = cost.scenes(face)
+    counts = {name: len(scene.terms) for name, (scene, _) in made.items()}
+    alone = counts["tissue alone"]
+    assert counts["the same again"] == counts["+ muscles, active, stiffening 1 (off)"] == alone
+    for name in ("+ gravity", "+ element volume", "+ nodal volume", "+ line muscles, active"):
+        assert counts[name] == alone + 1, name
+    assert made["+ hard volume"][0].constraints
+    assert not any(scene.constraints for name, (scene, _) in made.items() if "hard" not in name)
+    damped = [name for name, (scene, _) in made.items() if scene.damping is not None]
+    assert damped == ["+ damping, current", "+ damping, at rest"]
 
 
 def test_the_command_writes_its_files(tmp_path):

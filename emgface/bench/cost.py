@@ -1,0 +1,156 @@
+"""What each part of a scene costs in a step, and that an absent part costs nothing.
+
+Scenes that differ by one part are evaluated in turn, round after round, so that a drift of the machine
+hits all of them. 'The same again' is a second, independently compiled copy of the first scene: what it
+differs by is the noise of the measurement, and a part that is switched off must not differ by more.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.bench.unit import unit_seconds
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from sim import (
+    LinearlyImplicitEuler,
+    Prony,
+    Rayleigh,
+    RestRayleigh,
+    Scene,
+    Solid,
+    Workspace,
+    compile_scene,
+)
+
+Progress = Callable[[int, int], None]
+
+LEVEL: Final = 0.02
+"""Activation of all muscles; low, since the step is the first one and linear."""
+SIGMA_MAX: Final = 100e3
+STEP: Final = 0.01
+PHASES: Final = ("force", "tangent", "damping", "factorisation", "solution", "step")
+
+
+def scenes(face: xr.Dataset) -> dict[str, tuple[Scene, float]]:
+    """Scenes by name, with the activation of all muscles; each adds to 'tissue alone' what it names."""
+
+    def scene(**changes: Any) -> Scene:
+        base = {"sigma_max": SIGMA_MAX, "gravity": False, "alpha": 0.0, "beta": 0.0}
+        return compose_scene(face, SimulationParameters.model_validate(base | changes))
+
+    def bare(made: Scene, **changes: Any) -> Scene:
+        """Drop the muscles."""
+        solid = made.terms[0]
+        assert isinstance(solid, Solid)
+        changed = replace(solid, muscles=None, **changes)
+        return replace(made, terms=(changed, *made.terms[1:]))
+
+    alone = bare(scene())
+    solid = alone.terms[0]
+    assert isinstance(solid, Solid)
+    relaxing = tuple(replace(m, relaxation=Prony((0.3,), (0.1,))) for m in solid.materials)
+    tense = {"skin": {"kappa": 250e3}, "prestress": {"method": "stretch"}}
+    quadratic = {"bulk_potential": "quadratic"}
+    return {
+        "tissue alone": (alone, 0.0),
+        "the same again": (bare(scene()), 0.0),
+        "+ muscles, at rest": (scene(), 0.0),
+        "+ muscles, active": (scene(), LEVEL),
+        "+ muscles, active, stiffening 1 (off)": (scene(stiffening=1.0), LEVEL),
+        "+ muscles, active, stiffening 10": (scene(stiffening=10.0), LEVEL),
+        "+ line muscles, active": (scene(muscle_form="lines"), LEVEL),
+        "+ gravity": (bare(scene(gravity=True)), 0.0),
+        "+ skin and prestretch": (bare(scene(**tense)), 0.0),
+        "+ relaxation": (bare(scene(), materials=relaxing), 0.0),
+        "+ walls behind the lips": (bare(scene(support=1000.0)), 0.0),
+        "+ damping, current": (replace(alone, damping=Rayleigh()), 0.0),
+        "+ damping, at rest": (replace(alone, damping=RestRayleigh()), 0.0),
+        "+ element volume": (bare(scene(incompressibility="element", **quadratic)), 0.0),
+        "+ nodal volume": (bare(scene(incompressibility="nodal", **quadratic)), 0.0),
+        "+ hard volume": (bare(scene(incompressibility="hard")), 0.0),
+    }
+
+
+class _Stepped:
+    """One compiled scene, ready to be timed phase by phase."""
+
+    def __init__(self, scene: Scene, level: float) -> None:
+        self.system = compile_scene(scene)
+        self.control = self.system.control(np.full(len(self.system.muscles), level))
+        self.state = self.system.rest_state()
+        self.work = Workspace(self.system)
+
+    def seconds(self) -> dict[str, float]:
+        """Seconds of every phase of a linearly implicit step, once."""
+        system, q, clock = self.system, self.state.q, time.perf_counter
+        found: dict[str, float] = {}
+        start = clock()
+        system.force(q, self.control)
+        found["force"] = clock() - start
+        start = clock()
+        _, K = system.tangent(q, self.control)
+        found["tangent"] = clock() - start
+        start = clock()
+        system.damping(q, self.control, K)
+        found["damping"] = clock() - start
+        self.work.seconds.clear()
+        start = clock()
+        LinearlyImplicitEuler().step(system, self.state, self.control, STEP, self.work)
+        found["step"] = clock() - start
+        for phase in ("factorisation", "solution"):
+            found[phase] = self.work.seconds.get(phase, 0.0)
+        return found
+
+
+def measure(face: xr.Dataset, *, rounds: int = 15, progress: Progress | None = None) -> xr.Dataset:
+    """Time every scene.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    rounds : int
+        Rounds over all scenes; times are medians.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after every round.
+
+    Returns
+    -------
+    Dataset
+        ``seconds(scene, phase)``, ``spread(scene)`` of the step between the two halves of the rounds,
+        ``unknowns`` and ``nonzeros``; attrs ``unit_s``, the time of one factorisation and solution of
+        the tissue alone.
+    """
+    made = {name: _Stepped(*scene) for name, scene in scenes(face).items()}
+    times = np.zeros((rounds, len(made), len(PHASES)))
+    for k in range(-1, rounds):
+        for i, scene in enumerate(made.values()):
+            found = scene.seconds()
+            if k >= 0:  # the first round warms up
+                times[k, i] = [found[phase] for phase in PHASES]
+        if progress is not None:
+            progress(k + 2, rounds + 1)
+    whole = times[..., PHASES.index("step")]
+    half = rounds // 2
+    spread = np.abs(np.median(whole[:half], axis=0) - np.median(whole[half:], axis=0))
+    systems = [scene.system for scene in made.values()]
+    return xr.Dataset(
+        {
+            "seconds": (("scene", "phase"), np.median(times, axis=0), {"units": "s"}),
+            "spread": ("scene", spread, {"units": "s"}),
+            "unknowns": ("scene", [s.pattern.n for s in systems], {"units": "1"}),
+            "nonzeros": ("scene", [s.pattern.nnz for s in systems], {"units": "1"}),
+        },
+        coords={"scene": list(made), "phase": list(PHASES)},
+        attrs={
+            "origin": "simulated",
+            "face": str(face.attrs.get("name", "")),
+            "rounds": rounds,
+            "unit_s": unit_seconds(systems[0]),
+        },
+    )
