@@ -49,8 +49,20 @@ SKINS: Final = (
         },
     ),
     Skin("inner sheet displaced from 0.97", {"prestress": {"method": "displaced"}}),
+    *(
+        Skin(
+            f"anisotropic, {name}",
+            {
+                "tissues": [
+                    {"layers": ["outer"], "law": "fung", "kappa": 250e3, "stiffness": factor}
+                ]
+            },
+        )
+        for name, factor in (("young", 0.5), ("mature", 1.0), ("old", 2.0))
+    ),
 )
-"""Skins compared; what stiffness and tension do is to be read against the first."""
+"""Skins compared: isotropic and stiffer, tense, and the orthotropic skin of the publication at three
+ages; the tissue beneath is the same in all."""
 
 
 def landmarks(face: xr.Dataset) -> dict[str, int]:

@@ -48,3 +48,13 @@ def test_a_stiffer_skin_moves_landmarks_less(table: pd.DataFrame) -> None:
         soft, stiff = (size.loc[(expression, SKINS[k].name)] for k in (0, 2))
         for name in ("corners (mm)", "all landmarks (mm)"):
             assert stiff[name] < 0.97 * soft[name], (expression, name)
+
+
+def test_older_orthotropic_skin_moves_less(coarse: xr.Dataset) -> None:
+    """Fig. 11.15 b: skin types of the publication, from young to old, in a smile."""
+    smile = {"open-mouth smile": EXPRESSIONS["open-mouth smile"]}
+    ages = tuple(skin for skin in SKINS if skin.name.startswith("anisotropic"))
+    found = summary(express(coarse, expressions=smile, skins=ages)[0])
+    assert [name.split()[-1] for name in found["skin"]] == ["young", "mature", "old"]
+    assert (np.diff(found["corners (mm)"]) < -0.1).all()
+    assert (np.diff(found["all landmarks (mm)"]) < -0.1).all()
