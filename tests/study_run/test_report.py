@@ -5,6 +5,7 @@ import hashlib
 import html
 import json
 import re
+import shutil
 import zlib
 from pathlib import Path
 from typing import get_args
@@ -12,11 +13,13 @@ from typing import get_args
 import numpy as np
 import pytest
 import xarray as xr
+from typer.testing import CliRunner
 
 from analysis.cube import build_cube
 from analysis.statistics.calibration import simulated_scores
 from analysis.trial import Trial
 from emgface.choices import configure
+from emgface.cli import app
 from emgface.errors import DataError
 from emgface.face.model import load_face
 from emgface.face.simulation_parameters import SimulationParameters
@@ -280,3 +283,15 @@ def test_methods_know_every_choice_of_the_signals() -> None:
             for option in options
         }
         assert len(texts) == len(options), name
+
+
+def test_command_writes_page_and_tables(page: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    shutil.copytree(page.parent / "study", folder)
+    arguments = ["report", str(folder), "--no-faces", "--out", str(tmp_path / "report.html")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "script-src 'none'" in html.unescape(text) and "Moving face" not in text_of(text)
+    written = {path.name for path in (folder / "tables").iterdir()}
+    assert {"strategy.csv", "strategy.md", "strategy.tex", "trials.csv"} <= written
