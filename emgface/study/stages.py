@@ -35,7 +35,15 @@ _SIGNALS = (
     "emgface.strategies",
     "emgface.study.truth",
 )
-MECHANICS = ("sim", "emgface.face.motion", "emgface.face.recipe")
+MECHANICS = (
+    "sim",
+    "emgface.face.bundles",
+    "emgface.face.motion",
+    "emgface.face.recipe",
+    "emgface.face.support",
+    "emgface.face.tension_lines",
+    "emgface.face.tissue",
+)
 _ALIGNMENT = (
     "analysis.align",
     "analysis.components",
