@@ -6,7 +6,7 @@ differs by is the noise of the measurement, and a part that is switched off must
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -107,7 +107,13 @@ class _Stepped:
         return found
 
 
-def measure(face: xr.Dataset, *, rounds: int = 15, progress: Progress | None = None) -> xr.Dataset:
+def measure(
+    face: xr.Dataset,
+    *,
+    rounds: int = 15,
+    only: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
     """Time every scene.
 
     Parameters
@@ -116,6 +122,8 @@ def measure(face: xr.Dataset, *, rounds: int = 15, progress: Progress | None = N
         Face model.
     rounds : int
         Rounds over all scenes; times are medians.
+    only : sequence of str, optional
+        Names of the scenes to time, all by default.
     progress : callable, optional
         Called as ``progress(done, total)`` after every round.
 
@@ -126,7 +134,8 @@ def measure(face: xr.Dataset, *, rounds: int = 15, progress: Progress | None = N
         ``unknowns`` and ``nonzeros``; attrs ``unit_s``, the time of one factorisation and solution of
         the tissue alone.
     """
-    made = {name: _Stepped(*scene) for name, scene in scenes(face).items()}
+    chosen = scenes(face)
+    made = {n: _Stepped(*scene) for n, scene in chosen.items() if only is None or n in only}
     times = np.zeros((rounds, len(made), len(PHASES)))
     for k in range(-1, rounds):
         for i, scene in enumerate(made.values()):
