@@ -52,6 +52,9 @@ def test_gestures_are_what_they_are_called(
     for smile in "DF":
         corner = moved(smile, "corner_left")
         assert corner[0] < -1.5 and corner[2] > 1.5, "smiling widens and lifts the corners"
+    upper, lower = coarse["lip_opening_node"].values
+    gap = {name: 1e3 * (p[upper, 2] - p[lower, 2]) for name, p in positions.items()}
+    assert gap["F"] < 1.0 < gap["D"] < gap["B"], "the smile of F keeps the mouth closed"
     for marker in LIP_MARKERS:
         assert moved("E", marker)[0] < 0.0, "the whole mouth goes to the left"
 

@@ -30,7 +30,7 @@ GESTURES: Final[Mapping[str, tuple[str, Mapping[str, float], Mapping[str, float]
         {"ZYG": 0.4, "RIS": 0.4, "BUC": 0.2, "OOP": 0.1, "OOM": 0.05},
         {"OOP": 0.2, "OOM": 0.05},
     ),
-    "F": ("closed mouth smile", {**_SMILE, "OOP": 0.1, "OOM": 0.05, "BUC": 0.1}, {}),
+    "F": ("closed mouth smile", {**_SMILE, "LLSAN": 0.05, "OOP": 0.1, "OOM": 0.3, "BUC": 0.1}, {}),
 }
 """One held gesture of every instruction, by muscles of Table 1 of Eskes et al. 2017; where no level
 is given for the right side, it is that of the left. The levels are chosen."""
@@ -131,7 +131,9 @@ def draw_gestures(
     every = np.concatenate(list(shown.values())) * MM
     figure = Figure(figsize=(3.2 * len(shown), 3.2 * len(VIEWS)))
     FigureCanvasAgg(figure)
-    figure.suptitle(f"{face.attrs['name']}: held gestures, simulated; lips meet no lips")
+    figure.suptitle(
+        f"{face.attrs['name']}: held gestures, simulated without contact between the lips"
+    )
     layout = (len(VIEWS), len(shown))
     for row, (elevation, azimuth) in enumerate(VIEWS.values()):
         for column, (name, position) in enumerate(shown.items()):
