@@ -9,6 +9,25 @@ from pathlib import Path
 from sim._kernels.cache import kernel_cache
 
 with kernel_cache(Path(__file__).parent):
-    from sim._kernels import laws, scatter, solid, tensor_laws, tensor_solid, volume
+    from sim._kernels import (
+        laws,
+        scatter,
+        solid,
+        symmetric,
+        tensor_laws,
+        tensor_point,
+        tensor_solid,
+        volume,
+    )
 
-__all__ = ["kernel_cache", "laws", "scatter", "solid", "tensor_laws", "tensor_solid", "volume"]
+__all__ = [
+    "kernel_cache",
+    "laws",
+    "scatter",
+    "solid",
+    "symmetric",
+    "tensor_laws",
+    "tensor_point",
+    "tensor_solid",
+    "volume",
+]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import sim
-from sim._kernels import tensor_laws, tensor_solid
+from sim._kernels import tensor_laws, tensor_point
+from sim._kernels.symmetric import COLUMN, PLACE, ROW
 from sim.laws.fibre import N_FIBRE
 
-ROW, COLUMN = tensor_laws.ROW, tensor_laws.COLUMN
 FIBRE_LAWS = {"blemker": sim.Blemker, "generic": sim.Generic}
 WORK = np.empty((4, 6, 6))
 ROUNDING = 1e-13
@@ -34,9 +34,8 @@ def pushed_forward(F, S, D):
     """Cauchy stress (3, 3) and spatial moduli (6, 6) [Pa]."""
     J = np.linalg.det(F)
     stress, moduli = np.empty((3, 3)), np.empty((3, 3, 3, 3))
-    place = tensor_laws.PLACE
-    stress[...] = S[place]
-    moduli[...] = D[place[:, :, None, None], place[None, None]]
+    stress[...] = S[PLACE]
+    moduli[...] = D[PLACE[:, :, None, None], PLACE[None, None]]
     spatial = np.einsum("iI,jJ,kK,lL,IJKL->ijkl", F, F, F, F, moduli) / J
     i, j = ROW[:, None], COLUMN[:, None]
     return F @ stress @ F.T / J, spatial[i, j, ROW, COLUMN]
@@ -47,7 +46,7 @@ def isochoric(F, add):
     J, C = np.linalg.det(F), F.T @ F
     Sb, Db, S, D = (np.zeros(shape) for shape in (6, (6, 6), 6, (6, 6)))
     add(J, six(C), Sb, Db)
-    tensor_solid.project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True, WORK)
+    tensor_point.project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True, WORK)
     return pushed_forward(F, S, D)
 
 
@@ -66,7 +65,7 @@ def fibre(F, law, activation, a0):
     p[: len(law.parameters())] = law.parameters()
 
     def add(J, C, Sb, Db):
-        tensor_solid._fibre_stress(law.code, p, activation, 1.0, a0, J, C, Sb, Db, True)
+        tensor_point.add_fibre(law.code, p, activation, 1.0, a0, J, C, Sb, Db, True)
 
     return isochoric(F, add)
 
