@@ -11,7 +11,8 @@ from emgface.face.motion import simulate_face
 from emgface.face.show import skin_faces
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.surface import triangles
-from emgface.study.stages import MECHANICS, Laboratory, activation_digest
+from emgface.study.mechanics import MECHANICS
+from emgface.study.stages import Laboratory, activation_digest
 from emgface.study.store import Result, Stage
 from sim import State, StepReport, System
 from sim.probes import AXES, Variable

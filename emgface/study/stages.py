@@ -17,6 +17,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
 from emgface.study.digest import dataset_digest
 from emgface.study.measured import measured_during
+from emgface.study.mechanics import MECHANICS
 from emgface.study.policy import lower_sigma_max
 from emgface.study.store import Result, Stage, Store
 from emgface.study.table import Recording
@@ -34,15 +35,6 @@ _SIGNALS = (
     "emgface.signals",
     "emgface.strategies",
     "emgface.study.truth",
-)
-MECHANICS = (
-    "sim",
-    "emgface.face.bundles",
-    "emgface.face.motion",
-    "emgface.face.recipe",
-    "emgface.face.support",
-    "emgface.face.tension_lines",
-    "emgface.face.tissue",
 )
 _ALIGNMENT = (
     "analysis.align",

@@ -15,6 +15,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import volunteer_face
 from emgface.muscles import INSTRUCTIONS
 from emgface.study.digest import dataset_digest
+from emgface.study.mechanics import MECHANICS
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import in_processes
 from emgface.study.policy import lower_sigma_max
@@ -30,9 +31,8 @@ from emgface.volunteers.session import session_events, simulate_session, trial_a
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.write import write_session
 
-_MECHANICS = ("sim", "emgface.face.motion", "emgface.face.recipe")
-REST = Stage("volunteer_rest", _MECHANICS)
-MOTION = Stage("volunteer_motion", (*_MECHANICS, "emgface.study.policy"))
+REST = Stage("volunteer_rest", MECHANICS)
+MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.study.policy"))
 
 
 def make_volunteers(

@@ -1,0 +1,24 @@
+"""Code that a simulated motion depends on, named once for every stage that stores one."""
+
+from typing import Final
+
+MECHANICS: Final = (
+    "sim",
+    "emgface._demands",
+    "emgface._rules",
+    "emgface.declaration",
+    "emgface.face.bundles",
+    "emgface.face.check",
+    "emgface.face.model",
+    "emgface.face.motion",
+    "emgface.face.numerical_error",
+    "emgface.face.quality",
+    "emgface.face.recipe",
+    "emgface.face.support",
+    "emgface.face.surface",
+    "emgface.face.tension_lines",
+    "emgface.face.tissue",
+    "emgface.migration",
+    "emgface.schema",
+)
+"""The mechanics, the recipe of the scene, and all that they import."""
