@@ -100,8 +100,8 @@ def sensitivity(
             each = paired(
                 held, label, base[axis], dim=axis, variable=variable, scale=scale, limit=limit
             )
-            data.append(Paired(f"{axis} = {label}", *_rest(each)))
-            of.append((axis, str(label)))
+            data.append(Paired(f"{axis} = {_words(label)}", *_rest(each)))
+            of.append((axis, _words(label)))
             per = each.differences.mean("repetition", skipna=True)
             per = per.mean([dim for dim in per.dims if dim not in ("volunteer", "strategy")])
             changes.append(per.mean("volunteer").transpose("strategy").values.tolist())
@@ -114,7 +114,7 @@ def sensitivity(
     attrs = {
         "variable": variable, "scale": "Fisher z" if scale == "z" else "as it is",
         "units": units, "origin": str(cube.attrs["origin"]), "seed": seed,
-        "reference": ", ".join(f"{axis} = {label}" for axis, label in base.items()),
+        "reference": ", ".join(f"{axis} = {_words(label)}" for axis, label in base.items()),
     }  # fmt: skip
     method = "level minus reference, sign-flip permutation over volunteers"
     result = collected(findings, method=method, level=level, attrs=attrs)
@@ -173,6 +173,11 @@ def choices_table(found: xr.Dataset) -> Table:
         origin,
         f"Reference: {found.attrs['reference']}. One choice is moved at a time.",
     )
+
+
+def _words(label: Any) -> str:
+    """Write a level: a number without needless digits, 50000 and not 50000.0."""
+    return f"{label:g}" if isinstance(label, float) else str(label)
 
 
 def _rest(data: Paired) -> tuple[xr.DataArray, xr.DataArray, dict[str, int], str, float]:

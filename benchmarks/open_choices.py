@@ -73,8 +73,8 @@ def with_markers_further_out(face):
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--volunteers", type=int, default=6)
-    parser.add_argument("--instructions", nargs="+", default=["D"])
+    parser.add_argument("--volunteers", type=int, default=7)
+    parser.add_argument("--instructions", nargs="+", default=["B", "D"])
     parser.add_argument("--strategies", nargs="+", default=["act_rel"])
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=7)

@@ -1,5 +1,6 @@
 """How far the open choices of a study move its scores, and what the tests say."""
 
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -84,6 +85,7 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
     ]  # fmt: skip
     handles[0].set_label(f"all strategies, joint p at most {alpha:.2g}")
     legend(figure, handles, most=3)
-    panel.set_title(f"reference: {found.attrs['reference']}".replace("_", " "), fontsize="small")
+    reference = f"reference: {found.attrs['reference']}".replace("_", " ")
+    panel.set_title("\n".join(wrap(reference, 80)), fontsize="small")
     heading(figure, f"what moves {variable}", str(cast(Any, found.attrs)["origin"]))
     return figure
