@@ -33,7 +33,7 @@ class Prony:
 
     Notes
     -----
-    Source: Fung 1993, Biomechanics, Sect. 7.6; recursion: Taylor, Pister and Goudreau 1970. The
+    Source: Fung 1993, Biomechanics, Chap. 7; recursion: Taylor, Pister and Goudreau 1970. The
     coefficients of the law are the instantaneous ones; a static equilibrium feels 1 - sum g_i of them.
     """
 

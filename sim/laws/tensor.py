@@ -98,9 +98,9 @@ class Ogden:
 
     Notes
     -----
-    Source: Ogden 1972, Proc R Soc A 326:565-584. The skin of the face was fitted with an Ogden law by
-    Flynn et al. 2013 (Stavness et al., Sect. 11.2.2.2), whose coefficients are not published there;
-    the defaults are an example with a shear modulus of 5 kPa, as `MooneyRivlin` has.
+    Source: Ogden 1972, Proc R Soc A 326:565-584. The skin of the face was fitted with an
+    Ogden law in vivo (Stavness et al., Sect. 11.2.2.2), without coefficients there; the defaults are an
+    example with a shear modulus of 5 kPa, as `MooneyRivlin` has.
     """
 
     mu: tuple[float, ...] = (1250.0, -250.0)
@@ -148,9 +148,9 @@ class Fung:
 
     Notes
     -----
-    Defaults: mature skin; half of mu and lame for young, twice for old skin. Source: Flynn et al. 2015
-    as given with the anisotropic face model (published model's data), with a bulk modulus of 250 kPa;
-    axis 1 runs along the relaxed skin tension lines.
+    Defaults: mature skin; half of them for young, twice for old skin, each beside a bulk modulus of
+    250 kPa. Source: values of the published face model with anisotropic skin; axis 1 runs along the
+    relaxed skin tension lines.
     """
 
     mu: tuple[float, float, float] = (17773.0, 5931.0, 5931.0)
