@@ -18,6 +18,8 @@ SMALLEST_VARIATION = 0.1e-6
 """Standard deviation [V] below which surface EMG is suspect: less than electrode noise."""
 CLIPPED = 0.01
 """Share of samples at one extreme value above which a channel counts as clipped."""
+LEAST_RATE = 800.0
+"""Sampling rate [Hz] below which surface EMG, to 400-500 Hz (van Boxtel 2001), is lost or folded."""
 JITTER = 0.1
 """Part of the sampling interval by which intervals may differ before the clock is suspect."""
 
@@ -202,6 +204,14 @@ def _channel(values: np.ndarray, row: dict[str, object], clock: _Clock) -> list[
             _Finding("error", f"constant at {row['largest']:g} V: see electrode and cable")
         )
         return found
+    if clock.rate < LEAST_RATE:
+        found.append(
+            _Finding(
+                "warning",
+                f"sampled at {clock.rate:.4g} Hz, which holds nothing above {clock.rate / 2:.4g} Hz "
+                "of the 15 to 500 Hz of EMG: record faster",
+            )
+        )
     variation = float(np.nanstd(values))  # an offset is no fault, the band-pass removes it
     if variation > LARGEST_VARIATION:
         found.append(
