@@ -253,8 +253,9 @@ of nodes on every grid (another face, of another motion):
 
 {markdown(orders(on_a_curve=True))}
 
-What then still keeps the order below 2 is the kink of the boundary condition at that border and the
-mouth corner, where stresses are singular."""
+ZYG and DAO gain by it, so that border is what limits them. LLSAN and OOP do not; what limits them was
+not isolated (the kink of the boundary condition and the mouth corner, where the rings meet and
+stresses are singular, are candidates)."""
 
 
 def norms() -> str:
