@@ -26,6 +26,13 @@ class SigmaMaxPolicy(Parameters):
         gt=0,
         lt=1,
     )
+    scope: Literal["volunteer", "trial"] = parameter(
+        "volunteer",
+        "Whether a value lowered for one trial holds for all trials of the volunteer, or for it alone.",
+        unit="-",
+        source=f"{ESKES}, Finite element face model (one value per volunteer)",
+        note="with 'volunteer' the trials that ran with a higher value are simulated again",
+    )
     minimum: float = parameter(
         30e3,
         "Smallest sigma_max that is tried; below it the trial has failed.",

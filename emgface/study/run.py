@@ -139,8 +139,53 @@ def _run_trials(
     observer: Observer,
     told: str,
 ) -> list[Trial]:
-    """Take every trial through all stages under one configuration."""
+    """Take every trial through all stages; where it is asked for, with one sigma_max a volunteer."""
     extents = feature_extents(bench, intake)
+    results = _through_stages(bench, trials, extents, workers, observer, told)
+    if bench.study.simulation.sigma_max_policy.scope == "trial":
+        return results
+    done = {(r.volunteer, r.instruction, r.repetition, r.strategy): r for r in results}
+    while again := sigma_max_to_share(done.values()):
+        for volunteer, lowest in again.items():
+            observer.message(
+                f"{told}{volunteer}: a trial needed sigma_max = {lowest / 1e3:.4g} kPa, which holds "
+                "for all of its trials; those with more are simulated again"
+            )
+            higher = [
+                trial
+                for trial in trials
+                if trial.place[0] == volunteer
+                and done[*trial.place, trial.strategy].sigma_max > lowest
+            ]
+            simulation = bench.study.simulation.model_copy(update={"sigma_max": lowest})
+            study = bench.study.model_copy(update={"simulation": simulation})
+            lowered = Laboratory(bench.store, bench.face, study, bench.report)
+            redone = _through_stages(lowered, higher, extents, workers, Silent(), told)
+            done |= {(r.volunteer, r.instruction, r.repetition, r.strategy): r for r in redone}
+            bench.muted |= lowered.muted
+    return list(done.values())
+
+
+def sigma_max_to_share(results: Iterable[Trial]) -> dict[str, float]:
+    """Volunteers whose trials ran with different sigma_max, and the smallest of each [Pa].
+
+    Trials that failed with every value do not count: theirs is the policy's minimum.
+    """
+    used: dict[str, set[float]] = {}
+    for result in results:
+        if result.scores is not None:
+            used.setdefault(result.volunteer, set()).add(result.sigma_max)
+    return {volunteer: min(values) for volunteer, values in used.items() if len(values) > 1}
+
+
+def _through_stages(
+    bench: Laboratory,
+    trials: list[PlannedTrial],
+    extents: dict[str, Result],
+    workers: int,
+    observer: Observer,
+    told: str,
+) -> list[Trial]:
     results: list[Trial] = []
     if workers == 1:
         for trial in trials:

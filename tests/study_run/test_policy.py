@@ -1,11 +1,18 @@
 """Lowering of sigma_max: the published 10 % rule as a policy outside the solver."""
 
+import numpy as np
 import pytest
 import xarray as xr
 
+from emgface.choices import configure
+from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SigmaMaxPolicy, SimulationParameters
+from emgface.study import stages
+from emgface.study.configuration import StudyConfiguration
 from emgface.study.policy import lower_sigma_max
+from emgface.study.run import run_study
 from sim.errors import InvertedElement, NotConverged, SingularSystem
+from tests.study_run.conftest import STEP
 
 PARAMETERS = SimulationParameters()
 
@@ -61,3 +68,45 @@ def test_a_step_that_does_not_converge_also_lowers_but_a_singular_matrix_does_no
 
     with pytest.raises(SingularSystem):
         lower_sigma_max(singular, PARAMETERS)
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+@pytest.mark.parametrize("scope", ["volunteer", "trial"])
+def test_a_value_lowered_for_one_trial_holds_for_its_volunteer(
+    laboratory, tmp_path, monkeypatch, scope
+):
+    """The first trial inverts an element above 85 kPa; the second would run with 100 kPa."""
+    first: list[float] = []
+
+    def fragile(face, activation, parameters, **rest):
+        drive = float(activation.sum())
+        first.append(drive)
+        if drive == first[0] and parameters.sigma_max > 85e3:
+            raise InvertedElement(1, -0.1, 0.3)
+        return simulate_face(face, activation, parameters, **rest)
+
+    monkeypatch.setattr(stages, "simulate_face", fragile)
+    study = configure(
+        StudyConfiguration,
+        {
+            "strategies": ["act_rel"],
+            "recordings": {"folder": str(laboratory / "recordings")},
+            "face": {"path": str(laboratory / "face.nc")},
+            "signals": {"normalisation": {"silent": "zero"}},
+            "simulation": {
+                "step": STEP,
+                "sigma_max": 100e3,
+                "sigma_max_policy": {"scope": scope},
+            },
+        },
+    )
+    cube = run_study(study, tmp_path / "out").cube
+    assert (cube["status"] == "ok").all()
+    used = sorted(cube["sigma_max"].values.ravel())
+    shared = scope == "volunteer"
+    np.testing.assert_allclose(used, [81e3, 81e3 if shared else 100e3], rtol=1e-12)
+    calls = len(first)
+    again = run_study(study, tmp_path / "out")
+    assert (
+        not again.computed() and len(first) == calls
+    )  # what is stored serves the second round too
