@@ -2,9 +2,10 @@
 
 import os
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -24,9 +25,6 @@ from emgface.face.show import (
     toward_camera,
 )
 from emgface.muscles import MODELLED, SIDES
-
-if TYPE_CHECKING:
-    import pyvista as pv
 
 Floats = NDArray[np.float64]
 
@@ -118,24 +116,24 @@ def open_window(ds: xr.Dataset) -> None:
 
 
 def _pyvista() -> Any:
+    # by name, since the package is optional and a check of types may run without it
     try:
-        import pyvista
+        pyvista = import_module("pyvista")
     except ImportError as error:
         raise FaceError(
             "pyvista is not installed, which draws shaded pictures: install emgface[viewer], or use "
             "the renderer matplotlib"
         ) from error
     try:
-        from vtkmodules.vtkCommonCore import vtkLogger
-
+        logger = import_module("vtkmodules.vtkCommonCore").vtkLogger
         # Without a display VTK warns and then renders in software.
-        vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
+        logger.SetStderrVerbosity(logger.VERBOSITY_ERROR)
     except ImportError:
         pass
     return pyvista
 
 
-def _fill(plotter: "pv.Plotter", ds: xr.Dataset, position: Floats | None) -> None:
+def _fill(plotter: Any, ds: xr.Dataset, position: Floats | None) -> None:
     moved = (ds["position"].values if position is None else position) * MM
     kind = "generated" if ds.attrs["origin"] == "generated" else "imported"
     for column, (title, (elevation, azimuth)) in enumerate(VIEWS.items()):
@@ -160,7 +158,7 @@ def _fill(plotter: "pv.Plotter", ds: xr.Dataset, position: Floats | None) -> Non
         )
 
 
-def _add_face(plotter: "pv.Plotter", ds: xr.Dataset, position: Floats, *, inside: bool) -> None:
+def _add_face(plotter: Any, ds: xr.Dataset, position: Floats, *, inside: bool) -> None:
     look = {"smooth_shading": True, "split_sharp_edges": True, "feature_angle": _CREASE}
     for nodes, colour in coloured_parts(ds):
         opacity = 0.16 if inside else 1.0
@@ -183,7 +181,7 @@ def _add_face(plotter: "pv.Plotter", ds: xr.Dataset, position: Floats, *, inside
             plotter.add_mesh(_ball(point), color=colour)
 
 
-def _add_muscles(plotter: "pv.Plotter", ds: xr.Dataset) -> None:
+def _add_muscles(plotter: Any, ds: xr.Dataset) -> None:
     pv = _pyvista()
     known = {str(name) for name in ds["muscle"].values}
     for muscle, colour in zip(MODELLED, _colours(), strict=True):
@@ -193,7 +191,7 @@ def _add_muscles(plotter: "pv.Plotter", ds: xr.Dataset) -> None:
                 plotter.add_mesh(line.tube(radius=_FIBRE), color=colour, smooth_shading=True)
 
 
-def _look(plotter: "pv.Plotter", ds: xr.Dataset, elevation: int, azimuth: int) -> None:
+def _look(plotter: Any, ds: xr.Dataset, elevation: int, azimuth: int) -> None:
     """Parallel view of the face at rest, so that a moved face keeps its place."""
     position = ds["position"].values * MM
     low, high = position.min(axis=0), position.max(axis=0)
@@ -209,13 +207,13 @@ def _look(plotter: "pv.Plotter", ds: xr.Dataset, elevation: int, azimuth: int) -
     plotter.reset_camera_clipping_range()
 
 
-def _surface(points: Floats, facets: NDArray[np.integer]) -> "pv.PolyData":
+def _surface(points: Floats, facets: NDArray[np.integer]) -> Any:
     pv = _pyvista()
     count = np.full((len(facets), 1), facets.shape[1])
     return pv.PolyData(points, np.hstack([count, facets]).ravel())
 
 
-def _ball(point: Sequence[float] | Floats) -> "pv.PolyData":
+def _ball(point: Sequence[float] | Floats) -> Any:
     return _pyvista().Sphere(radius=_POINT, center=tuple(point))
 
 
