@@ -32,6 +32,8 @@ def error_against_run_time(found: xr.Dataset, *, title: str = "") -> "Figure":
     found : xarray.Dataset
         ``error`` [m] and ``run_time`` [s], dims (method, setting); NaN where a run failed. The
         labels of setting, such as step sizes, are written beside the points of every method.
+        Optional ``planned`` (method, setting) says which settings a method was run with, all if
+        absent.
     title : str
         Names the scene.
 
@@ -57,6 +59,9 @@ def error_against_run_time(found: xr.Dataset, *, title: str = "") -> "Figure":
     usable = np.isfinite(error) & np.isfinite(time) & (error > 0) & (time > 0)
     if not usable.any():
         raise FigureError("no run has a positive error and run time: there is nothing to draw")
+    planned = np.ones_like(usable)
+    if "planned" in found:
+        planned = found["planned"].transpose("method", "setting").values.astype(bool)
     best = pareto(np.where(usable, error, np.inf), np.where(usable, time, np.inf))
     figure = blank(6.5, 4.2)
     panel = grid(figure)[0][0]
@@ -64,7 +69,8 @@ def error_against_run_time(found: xr.Dataset, *, title: str = "") -> "Figure":
     handles: list[Any] = []
     for i, method in enumerate(found["method"].values):
         good = usable[i]
-        label = str(method) + (f" ({(~good).sum()} failed)" if not good.all() else "")
+        failed = int((planned[i] & ~good).sum())
+        label = str(method) + (f" ({failed} failed)" if failed else "")
         handles += panel.plot(
             time[i, good], error[i, good], linestyle=LINES[i % 4], marker=MARKS[i % 7],
             color=COLOURS[(i + 4) % 7], markersize=5, label=label,

@@ -44,12 +44,18 @@ def work_precision_figure(found: xr.Dataset) -> "Figure":
     families, labels = table["family"].unique(), table["setting"].unique()
     shape = (len(families), len(labels))
     error, seconds = np.full(shape, np.nan), np.full(shape, np.nan)
+    planned = np.zeros(shape, dtype=bool)
     for row in table.to_dict("records"):
         where = (list(families).index(row["family"]), list(labels).index(row["setting"]))
+        planned[where] = True
         error[where], seconds[where] = row["error max mm"] * 1e-3, row["run time s/s"]
     dims = ("method", "setting")
     drawn = xr.Dataset(
-        {"error": (dims, error, {"units": "m"}), "run_time": (dims, seconds, {"units": "s"})},
+        {
+            "error": (dims, error, {"units": "m"}),
+            "run_time": (dims, seconds, {"units": "s"}),
+            "planned": (dims, planned),
+        },
         coords={"method": families, "setting": labels},
     )
     title = f"{found.attrs['face']}: largest error, seconds per simulated second"
