@@ -19,7 +19,8 @@ from analysis.sensitivity import choices_table, sensitivity
 from emgface.choices import configure
 from emgface.errors import FeatureWarning
 from emgface.face.check import sheet_nodes
-from emgface.face.model import OUTER, save_face
+from emgface.face.file import save_face
+from emgface.face.parts import OUTER
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.study.configuration import StudyConfiguration

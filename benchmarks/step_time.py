@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import sim
-from emgface.face.model import load_face
+from emgface.face.file import load_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 

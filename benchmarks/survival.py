@@ -20,7 +20,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import sim
-from emgface.face.model import load_face
+from emgface.face.file import load_face
 from emgface.face.recipe import compose_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MODELLED

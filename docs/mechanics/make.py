@@ -13,8 +13,8 @@ import xarray as xr
 from PIL import Image
 
 from emgface.face.expressions import EXPRESSIONS, SKINS, express, summary
+from emgface.face.file import load_face
 from emgface.face.lip_rounding import round_lips
-from emgface.face.model import load_face
 from emgface.face.show_displacement import draw_displacement
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.skin_probe import probe_skin

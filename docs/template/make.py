@@ -20,7 +20,7 @@ import xarray as xr
 from PIL import Image
 
 from emgface.face.check import face_report
-from emgface.face.model import FREE, MANDIBLE, SKULL
+from emgface.face.parts import FREE, MANDIBLE, SKULL
 from emgface.face.quality import element_quality
 from emgface.face.show import draw_face
 from emgface.face.template import PRESETS, norms_table, random_measures, template_face

@@ -21,7 +21,7 @@ SigmaOption = Annotated[float, typer.Option("--sigma-max", help="Largest active 
 
 def _face(path: Path | None, resolution: str = "coarse") -> "xr.Dataset":
     from emgface.cli.machine import announce_compilation
-    from emgface.face.model import load_face
+    from emgface.face.file import load_face
     from emgface.face.template import template_face
 
     announce_compilation()

@@ -38,7 +38,7 @@ def artisynth(
 ) -> None:
     """Import the published reference face."""
     from emgface.face.artisynth import import_artisynth
-    from emgface.face.model import save_face
+    from emgface.face.file import save_face
 
     face = import_artisynth(
         folder,
@@ -72,7 +72,7 @@ def build(
     ] = None,
 ) -> None:
     """Generate a lower face of published measures, at any resolution."""
-    from emgface.face.model import save_face
+    from emgface.face.file import save_face
     from emgface.face.template import parse_measures, template_face
 
     face = template_face(
@@ -89,7 +89,7 @@ def build(
 def check(path: FacePath) -> None:
     """Count and measure a face model; fail if it cannot be simulated."""
     from emgface.face.check import face_report
-    from emgface.face.model import load_face
+    from emgface.face.file import load_face
 
     face = load_face(path)
     report = face_report(face)
@@ -122,7 +122,7 @@ def show(
     ] = False,
 ) -> None:
     """Draw a face model from three sides: skin, lips, teeth, markers; muscles and attachments."""
-    from emgface.face.model import load_face
+    from emgface.face.file import load_face
     from emgface.face.show import draw_face
     from emgface.face.viewer import FORMATS, draw_shaded, open_window, viewer_is_available
 

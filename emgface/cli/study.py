@@ -124,7 +124,7 @@ def demo(
 ) -> None:
     """Simulate two volunteers on the generated template face and run a study of them."""
     use_one_thread()  # the face is coarse: threads would only wait for each other
-    from emgface.face.model import save_face
+    from emgface.face.file import save_face
     from emgface.study.demo import demo_study
     from emgface.study.faces import study_face
     from emgface.study.store import write_text

@@ -70,7 +70,7 @@ def volunteers(
 ) -> None:
     """Simulate volunteers: known activations, sEMG and lip markers, labelled simulated."""
     from emgface.choices import configure
-    from emgface.face.model import load_face
+    from emgface.face.file import load_face
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.study.configuration import StudyConfiguration, load_study
     from emgface.study.faces import study_face

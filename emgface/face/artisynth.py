@@ -23,16 +23,8 @@ from emgface.errors import FaceError
 from emgface.face import landmarks
 from emgface.face.ansys import read_elements, read_ids, read_nodes, solid_nodes
 from emgface.face.bundles import elements_within, project_into_mesh, symmetric_directions
-from emgface.face.model import (
-    CENTRE,
-    INNER,
-    MANDIBLE,
-    OUTER,
-    SKULL,
-    Bundle,
-    Fibre,
-    build_face,
-)
+from emgface.face.model import build_face
+from emgface.face.parts import CENTRE, INNER, MANDIBLE, OUTER, SKULL, Bundle, Fibre
 from emgface.face.quality import element_centres
 from emgface.muscles import MODELLED, SIDES
 
@@ -151,7 +143,7 @@ def import_artisynth(
     ------
     FaceError
         A file is absent (the message says where it was sought), garbled, or does not fit the
-        others; or the face fails `emgface.face.model.check_face`.
+        others; or the face fails `emgface.face.validity.check_face`.
 
     Notes
     -----

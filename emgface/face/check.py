@@ -8,7 +8,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.face.model import (
+from emgface.face.parts import (
     FREE,
     INNER,
     MANDIBLE,
@@ -52,7 +52,7 @@ def face_report(ds: xr.Dataset, *, density: float = DENSITY) -> FaceReport:
     Parameters
     ----------
     ds : xarray.Dataset
-        A face_model that passed `emgface.face.model.check_face`.
+        A face_model that passed `emgface.face.validity.check_face`.
     density : float
         Density of the tissue [kg/m3], for its mass.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from emgface.face.check import sheet_nodes
 from emgface.face.equilibria import equilibria
 from emgface.face.lip_rounding import SIGMA_MAX, WALL
-from emgface.face.model import OUTER
+from emgface.face.parts import OUTER
 from emgface.face.simulation_parameters import SimulationParameters
 
 Floats = NDArray[np.float64]

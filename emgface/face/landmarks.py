@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components, shortest_path
 from scipy.spatial import KDTree
 
 from emgface.errors import FaceError
-from emgface.face.model import SKULL
+from emgface.face.parts import SKULL
 from emgface.face.surface import boundary_faces
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from emgface.face.bundles import project_into_mesh
 from emgface.face.check import sheet_nodes
-from emgface.face.model import INNER, OUTER
+from emgface.face.parts import INNER, OUTER
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.support import inner_support
 from emgface.face.tension_lines import skin_prestretch

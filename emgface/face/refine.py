@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.face.model import check_face
+from emgface.face.validity import check_face
 
 Integers = NDArray[np.int64]
 
@@ -82,7 +82,7 @@ def refine_face(face: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     FaceError, SchemaError
-        As `emgface.face.model.check_face`.
+        As `emgface.face.validity.check_face`.
     """
     connectivity = face["connectivity"].values.astype(np.int64)
     is_wedge = connectivity[:, -1] < 0

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
-from emgface.face.model import (
+from emgface.face.parts import (
     FREE,
     MANDIBLE,
     OUTER,
@@ -47,7 +47,7 @@ def draw_face(ds: xr.Dataset, path: str | os.PathLike[str], *, dpi: int = 150) -
     Parameters
     ----------
     ds : xarray.Dataset
-        A face_model that passed `emgface.face.model.check_face`.
+        A face_model that passed `emgface.face.validity.check_face`.
     path : path-like
         Picture to write; its ending chooses the format (png, pdf, svg).
     dpi : int
@@ -87,7 +87,7 @@ def face_figure(ds: xr.Dataset) -> Figure:
     Parameters
     ----------
     ds : xarray.Dataset
-        A face_model that passed `emgface.face.model.check_face`.
+        A face_model that passed `emgface.face.validity.check_face`.
 
     Returns
     -------

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
-from emgface.face.model import OUTER
+from emgface.face.parts import OUTER
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.tension_lines import skin_axes

@@ -5,7 +5,7 @@ import xarray as xr
 
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
-from emgface.face.model import FREE, INNER
+from emgface.face.parts import FREE, INNER
 from emgface.face.surface import boundary_faces
 from sim import Support
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
-from emgface.face.model import OUTER
+from emgface.face.parts import OUTER
 from emgface.face.surface import boundary_faces
 from sim import stretch_field
 

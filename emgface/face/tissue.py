@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from emgface.choices import OWN, Parameters, parameter
 from emgface.errors import FaceError
-from emgface.face.model import CENTRE, INNER, OUTER
+from emgface.face.parts import CENTRE, INNER, OUTER
 from emgface.face.quality import element_centres
 from emgface.face.tension_lines import skin_axes
 from emgface.muscles import MUSCLES

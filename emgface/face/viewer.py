@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
-from emgface.face.model import MANDIBLE, SKULL, arches_of, fibres_of
+from emgface.face.parts import MANDIBLE, SKULL, arches_of, fibres_of
 from emgface.face.show import (
     BONE,
     FACE_MARKER,
@@ -53,7 +53,7 @@ def draw_shaded(
     Parameters
     ----------
     ds : xarray.Dataset
-        A face_model that passed `emgface.face.model.check_face`.
+        A face_model that passed `emgface.face.validity.check_face`.
     path : path-like
         Picture to write, one of `FORMATS`.
     position : ndarray, shape (nodes, 3), optional

@@ -2,7 +2,7 @@
 
 import xarray as xr
 
-from emgface.face.model import load_face
+from emgface.face.file import load_face
 from emgface.face.template import template_face
 from emgface.study.configuration import FaceConfiguration, TemplateParameters
 

@@ -9,7 +9,7 @@ MECHANICS: Final = (
     "emgface.declaration",
     "emgface.face.bundles",
     "emgface.face.check",
-    "emgface.face.model",
+    "emgface.face.parts",
     "emgface.face.motion",
     "emgface.face.numerical_error",
     "emgface.face.quality",

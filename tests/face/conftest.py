@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 from emgface.face.artisynth import import_artisynth
-from emgface.face.model import Bundle, Fibre, build_face
+from emgface.face.model import build_face
+from emgface.face.parts import Bundle, Fibre
 from emgface.muscles import MUSCLES
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 from emgface.errors import FaceError
 from emgface.face.artisynth import import_artisynth
 from emgface.face.landmarks import ring_of_nodes
-from emgface.face.model import elements_of, fibres_of
+from emgface.face.parts import elements_of, fibres_of
 from emgface.face.quality import element_centres
 from emgface.face.surface import boundary_faces
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS, MODELLED, MUSCLES

@@ -7,7 +7,9 @@ import pytest
 import xarray as xr
 
 from emgface.errors import FaceError, SchemaError, UnitsError
-from emgface.face.model import check_face, elements_of, fibres_of, load_face, save_face
+from emgface.face.file import load_face, save_face
+from emgface.face.parts import elements_of, fibres_of
+from emgface.face.validity import check_face
 
 
 def test_small_face_is_complete(small_face: xr.Dataset) -> None:
@@ -37,7 +39,7 @@ def test_failed_save_keeps_the_old_file(small_face: xr.Dataset, tmp_path: Path) 
         save_face(broken, path)
     assert path.read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 1
-    with pytest.raises(FaceError, match="cannot be written"):
+    with pytest.raises(FaceError, match="Cannot write"):
         save_face(small_face, tmp_path / "face.nc" / "face.nc")
 
 

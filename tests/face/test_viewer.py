@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from emgface.cli import app
 from emgface.errors import FaceError
 from emgface.face import viewer
-from emgface.face.model import save_face
+from emgface.face.file import save_face
 from emgface.face.template import template_face
 
 

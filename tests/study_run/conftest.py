@@ -13,7 +13,9 @@ import xarray as xr
 
 from emgface.choices import configure
 from emgface.errors import FeatureWarning
-from emgface.face.model import Bundle, Fibre, build_face, save_face
+from emgface.face.file import save_face
+from emgface.face.model import build_face
+from emgface.face.parts import Bundle, Fibre
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MUSCLES
 from emgface.report.write import write_page

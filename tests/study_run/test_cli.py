@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from emgface import __version__
 from emgface.cli import app
 from emgface.dataset import read_recording
-from emgface.face.model import load_face
+from emgface.face.file import load_face
 from emgface.face.template import random_measures
 from emgface.study.template import study_template
 

@@ -21,7 +21,7 @@ from analysis.trial import Trial
 from emgface.choices import configure
 from emgface.cli import app
 from emgface.errors import DataError
-from emgface.face.model import load_face
+from emgface.face.file import load_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.netcdf import write_netcdf
 from emgface.report import contents

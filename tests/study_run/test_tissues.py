@@ -9,8 +9,8 @@ import xarray as xr
 import sim
 from emgface.choices import configure
 from emgface.errors import ConfigurationError, FaceError
-from emgface.face.model import OUTER
 from emgface.face.motion import settle_face, simulate_face
+from emgface.face.parts import OUTER
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.tissue import LAWS, Tissue, material_axes

@@ -5,15 +5,8 @@ import pytest
 import xarray as xr
 
 from emgface.errors import DataError, FaceError
-from emgface.face.model import (
-    MANDIBLE,
-    SKULL,
-    Arch,
-    arches_of,
-    facets_of,
-    load_face,
-    save_face,
-)
+from emgface.face.file import load_face, save_face
+from emgface.face.parts import MANDIBLE, SKULL, Arch, arches_of, facets_of
 from emgface.face.surface import boundary_faces, triangles, winding_number
 from emgface.face.template import Measures, dental_arches, random_measures, template_face
 from emgface.face.template.arches import CLEARANCE, EXPOSURE, OVERBITE, OVERJET

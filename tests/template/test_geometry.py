@@ -8,8 +8,9 @@ from scipy.sparse.csgraph import connected_components
 
 from emgface.errors import FaceError
 from emgface.face.check import face_report, sheet_nodes
+from emgface.face.file import load_face, save_face
 from emgface.face.landmarks import ring_of_nodes
-from emgface.face.model import FREE, INNER, MANDIBLE, OUTER, SKULL, load_face, save_face
+from emgface.face.parts import FREE, INNER, MANDIBLE, OUTER, SKULL
 from emgface.face.quality import element_quality
 from emgface.face.surface import boundary_faces
 from emgface.face.template import PRESETS, preset_measures, random_measures, template_face

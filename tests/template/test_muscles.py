@@ -7,7 +7,7 @@ import xarray as xr
 from emgface.errors import FaceError
 from emgface.face.bundles import project_into_mesh
 from emgface.face.check import face_report, sheet_nodes
-from emgface.face.model import OUTER, elements_of, fibres_of
+from emgface.face.parts import OUTER, elements_of, fibres_of
 from emgface.face.quality import element_centres
 from emgface.face.template import Measures, muscles, template_face
 from emgface.face.template.calibrate import calibrated_surfaces

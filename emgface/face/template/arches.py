@@ -15,7 +15,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.optimize import brentq
 
 from emgface.errors import FaceError
-from emgface.face.model import MANDIBLE, SKULL, Arch
+from emgface.face.parts import MANDIBLE, SKULL, Arch
 from emgface.face.template.calibrate import calibrated_surfaces
 from emgface.face.template.measures import Measures
 from emgface.face.template.outline import MARGIN, MIDDLE

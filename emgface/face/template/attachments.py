@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from emgface.face.model import FREE, MANDIBLE, SKULL
+from emgface.face.parts import FREE, MANDIBLE, SKULL
 from emgface.face.surface import boundary_faces
 from emgface.face.template.grid import LAYERS, MARKER_RAY, Grid
 from emgface.face.template.surface import Surfaces
@@ -26,7 +26,7 @@ def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
     Returns
     -------
     ndarray, shape (nodes,)
-        Values of `emgface.face.model`: free, mandible (below the mouth) or skull.
+        Values of `emgface.face.parts`: free, mandible (below the mouth) or skull.
     """
     m = surfaces.measures
     q, lip = grid.left_rays

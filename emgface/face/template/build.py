@@ -8,7 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
-from emgface.face.model import Bundle, Fibre, build_face
+from emgface.face.model import build_face
+from emgface.face.parts import Bundle, Fibre
 from emgface.face.quality import element_centres
 from emgface.face.template.arches import arches_behind
 from emgface.face.template.attachments import (
@@ -73,7 +74,7 @@ def template_face(
     ------
     FaceError
         A measure is impossible, a name unknown, the resolution out of range, a muscle outside the
-        tissue, or the face fails `emgface.face.model.check_face`.
+        tissue, or the face fails `emgface.face.validity.check_face`.
 
     Notes
     -----

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 from emgface.face.bundles import fibre_directions
-from emgface.face.model import OUTER, Bundle, Fibre
+from emgface.face.parts import OUTER, Bundle, Fibre
 from emgface.face.quality import element_centres
 from emgface.face.shares import shares_within
 from emgface.face.template.grid import Grid

@@ -1,0 +1,66 @@
+"""Faces as netCDF files: checked when they are written and when they are read."""
+
+import os
+from pathlib import Path
+
+import xarray as xr
+
+from emgface.errors import DataError, FaceError
+from emgface.face.validity import check_face
+from emgface.files import replace_file
+
+
+def save_face(ds: xr.Dataset, path: str | os.PathLike[str]) -> Path:
+    """Check a face and write it as netCDF; an existing file is replaced only when that succeeds.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        A face_model.
+    path : path-like
+        File to write; its folder is made if absent.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    FaceError, SchemaError, UnitsError
+        As `check_face`, or the file cannot be written.
+    """
+    ds = check_face(ds)
+    path = Path(path)
+    encoding = {str(name): {"zlib": True, "complevel": 4} for name in ds.data_vars}
+    try:
+        replace_file(path, lambda part: ds.to_netcdf(part, engine="netcdf4", encoding=encoding))
+    except DataError as error:
+        raise FaceError(str(error)) from error
+    return path
+
+
+def load_face(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Read a face_model netCDF into memory and check it.
+
+    Raises
+    ------
+    FaceError
+        The file is absent, truncated or no netCDF file, or as `check_face`.
+    SchemaError, UnitsError
+        As `check_face`.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FaceError(
+            f"no face model at {path}: expected a netCDF file made by 'emgface face import'"
+        )
+    try:
+        with xr.open_dataset(path, engine="netcdf4") as opened:
+            ds = opened.load()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise FaceError(
+            f"{path} cannot be read as netCDF ({error}): it is truncated or of another format, "
+            "make it again"
+        ) from error
+    return check_face(ds)
