@@ -46,24 +46,6 @@ class Elastic:
         )
 
 
-def box(X: np.ndarray) -> sim.Mesh:
-    """Mesh of hexahedra on a grid of positions (n_x, n_y, n_z, 3)."""
-    index = np.arange(X[..., 0].size).reshape(X.shape[:3])
-    n = np.array(X.shape[:3]) - 1
-    corners = (
-        (0, 0, 0),
-        (1, 0, 0),
-        (1, 1, 0),
-        (0, 1, 0),
-        (0, 0, 1),
-        (1, 0, 1),
-        (1, 1, 1),
-        (0, 1, 1),
-    )
-    cells = [index[a : n[0] + a, b : n[1] + b, c : n[2] + c].ravel() for a, b, c in corners]
-    return sim.mesh_from_arrays(X.reshape(-1, 3), hex8=np.stack(cells, axis=1))
-
-
 def equilibrium(system: sim.System, residual: float, position: float) -> np.ndarray:
     """Displacements (n_nodes, 3) at rest [m]."""
     static = sim.Static(tolerance=position, residual_tolerance=residual)
@@ -79,7 +61,7 @@ def cook(n: int, poisson: float, part: str) -> float:
     plane = np.stack([48.0 * s, 44.0 * s + (44.0 - 28.0 * s) * t], axis=-1)
     X = np.zeros((n + 1, n + 1, 2, 3))
     X[..., :2], X[:, :, 1, 2] = plane[:, :, None], thickness
-    mesh = box(X)
+    mesh = sim.grid_mesh(X)
     right = np.flatnonzero(mesh.X[:, 0] == 48.0).reshape(n + 1, 2)
     share = np.full(n + 1, 16.0 / n)
     share[[0, -1]] /= 2.0
@@ -103,7 +85,7 @@ def beam(cells: int, poisson: float, part: str) -> float:
     length, height, mu, density, g = 0.1, 0.01, 5000.0, 1040.0, 0.01
     axes = [np.linspace(0, length, 5 * cells + 1), np.linspace(0, height, 3)]
     X = np.stack(np.meshgrid(*axes, np.linspace(0, height, cells + 1), indexing="ij"), axis=-1)
-    mesh = box(X)
+    mesh = sim.grid_mesh(X)
     held = (sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0)),)
     tissue = Elastic(mu, poisson, part)
     u = equilibrium(tissue.scene(mesh, sim.Gravity((0.0, 0.0, -g)), held=held), 1e-8, 1e-7)

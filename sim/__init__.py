@@ -13,6 +13,7 @@ from sim.errors import (
     SimulationError,
     SingularSystem,
 )
+from sim.grids import grid_cells, grid_mesh
 from sim.integrators import (
     ConvergedEuler,
     LinearlyImplicitEuler,
@@ -135,6 +136,8 @@ __all__ = [
     "compile_scene",
     "displace_held",
     "embed",
+    "grid_cells",
+    "grid_mesh",
     "initial_stretch",
     "mesh_from_arrays",
     "resting",

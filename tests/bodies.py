@@ -17,21 +17,7 @@ def grid(n=(2, 2, 2), size=(0.02, 0.02, 0.02), wedges=(), distort=0.0, seed=0) -
         rng = np.random.default_rng(seed)
         cell = np.array(size) / np.array(n)
         X[1:-1, 1:-1, 1:-1] += rng.uniform(-distort, distort, X[1:-1, 1:-1, 1:-1].shape) * cell
-    index = np.arange(X[..., 0].size).reshape(X.shape[:3])
-    corner = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (1, 1, 0),
-        (0, 1, 0),
-        (0, 0, 1),
-        (1, 0, 1),
-        (1, 1, 1),
-        (0, 1, 1),
-    ]
-    cells = np.stack(
-        [index[a : n[0] + a, b : n[1] + b, c : n[2] + c].ravel() for a, b, c in corner],
-        axis=1,
-    )
+    cells = sim.grid_cells(tuple(n))
     split = np.isin(np.arange(len(cells)) // n[2], wedges)
     w = cells[split]
     halves = np.concatenate([w[:, [0, 1, 2, 4, 5, 6]], w[:, [0, 2, 3, 4, 6, 7]]])

@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.face.validity import check_face
+from sim.elements import ELEMENT_TYPES
 
 Integers = NDArray[np.int64]
 
@@ -21,14 +22,7 @@ _KEPT: Final = {
 def _hexahedron() -> tuple[list[tuple[int, ...]], list[list[int]]]:
     """Points as the corners that they are the mean of, and the points of the eight children."""
     corners = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (1, 1, 0),
-        (0, 1, 0),
-        (0, 0, 1),
-        (1, 0, 1),
-        (1, 1, 1),
-        (0, 1, 1),
+        tuple(corner) for corner in (ELEMENT_TYPES["hex8"].corners > 0.0).astype(int).tolist()
     ]
     points = {
         site: tuple(

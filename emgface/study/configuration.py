@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from emgface.choices import ESKES, OWN, Parameters, configure, parameter
 from emgface.errors import ConfigurationError, FaceError
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.template.grid import make_grid
+from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.muscles import INSTRUCTIONS
 from emgface.parameters import SignalChain, StrategyName
@@ -72,7 +72,7 @@ class RecordingsConfiguration(Parameters):
 class TemplateParameters(Parameters):
     """The parametric lower face, generated."""
 
-    resolution: str | int = parameter(
+    resolution: Resolution = parameter(
         "medium",
         "Number of elements: coarse (576), medium (2448), fine (6480) or about how many.",
         unit="1",
@@ -88,15 +88,6 @@ class TemplateParameters(Parameters):
         source=OWN,
         ge=0,
     )
-
-    @field_validator("resolution")
-    @classmethod
-    def _possible(cls, value: str | int) -> str | int:
-        try:
-            make_grid(value)
-        except FaceError as error:
-            raise ValueError(str(error)) from error
-        return value
 
     @field_validator("preset")
     @classmethod

@@ -2,11 +2,8 @@
 
 from typing import Literal
 
-from pydantic import field_validator
-
 from emgface.choices import ESKES, OWN, Parameters, parameter
-from emgface.errors import FaceError
-from emgface.face.template.grid import make_grid
+from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS
 
 VAN_BOXTEL = "van Boxtel 2001, Psychophysiology 38:22-34"
@@ -22,7 +19,7 @@ class VolunteerParameters(Parameters):
         source=OWN,
         note="with motor units the amplitude is not quite proportional to the activation",
     )
-    resolution: str | int = parameter(
+    resolution: Resolution = parameter(
         "medium",
         "Number of elements of the faces drawn: coarse, medium, fine or about how many.",
         unit="1",
@@ -111,12 +108,3 @@ class VolunteerParameters(Parameters):
         unit="-",
         source=OWN,
     )
-
-    @field_validator("resolution")
-    @classmethod
-    def _possible(cls, value: str | int) -> str | int:
-        try:
-            make_grid(value)
-        except FaceError as error:
-            raise ValueError(str(error)) from error
-        return value

@@ -22,6 +22,7 @@ from emgface.report.write import write_page
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
 from emgface.volunteers.simulate import make_volunteers
+from sim import grid_cells
 
 STEP = 0.02
 """Time step [s] of everything simulated here."""
@@ -50,23 +51,8 @@ def slab_face() -> xr.Dataset:
     axes = [np.linspace(LOW[i], HIGH[i], n + 1) for i, n in enumerate(STEPS)]
     position = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
-    def node(i, j, k):
-        return (i * (ny + 1) + j) * (nz + 1) + k
-
-    corners = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (1, 1, 0),
-        (0, 1, 0),
-        (0, 0, 1),
-        (1, 0, 1),
-        (1, 1, 1),
-        (0, 1, 1),
-    ]
     cells = [(i, j, k) for i in range(nx) for j in range(ny) for k in range(nz)]
-    connectivity = np.array(
-        [[node(i + a, j + b, k + c) for a, b, c in corners] for i, j, k in cells]
-    )
+    connectivity = grid_cells(STEPS)
     layer = np.array([0 if j == 0 else 2 for _, j, _ in cells])
     x, y, z = position.T
     rim = (np.abs(x) > 0.0299) | (z < -0.0999) | (z > -0.0641)

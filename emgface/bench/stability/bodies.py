@@ -46,12 +46,7 @@ class Block:
         levels = np.array([0.0, 1.0, 1.0 + self.squeezed, 2.0 + self.squeezed]) * SIZE / 3.0
         side = np.linspace(0.0, SIZE, 4)
         X = np.stack(np.meshgrid(side, side, levels, indexing="ij"), axis=-1)
-        index = np.arange(64).reshape(4, 4, 4)
-        corners = (
-            (0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1),
-        )  # fmt: skip
-        cells = [index[a : 3 + a, b : 3 + b, c : 3 + c].ravel() for a, b, c in corners]
-        return sim.mesh_from_arrays(X.reshape(-1, 3), hex8=np.stack(cells, axis=1))
+        return sim.grid_mesh(X)
 
     def scene(self) -> sim.Scene:
         """Parts of the scene."""
