@@ -1,10 +1,12 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
 from sim.constraints import HardElementVolume
+from sim.contact import NodeSurface, Pairing, RigidShell, boundary_surface
 from sim.damping import PassiveRayleigh, Rayleigh, RestRayleigh
 from sim.displace import displace_held
 from sim.embedding import Embedding, embed
 from sim.errors import (
+    ContactFailure,
     ControlError,
     InvertedElement,
     MeshError,
@@ -71,6 +73,7 @@ __all__ = [
     "CoRotational",
     "Constant",
     "ConstantForce",
+    "ContactFailure",
     "Control",
     "ControlAt",
     "ControlError",
@@ -105,9 +108,11 @@ __all__ = [
     "NeoHooke",
     "NodalVolume",
     "NodeLoad",
+    "NodeSurface",
     "NotConverged",
     "Ogden",
     "Opening",
+    "Pairing",
     "PassiveRayleigh",
     "Peck",
     "Positions",
@@ -115,6 +120,7 @@ __all__ = [
     "QuadraticBulk",
     "Rayleigh",
     "RestRayleigh",
+    "RigidShell",
     "RungeKutta4",
     "Scene",
     "SceneError",
@@ -133,6 +139,7 @@ __all__ = [
     "System",
     "Trapezoidal",
     "Workspace",
+    "boundary_surface",
     "compile_scene",
     "displace_held",
     "embed",

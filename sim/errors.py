@@ -63,3 +63,28 @@ class NotConverged(SimulationError):
 
 class SingularSystem(SimulationError):
     """A matrix could not be factorised or solved."""
+
+
+class ContactFailure(SimulationError):
+    """A surface of contact is unusable, or a contact went beyond what was declared.
+
+    Attributes
+    ----------
+    surface : str
+        Name of the surface or pairing.
+    triangle, node : int or None
+        Where on it, as far as known.
+    edge : (int, int) or None
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        surface: str,
+        triangle: int | None = None,
+        node: int | None = None,
+        edge: tuple[int, int] | None = None,
+    ) -> None:
+        self.surface, self.triangle, self.node, self.edge = surface, triangle, node, edge
+        super().__init__(message)

@@ -1,0 +1,5 @@
+"""Contact: surfaces, search, distance, then rows of a constraint or a potential."""
+
+from sim.contact.surfaces import NodeSurface, Pairing, RigidShell, boundary_surface
+
+__all__ = ["NodeSurface", "Pairing", "RigidShell", "boundary_surface"]
