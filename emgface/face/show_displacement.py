@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from emgface.face.show import MM, skin_faces, view_axes
+from emgface.face.drawing import MM, skin_faces, view_axes
 
 Floats = NDArray[np.float64]
 

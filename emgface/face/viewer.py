@@ -13,17 +13,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
+from emgface.face.drawing import MM, TEETH, VIEWS, coloured_parts, toward_camera
 from emgface.face.parts import MANDIBLE, SKULL, arches_of, fibres_of
-from emgface.face.show import (
-    BONE,
-    FACE_MARKER,
-    MARKER,
-    MM,
-    TEETH,
-    VIEWS,
-    coloured_parts,
-    toward_camera,
-)
+from emgface.face.show import BONE, FACE_MARKER, MARKER
 from emgface.muscles import MODELLED, SIDES
 
 Floats = NDArray[np.float64]

@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.face.drawing import skin_faces
 from emgface.face.motion import simulate_face
-from emgface.face.show import skin_faces
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.surface import triangles
 from emgface.study.mechanics import MECHANICS

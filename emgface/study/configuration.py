@@ -2,7 +2,7 @@
 
 import tomllib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -14,6 +14,7 @@ from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.muscles import INSTRUCTIONS
 from emgface.parameters import SignalChain, StrategyName
 from emgface.study.axes import Axis, Design, absolute_paths, check_axes
+from emgface.study.comparison import AlignmentParameters, ScoreParameters
 from emgface.study.exclusions import Exclusion, check_exclusions, read_exclusions
 
 STUDY_VERSION = 1
@@ -120,110 +121,6 @@ class FaceConfiguration(Parameters):
                 "path and template are given, expected one source of the face: delete the other"
             )
         return self
-
-
-class AlignmentParameters(Parameters):
-    """Synchronisation of measured with simulated motion (Eqs 9-10)."""
-
-    scaling: Literal["length", "search", "none"] = parameter(
-        "length",
-        "Stretch of measured time: to the simulated duration, searched besides, or none.",
-        unit="-",
-        source=f"{ESKES}, Synchronisation",
-    )
-    scale_range: tuple[float, float] = parameter(
-        (0.8, 1.25), "Least and greatest factor of the search.", unit="1", source=OWN
-    )
-    scale_step: float = parameter(
-        0.01, "Relative step of the search.", unit="1", source=OWN, gt=0, lt=0.5
-    )
-    max_shift: float | None = parameter(
-        None,
-        "Greatest shift in either direction; bounded by least_overlap when absent.",
-        unit="s",
-        source=OWN,
-        ge=0,
-    )
-    least_overlap: float = parameter(
-        0.75,
-        "Fraction of the shorter trajectory that must overlap.",
-        unit="1",
-        source=OWN,
-        gt=0,
-        le=1,
-    )
-    least_gain: float = parameter(
-        0.2,
-        "Fraction of unexplained variance a larger shift or a stretch must remove.",
-        unit="1",
-        source=OWN,
-        ge=0,
-        lt=1,
-    )
-    cutoff: float = parameter(
-        10.0,
-        "Low-pass edge of the coefficient vectors while they are matched; 0 takes them as they "
-        "are.",
-        unit="Hz",
-        source=OWN,
-        note="the positions that are scored are not filtered",
-        ge=0,
-    )
-    sign: Literal["correlation", "direction"] = parameter(
-        "correlation",
-        "What decides the arbitrary sign of a principal component: the larger correlation "
-        "maximum, or the direction of the component.",
-        unit="-",
-        source="the paper does not say",
-    )
-    centred: bool = parameter(
-        True,
-        "Whether positions are centred before the singular value decomposition.",
-        unit="-",
-        source="the paper does not say",
-        note="uncentred, the first component is the mean posture",
-    )
-    subsample: bool = parameter(
-        True, "Whether the shift is refined between samples.", unit="-", source=OWN
-    )
-
-    def arguments(self) -> dict[str, Any]:
-        """Return the options of `analysis.align.align`."""
-        return {**self.model_dump(), "cutoff": self.cutoff or None}
-
-    @model_validator(mode="after")
-    def _spanning(self) -> "AlignmentParameters":
-        if not 0 < self.scale_range[0] <= 1 <= self.scale_range[1]:
-            raise ValueError(
-                f"scale_range = {list(self.scale_range)} does not span 1: expected 0 < least <= 1 "
-                "<= greatest"
-            )
-        return self
-
-
-class ScoreParameters(Parameters):
-    """The 3D correlation (Eqs 11-13)."""
-
-    form: Literal["consistent", "as_printed"] = parameter(
-        "consistent",
-        "Divisors: the same in numerator and standard deviations, so that rho(v, v) = 1, or n and "
-        "n - 1 as printed.",
-        unit="-",
-        source=f"{ESKES}, Eqs 12-13",
-    )
-    reference: Literal["mean", "first", "origin"] = parameter(
-        "mean",
-        "What positions are counted from in the root-mean-square error.",
-        unit="-",
-        source=OWN,
-    )
-    smallest_motion: float = parameter(
-        1e-9,
-        "Root-mean-square displacement below which a marker does not move and has no rho.",
-        unit="m",
-        source=OWN,
-        ge=0,
-    )
 
 
 class StudyConfiguration(Parameters):

@@ -8,15 +8,8 @@ import xarray as xr
 from matplotlib import image
 
 from emgface.errors import FaceError
-from emgface.face.show import (
-    LINING,
-    SKIN,
-    VERMILION,
-    VIEWS,
-    coloured_parts,
-    draw_face,
-    face_figure,
-)
+from emgface.face.drawing import LINING, SKIN, VERMILION, VIEWS, coloured_parts
+from emgface.face.show import draw_face, face_figure
 from emgface.face.surface import boundary_faces
 from emgface.face.template import template_face
 from emgface.muscles import MODELLED

@@ -14,9 +14,8 @@ from analysis.scores import score
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.face.template import template_face
+from emgface.study.comparison import AlignmentParameters, ScoreParameters
 from emgface.study.configuration import (
-    AlignmentParameters,
-    ScoreParameters,
     StudyConfiguration,
     load_study,
 )

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from emgface.errors import DataError
+from emgface.face.drawing import MM, VIEWS, draw_tissue, view_axes
 from emgface.face.lip_rounding import WALL
-from emgface.face.show import MM, VIEWS, draw_tissue, view_axes
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.actions import steady_positions
 
