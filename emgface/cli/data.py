@@ -137,7 +137,7 @@ def features(
     from emgface.dataset import read_recording
     from emgface.errors import DataError
     from emgface.parameters import SignalChain
-    from emgface.study.configuration import load_study
+    from emgface.study.file import load_study
 
     chain = SignalChain() if study is None else load_study(study).signals
     recording = read_recording(path, mapping=mapping)

@@ -44,7 +44,7 @@ def run(
     accuracy: AccuracyOption = None,
 ) -> None:
     """Run a study, or complete one that was interrupted."""
-    from emgface.study.configuration import load_study
+    from emgface.study.file import load_study
 
     configuration = _as_accurate(load_study(path), accuracy)
     raise typer.Exit(_run(configuration, out_path, workers or cores()))

@@ -34,7 +34,8 @@ def activate(
     from emgface.cli.tables import activation_rows, draw_activation
     from emgface.dataset import read_recording
     from emgface.netcdf import write_netcdf
-    from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration, load_study
+    from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
+    from emgface.study.file import load_study
     from emgface.study.truth import true_activation_of
 
     configuration = load_study(study) if study else StudyConfiguration()
@@ -74,8 +75,9 @@ def simulate(
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.netcdf import read_netcdf, write_netcdf
-    from emgface.study.configuration import FaceConfiguration, StudyConfiguration, load_study
+    from emgface.study.configuration import FaceConfiguration, StudyConfiguration
     from emgface.study.faces import study_face
+    from emgface.study.file import load_study
     from emgface.study.policy import lower_sigma_max
 
     configuration = load_study(study) if study else StudyConfiguration()
@@ -131,8 +133,9 @@ def score(
     from emgface.cli.tables import score_rows
     from emgface.dataset import read_recording
     from emgface.netcdf import read_netcdf, write_netcdf
-    from emgface.study.configuration import FaceConfiguration, StudyConfiguration, load_study
+    from emgface.study.configuration import FaceConfiguration, StudyConfiguration
     from emgface.study.faces import study_face
+    from emgface.study.file import load_study
     from emgface.study.measured import measured_during
 
     configuration = load_study(study) if study else StudyConfiguration()

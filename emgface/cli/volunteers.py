@@ -72,8 +72,9 @@ def volunteers(
     from emgface.choices import configure
     from emgface.face.file import load_face
     from emgface.face.simulation_parameters import SimulationParameters
-    from emgface.study.configuration import StudyConfiguration, load_study
+    from emgface.study.configuration import StudyConfiguration
     from emgface.study.faces import study_face
+    from emgface.study.file import load_study
     from emgface.volunteers.settings import VolunteerParameters
     from emgface.volunteers.simulate import make_volunteers
     from emgface.volunteers.write import write_set_as_bids

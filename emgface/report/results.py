@@ -12,13 +12,13 @@ from analysis.axes import reference_cube
 from analysis.errors import AnalysisError
 from emgface.errors import ConfigurationError, DataError, EmgfaceError
 from emgface.netcdf import read_netcdf
-from emgface.study.axes import variants
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.run import feature_extents
 from emgface.study.stages import Laboratory, StoredFailure
 from emgface.study.store import Result, Store
 from emgface.study.table import Intake, Place, Recording, take_in
+from emgface.study.variants import variants
 from sim.errors import SimulationError
 
 FAILURES = (EmgfaceError, AnalysisError, SimulationError, StoredFailure, OSError)

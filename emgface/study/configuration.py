@@ -1,21 +1,20 @@
-"""A study as one frozen, checked configuration, read from a TOML file."""
+"""A study as one frozen, checked configuration."""
 
-import tomllib
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from emgface.choices import ESKES, OWN, Parameters, configure, parameter
-from emgface.errors import ConfigurationError, FaceError
+from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.errors import FaceError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.muscles import INSTRUCTIONS
 from emgface.parameters import SignalChain, StrategyName
-from emgface.study.axes import Axis, Design, absolute_paths, check_axes
+from emgface.study.axes import Axis, Design
 from emgface.study.comparison import AlignmentParameters, ScoreParameters
-from emgface.study.exclusions import Exclusion, check_exclusions, read_exclusions
+from emgface.study.exclusions import Exclusion
 
 STUDY_VERSION = 1
 """Version of the form of a study file."""
@@ -195,54 +194,3 @@ class StudyConfiguration(Parameters):
     def strategy_names(self) -> tuple[str, ...]:
         """Strategies along the dim of the cube."""
         return (TRUE_STRATEGY,) if self.activation_source == "true" else self.strategies
-
-
-def load_study(path: Path) -> StudyConfiguration:
-    """Read study.toml.
-
-    Parameters
-    ----------
-    path : Path
-        The file; paths in it are relative to its folder.
-
-    Returns
-    -------
-    StudyConfiguration
-        With absolute paths, and the exclusions of the file that `recordings` names.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file is missing or no TOML, a parameter is unknown (with the nearest valid name)
-        or a value is out of range.
-    """
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigurationError(
-            f"{path} cannot be read ({error.strerror}): write one with 'emgface study template'"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path} is not valid TOML: {error}") from error
-    study = configure(StudyConfiguration, values, where=path.name)
-    base = path.resolve().parent
-
-    def absolute(given: Parameters, *names: str) -> Parameters:
-        paths = {name: getattr(given, name) for name in names}
-        return given.model_copy(update={k: base / v for k, v in paths.items() if v is not None})
-
-    named = ("folder", "mapping", "reference_folder", "exclusions")
-    recordings = absolute(study.recordings, *named)
-    exclude = check_exclusions(study.exclude, where=path.name)
-    if study.recordings.exclusions is not None:
-        exclude += read_exclusions(base / study.recordings.exclusions)
-    study = study.model_copy(
-        update={
-            "recordings": recordings,
-            "face": absolute(study.face, "path"),
-            "exclude": exclude,
-            "axis": absolute_paths(study.axis, base),
-        }
-    )
-    check_axes(study, where=path.name)
-    return study

@@ -14,7 +14,7 @@ from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError
 from emgface.muscles import LIP_MARKERS
 from emgface.netcdf import write_netcdf
-from emgface.study.axes import Label, variants
+from emgface.study.axes import Label
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import dataset_digest
 from emgface.study.faces import study_face
@@ -23,6 +23,7 @@ from emgface.study.one_trial import run_trial
 from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store, write_text
 from emgface.study.table import Intake, PlannedTrial, plan_trials, take_in, take_in_references
+from emgface.study.variants import variants
 from emgface.study.workers import in_parallel
 
 

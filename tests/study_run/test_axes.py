@@ -14,10 +14,11 @@ from emgface.errors import ConfigurationError
 from emgface.netcdf import read_netcdf
 from emgface.report.results import open_results
 from emgface.report.write import render
-from emgface.study.axes import variants
-from emgface.study.configuration import StudyConfiguration, load_study
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.file import load_study
 from emgface.study.run import run_study
 from emgface.study.template import study_template
+from emgface.study.variants import variants
 from tests.study_run.conftest import STEP
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")

@@ -11,8 +11,9 @@ from emgface.choices import configure
 from emgface.dataset import read_recording, write_recording
 from emgface.errors import ConfigurationError
 from emgface.netcdf import read_netcdf
-from emgface.study.configuration import StudyConfiguration, load_study
+from emgface.study.configuration import StudyConfiguration
 from emgface.study.exclusions import Exclusion, exclusions_text, read_exclusions
+from emgface.study.file import load_study
 from emgface.study.run import run_study
 from emgface.study.template import study_template
 from tests.study_run.test_cli import one_sentence, run
