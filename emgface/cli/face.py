@@ -35,6 +35,9 @@ def artisynth(
     marker_ring_offset: Annotated[
         int, typer.Option(help="Move the lip markers outwards by this many rings of nodes.")
     ] = 0,
+    bones: Annotated[
+        str, typer.Option(help="Teeth for contact: whole (closed), or patch (facing the lips).")
+    ] = "whole",
 ) -> None:
     """Import the published reference face."""
     from emgface.face.artisynth import import_artisynth
@@ -47,6 +50,7 @@ def artisynth(
         oom=oom,  # pyright: ignore[reportArgumentType]
         lao_fibres=lao,  # pyright: ignore[reportArgumentType]
         marker_ring_offset=marker_ring_offset,
+        bones=bones,  # pyright: ignore[reportArgumentType]
     )
     save_face(face, out_path)
     _say_written(face, out_path)

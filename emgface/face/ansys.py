@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 
+MILLIMETRE = 1e-3
+"""Unit of length of the published files [m]."""
+
 ID_WIDTH, COORDINATE_WIDTH = 8, 20
 NODE_LINE_WIDTH = ID_WIDTH + 3 * COORDINATE_WIDTH
 FIELD_WIDTH, FIELDS = 6, 13
@@ -68,7 +71,7 @@ def read_nodes(path: Path) -> NodeList:
     rows: list[tuple[float, float, float]] = []
     digits: int | None = None
     by_column = False
-    for number, line in _lines(path):
+    for number, line in lines(path):
         if digits is None:
             by_column = len(line) == NODE_LINE_WIDTH
             digits = _digits(line[-COORDINATE_WIDTH:])
@@ -77,7 +80,7 @@ def read_nodes(path: Path) -> NodeList:
         else:
             match = _FREE_NODE.fullmatch(line)
             if match is None:
-                raise _garbled(path, number, line, "a node id and three coordinates")
+                raise garbled(path, number, line, "a node id and three coordinates")
             node, row = int(match[1]), (_real(match[2]), _real(match[3]), _real(match[4]))
         ids.append(node)
         rows.append(row)
@@ -110,7 +113,7 @@ def read_elements(path: Path) -> ElementList:
     nodes: list[list[int]] = []
     types: list[int] = []
     width: int | None = None
-    for number, line in _lines(path):
+    for number, line in lines(path):
         width = len(line) if width is None else width
         if len(line) < width:
             raise FaceError(
@@ -121,7 +124,7 @@ def read_elements(path: Path) -> ElementList:
         fields.append(line[FIELDS * FIELD_WIDTH :])
         values = [_INTEGER.fullmatch(field) for field in fields]
         if any(value is None for value in values):
-            raise _garbled(path, number, line, "13 integers of 6 columns each and an element id")
+            raise garbled(path, number, line, "13 integers of 6 columns each and an element id")
         integers = [int(value[1]) for value in values if value is not None]
         ids.append(integers[13])
         nodes.append(integers[:8])
@@ -181,10 +184,10 @@ def read_ids(path: Path, *, base: int) -> NDArray[np.int64]:
     if base not in (0, 1):
         raise ValueError(f"base is {base}, expected 0 or 1")
     ids: list[int] = []
-    for number, line in _lines(path):
+    for number, line in lines(path):
         match = _INTEGER.fullmatch(line)
         if match is None or int(match[1]) < base:
-            raise _garbled(path, number, line, f"one integer not below {base}")
+            raise garbled(path, number, line, f"one integer not below {base}")
         ids.append(int(match[1]) + 1 - base)
     if not ids:
         raise FaceError(f"{path} holds no ids: expected one integer per line")
@@ -200,9 +203,9 @@ def _node_by_column(
     edges = [ID_WIDTH + k * COORDINATE_WIDTH for k in range(4)]
     reals = [_REAL.fullmatch(line[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
     if node is None or reals[0] is None or reals[1] is None or reals[2] is None:
-        raise _garbled(path, number, line, "an id of 8 and three numbers of 20 columns")
+        raise garbled(path, number, line, "an id of 8 and three numbers of 20 columns")
     if len(line) > NODE_LINE_WIDTH:
-        raise _garbled(path, number, line, f"at most {NODE_LINE_WIDTH} characters")
+        raise garbled(path, number, line, f"at most {NODE_LINE_WIDTH} characters")
     if len(line) < NODE_LINE_WIDTH and _digits(reals[2][1]) != digits:
         raise FaceError(
             f"{path}, line {number}: the last coordinate {reals[2][1]} has lost digits, expected "
@@ -225,7 +228,8 @@ def _real(text: str) -> float:
     return float(text.replace("D", "E").replace("d", "e"))
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
+def lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines of a text file that are not blank, with their numbers; FaceError if it cannot be read."""
     try:
         text = path.read_text(encoding="ascii")
     except OSError as error:
@@ -247,6 +251,7 @@ def _reject_repeats(path: Path, ids: NDArray[np.int64], kind: str) -> None:
         )
 
 
-def _garbled(path: Path, number: int, line: str, expected: str) -> FaceError:
+def garbled(path: Path, number: int, line: str, expected: str) -> FaceError:
+    """Make the error of a line that is not what was expected."""
     shown = line if len(line) <= 40 else line[:37] + "..."
     return FaceError(f"{path}, line {number}: found {shown!r}, expected {expected}")

@@ -34,6 +34,7 @@ def build_face(
     element_id: Integers | None = None,
     facets: Mapping[str, Integers] | None = None,
     arches: Sequence[Arch] = (),
+    lips: Mapping[str, Integers] | None = None,
     attrs: Mapping[str, str | int | float] | None = None,
 ) -> xr.Dataset:
     """Assemble a face_model Dataset and check it.
@@ -65,6 +66,8 @@ def build_face(
         (facets, 4), outward.
     arches : sequence of Arch
         Rigid surfaces that the tissue may touch.
+    lips : mapping, optional
+        Closed surface of each lip, "upper" and "lower": nodes (m, 3) of its triangles, outward.
     attrs : mapping, optional
         Further attributes, such as the options of an import.
 
@@ -162,6 +165,13 @@ def build_face(
         ds["arch_position"] = (("arch_point", "axis"), stack([_f(arch.points) for arch in arches]))
         ds["arch_triangle"] = (("arch_facet", "arch_corner"), _i(np.concatenate(rows)))
         ds["arch_bone"] = ("arch_facet", bones.astype(np.int8))
+    if lips:
+        sizes = [len(lips[lip]) for lip in LIPS]
+        ds["lip_triangle"] = (
+            ("lip_facet", "lip_corner"),
+            _i(np.concatenate([lips[lip] for lip in LIPS])),
+        )
+        ds["lip_of_triangle"] = ("lip_facet", _i(np.repeat(np.arange(len(LIPS)), sizes)))
     for variable in ds.data_vars.values():
         variable.attrs["units"] = "1"
     metric = ("position", "fibre_position", "face_marker_position", "arch_position")

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 from emgface.errors import DataError, FaceError
+from emgface.face.closed import check_closed
 from emgface.face.file import load_face, save_face
 from emgface.face.parts import MANDIBLE, SKULL, Arch, arches_of, facets_of
 from emgface.face.surface import boundary_faces, triangles, winding_number
@@ -29,15 +30,37 @@ def test_arch(bone: int) -> None:
     sign = 1 if bone == SKULL else -1
     edge = sign * (sign * arch.points[:, 2]).min()
     wall = sign * (middle[:, 2] - edge) > 1.5e-3
-    front = wall & (np.abs(middle[:, 0]) < 10e-3)
-    assert (normal[front, 1] > 0).all(), "the front faces forward"
+    # A look along -y meets the front, one from the side the outer wall: the first crossing counts.
+    front = wall & (np.abs(middle[:, 0]) < 10e-3) & (normal[:, 1] > 0)
+    back = wall & (np.abs(middle[:, 0]) < 10e-3) & (normal[:, 1] < 0)
+    assert front.sum() > 50 and back.sum() > 50
+    assert middle[front, 1].mean() - middle[back, 1].mean() > 2e-3, "the front faces forward"
     beside = wall & (middle[:, 0] > 20e-3)
-    assert beside.any() and (normal[beside, 0] > 0).all(), "the sides face the cheeks"
+    outer = beside & (normal[:, 0] > 0)
+    widest = [middle[side, 0].max() for side in (outer, beside & ~outer)]
+    assert widest[0] - widest[1] > 1e-3, "to the cheeks"
     rows = {tuple(point) for point in arch.points.tolist()}
     assert rows == {(-x if x else x, y, z) for x, y, z in arch.points.tolist()}
     # Sizes of published casts: 45 to 60 mm between the outer faces of the molars, 22 to 34 mm deep.
     assert 45e-3 < np.ptp(arch.points[:, 0]) < 60e-3
-    assert 22e-3 < np.ptp(arch.points[:, 1]) < 36e-3
+    at_edge = sign * (arch.points[:, 2] - edge) < 1e-3
+    assert 22e-3 < np.ptp(arch.points[at_edge, 1]) < 36e-3
+
+
+@pytest.mark.parametrize("seed", [None, 3])
+@pytest.mark.parametrize("bone", [SKULL, MANDIBLE])
+def test_an_arch_is_a_closed_body(bone: int, seed: int | None) -> None:
+    """Just within every triangle a point is inside, just without it is outside: no fold anywhere."""
+    measures = Measures() if seed is None else random_measures(seed)
+    arch = next(a for a in dental_arches(measures) if a.bone == bone)
+    check_closed(arch.points, arch.triangles, "an arch")
+    corners = arch.points[arch.triangles][::7]
+    normal = normals(arch)[::7]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    for side, inside in ((-1, 1.0), (1, 0.0)):
+        points = corners.mean(axis=1) + side * 1e-4 * normal
+        winding = winding_number(points, arch.points[arch.triangles])
+        np.testing.assert_allclose(winding, inside, atol=1e-9)
 
 
 def test_the_upper_incisors_stand_before_and_over_the_lower() -> None:

@@ -1,9 +1,9 @@
-"""Dental arches of the template: rigid surfaces behind lips and cheeks, for contact.
+"""Dental arches of the template: rigid bodies behind lips and cheeks, for contact.
 
-Each arch is a wall on a catenary, the form most often found (Aljayousi et al. 2021, BMC Oral Health
-21:105: 47 % of maxillae and 41 % of mandibles), from the incisal edges to the fornix of the vestibule.
-In the midline it stands where the thickness of the lips puts the incisors; wherever it would still
-enter resting tissue it is moved back, so that at rest it touches nothing.
+Each arch is a closed wall on a catenary, the form most often found (Aljayousi et al. 2021, BMC Oral
+Health 21:105: 47 % of maxillae and 41 % of mandibles), from the incisal edges to the fornix of the
+vestibule. In the midline it stands where the thickness of the lips puts the incisors; wherever it
+would still enter resting tissue it is moved back, so that at rest it touches nothing.
 """
 
 from dataclasses import dataclass
@@ -49,6 +49,8 @@ OVERJET: Final = 3.2e-3
 """Upper incisors before the lower [m], likewise."""
 _EDGE: Final = 3e-3
 """Thickness of the incisal edge [m]; chosen."""
+_ROOT: Final = 5e-3
+"""Thickness at the fornix [m]; chosen."""
 _RECLINE: Final = {SKULL: 0.25, MANDIBLE: 0.10}
 """How much the wall falls back over its height; chosen."""
 _COLUMNS, _ROWS = 41, 9
@@ -95,8 +97,10 @@ def arches_behind(
     lower[..., 1] += incisor - OVERJET
     walls = []
     for wall in (upper, lower):
-        before = lining(wall[..., 0], wall[..., 2]) - clearance
-        wall[..., 1] = np.where(before < wall[..., 1], before, wall[..., 1])
+        front = wall[:, :, 0]
+        before = lining(front[..., 0], front[..., 2]) - clearance
+        back = np.where(before < front[..., 1], front[..., 1] - before, 0.0)
+        wall[..., 1] -= back[..., None]
         walls.append(wall)
     return _arch(SKULL, walls[0]), _arch(MANDIBLE, walls[1])
 
@@ -114,7 +118,10 @@ def _lining(surfaces: Surfaces) -> LinearNDInterpolator:
 
 
 def _wall(bone: int, measures: Measures, edge: float, root: float) -> Floats:
-    """Left half (columns, rows, 3) of a wall whose front is at y = 0; rows run from the edge."""
+    """Left half (columns, rows, 2, 3) of a wall whose front is at y = 0; rows run from the edge.
+
+    Front and back are the two sides of the wall; the back of the edge lies a little within it.
+    """
     form = FORMS[bone]
     width, depth = (0.5 * measures.jaw_width * share for share in (form.half_width, form.depth))
     a = brentq(lambda a: a * (np.cosh(width / a) - 1.0) - depth, 0.2 * width, 50.0 * width)
@@ -123,29 +130,37 @@ def _wall(bone: int, measures: Measures, edge: float, root: float) -> Floats:
     x = a * np.arcsinh(arc / a)
     y = a * (1.0 - np.cosh(x / a))
     height = np.linspace(edge, root, _ROWS)
-    wall = np.empty((_COLUMNS, _ROWS + 1, 3))
-    wall[..., 0] = x[:, None]
-    wall[:, 1:, 1] = y[:, None] - _RECLINE[bone] * np.abs(height - edge)
-    wall[:, 1:, 2] = height
-    # One row behind the edge, towards the middle of the arch.
+    wall = np.empty((_COLUMNS, _ROWS, 2, 3))
+    wall[..., 0] = x[:, None, None]
+    wall[..., 1] = (y[:, None] - _RECLINE[bone] * np.abs(height - edge))[..., None]
+    wall[..., 2] = height[:, None]
+    wall[:, 0, 1, 2] += 0.3 * _EDGE * np.sign(root)
+    # Towards the middle of the arch, less than to the centre of its curvature.
     slope = np.stack([-np.sinh(x / a), -np.ones_like(x)], axis=1)
-    inward = _EDGE * slope / np.linalg.norm(slope, axis=1, keepdims=True)
-    inward[:, 0] = np.maximum(inward[:, 0], -0.9 * x)
-    wall[:, 0, :2] = wall[:, 1, :2] + inward
-    wall[:, 0, 2] = edge + 0.3 * _EDGE * np.sign(root)
+    slope /= np.linalg.norm(slope, axis=1, keepdims=True)
+    thickness = np.linspace(_EDGE, min(_ROOT, 0.5 * a), _ROWS)
+    inward = thickness[:, None] * slope[:, None]
+    inward[..., 0] = np.maximum(inward[..., 0], -0.9 * x[:, None])
+    wall[:, :, 1, :2] += inward
     return wall
 
 
 def _arch(bone: int, left: Floats) -> Arch:
-    """Both halves of a wall, x counting to the right, as triangles."""
-    left[0, :, 0] = 0.0
-    points = np.concatenate([left[:0:-1], left * [-1.0, 1.0, 1.0]])
-    index = np.arange(points[..., 0].size).reshape(points.shape[:2])
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    """Both halves of a wall, x counting to the right, as the triangles of a closed body."""
+    left[0, ..., 0] = 0.0
+    both = np.concatenate([left[:0:-1], left * [-1.0, 1.0, 1.0]])
+    # Round the section: down the back from the root to the edge and up the front.
+    section = np.concatenate([both[:, ::-1, 1], both[:, :, 0]], axis=1)
+    index = np.arange(section[..., 0].size).reshape(section.shape[:2])
+    after = np.roll(index, -1, axis=1)
+    quads = [np.stack([index[:-1], index[1:], after[1:], after[:-1]], axis=-1).reshape(-1, 4)]
+    for end, column in enumerate((index[0], index[-1])):
+        back, front = column[:_ROWS][::-1], column[_ROWS:]
+        cap = np.stack([back[:-1], front[:-1], front[1:], back[1:]], axis=1)
+        quads.append(cap[:, ::-1] if end else cap)
     # Columns run from right to left and rows away from the edge: up on the maxilla.
-    quads = (a, b, c, d) if bone == SKULL else (a, d, c, b)
-    first, second, third, fourth = (part.ravel() for part in quads)
-    triangles = np.concatenate(
-        [np.stack([first, second, third], 1), np.stack([first, third, fourth], 1)]
-    )
-    return Arch(bone, points.reshape(-1, 3), triangles)
+    quad = np.concatenate(quads)
+    if bone == MANDIBLE:
+        quad = quad[:, ::-1]
+    triangles = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+    return Arch(bone, section.reshape(-1, 3), triangles)

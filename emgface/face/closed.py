@@ -1,0 +1,75 @@
+"""Whether triangles close a volume: what contact with an inside and an outside rests on."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.errors import FaceError
+from emgface.face.surface import Floats, Indices
+
+
+def open_edges(triangles: Indices) -> NDArray[np.int64]:
+    """Edges (n, 2) that do not lie between exactly two triangles which run them in opposite senses.
+
+    Parameters
+    ----------
+    triangles : ndarray of int, shape (m, 3)
+        Counter-clockwise seen from outside.
+
+    Returns
+    -------
+    ndarray of int, shape (n, 2)
+        Smaller node first; empty for a closed surface.
+    """
+    run = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    sense = np.where(run[:, 0] < run[:, 1], 1, -1)
+    edges, place = np.unique(np.sort(run, axis=1), axis=0, return_inverse=True)
+    times = np.bincount(place.reshape(-1))
+    turns = np.bincount(place.reshape(-1), weights=sense)
+    return edges[(times != 2) | (turns != 0)].astype(np.int64)
+
+
+def check_closed(points: Floats, triangles: Indices, what: str) -> None:
+    """Demand a closed surface of triangles with an area, outward.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        [m]
+    triangles : ndarray of int, shape (m, 3)
+    what : str
+        Name of the surface for the message.
+
+    Raises
+    ------
+    FaceError
+        A triangle has no area or occurs twice, an edge is open or has more than two triangles, or the
+        triangles look inwards.
+    """
+    corners = points[triangles]
+    area = 0.5 * np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    flat = np.flatnonzero(~(area > 1e-9 * area.max(initial=0.0)))
+    if not len(triangles) or len(flat):
+        found = f"triangle {flat[0]} has no area" if len(flat) else "it has no triangles"
+        raise FaceError(
+            f"the surface of {what} is no body: {found}, expected triangles with an area"
+        )
+    if len(np.unique(np.sort(triangles, axis=1), axis=0)) < len(triangles):
+        raise FaceError(f"the surface of {what} has a triangle twice, expected every one once")
+    if len(edges := open_edges(triangles)):
+        raise FaceError(
+            f"the surface of {what} is not closed: {len(edges)} edges lack a neighbour or have more "
+            f"than one, the first between points {edges[0, 0]} and {edges[0, 1]}; expected a body, "
+            "make or import the face again"
+        )
+    if not volume(points, triangles) > 0.0:
+        raise FaceError(
+            f"the surface of {what} looks inwards, expected outward triangles: flip them"
+        )
+
+
+def volume(points: Floats, triangles: Indices) -> float:
+    """Volume within closed, outward triangles by the divergence theorem [m^3]."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)

@@ -1,0 +1,214 @@
+"""Surfaces of the lips and of what lines the mouth, as triangles over the nodes of a face.
+
+A face may bring closed surfaces of its lips along, as the published one does; for any other they are
+found from its elements. The lips taper towards the corners of the mouth, where their tissue is one.
+"""
+
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from emgface.errors import FaceError
+from emgface.face.check import sheet_nodes
+from emgface.face.closed import check_closed
+from emgface.face.lip_shape import lip_rim
+from emgface.face.parts import FREE, LIPS, OUTER, arches_of
+from emgface.face.surface import boundary_faces, element_faces, triangles
+
+Integers = NDArray[np.int64]
+
+DEPTH: Final = 14e-3
+"""How far the surface of a lip follows the skin from its margin where the face does not tell [m]."""
+NEAR_TEETH: Final = 15e-3
+"""Facets nearer than this to a point of an arch may come to touch it [m]."""
+
+
+def lip_surface(face: xr.Dataset, lip: str) -> Integers:
+    """Closed surface of one lip.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with `lip_triangle`, or else with `lip_opening_node`.
+    lip : str
+        "upper" or "lower".
+
+    Returns
+    -------
+    ndarray of int, shape (m, 3)
+        Nodes, counter-clockwise seen from outside. Part of it runs through the tissue and closes the
+        surface there, see `exposed`.
+
+    Raises
+    ------
+    FaceError
+        The lip is unknown, the face has no mouth, or the surface is not closed.
+
+    Notes
+    -----
+    Where the face brings no surface: the elements beneath those facets of the skin that lie within
+    `DEPTH` of the margin, counted in rings of facets round the mouth, and no further rings from the
+    margin than facets from the corner. So the lips share no nodes.
+    """
+    if lip not in LIPS:
+        raise FaceError(f"unknown lip {lip!r}, expected {' or '.join(LIPS)}")
+    if "lip_triangle" in face:
+        mine = face["lip_of_triangle"].values == LIPS.index(lip)
+        found = face["lip_triangle"].values[mine].astype(np.int64)
+    else:
+        found = _from_elements(face, lip)
+    check_closed(face["position"].values, found, f"the {lip} lip")
+    return found
+
+
+def exposed(face: xr.Dataset, surface: Integers) -> NDArray[np.bool_]:
+    """Whether each triangle over the nodes of a face lies on the boundary of its tissue.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    surface : ndarray of int, shape (m, 3)
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+    """
+    faces, _ = boundary_faces(face["connectivity"].values)
+    corners = {key for row in np.sort(faces, axis=1).tolist() for key in _thirds(row)}
+    return np.array(
+        [tuple(row) in corners for row in np.sort(surface, axis=1).tolist()], dtype=bool
+    )
+
+
+def lining(face: xr.Dataset) -> Integers:
+    """Surface of lips and cheeks that may touch the teeth.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with arches.
+
+    Returns
+    -------
+    ndarray of int, shape (m, 3)
+        Nodes, outward: what of the inner side lies within `NEAR_TEETH` of an arch and is not wholly
+        fixed, and the exposed surfaces of the lips. It is open.
+
+    Raises
+    ------
+    FaceError
+        The face has no arches, or as `lip_surface`.
+    """
+    arches = arches_of(face)
+    if not arches:
+        raise FaceError(
+            "the face has no teeth, expected dental arches: import it from a folder that holds "
+            "mandible.obj and maxilla.obj, or generate one"
+        )
+    position = face["position"].values
+    skin = np.zeros(len(position), dtype=bool)
+    skin[sheet_nodes(face, OUTER)] = True
+    faces, _ = boundary_faces(face["connectivity"].values)
+    faces = faces[~skin[faces].all(axis=1) & (face["fixed"].values[faces] == FREE).any(axis=1)]
+    tree = KDTree(np.concatenate([arch.points for arch in arches]))
+    near = tree.query(position[faces].mean(axis=1))[0] < NEAR_TEETH
+    lips = [lip_surface(face, lip) for lip in LIPS]
+    parts = [triangles(faces[near], position), *(lip[exposed(face, lip)] for lip in lips)]
+    return _without_overlap(parts)
+
+
+def _without_overlap(parts: list[Integers]) -> Integers:
+    """Join triangulations of one surface; of facets cut along the other diagonal the later stay."""
+    kept: list[Integers] = []
+    taken: set[tuple[int, int]] = set()
+    for part in reversed(parts):
+        runs = [
+            {(a, b), (b, c), (c, a)} for a, b, c in part.tolist()
+        ]  # a directed edge has one triangle
+        free = np.array([not (run & taken) for run in runs], dtype=bool)
+        kept.append(part[free])
+        taken.update(edge for run, ok in zip(runs, free, strict=True) if ok for edge in run)
+    return np.concatenate(kept)
+
+
+def _thirds(row: list[int]) -> list[tuple[int, ...]]:
+    """Triangles, by sorted nodes, that may cut a facet given by its four sorted nodes."""
+    nodes = sorted(set(row))
+    if len(nodes) == 3:
+        return [tuple(nodes)]
+    return [tuple(nodes[:k] + nodes[k + 1 :]) for k in range(4)]
+
+
+def _from_elements(face: xr.Dataset, lip: str) -> Integers:
+    position, connectivity = face["position"].values, face["connectivity"].values
+    chosen = _lip_columns(face, lip)
+    faces, _ = boundary_faces(connectivity[chosen])
+    return triangles(faces, position)
+
+
+def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
+    """Elements of one lip: columns from skin to lining, by rings of skin facets from its margin."""
+    position, connectivity = face["position"].values, face["connectivity"].values
+    skin = np.zeros(len(position), dtype=bool)
+    skin[sheet_nodes(face, OUTER)] = True
+    faces, owner = boundary_faces(connectivity)
+    here = (face["layer"].values[owner] == OUTER) & skin[faces].all(axis=1)
+    faces, owner = faces[here], owner[here]
+    by_edge: dict[tuple[int, int], list[int]] = {}
+    for k, row in enumerate(faces.tolist()):
+        for a, b in zip(row, row[1:] + row[:1], strict=True):
+            if a != b:
+                by_edge.setdefault((min(a, b), max(a, b)), []).append(k)
+
+    rim = lip_rim(face)
+    place: dict[int, tuple[str, int]] = {}  # lip and edges from the nearer corner
+    for name, margin in (("upper", rim.upper), ("lower", rim.lower)):
+        edges = list(zip(margin[:-1].tolist(), margin[1:].tolist(), strict=True))
+        for k, (a, b) in enumerate(edges):
+            for facet in by_edge[min(a, b), max(a, b)]:
+                place.setdefault(facet, (name, min(k, len(edges) - 1 - k)))
+    found: list[int] = []
+    ring, level, margins = list(place), 0, position[np.union1d(rim.upper, rim.lower)]
+    tree = KDTree(margins)
+    while ring:
+        reach = tree.query(position[faces[ring]].mean(axis=1))[0]
+        if float(np.median(reach)) > DEPTH:
+            break
+        found += [facet for facet in ring if place[facet][0] == lip and place[facet][1] > level]
+        further: list[int] = []
+        for facet in ring:
+            row = faces[facet].tolist()
+            for a, b in zip(row, row[1:] + row[:1], strict=True):
+                for other in by_edge.get((min(a, b), max(a, b)), ()):
+                    if other not in place:
+                        place[other] = place[facet]
+                        further.append(other)
+        ring, level = further, level + 1
+    if not found:
+        raise FaceError(
+            f"the {lip} lip has no facets of skin between the corners of the mouth, expected a mesh "
+            "with at least four along its margin"
+        )
+    return _columns(connectivity, face["layer"].values, owner[found])
+
+
+def _columns(connectivity: Integers, layer: Integers, top: Integers) -> Integers:
+    """Elements beneath elements of the outer layer, layer by layer, themselves included."""
+    faces, owner = element_faces(connectivity)
+    by_face: dict[tuple[int, ...], list[int]] = {}
+    for row, element in zip(faces.tolist(), owner.tolist(), strict=True):
+        by_face.setdefault(tuple(sorted(set(row))), []).append(element)
+    beneath: dict[int, set[int]] = {}
+    for pair in by_face.values():
+        if len(pair) == 2 and layer[pair[0]] != layer[pair[1]]:
+            low, high = sorted(pair, key=lambda e: int(layer[e]))
+            beneath.setdefault(high, set()).add(low)
+    chosen, last = set(top.tolist()), set(top.tolist())
+    while last:
+        last = {low for high in last for low in beneath.get(high, ())}
+        chosen |= last
+    return np.array(sorted(chosen), dtype=np.int64)
