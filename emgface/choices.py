@@ -14,6 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from emgface.errors import ConfigurationError
 
 ESKES = "Eskes et al. 2017"
+STAVNESS = "Stavness et al., Coupled biomechanical modeling of the face"
+BLEMKER = "Blemker et al. 2005, J Biomech 38:657-665"
 OWN = "this package"
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
@@ -47,6 +49,16 @@ def parameter(
     description = f"{text} Unit: {unit}. Source: {source}." + (f" Note: {note}" if note else "")
     extra: dict[str, Any] = {"unit": unit, "source": source, "note": note}
     return Field(default, description=description, json_schema_extra=extra, **bounds)
+
+
+def positive(default: Any, text: str, *, source: str = OWN, **stated: Any) -> Any:
+    """Field of a number above zero; arguments as of `parameter`."""
+    return parameter(default, text, source=source, gt=0, **stated)
+
+
+def choice(default: Any, text: str, *, source: str = OWN, note: str = "") -> Any:
+    """Field of a name out of several, which has no unit; arguments as of `parameter`."""
+    return parameter(default, text, unit="-", source=source, note=note)
 
 
 class Parameters(BaseModel):

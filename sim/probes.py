@@ -34,7 +34,7 @@ class Probe(Protocol):
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
-        """Values at one time; the report is None for the initial state."""
+        """Values at one time; the report is None for the initial state and inside a step."""
         ...
 
 

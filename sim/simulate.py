@@ -9,9 +9,10 @@ import xarray as xr
 
 from sim.errors import ControlError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
+from sim.outputs import Between, intervals
 from sim.probes import Probe, SmallestJ
 from sim.state import Array, Control, State, StepReport
-from sim.steps import FixedStep, StepControl
+from sim.steps import FixedStep, StepControl, united
 from sim.system import System
 
 Progress = Callable[[int, int], None]
@@ -68,6 +69,7 @@ def simulate(
     duration: float,
     integrator: Integrator | None = None,
     steps: StepControl | None = None,
+    every: float | None = None,
     probes: Sequence[Probe] = (SmallestJ(),),
     initial: State | None = None,
     work: Workspace | None = None,
@@ -81,18 +83,22 @@ def simulate(
     activation : Activation
         One column per muscle in the order of `System.muscles`.
     duration : float
-        Simulated time [s], a whole number of output intervals ``steps.h``.
+        Simulated time [s], a whole number of outputs.
     integrator : Integrator, optional
         `ConvergedEuler` by default.
     steps : StepControl, optional
-        `FixedStep` of 10 ms by default; its h is the output interval.
+        `FixedStep` of 10 ms by default.
+    every : float, optional
+        Time between outputs [s], ``steps.h`` by default; a whole multiple of it or a whole part. Within
+        a step positions are interpolated by a cubic that knows the velocities at both ends; counts
+        and residuals stand at the output at or after the end of their step.
     probes : sequence of Probe
     initial : State, optional
         Rest by default.
     work : Workspace, optional
         Solver memory to go on with, so that several simulations of a system analyse once.
     progress : callable, optional
-        Called as ``progress(done, total)`` after every interval.
+        Called as ``progress(done, total)`` after every step.
 
     Returns
     -------
@@ -103,7 +109,8 @@ def simulate(
     Raises
     ------
     ControlError
-        The activation leaves 0-1, is not finite or does not fit the muscles.
+        The activation leaves 0-1, is not finite or does not fit the muscles; steps, outputs and
+        duration do not fit each other.
     InvertedElement, NotConverged, SingularSystem
         A step failed and the step control could not help.
     """
@@ -111,31 +118,39 @@ def simulate(
     steps = FixedStep() if steps is None else steps
     state = initial or system.rest_state()
     work = work or Workspace(system)
-    intervals = round(duration / steps.h)
-    if intervals < 1 or abs(intervals * steps.h - duration) > 1e-9 * max(duration, steps.h):
-        raise ControlError(
-            f"duration {duration:g} s is not a whole number of steps of {steps.h:g} s"
-        )
+    every = steps.h if every is None else every
+    plan = intervals(state.t, duration, steps.h, every)
 
     def control(t: float) -> Control:
         return system.control(activation.at(t))
 
     for values in activation.values:  # all of it now, not one by one hours later
         system.control(values)
-    start, t0 = time.perf_counter(), state.t
-    records = [_record(probes, system, state, control(t0), None)]
-    times = [t0]
-    for i in range(1, intervals + 1):
-        until = t0 + i * steps.h
-        state, report = steps.advance(integrator, system, state, control, until, work)
-        records.append(_record(probes, system, state, control(until), report))
-        times.append(until)
+    start = time.perf_counter()
+    records = [_record(probes, system, state, control(state.t), None)]
+    times = [state.t]
+    reports: list[StepReport] = []
+    for i, interval in enumerate(plan):
+        inner = Between(interval.inside)
+        watch = inner if interval.inside else None
+        state, report = steps.advance(
+            integrator, system, state, control, interval.until, work, watch
+        )
+        for passed in inner.states:
+            records.append(_record(probes, system, passed, control(passed.t), None))
+            times.append(passed.t)
+        reports.append(report)
+        if interval.ends_output:
+            whole, reports = united(reports, 0), []
+            records.append(_record(probes, system, state, control(interval.until), whole))
+            times.append(interval.until)
         if progress is not None:
-            progress(i, intervals)
+            progress(i + 1, len(plan))
     attrs = {
         "integrator": type(integrator).__name__,
         "step_control": type(steps).__name__,
         "step_s": steps.h,
+        "output_s": every,
         "linear_solver": work.linear.name,
         "run_time_s": time.perf_counter() - start,
         "n_unknowns": system.pattern.n,

@@ -1,6 +1,5 @@
 """Figures of a study. Every one says whether its recordings were measured or simulated."""
 
-from analysis.figures.accuracy import error_against_run_time, stability_table
 from analysis.figures.activations import activation_heat_map, feature_boxes
 from analysis.figures.alignment import marker_traces, synchronisation
 from analysis.figures.boxes import box_plots
@@ -9,14 +8,15 @@ from analysis.figures.cost import cost_of_parts
 from analysis.figures.emg import emg_with_features
 from analysis.figures.faces import rendered_faces
 from analysis.figures.growth import growth
+from analysis.figures.stability import stability_table
 from analysis.figures.style import save
+from analysis.figures.work_precision import work_precision
 
 __all__ = [
     "activation_heat_map",
     "box_plots",
     "cost_of_parts",
     "emg_with_features",
-    "error_against_run_time",
     "feature_boxes",
     "growth",
     "marker_traces",
@@ -25,4 +25,5 @@ __all__ = [
     "sensitivity_plot",
     "stability_table",
     "synchronisation",
+    "work_precision",
 ]

@@ -8,58 +8,16 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from analysis.figures import cost_of_parts, error_against_run_time, growth, save, stability_table
+from analysis.figures import cost_of_parts, growth, save, stability_table, work_precision
+from emgface.bench.work_precision.table import table as work_precision_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def work_precision_table(found: xr.Dataset) -> pd.DataFrame:
-    """One row per setting: the worst over the instructions, in mm and in seconds per second."""
-    worst = found.max("instruction")
-    ok = (found["status"] == "ok").all("instruction").values
-    status = ["ok" if good else "failed" for good in ok]
-    return pd.DataFrame(
-        {
-            "family": found["family"].values,
-            "setting": found["label"].values,
-            "volume": found["volume"].values,
-            "run time s/s": np.where(ok, worst["run_time"], np.nan),
-            "error rms mm": np.where(ok, worst["error_rms"] * 1e3, np.nan),
-            "error max mm": np.where(ok, worst["error_max"] * 1e3, np.nan),
-            "steps": worst["steps"].values,
-            "rejected": worst["rejected"].values,
-            "iterations": worst["iterations"].values,
-            "factorisations": worst["factorisations"].values,
-            "smallest J": found["smallest_J"].min("instruction").values,
-            "Pareto": found["pareto"].values,
-            "status": status,
-        }
-    )
-
-
 def work_precision_figure(found: xr.Dataset) -> "Figure":
-    """Largest error of the markers against run time per simulated second."""
-    table = work_precision_table(found)
-    families, labels = table["family"].unique(), table["setting"].unique()
-    shape = (len(families), len(labels))
-    error, seconds = np.full(shape, np.nan), np.full(shape, np.nan)
-    planned = np.zeros(shape, dtype=bool)
-    for row in table.to_dict("records"):
-        where = (list(families).index(row["family"]), list(labels).index(row["setting"]))
-        planned[where] = True
-        error[where], seconds[where] = row["error max mm"] * 1e-3, row["run time s/s"]
-    dims = ("method", "setting")
-    drawn = xr.Dataset(
-        {
-            "error": (dims, error, {"units": "m"}),
-            "run_time": (dims, seconds, {"units": "s"}),
-            "planned": (dims, planned),
-        },
-        coords={"method": families, "setting": labels},
-    )
-    title = f"{found.attrs['face']}: largest error, seconds per simulated second"
-    return error_against_run_time(drawn, title=title)
+    """Errors of time stepping and of the discretisation."""
+    return work_precision(found, title=found.attrs["face"])
 
 
 def stability_frame(found: xr.Dataset) -> pd.DataFrame:

@@ -41,18 +41,25 @@ def work_precision(
     out_path: OutOption = Path("bench"),
     face_path: FaceOption = None,
     sigma_max: SigmaOption = 100e3,
-    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 0.8,
-    repeats: Annotated[int, typer.Option(help="Runs per setting; times are medians.")] = 3,
+    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 0.4,
+    repeats: Annotated[int, typer.Option(help="Runs per setting; times are medians.")] = 2,
     instruction: Annotated[
         list[str] | None, typer.Option(help="Gesture, A to F; A, D and E by default.")
     ] = None,
-    volume: Annotated[
+    model: Annotated[
         list[str] | None,
-        typer.Option(help="pointwise, element, nodal or hard; pointwise by default."),
+        typer.Option(
+            help="Treatment of the volume: pointwise, element, nodal or hard; after 'refined:' on the "
+            "mesh with every element divided into eight. The first is measured widely. All four and "
+            "refined:pointwise, refined:element by default."
+        ),
     ] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Measure every model as widely as the first; hours.")
+    ] = False,
 ) -> None:
-    """Measure the error of every setting of the solver against its run time."""
-    from emgface.bench.work_precision import measure
+    """Measure error against run time: integrators, steps, tolerances, solvers, meshes, volume."""
+    from emgface.bench.work_precision import MODELS, Model, measure
     from emgface.face.simulation_parameters import SimulationParameters
 
     face = _face(face_path)
@@ -61,7 +68,8 @@ def work_precision(
             face,
             SimulationParameters(sigma_max=sigma_max),
             instructions=tuple(instruction or "ADE"),
-            volumes=tuple(volume or ("pointwise",)),
+            models=tuple(map(Model.named, model)) if model else MODELS,
+            full=full,
             duration=duration,
             repeats=repeats,
             progress=bar.working,

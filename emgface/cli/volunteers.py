@@ -91,7 +91,8 @@ def volunteers(
     )
     configuration = load_study(study) if study else StudyConfiguration()
     simulation = configuration.simulation.model_dump()
-    simulation["step"] = step or configuration.simulation.step / 2
+    fine = step or configuration.simulation.step / 2
+    simulation |= {"step": fine, "output": fine}
     parameters = configure(SimulationParameters, simulation)
     model = load_face(face) if face else None
     own = configuration.face  # of a template each volunteer has its own

@@ -1,6 +1,7 @@
 """Motion of a face: its equilibrium under gravity, and what an activation does to it."""
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -42,6 +43,11 @@ Progress = Callable[[int, int], None]
 
 SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 """Step [s], time between checks [s], longest time [s] and speed [m/s] that counts as rest."""
+
+NOT_OF_REST: Final = frozenset(
+    {"accuracy", "solver", "step", "output", "error_tolerance", "timing", "sigma_max_policy"}
+)
+"""Parameters that the rest of a face does not depend on."""
 
 
 def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:
@@ -136,9 +142,9 @@ def simulate_face(
     Dataset
         ``position(marker, axis, time)`` [m] of the lip markers from time 0, with ``smallest_J``,
         ``iterations``, ``lip_opening`` [m], energies [J], ``numerical_error`` [m] of the markers as
-        estimated by `emgface.face.numerical_error`; attrs ``solver``, ``step`` [s],
-        ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated", and where the motion lies in the
-        recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second).
+        estimated by `emgface.face.numerical_error`; attrs ``solver``, ``step`` and
+        ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated", and where the motion
+        lies in the recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second).
 
     Raises
     ------
@@ -163,6 +169,7 @@ def simulate_face(
             duration=duration,
             integrator=INTEGRATORS[parameters.solver],
             steps=_steps(face, parameters),
+            every=parameters.output,
             probes=(*_probes(face), *further),
             initial=start,
             work=Workspace(system, parameters.linear_solver),
@@ -173,6 +180,7 @@ def simulate_face(
     trajectory.attrs |= {
         "solver": parameters.solver,
         "step": parameters.step,
+        "output": parameters.output,
         "sigma_max": parameters.sigma_max,
         "origin": "simulated",
         "face": str(face.attrs.get("name", "")),
@@ -230,15 +238,15 @@ def _control(
     times = np.asarray(activation["time"].values, dtype=np.float64)
     if len(times) < 2:
         raise ActivationError(f"the activation has {len(times)} sample, expected at least two")
-    h = parameters.step
+    every = parameters.output
     if parameters.timing == "normalised":
-        simulated = h * np.arange(len(times), dtype=np.float64)
+        simulated = every * np.arange(len(times), dtype=np.float64)
         pace = float((times[-1] - times[0]) / simulated[-1])
         return Activation(simulated, values), float(simulated[-1]), pace
-    steps = round((times[-1] - times[0]) / h)  # held over at most half a step at its end
-    if steps < 1:
+    outputs = round((times[-1] - times[0]) / every)  # held over at most half of one at its end
+    if outputs < 1:
         raise ActivationError(
-            f"the activation lasts {times[-1] - times[0]:.4g} s, less than one step of {h:g} s: "
-            "choose a shorter step or timing = 'normalised'"
+            f"the activation lasts {times[-1] - times[0]:.4g} s, less than one output of {every:g} s: "
+            "choose a shorter output or timing = 'normalised'"
         )
-    return Activation(times - times[0], values), h * steps, 1.0
+    return Activation(times - times[0], values), every * outputs, 1.0

@@ -181,5 +181,5 @@ def skin_motion(
 
 
 def frame_stride(parameters: SimulationParameters) -> int:
-    """Steps between frames, for about 25 frames per second."""
-    return max(1, round(1.0 / (25.0 * parameters.step)))
+    """Outputs between frames, for about 25 frames per second."""
+    return max(1, round(1.0 / (25.0 * parameters.output)))

@@ -12,7 +12,7 @@ from analysis.align import align
 from analysis.scores import score
 from emgface.activation import activation_of, feature_range
 from emgface.errors import FeatureWarning
-from emgface.face.motion import settle_face, simulate_face
+from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
 from emgface.study.digest import dataset_digest
@@ -159,11 +159,10 @@ class Laboratory:
 
     def rest(self, parameters: SimulationParameters) -> Result:
         """Return the face at its equilibrium under gravity."""
-        drop = {"step", "solver", "timing", "sigma_max_policy"}
         return self.store.get_or_compute(
             REST,
             {"face": self.face_digest},
-            parameters.model_dump(mode="json", exclude=drop),
+            parameters.model_dump(mode="json", exclude=set(NOT_OF_REST)),
             lambda: settle_face(self.face, parameters),
             label=f"rest, sigma_max {parameters.sigma_max / 1e3:.4g} kPa",
         )

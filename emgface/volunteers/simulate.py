@@ -10,7 +10,7 @@ import xarray as xr
 from emgface.dataset import write_recording
 from emgface.errors import ConfigurationError
 from emgface.events import cut_trials
-from emgface.face.motion import settle_face, simulate_face
+from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import volunteer_face
 from emgface.muscles import INSTRUCTIONS
@@ -253,11 +253,10 @@ class _Mover:
 
     def rest(self, parameters: SimulationParameters) -> xr.Dataset:
         """Return the face at its equilibrium under gravity."""
-        drop = {"step", "solver", "timing", "sigma_max_policy"}
         return self._store.get_or_compute(
             REST,
             {"face": self._digest},
-            parameters.model_dump(mode="json", exclude=drop),
+            parameters.model_dump(mode="json", exclude=set(NOT_OF_REST)),
             lambda: settle_face(self.face, parameters),
             label="rest",
         ).dataset

@@ -1,5 +1,6 @@
 """The contract of a step control, and what its members share."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -9,13 +10,16 @@ from sim.integrators.contract import Integrator, Workspace
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
+Watch = Callable[[State, State], None]
+"""Told the states before and after every accepted step."""
+
 
 class StepControl(Protocol):
-    """Carries a state over one output interval."""
+    """Carries a state over one interval."""
 
     @property
     def h(self) -> float:
-        """Output interval and largest step [s]."""
+        """Interval and largest step [s]."""
         ...
 
     def advance(
@@ -26,6 +30,7 @@ class StepControl(Protocol):
         control: ControlAt,
         until: float,
         work: Workspace,
+        watch: Watch | None = None,
     ) -> tuple[State, StepReport]:
         """State at the time `until`, with one report for the interval."""
         ...
@@ -38,14 +43,14 @@ def require_positive(h: float) -> None:
 
 
 def united(reports: list[StepReport], rejected: int) -> StepReport:
-    """One report for the steps of an interval."""
+    """One report for several, and attempts rejected besides those that they count."""
     if len(reports) == 1 and rejected == 0:
         return reports[0]
     return StepReport(
         h=min(r.h for r in reports),
         smallest_J=min(r.smallest_J for r in reports),
-        steps=len(reports),
-        rejected=rejected,
+        steps=sum(r.steps for r in reports),
+        rejected=rejected + sum(r.rejected for r in reports),
         iterations=sum(r.iterations for r in reports),
         factorisations=sum(r.factorisations for r in reports),
         residual=max(r.residual for r in reports),

@@ -8,7 +8,7 @@ from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
 from sim.integrators.contract import Integrator, TimeIntegrator, Workspace
 from sim.scene import Index
 from sim.state import Array, ControlAt, State, StepReport
-from sim.steps.contract import require_positive, united
+from sim.steps.contract import Watch, require_positive, united
 from sim.system import System
 
 FAILURES = (InvertedElement, NotConverged, SingularSystem)
@@ -16,7 +16,7 @@ FAILURES = (InvertedElement, NotConverged, SingularSystem)
 
 @dataclass(frozen=True, eq=False)
 class ErrorControlledStep:
-    """Steps h/2^k within every output interval, k by the estimated error at watched nodes.
+    """Steps h/2^k within every interval h, k by the estimated error at watched nodes.
 
     A step is accepted if its estimated error is at most tolerance * step/horizon: the errors made
     within one horizon, the time over which the tissue forgets, then sum to the tolerance. The
@@ -29,7 +29,7 @@ class ErrorControlledStep:
     tolerance : float
         Error wanted at the watched nodes [m].
     h : float
-        Largest step and output interval [s].
+        Largest step [s].
     nodes : (k,) watched nodes, such as the lip markers; all if None.
     horizon : float
         Time over which errors add up [s].
@@ -68,6 +68,7 @@ class ErrorControlledStep:
         control: ControlAt,
         until: float,
         work: Workspace,
+        watch: Watch | None = None,
     ) -> tuple[State, StepReport]:
         """Cover the interval; the division begins where that of the interval before ended.
 
@@ -108,7 +109,10 @@ class ErrorControlledStep:
                     )
                 level, rejected = level + 1, rejected + 1
                 continue
-            state = replace(new, t=until) if last else new
+            new = replace(new, t=until) if last else new
+            if watch is not None:
+                watch(state, new)
+            state = new
             reports.append(replace(report, error=error))
             done += size
             aligned = level > 0 and done % (finest >> (level - 1)) == 0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from sim.integrators.contract import Integrator, Workspace
 from sim.state import ControlAt, State, StepReport
-from sim.steps.contract import require_positive
+from sim.steps.contract import Watch, require_positive
 from sim.system import System
 
 
@@ -15,7 +15,7 @@ class FixedStep:
     Attributes
     ----------
     h : float
-        Step and output interval [s].
+        Step [s].
     """
 
     h: float = 0.01
@@ -32,6 +32,10 @@ class FixedStep:
         control: ControlAt,
         until: float,
         work: Workspace,
+        watch: Watch | None = None,
     ) -> tuple[State, StepReport]:
         """One step."""
-        return integrator.step(system, state, control, until - state.t, work)
+        new, report = integrator.step(system, state, control, until - state.t, work)
+        if watch is not None:
+            watch(state, new)
+        return new, report

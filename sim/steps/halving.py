@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from sim.errors import InvertedElement, NotConverged, SingularSystem
 from sim.integrators.contract import Integrator, Workspace
 from sim.state import ControlAt, State, StepReport
-from sim.steps.contract import require_positive, united
+from sim.steps.contract import Watch, require_positive, united
 from sim.system import System
 
 
@@ -16,7 +16,7 @@ class HalvingStep:
     Attributes
     ----------
     h : float
-        Largest step and output interval [s].
+        Largest step [s].
     max_halvings : int
         Divisions before the failure is passed on.
     """
@@ -36,6 +36,7 @@ class HalvingStep:
         control: ControlAt,
         until: float,
         work: Workspace,
+        watch: Watch | None = None,
     ) -> tuple[State, StepReport]:
         """Cover the interval; after a failure halve, after two good steps of a size double."""
         start, total = state.t, until - state.t
@@ -47,12 +48,15 @@ class HalvingStep:
             size = finest >> level
             t1 = until if done + size == finest else start + total * (done + size) / finest
             try:
-                state, report = integrator.step(system, state, control, t1 - state.t, work)
+                new, report = integrator.step(system, state, control, t1 - state.t, work)
             except (InvertedElement, NotConverged, SingularSystem):
                 if level == self.max_halvings:
                     raise
                 level, good, rejected = level + 1, 0, rejected + 1
                 continue
+            if watch is not None:
+                watch(state, new)
+            state = new
             reports.append(report)
             done, good = done + size, good + 1
             if level and good >= 2 and done % (finest >> (level - 1)) == 0:

@@ -1,12 +1,11 @@
-"""Rendered faces, the price of accuracy and the table of survival, drawn from labelled data."""
+"""Rendered faces, drawn from labelled data."""
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from analysis.errors import FigureError
-from analysis.figures import error_against_run_time, rendered_faces, stability_table
-from analysis.figures.accuracy import pareto
+from analysis.figures import rendered_faces
 
 
 def bowl() -> xr.Dataset:
@@ -83,65 +82,3 @@ def test_faces_that_cannot_be_drawn() -> None:
         rendered_faces(gone)
     with pytest.raises(FigureError, match="in 'mm', expected 'm'"):
         rendered_faces(bowl().assign(position=bowl()["position"].assign_attrs(units="mm")))
-
-
-def runs() -> xr.Dataset:
-    error = np.array([[1e-3, 5e-4, 2.5e-4], [4e-4, 1e-4, np.nan]])
-    time = np.array([[1.0, 2.0, 4.0], [2.0, 4.0, np.nan]])
-    return xr.Dataset(
-        {
-            "error": (("method", "setting"), error, {"units": "m"}),
-            "run_time": (("method", "setting"), time, {"units": "s"}),
-        },
-        coords={"method": ["implicit Euler", "SDIRK2"], "setting": ["20 ms", "10 ms", "5 ms"]},
-    )
-
-
-def test_runs_that_no_other_beats_are_ringed() -> None:
-    figure = error_against_run_time(runs(), title="smile")
-    panel = figure.axes[0]
-    rings = next(line for line in panel.get_lines() if line.get_markersize() == 11)
-    assert sorted(rings.get_xdata().tolist()) == [1.0, 2.0, 4.0]
-    np.testing.assert_allclose(sorted(rings.get_ydata()), [0.1, 0.4, 1.0])
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["implicit Euler", "SDIRK2 (1 failed)"]
-    assert panel.get_xscale() == panel.get_yscale() == "log"
-    assert figure.get_suptitle() == "smile (simulated)"
-
-
-def test_pareto_against_brute_force() -> None:
-    rng = np.random.default_rng(4)
-    error, time = rng.integers(0, 6, (2, 40)).astype(float)
-    found = pareto(error, time)
-    for k in range(40):
-        beaten = any(
-            error[j] <= error[k] and time[j] <= time[k] and (error[j], time[j]) != (error[k], time[k])
-            for j in range(40)
-        )  # fmt: skip
-        assert found[k] == (not beaten)
-
-
-def test_runs_that_cannot_be_drawn() -> None:
-    with pytest.raises(FigureError, match="no run has a positive error"):
-        error_against_run_time(runs().assign(error=runs()["error"] * 0).assign(
-            error=(("method", "setting"), np.zeros((2, 3)), {"units": "m"})))  # fmt: skip
-    with pytest.raises(FigureError, match="run_time is in 'ms'"):
-        error_against_run_time(runs().assign(run_time=runs()["run_time"].assign_attrs(units="ms")))
-    with pytest.raises(FigureError, match="expected error with dims"):
-        error_against_run_time(runs().isel(method=0))
-
-
-def test_stability_says_what_failed() -> None:
-    status = [["ok", "failed:InvertedElement"], ["", "ok"]]
-    found = xr.Dataset(
-        {"status": (("case", "method"), status)},
-        coords={"case": ["1 MPa, one step", "rest"], "method": ["converged", "linearly_implicit"]},
-    )
-    figure = stability_table(found)
-    words = [text.get_text() for text in figure.axes[0].texts]
-    assert words == ["ok", "InvertedElement", "not run", "ok"]
-    assert figure.get_suptitle() == "stability (simulated)"
-    with pytest.raises(FigureError, match="the status broken is unknown"):
-        stability_table(found.assign(status=(("case", "method"), [["ok", "broken"], ["", "ok"]])))
-    with pytest.raises(FigureError, match="with dims case and method"):
-        stability_table(found.drop_vars("status"))

@@ -7,11 +7,15 @@ from typer.testing import CliRunner
 
 import sim
 from emgface.bench import cost, scaling, work_precision
+from emgface.bench.drives import gesture
 from emgface.bench.scaling import slope
 from emgface.bench.stability import run_battery
 from emgface.bench.store import KINDS, store
-from emgface.bench.work_precision import Setting, pareto
+from emgface.bench.work_precision import Model, Setting, pareto
+from emgface.bench.work_precision.errors import errors, other_person
+from emgface.bench.work_precision.models import finest
 from emgface.cli import app
+from emgface.errors import ConfigurationError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 
@@ -28,6 +32,7 @@ def measured(face):
         Setting("Euler", "10 ms", sim.ConvergedEuler(), sim.HalvingStep(0.01)),
         Setting("SDIRK2", "20 ms", sim.Sdirk2(), sim.HalvingStep(0.02)),
         Setting("stubborn", "10 ms", sim.ConvergedEuler(max_iterations=1), sim.FixedStep(0.01)),
+        Setting("SDIRK2", "20 ms", sim.Sdirk2(), sim.HalvingStep(0.02), Model(0, "element")),
     ]
     return work_precision.measure(
         face,
@@ -40,25 +45,72 @@ def measured(face):
 
 
 def test_errors_fall_with_step_and_order_and_failures_are_named(measured):
-    euler20, euler10, sdirk20, failed = measured["error_max"].values[:, 0]
+    euler20, euler10, sdirk20, failed, _ = measured["error_max"].values[:, 0]
     assert euler10 < 0.8 * euler20
     assert sdirk20 < 0.4 * euler20
     assert np.isnan(failed)
     assert measured["status"].values[3, 0] == "NotConverged"
     assert not measured["pareto"].values[3]
     assert (measured["run_time"].values[:3] > 0.0).all()
+    euler20, euler10, sdirk20 = measured["change_rho"].values[:3, 0]
+    assert 0.0 < sdirk20 < euler10 < euler20 < 0.5
+    found = work_precision.pareto(measured)
+    assert found[4], "another model is no rival"
+
+
+def test_models_are_compared_with_the_finest(measured):
+    assert measured.attrs["finest"] == "element"
+    pointwise, element = measured["difference_max"].values[:, 0]
+    assert element == measured["difference_rho"].values[1, 0] == 0.0
+    assert 1e-6 < pointwise < 1e-3
+    assert measured["difference_rms"].values[0, 0] < pointwise
+    models = [Model(1, "pointwise"), Model(0, "nodal"), Model(1, "hard"), Model(1, "element")]
+    assert finest(tuple(models)) == models[-1]
+    assert [Model.named(m.name) for m in models] == models
+    for wrong in ("nodl", "coarse:nodal", "refined"):
+        with pytest.raises(ConfigurationError, match="model"):
+            Model.named(wrong)
+
+
+def test_errors_are_those_of_positions_and_of_scores():
+    time, rng = np.linspace(0.0, 0.4, 41), np.random.default_rng(2)
+    wave = np.sin(2 * np.pi * time / 0.4) * rng.normal(size=(2, 3, 1)) * 1e-3
+    coords = {"marker": ["a", "b"], "axis": list("xyz"), "time": time}
+
+    def motion(values):
+        position = xr.DataArray(values, coords, ("marker", "axis", "time"), attrs={"units": "m"})
+        return xr.Dataset({"position": position})
+
+    other = motion(np.roll(wave, 4, axis=2))
+    shifted = errors(motion(wave + 1e-3), motion(wave), other)
+    assert shifted.rms == pytest.approx(np.sqrt(3.0) * 1e-3, rel=1e-9)
+    assert shifted.largest == pytest.approx(np.sqrt(3.0) * 1e-3, rel=1e-9)
+    assert shifted.rho == pytest.approx(0.0, abs=1e-9)  # rho does not see where a marker is
+    late = errors(motion(np.roll(wave, 1, axis=2)), motion(wave), other)
+    # of the angle between two waves: one step later is one step nearer to the other
+    assert late.rho == pytest.approx(
+        np.cos(3 * 2 * np.pi / 41) - np.cos(4 * 2 * np.pi / 41), abs=0.02
+    )
+
+
+def test_the_stand_in_for_a_measurement_is_another_motion():
+    drive = other_person("D", ("ZYG_L", "RIS_L"), 0.4)
+    own = gesture("D", ("ZYG_L", "RIS_L"), 0.4)
+    np.testing.assert_array_equal(drive.values[:3], 0.0)
+    np.testing.assert_allclose(drive.values[3:, 0], 1.3 * own.values[:-3, 0], atol=1e-15)
+    np.testing.assert_allclose(drive.values[3:, 1], 0.7 * own.values[:-3, 1], atol=1e-15)
 
 
 def test_pareto_marks_what_no_other_beats():
     found = xr.Dataset(
         {
-            "run_time": (("setting", "instruction"), [[1.0], [2.0], [2.0], [3.0], [0.5]]),
-            "error_max": (("setting", "instruction"), [[4.0], [2.0], [3.0], [2.0], [0.1]]),
-            "status": (("setting", "instruction"), [["ok"]] * 4 + [["NotConverged"]]),
+            "run_time": (("setting", "instruction"), [[1.0], [2.0], [2.0], [3.0], [0.5], [2.1]]),
+            "error_max": (("setting", "instruction"), [[4.0], [2.0], [3.0], [2.0], [0.1], [1.99]]),
+            "status": (("setting", "instruction"), [["ok"]] * 4 + [["NotConverged"], ["ok"]]),
         },
-        coords={"volume": ("setting", ["pointwise"] * 5)},
+        coords={"model_of": ("setting", ["pointwise"] * 6)},
     )
-    np.testing.assert_array_equal(pareto(found), [True, True, False, False, False])
+    np.testing.assert_array_equal(pareto(found), [True, True, False, False, False, False])
 
 
 def test_growth_of_a_power_law_is_found():

@@ -12,6 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.choices import STAVNESS
 from emgface.errors import ActivationError
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -30,7 +31,6 @@ from sim import (
 Floats = NDArray[np.float64]
 
 GRAY: Final = "Standring (ed.), Gray's Anatomy, Face and scalp"
-STAVNESS: Final = "Stavness et al., Coupled biomechanical modeling of the face"
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,115 @@
+"""The models that are solved: a mesh with a treatment of its volume."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import ConfigurationError
+from emgface.face.motion import settle_face
+from emgface.face.recipe import compose_scene
+from emgface.face.refine import refine_face
+from emgface.face.simulation_parameters import SimulationParameters
+from sim import State, System, compile_scene
+
+VOLUMES: Final = ("pointwise", "element", "nodal", "hard")
+
+
+@dataclass(frozen=True, order=True)
+class Model:
+    """A discretisation.
+
+    Attributes
+    ----------
+    refinements : int
+        How often every element of the face has been divided into eight.
+    volume : str
+        "pointwise", "element", "nodal" or "hard".
+    """
+
+    refinements: int = 0
+    volume: str = "pointwise"
+
+    @property
+    def name(self) -> str:
+        """As the command takes it."""
+        return f"{'refined:' * self.refinements}{self.volume}"
+
+    @classmethod
+    def named(cls, name: str) -> "Model":
+        """Read a name such as "nodal" or "refined:element".
+
+        Raises
+        ------
+        ConfigurationError
+            It is none.
+        """
+        *divisions, volume = name.split(":")
+        if volume not in VOLUMES or set(divisions) - {"refined"}:
+            raise ConfigurationError(
+                f"model {name!r}, expected one of {', '.join(VOLUMES)}, or refined: before it"
+            )
+        return cls(len(divisions), volume)
+
+
+MODELS: Final = tuple(
+    Model(refinements, volume)
+    for refinements, volumes in ((0, VOLUMES), (1, ("pointwise", "element")))
+    for volume in volumes
+)
+"""What a run measures that is not asked for more."""
+
+
+def finest(models: tuple[Model, ...]) -> Model:
+    """The model that the others are compared with.
+
+    Most refined; of these the one that locks least. A hard volume is another tissue, not a better
+    discretisation, and is taken only where nothing else is there.
+    """
+    rank = {"hard": 0, "pointwise": 1, "element": 2, "nodal": 3}
+    return max(models, key=lambda m: (m.volume != "hard", m.refinements, rank[m.volume]))
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A compiled model with its rest state.
+
+    Attributes
+    ----------
+    system : System
+    start : State
+        At rest under the loads.
+    nodes, names : lip markers.
+    elements : int
+    """
+
+    system: System
+    start: State
+    nodes: NDArray[np.int64]
+    names: tuple[str, ...]
+    elements: int
+
+
+def parameters_for(parameters: SimulationParameters, volume: str) -> SimulationParameters:
+    """Parameters with another treatment of the volume."""
+    changes: dict[str, Any] = {"incompressibility": volume}
+    if volume != "pointwise":
+        changes["bulk_potential"] = "quadratic"
+    return SimulationParameters.model_validate(parameters.model_dump() | changes)
+
+
+def compiled(face: xr.Dataset, parameters: SimulationParameters, model: Model) -> Case:
+    """Compile a model of a face and let it settle."""
+    for _ in range(model.refinements):
+        face = refine_face(face)
+    chosen = parameters_for(parameters, model.volume)
+    system = compile_scene(compose_scene(face, chosen))
+    rest = system.rest_state()
+    if chosen.gravity:
+        settled = settle_face(face, chosen)["node_position"].values
+        rest = replace(rest, q=np.ascontiguousarray(settled))
+    names = tuple(map(str, face["marker"].values))
+    nodes = face["marker_node"].values.astype(np.int64)
+    return Case(system, rest, nodes, names, face.sizes["element"])

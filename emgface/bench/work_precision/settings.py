@@ -1,0 +1,147 @@
+"""The ways to solve a model: integrators x steps x tolerances x linear solvers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.bench.work_precision.models import Model
+from sim import (
+    ConvergedEuler,
+    ErrorControlledStep,
+    FixedStep,
+    HalvingStep,
+    LinearlyImplicitEuler,
+    LinearlyImplicitTrapezoidal,
+    Sdirk2,
+    Trapezoidal,
+)
+from sim.integrators import Integrator
+from sim.linear import LINEAR_SOLVERS, pardiso_is_available
+from sim.steps import StepControl
+
+SINGLE: dict[str, Integrator] = {
+    "linearly implicit Euler": LinearlyImplicitEuler(),
+    "linearly implicit trapezoidal": LinearlyImplicitTrapezoidal(),
+}
+CONVERGED: dict[str, Integrator] = {
+    "Euler": ConvergedEuler(),
+    "trapezoidal": Trapezoidal(),
+    "SDIRK2": Sdirk2(),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """One way to solve a model.
+
+    Attributes
+    ----------
+    family : str
+        Settings of one family make one line of the figure.
+    label : str
+        What tells it from others of its family.
+    integrator : Integrator
+    steps : StepControl
+    model : Model
+    linear : str
+        Linear solver, or "auto".
+    """
+
+    family: str
+    label: str
+    integrator: Integrator
+    steps: StepControl
+    model: Model = Model()
+    linear: str = "auto"
+
+    @property
+    def name(self) -> str:
+        """Family, label and model."""
+        return f"{self.family}, {self.label} ({self.model.name})"
+
+
+def settings_of(
+    model: Model, nodes: NDArray[np.int64], *, base: bool, full: bool = False
+) -> list[Setting]:
+    """Return the settings that a model is solved with.
+
+    Parameters
+    ----------
+    model : Model
+    nodes : ndarray of int
+        Nodes of the lip markers, which error control watches.
+    base : bool
+        Whether it is the model whose settings are measured widely; of others a few tell the cost.
+    full : bool
+        Whether every model is measured widely, with the smaller steps too.
+    """
+    if not (base or full):
+        return [
+            *_fixed(model, "linearly implicit Euler", LinearlyImplicitEuler(), (10,)),
+            *_halving(model, "Euler", ConvergedEuler(), (10,)),
+            *_halving(model, "SDIRK2", Sdirk2(), (40, 20, 10)),
+        ]
+    found: list[Setting] = []
+    for name, integrator in SINGLE.items():
+        found += _fixed(model, name, integrator, (20, 10, 5, 2.5) if full else (20, 10, 5))
+    for name, integrator in CONVERGED.items():
+        smallest = (2.5,) if full or name == "SDIRK2" else ()
+        found += _halving(model, name, integrator, (40, 20, 10, 5, *smallest))
+    return [*found, *_iterated(model, full), *_controlled(model, nodes), *_linear(model)]
+
+
+def _fixed(
+    model: Model, family: str, integrator: Integrator, steps: tuple[float, ...]
+) -> list[Setting]:
+    return [
+        Setting(family, f"{milli:g} ms", integrator, FixedStep(milli * 1e-3), model)
+        for milli in steps
+    ]
+
+
+def _halving(
+    model: Model, family: str, integrator: Integrator, steps: tuple[float, ...]
+) -> list[Setting]:
+    return [
+        Setting(family, f"{milli:g} ms", integrator, HalvingStep(milli * 1e-3), model)
+        for milli in steps
+    ]
+
+
+def _iterated(model: Model, full: bool) -> list[Setting]:
+    """Looser and tighter iterations than the default of 0.001 mm."""
+    found: list[Setting] = []
+    for tolerance in (1e-4, 1e-5, 1e-7) if full else (1e-4, 1e-5):
+        label = f"{tolerance * 1e3:g} mm"
+        for family, made, h in (
+            ("Euler 10 ms, iterated to", ConvergedEuler(tolerance, 20.0 * tolerance), 0.01),
+            ("SDIRK2 20 ms, iterated to", Sdirk2(tolerance, 20.0 * tolerance), 0.02),
+        ):
+            found.append(Setting(family, label, made, HalvingStep(h), model))
+    return found
+
+
+def _controlled(model: Model, nodes: NDArray[np.int64]) -> list[Setting]:
+    """Steps chosen by the estimated error."""
+    return [
+        Setting(
+            "SDIRK2, error control",
+            f"{tolerance * 1e3:g} mm",
+            Sdirk2(tolerance=min(1e-6, 0.01 * tolerance)),
+            ErrorControlledStep(tolerance, 0.04, nodes),
+            model,
+        )
+        for tolerance in (1e-3, 3e-4, 1e-4, 3e-5)
+    ]
+
+
+def _linear(model: Model) -> list[Setting]:
+    """Every linear solver there is; a hard volume has a saddle matrix and a solver of its own."""
+    if model.volume == "hard":
+        return []
+    names = [n for n in LINEAR_SOLVERS if pardiso_is_available() or "pardiso" not in n]
+    return [
+        Setting("SDIRK2 20 ms, solver", name, Sdirk2(), HalvingStep(0.02), model, name)
+        for name in names
+    ]

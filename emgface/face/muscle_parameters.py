@@ -1,0 +1,93 @@
+"""How strong the muscles of the face are, and how they pull."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from emgface.choices import BLEMKER, ESKES, STAVNESS, Parameters, choice, parameter, positive
+
+
+class SigmaMaxPolicy(Parameters):
+    """What happens to sigma_max when a trial cannot be simulated with it.
+
+    The published rule: start high and lower by 10 % each time an element inverts.
+    """
+
+    factor: float = parameter(
+        0.9,
+        "Factor on sigma_max after an inverted element or a step that did not converge.",
+        unit="1",
+        source=f"{ESKES}, Finite element face model",
+        gt=0,
+        lt=1,
+    )
+    scope: Literal["volunteer", "trial"] = choice(
+        "volunteer",
+        "Whether a value lowered for one trial holds for all trials of the volunteer, or for it alone.",
+        source=f"{ESKES}, Finite element face model (one value per volunteer)",
+        note="with 'volunteer' the trials that ran with a higher value are simulated again",
+    )
+    minimum: float = positive(
+        30e3,
+        "Smallest sigma_max that is tried; below it the trial has failed.",
+        unit="Pa",
+        note="a tenth of the published start",
+    )
+
+
+class MuscleParameters(Parameters):
+    """Force of the muscles."""
+
+    sigma_max: float = positive(
+        300e3,
+        "Largest active muscle stress at the start.",
+        unit="Pa",
+        source=f"{ESKES}, Finite element face model",
+    )
+    sigma_max_policy: SigmaMaxPolicy = Field(
+        default=SigmaMaxPolicy(), description="When a trial cannot be simulated with sigma_max."
+    )
+    fibre_law: Literal["blemker", "generic"] = choice(
+        "blemker",
+        "Stress of the muscle fibres.",
+        source=f"{ESKES} (Blemker); the published model's source (generic)",
+        note="'generic' has no dependence of the active stress on length",
+    )
+    muscle_form: Literal["elements", "lines"] = choice(
+        "elements",
+        "Whether the muscles are stresses in elements or tensions along their fibre lines.",
+        source=f"{ESKES} (elements); {STAVNESS}, reference face (cables)",
+        note="lines pull with line_force and know no sigma_max",
+    )
+    line_force: float = positive(
+        1.0,
+        "Tension of every fibre line at full activation.",
+        unit="N",
+        source="the published model's source",
+    )
+    stiffening: float = parameter(
+        1.0,
+        "Factor on the passive moduli of a muscle's elements at full activation; 1 is off.",
+        unit="1",
+        source=f"{STAVNESS}, Lip stiffness enables protrusion and rounding",
+        note="10 in the tongue model of the same collection",
+        ge=1,
+    )
+    lambda_star: float = parameter(
+        1.4,
+        "Fibre stretch above which the passive stress is linear.",
+        unit="1",
+        source=f"{ESKES}, Finite element face model",
+        gt=1,
+    )
+    P1: float = parameter(
+        0.05,
+        "Exponential stress coefficient of the passive fibre.",
+        unit="1",
+        source=f"{ESKES}; {BLEMKER}",
+        note="in pascal for the generic law",
+        ge=0,
+    )
+    P2: float = parameter(
+        6.6, "Uncrimping factor of the passive fibre.", unit="1", source=f"{ESKES}; {BLEMKER}", ge=0
+    )

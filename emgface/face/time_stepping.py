@@ -1,0 +1,81 @@
+"""How the motion of the face is solved, and when it is recorded."""
+
+from typing import Any, Literal
+
+from pydantic import model_validator
+
+from emgface.choices import ESKES, OWN, Parameters, choice, parameter, positive
+from emgface.face.accuracy import accuracy_settings
+
+
+class TimeStepping(Parameters):
+    """Solver, step and accuracy."""
+
+    accuracy: str | None = choice(
+        None,
+        "'draft', 'study', 'reference', or the error wanted such as '0.1 mm'; sets solver, step and "
+        "error_tolerance where they are not given.",
+        source=f"{OWN}: points measured by `emgface bench work-precision`",
+    )
+    solver: Literal[
+        "converged",
+        "trapezoidal",
+        "sdirk2",
+        "linearly_implicit",
+        "linearly_implicit_trapezoidal",
+    ] = choice(
+        "converged",
+        "Integrator: implicit Euler iterated to its tolerance ('converged'), the trapezoidal rule, the "
+        "L-stable second-order SDIRK2, or Euler and trapezoidal rule with one linear solution a step.",
+        note="'linearly_implicit' is what the published simulator does",
+    )
+    step: float = parameter(
+        0.01, "Time step; the largest one of error control.", unit="s", source=OWN, gt=0, le=0.1
+    )
+    output: float = parameter(
+        0.01,
+        "Time between outputs, a whole multiple of step or a whole part of it.",
+        unit="s",
+        source=OWN,
+        note="within a step the motion is a cubic with the positions and velocities of its ends",
+        gt=0,
+        le=0.1,
+    )
+    error_tolerance: float | None = positive(
+        None,
+        "Error of the lip markers that the steps are chosen by, each dividing `step`; absent: steps "
+        "of one size, halved where they fail.",
+        unit="m",
+    )
+    timing: Literal["recorded", "normalised"] = choice(
+        "recorded",
+        "Simulated time: that of the recording, or one output per sample of the activation.",
+        source=f"{ESKES}, Discussion (each instruction was normalised to 160 time steps)",
+        note="'normalised' changes the speed of a movement of a trial that is not samples x output long",
+    )
+    linear_solver: Literal["auto", "pardiso", "superlu"] = choice(
+        "auto",
+        "Factorisation: PARDISO where it is installed, else SciPy's SuperLU.",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_accurate(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("accuracy") is not None:
+            return accuracy_settings(str(data["accuracy"])) | data
+        return data
+
+    @model_validator(mode="after")
+    def _runnable(self) -> "TimeStepping":
+        if self.error_tolerance is not None and self.solver.startswith("linearly_implicit"):
+            raise ValueError(
+                f"solver = '{self.solver}' has no error control: choose 'sdirk2', 'trapezoidal' or "
+                "'converged', or leave error_tolerance out"
+            )
+        ratio = max(self.step / self.output, self.output / self.step)
+        if abs(ratio - round(ratio)) > 1e-9 * ratio:
+            raise ValueError(
+                f"step = {self.step:g} s and output = {self.output:g} s: expected one to be a whole "
+                "multiple of the other"
+            )
+        return self

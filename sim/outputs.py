@@ -1,0 +1,107 @@
+"""When the motion is recorded: at the ends of steps, or between them by interpolation."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from sim.errors import ControlError
+from sim.state import Array, State
+
+
+def between(before: State, after: State, t: float) -> State:
+    """State inside a step, positions by the cubic that has both ends' positions and velocities.
+
+    Its error falls with the fourth power of the step, that of the velocities with the third, so that an
+    integrator of second order keeps its order. What terms remember is left out.
+
+    Notes
+    -----
+    Dense output by Hermite interpolation: Hairer, Norsett and Wanner, Solving Ordinary Differential
+    Equations I, II.6.
+    """
+    h = after.t - before.t
+    s = (t - before.t) / h
+    turn = after.q - before.q
+
+    def along(w0: float, w1: float, slope: float) -> Array:
+        return slope * turn / h + w0 * before.v + w1 * after.v
+
+    q = before.q + h * along(s * (1.0 - s) ** 2, s**2 * (s - 1.0), s**2 * (3.0 - 2.0 * s))
+    v = along(1.0 - 4.0 * s + 3.0 * s**2, 3.0 * s**2 - 2.0 * s, 6.0 * s * (1.0 - s))
+    return State(t, q, v)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One step of largest size and the outputs that fall into it.
+
+    Attributes
+    ----------
+    until : float
+        Its end [s].
+    inside : tuple of float
+        Instants of output before its end [s].
+    ends_output : bool
+        Whether its end is one too.
+    """
+
+    until: float
+    inside: tuple[float, ...]
+    ends_output: bool
+
+
+def intervals(start: float, duration: float, h: float, every: float) -> list[Interval]:
+    """Lay out steps of at most h [s] and outputs every so often [s]; the last step may be shorter.
+
+    Raises
+    ------
+    ControlError
+        Neither h nor `every` is a whole multiple of the other, or the duration is no whole number of
+        outputs.
+    """
+    outputs = round(duration / every)
+    if outputs < 1 or abs(outputs * every - duration) > 1e-9 * max(duration, every):
+        raise ControlError(
+            f"duration {duration:g} s is not a whole number of outputs, one every {every:g} s"
+        )
+    per_step, per_output = max(round(h / every), 1), max(round(every / h), 1)
+    if abs(per_step * every - per_output * h) > 1e-9 * max(h, every):
+        raise ControlError(
+            f"steps of {h:g} s and outputs every {every:g} s: expected one to be a whole multiple of "
+            "the other"
+        )
+    if per_output > 1:
+        return [
+            Interval(start + i * h, (), i % per_output == 0)
+            for i in range(1, outputs * per_output + 1)
+        ]
+    found: list[Interval] = []
+    for first in range(0, outputs, per_step):
+        last = min(first + per_step, outputs)
+        inside = tuple(start + k * every for k in range(first + 1, last))
+        # the same product where every step is an output, whatever its rounding
+        end = start + (last * every if per_step > 1 else last * h)
+        found.append(Interval(end, inside, True))
+    return found
+
+
+@dataclass
+class Between:
+    """Collects the states at given instants while steps are taken.
+
+    Attributes
+    ----------
+    wanted : tuple of float
+        Instants, ascending [s].
+    states : list of State
+        What has been passed so far.
+    """
+
+    wanted: tuple[float, ...]
+    states: list[State] = field(default_factory=list[State])
+
+    def __call__(self, before: State, after: State) -> None:
+        """Pick the instants of one accepted step."""
+        self.states += [between(before, after, t) for t in self._of(before.t, after.t)]
+
+    def _of(self, t0: float, t1: float) -> Iterator[float]:
+        return (t for t in self.wanted[len(self.states) :] if t0 < t <= t1)

@@ -1,0 +1,97 @@
+"""Outputs between the steps, and several steps to one output."""
+
+import numpy as np
+import pytest
+
+import sim
+from sim.outputs import between, intervals
+from tests.bodies import crossed_muscles, grid, solid_system
+
+TIGHT = {"tolerance": 1e-10, "residual_tolerance": 1e-8}
+DURATION = 0.08
+
+
+@pytest.fixture(scope="module")
+def block():
+    mesh = grid((2, 2, 2))
+    return solid_system(
+        mesh,
+        sim.NeoHooke(2500.0),
+        muscles=crossed_muscles(mesh, sim.Constant(5e3)),
+        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
+        damping=sim.RestRayleigh(19.0, 0.01),
+    )
+
+
+def motion(system, steps, every=None, duration=DURATION, integrator=None):
+    t = np.linspace(0.0, DURATION, 801)
+    a = 0.5 - 0.5 * np.cos(np.pi * t / DURATION)
+    return sim.simulate(
+        system,
+        sim.Activation(t, np.stack([a, 0.3 * a], axis=1)),
+        duration=duration,
+        integrator=integrator or sim.Sdirk2(**TIGHT),
+        steps=steps,
+        every=every,
+        probes=(sim.Positions(), sim.Iterations()),
+    )[0]
+
+
+def test_a_cubic_motion_is_met_at_every_instant():
+    a, b, c, d = np.random.default_rng(1).normal(size=(4, 5, 3))
+
+    def state(t):
+        return sim.State(t, a + b * t + c * t**2 + d * t**3, b + 2 * c * t + 3 * d * t**2)
+
+    for t in (0.3, 0.41, 0.9):
+        found = between(state(0.3), state(0.9), t)
+        np.testing.assert_allclose(found.q, state(t).q, atol=1e-13)
+        np.testing.assert_allclose(found.v, state(t).v, atol=1e-12)
+
+
+def test_outputs_inside_steps_are_as_accurate_as_their_ends(block):
+    fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
+    errors = []
+    for h in (0.02, 0.01):
+        found = motion(block, sim.FixedStep(h), 0.005)["node_position"]
+        np.testing.assert_allclose(found["time"], fine["time"], atol=1e-15)
+        gap = np.linalg.norm(found - fine, axis=found.dims.index("axis")).max(axis=0)
+        per = round(h / 0.005)
+        inside = np.arange(len(gap)) % per != 0
+        errors.append((gap[inside].max(), gap[~inside].max()))
+        assert errors[-1][0] < 1.5 * errors[-1][1]
+    assert np.log2(errors[0][0] / errors[1][0]) == pytest.approx(2.0, abs=0.4)
+
+
+def test_fewer_outputs_are_a_selection_with_the_counts_of_all_their_steps(block):
+    every_step = motion(block, sim.FixedStep(0.005))
+    fewer = motion(block, sim.FixedStep(0.005), 0.02)
+    np.testing.assert_array_equal(fewer["node_position"], every_step["node_position"][..., ::4])
+    assert (fewer["steps"].values[1:] == 4).all()
+    assert fewer["iterations"].sum() == every_step["iterations"].sum()
+
+
+def test_divided_steps_are_interpolated_piece_by_piece(block):
+    """An interval of error control knows the ends of its steps, not of itself alone."""
+    nodes = np.flatnonzero(block.scene.mesh.X[:, 2] > 0.0)
+    fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
+    steps = sim.ErrorControlledStep(1e-5, 0.04, nodes)
+    found = motion(block, steps, 0.005)
+    assert found["steps"].max() > 2
+    gap = np.linalg.norm(
+        found["node_position"] - fine, axis=found["node_position"].dims.index("axis")
+    )
+    assert gap.max() < 1e-5
+
+
+def test_a_duration_of_half_steps_ends_with_a_shorter_one(block):
+    whole = motion(block, sim.FixedStep(0.02), 0.01)["node_position"]
+    short = motion(block, sim.FixedStep(0.02), 0.01, duration=0.07)["node_position"]
+    assert short["time"].values[-1] == pytest.approx(0.07, abs=1e-15)
+    np.testing.assert_allclose(short[..., :7], whole[..., :7], atol=1e-13)
+
+
+@pytest.mark.parametrize(("h", "every", "duration"), [(0.01, 0.004, 0.08), (0.01, 0.01, 0.083)])
+def test_instants_that_do_not_fit_are_refused(h, every, duration):
+    with pytest.raises(sim.ControlError, match="whole"):
+        intervals(0.0, duration, h, every)
