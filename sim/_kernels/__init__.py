@@ -10,6 +10,7 @@ from sim._kernels.cache import kernel_cache
 
 with kernel_cache(Path(__file__).parent):
     from sim._kernels import (
+        contact,
         laws,
         scatter,
         solid,
@@ -21,6 +22,7 @@ with kernel_cache(Path(__file__).parent):
     )
 
 __all__ = [
+    "contact",
     "kernel_cache",
     "laws",
     "scatter",
