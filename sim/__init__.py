@@ -1,7 +1,7 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
 from sim.constraints import HardElementVolume
-from sim.contact import NodeSurface, Pairing, RigidShell, boundary_surface
+from sim.contact import BarrierContact, NodeSurface, Pairing, RigidShell, boundary_surface
 from sim.damping import PassiveRayleigh, Rayleigh, RestRayleigh
 from sim.displace import displace_held
 from sim.embedding import Embedding, embed
@@ -69,6 +69,7 @@ from sim.terms import (
 
 __all__ = [
     "Activation",
+    "BarrierContact",
     "Blemker",
     "CoRotational",
     "Constant",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sim.mesh import Mesh
 from sim.pattern import SymmetricPattern
-from sim.state import Array, Control
+from sim.state import Array, Control, State
 
 Index = NDArray[np.int64]
 
@@ -119,6 +119,31 @@ class Remembering(CompiledTerm, Protocol):
 
     def remember(self, q: Array) -> Array:
         """Memory of a step that ends at positions q, as a new array."""
+        ...
+
+
+@runtime_checkable
+class StopsMoves(CompiledTerm, Protocol):
+    """A compiled term of surfaces that never pass through each other."""
+
+    def starting(self, state: State, h: float) -> CompiledTerm:
+        """Term over a step of length h [s] from a state, with what it takes from there."""
+        ...
+
+    def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
+        """Share of the move from positions q0 to q1, in (0, 1], that passes through nothing."""
+        ...
+
+    def carried(self, q: Array, t: float, control: Control) -> Array:
+        """Positions q, allowed at time t [s], where a step to the control's time may begin.
+
+        Free nodes that something rigid moves into are taken along.
+
+        Raises
+        ------
+        NotConverged
+            It moves too far.
+        """
         ...
 
 

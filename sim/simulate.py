@@ -122,7 +122,7 @@ def simulate(
     plan = intervals(state.t, duration, steps.h, every)
 
     def control(t: float) -> Control:
-        return system.control(activation.at(t))
+        return system.control(activation.at(t), t)
 
     for values in activation.values:  # all of it now, not one by one hours later
         system.control(values)

@@ -1,7 +1,7 @@
 """What changes in time: state, control, and the report of a step."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,18 +36,21 @@ class Control:
     Attributes
     ----------
     activation : (n_muscles,) in 0-1, in the order of `System.muscles`.
+    t : float
+        Time that it belongs to [s], for what moves by itself (shells of a contact).
 
     Notes
     -----
-    Called with a time it gives itself, so that one held over time serves wherever a control that
-    varies is asked for.
+    Called with a time it gives its activation at that time, so that one held over time serves wherever
+    a control that varies is asked for.
     """
 
     activation: Array
+    t: float = 0.0
 
     def __call__(self, t: float) -> "Control":
-        """The control at time t [s], which is this one."""
-        return self
+        """The control at time t [s]: the same activation."""
+        return replace(self, t=t)
 
 
 ControlAt = Callable[[float], Control]

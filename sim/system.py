@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from sim.scene import (
     Remembering,
     Remembers,
     Scene,
+    StopsMoves,
 )
 from sim.state import Array, Control, Evaluation, State
 
@@ -70,13 +72,49 @@ class System:
         remember it is this system itself. The energy is then the part of the step's potential that the
         terms contribute, which differs from the stored energy by what they dissipate.
         """
-        if not any(isinstance(term, Remembers) for term in self.terms):
+        if not any(isinstance(term, Remembers | StopsMoves) for term in self.terms):
             return self
-        terms = tuple(
-            term.during(state.q, state.memory.get(name), h) if isinstance(term, Remembers) else term
-            for name, term in zip(self._memory_names(), self.terms, strict=True)
-        )
+        names = self._memory_names()
+        terms = tuple(_over(*row, state, h) for row in zip(self.terms, names, strict=True))
         return replace(self, terms=terms, _in_step=True)
+
+    @cached_property
+    def stops(self) -> tuple[StopsMoves, ...]:
+        """Terms that stop moves."""
+        return tuple(term for term in self.terms if isinstance(term, StopsMoves))
+
+    def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
+        """Share of the move from q0 to q1, in (0, 1], that no term stops; 1 without such terms."""
+        return min((term.largest_step(q0, q1, control) for term in self.stops), default=1.0)
+
+    def carried(self, state: State, control: Control) -> Array:
+        """Positions where a step may begin under the control of its end.
+
+        Those of the state, unless something rigid moves into them meanwhile.
+
+        Raises
+        ------
+        NotConverged
+            It moves too far within the step.
+        """
+        q = state.q
+        for term in self.stops:
+            q = term.carried(q, state.t, control)
+        return q
+
+    def require_passable(self, integrator: str) -> None:
+        """Refuse terms that stop moves.
+
+        Raises
+        ------
+        SceneError
+            There is one.
+        """
+        if self.stops:
+            raise SceneError(
+                f"{integrator} takes its step whole, but the scene has a barrier that may stop it: use "
+                "an integrator that iterates (ConvergedEuler), or ConstraintContact"
+            )
 
     def remember(self, q: Array) -> Mapping[str, Array]:
         """Memory of all terms after a step that ends at positions q; of a system `during` a step."""
@@ -127,8 +165,8 @@ class System:
         out.reshape(-1)[self.free] = w
         return out
 
-    def control(self, activation: Array) -> Control:
-        """Checked control.
+    def control(self, activation: Array, t: float = 0.0) -> Control:
+        """Checked control at a time t [s].
 
         Raises
         ------
@@ -146,7 +184,14 @@ class System:
             raise ControlError(
                 f"activation of {self.muscles[i]} is {a[i]:g}, expected a value in 0-1: normalise it"
             )
-        return Control(a)
+        return Control(a, t)
+
+
+def _over(term: CompiledTerm, name: str, state: State, h: float) -> CompiledTerm:
+    """A term over a step of length h from a state."""
+    if isinstance(term, Remembers):
+        return term.during(state.q, state.memory.get(name), h)
+    return term.starting(state, h) if isinstance(term, StopsMoves) else term
 
 
 def _nan_is_worst(item: tuple[float, int]) -> float:
@@ -194,5 +239,7 @@ def compile_scene(scene: Scene) -> System:
     system = System(scene, mass, pattern, terms, layout.muscles, conditions)
     if scene.damping is None:
         return system
-    damping = scene.damping.compile(layout, lambda q, control: system.tangent(q, control)[1])
+    # a barrier is stiff only where it is touched: a damping by it would hold surfaces together
+    tissue = replace(system, terms=tuple(t for t in terms if not isinstance(t, StopsMoves)))
+    damping = scene.damping.compile(layout, lambda q, control: tissue.tangent(q, control)[1])
     return replace(system, _damping=damping)

@@ -114,7 +114,7 @@ def _search(
     broken = rho * float(np.abs(c).sum())
     slope = dot(start.g, step) - broken
     rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy) + broken)
-    length = 1.0
+    length = potential.largest_step(start.d, step)
     for _ in range(MAX_HALVINGS):
         trial = potential.point(start.d + length * step)
         if trial.here.smallest_J > 0.0:

@@ -66,6 +66,13 @@ class IncrementalPotential:
         phi = 0.5 * dot(d, product) - dot(self._momentum, d) + here.energy
         return Point(d, g, phi, here)
 
+    def largest_step(self, d: Array, direction: Array) -> float:
+        """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
+        if not self.system.stops:
+            return 1.0
+        ends = self.positions(d), self.positions(d + direction)
+        return self.system.largest_step(*ends, self._control)
+
     def matrix(self, d: Array) -> Array:
         """s^2 times the second derivative at d, M + s D + s^2 K."""
         K = self.system.tangent(self.positions(d), self._control)[1]
@@ -77,6 +84,9 @@ class IncrementalPotential:
         """Begin at the inertial guess d = s v where it is feasible and better, else at the state."""
         here = self.point(self.system.reduce(state_q) - self._w0, at_state)
         guess = self._s * self._v0
+        share = self.largest_step(here.d, guess - here.d)
+        if share < 1.0:
+            guess = here.d + share * (guess - here.d)
         if np.array_equal(guess, here.d):
             return here
         moved = self.point(guess)

@@ -28,7 +28,10 @@ def linear_step(
         det F <= 0 at the end.
     SingularSystem
         A matrix could not be factorised.
+    SceneError
+        The scene has a barrier.
     """
+    system.require_passable("a linearly implicit step")
     v0, t1 = system.reduce(state.v), state.t + h
     definite, factorisations = True, 1
     conditions = system.constraints

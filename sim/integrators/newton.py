@@ -56,6 +56,10 @@ class Potential(Protocol):
         """Evaluate potential and gradient; with det F <= 0 somewhere they mean nothing."""
         ...
 
+    def largest_step(self, d: Array, direction: Array) -> float:
+        """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
+        ...
+
     def matrix(self, d: Array) -> Array:
         """Values of scale times the second derivative at d."""
         ...
@@ -106,7 +110,7 @@ class Iteration:
 
 
 def search(
-    evaluate: Callable[[Array], Point], start: Point, direction: Array
+    evaluate: Callable[[Array], Point], start: Point, direction: Array, longest: float = 1.0
 ) -> tuple[float, Point] | None:
     """Longest tried step with det F > 0 everywhere and sufficient decrease.
 
@@ -120,7 +124,7 @@ def search(
     # phi is a difference of large sums. Where its change may be rounding, the slope along the
     # direction decides: it must have fallen (the approximate Wolfe condition of Hager and Zhang 2005)
     rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy))
-    length = 1.0
+    length = longest
     for _ in range(MAX_HALVINGS):
         trial = evaluate(start.d + length * direction)
         if trial.here.smallest_J > 0.0:
@@ -179,7 +183,8 @@ def minimise(
     residuals, last, shortest = [point.residual], np.inf, 1.0
     for iteration in range(1, tolerances.max_iterations + 1):
         direction = work.secants.direction(point.g, lambda r: work.solve(potential.scale * r))
-        found = search(potential.point, point, direction)
+        longest = potential.largest_step(point.d, direction)
+        found = search(potential.point, point, direction, longest)
         contraction = np.inf
         if found is None:
             largest = float(np.abs(direction).max())

@@ -82,7 +82,8 @@ class Converged:
             self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
         )
         key = (type(self), stage.s)
-        start = phi.start(state.q, here)
+        q0 = system.carried(state, stage.control)
+        start = phi.start(q0, here if q0 is state.q else None)
         if system.constraints is None:
             end, went = minimise(phi, start, work, key, tolerances, stage.t)
         else:

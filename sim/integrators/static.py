@@ -56,7 +56,8 @@ class Static:
         """
         system = system.during(state, math.inf)
         energy = _Energy(system, state, control(state.t + h), work)
-        start = energy.point(np.zeros(system.pattern.n))
+        q0 = system.carried(state, control(state.t + h))
+        start = energy.point(system.reduce(q0) - system.reduce(state.q))
         require_upright(start.here.element, start.here.smallest_J, state.t)
         tolerances = Tolerances(
             self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
@@ -88,6 +89,13 @@ class _Energy:
         with self._work.timed("force"):
             here: Evaluation = self.system.force(self.positions(d), self._control)
         return Point(d, -self.system.reduce(here.f), here.energy, here)
+
+    def largest_step(self, d: Array, direction: Array) -> float:
+        """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
+        if not self.system.stops:
+            return 1.0
+        ends = self.positions(d), self.positions(d + direction)
+        return self.system.largest_step(*ends, self._control)
 
     def matrix(self, d: Array) -> Array:
         """Values of the second derivative K at d."""

@@ -1,0 +1,224 @@
+"""Barrier contact: incremental potential contact, surfaces that can never pass through each other."""
+
+import math
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sim.contact.clearance import cleared
+from sim.contact.ipc import Barrier, CollisionPair, Hessian, Sliding
+from sim.contact.surfaces import NodeSurface, Pairing
+from sim.errors import ContactFailure, NotConverged, SceneError
+from sim.mesh import Mesh
+from sim.scene import Contribution, Index, Layout
+from sim.state import Array, Control, State
+
+
+@dataclass(frozen=True, eq=False)
+class BarrierContact:
+    """Contact by a smooth barrier, E = sum over places of area * stiffness * distance * b(d/distance).
+
+    b(y) = -(y^2 - 1)^2 ln y^2 for y < 1 and nothing beyond, of the gap d between vertices and triangles
+    and between edges. It grows without bound as the gap closes, and every move of the iteration is
+    stopped before it (continuous collision detection): surfaces never pass through each other, however
+    long the step.
+
+    Attributes
+    ----------
+    pairings : tuple of Pairing
+        Surfaces that may touch; nothing else is searched.
+    friction : float
+        Coulomb coefficient [1].
+    distance : float
+        Gap at which contact begins to be felt [m]. Bodies at rest on each other keep a gap below it.
+    stiffness : float
+        Scale of the pressure [Pa]: the pressure is about 0.3 of it at a gap of 0.9 distance, 6 times at
+        half and ``3 distance/d`` times at small gaps d. About Young's modulus of the softer body
+        is a good choice; with less the gap becomes small under load, with more the iteration stiff.
+    reach : float
+        Nodes of two surfaces of the mesh that are this far apart at rest may still come into contact
+        with each other [m]; more widens the matrix.
+    stick_speed : float
+        Sliding speed up to which friction grows to its full value [m/s]: what sticks creeps slower than
+        this.
+
+    Raises
+    ------
+    SceneError
+        A number is out of range; on compiling, the package ipctk is missing.
+    ContactFailure
+        On compiling: a surface is unusable, or two surfaces of the mesh touch or cross at rest. During
+        a simulation: nodes further apart at rest than `reach` came into contact.
+
+    Notes
+    -----
+    Where tissue starts inside a rigid shell or nearer than `distance`, the shell is dented at compile
+    time until it is clear by `distance` (`sim.contact.clearance`): no force at rest, hence no jump, and
+    no tissue ever goes deeper than it started. Two surfaces of the mesh must start apart.
+
+    Friction is lagged: over a step it acts with the normal forces and in the tangent planes of the
+    step's start. Only an integrator that iterates can hold a barrier.
+
+    Source: Li et al. 2020, Incremental potential contact, ACM Trans. Graph. 39(4), 49; weights by area:
+    Li et al. 2023, Convergent incremental potential contact, arXiv:2307.15908. Computed with the IPC
+    Toolkit (ipctk).
+    """
+
+    pairings: tuple[Pairing, ...]
+    friction: float = 0.0
+    distance: float = 1e-4
+    stiffness: float = 2e4
+    reach: float = 0.02
+    stick_speed: float = 1e-4
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name in ("distance", "stiffness", "reach", "stick_speed"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise SceneError(
+                    f"BarrierContact: {name} = {getattr(self, name)!r}, expected a number > 0"
+                )
+        if not 0.0 <= self.friction < math.inf:
+            raise SceneError(
+                f"BarrierContact: friction = {self.friction!r}, expected a coefficient >= 0"
+            )
+        if not self.pairings:
+            raise SceneError("BarrierContact has no pairings, expected at least one")
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """Node pairs within reach of each other on two surfaces of the mesh."""
+        keys = [np.empty(0, dtype=np.int64)]
+        for pairing in self.pairings:
+            pairing.check(mesh)
+            soft = [s.nodes for s in pairing.surfaces if isinstance(s, NodeSurface)]
+            if len(soft) == 2 or pairing.itself:
+                keys.append(_within(mesh.X, soft[0], soft[-1], self.reach))
+        return np.concatenate(keys)
+
+    def compile(self, layout: Layout) -> "CompiledBarrier":
+        """Clear the shells and lay the pairings out."""
+        return CompiledBarrier(self, layout)
+
+
+class CompiledBarrier:
+    """Barriers laid out for a scene; search results are kept and change no result.
+
+    Attributes
+    ----------
+    pairs : tuple of CollisionPair
+    """
+
+    def __init__(self, part: BarrierContact, layout: Layout) -> None:
+        barrier = Barrier(part.distance, part.stiffness, part.friction, part.stick_speed)
+        self._part, self._pattern, self._n = part, layout.pattern, layout.mesh.n_nodes
+        self.pairs = tuple(cleared(p, layout.mesh.X, barrier) for p in part.pairings)
+        self._free = np.zeros(3 * self._n, dtype=bool)
+        self._free[layout.pattern.free] = True
+        self._sliding: tuple[Sliding, ...] | None = None
+
+    def starting(self, state: State, h: float) -> "CompiledBarrier":
+        """Barriers over a step of length h [s] from a state, with the friction of its contacts."""
+        if self._part.friction == 0.0 or h == 0.0:
+            return self
+        slip = self._part.stick_speed * h if h < math.inf else 0.01 * self._part.distance
+        step = copy(self)
+        step._sliding = tuple(
+            pair.sliding(pair.vertices(state.q, state.t), slip) for pair in self.pairs
+        )
+        return step
+
+    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
+        """Push surfaces that are nearer than the distance apart."""
+        energy = 0.0
+        for i, pair in enumerate(self.pairs):
+            x = pair.vertices(q, control.t)
+            for potential in self._of(i):
+                more, gradient = potential.energy(x)
+                energy += more
+                f[pair.node[: pair.n_soft]] -= gradient[: pair.n_soft]
+        return Contribution(energy)
+
+    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
+        """As `add_force`, and the stiffness, projected to positive semi-definite pair by pair.
+
+        Raises
+        ------
+        ContactFailure
+            Nodes beyond reach of each other came into contact.
+        """
+        found = self.add_force(q, control, f)
+        for i, pair in enumerate(self.pairs):
+            x = pair.vertices(q, control.t)
+            for potential in self._of(i):
+                self._spread(pair, potential.hessian(x), K)
+        return found
+
+    def _of(self, i: int) -> tuple[CollisionPair | Sliding, ...]:
+        return (self.pairs[i],) if self._sliding is None else (self.pairs[i], self._sliding[i])
+
+    def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
+        """Share of the move from q0 to q1 that passes through nothing, in (0, 1]."""
+        return min(self._share(pair, q0, q1, control.t, control.t) for pair in self.pairs)
+
+    def carried(self, q: Array, t: float, control: Control) -> Array:
+        """Positions q, allowed at time t [s], where a step to the control's time may begin.
+
+        If a moving shell passes through free nodes meanwhile, those near it are taken along with its
+        motion.
+
+        Raises
+        ------
+        NotConverged
+            Something is in the way of what is taken along, or of the shell.
+        """
+        blocked = [p for p in self.pairs if p.moves and self._share(p, q, q, t, control.t) < 1.0]
+        moved = q.copy() if blocked else q
+        for pair in blocked:
+            pair.carry(moved, self._free, t, control.t)
+        if blocked and min(self._share(p, q, moved, t, control.t) for p in self.pairs) < 1.0:
+            name = blocked[0].pairing.name
+            raise NotConverged(
+                (), control.t, f"in pairing {name!r} a shell moves through the tissue"
+            )
+        return moved
+
+    @staticmethod
+    def _share(pair: CollisionPair, q0: Array, q1: Array, t0: float, t1: float) -> float:
+        return pair.largest_step(pair.vertices(q0, t0), pair.vertices(q1, t1))
+
+    def _spread(self, pair: CollisionPair, H: Hessian, K: Array) -> None:
+        """Add a second derivative over vertices to the values of the pattern."""
+        if len(H.value) == 0:
+            return
+        a, i = np.divmod(H.row, 3)
+        b, j = np.divmod(H.column, 3)
+        a, b = pair.node[a], pair.node[b]
+        upper = (a >= 0) & (b >= 0) & (3 * a + i <= 3 * b + j)
+        a, b, i, j, value = a[upper], b[upper], i[upper], j[upper], H.value[upper]
+        keys = a * self._n + b
+        place = np.minimum(self._pattern.pair_index(keys), len(self._pattern.pairs) - 1)
+        known = self._pattern.pairs[place] == keys
+        if not known.all():
+            self._beyond_reach(pair, int(a[np.argmin(known)]), int(b[np.argmin(known)]))
+        target = self._pattern.target[place, 3 * i + j]
+        stored = target >= 0
+        K[target[stored]] += value[stored]
+
+    def _beyond_reach(self, pair: CollisionPair, a: int, b: int) -> None:
+        raise ContactFailure(
+            f"nodes {a} and {b} of pairing {pair.pairing.name!r} came into contact, but are further "
+            f"apart at rest than reach = {self._part.reach:g} m: declare a larger reach",
+            surface=pair.pairing.name,
+            node=a,
+        )
+
+
+def _within(X: Array, a: Index, b: Index, reach: float) -> Index:
+    """Keys ``i * n + j``, i <= j, of the pairs of two sets of nodes that are within reach."""
+    near = cKDTree(X[a]).query_ball_tree(cKDTree(X[b]), reach)
+    counts = [len(row) for row in near]
+    i = np.repeat(a, counts)
+    j = b[np.concatenate([np.asarray(row, dtype=np.int64) for row in near])]
+    return np.unique(np.minimum(i, j) * len(X) + np.maximum(i, j))
