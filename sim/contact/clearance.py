@@ -81,8 +81,8 @@ def _recession(pair: CollisionPair, shell: RigidShell, X: Array, distance: float
         at = int(np.argmax(recede))
         near = int(tissue.nodes[np.argmin(((X[tissue.nodes] - x[first + at]) ** 2).sum(axis=1))])
         raise ContactFailure(
-            f"pairing {pair.pairing.name!r} starts tangled: shell {shell.name!r} would have to recede by "
-            f"more than {DEEPEST * 1e3:g} mm near node {near}, expected surfaces that start apart or "
+            f"pairing {pair.pairing.name!r} starts tangled: shell {shell.name!r} would have to recede "
+            f"by more than {DEEPEST * 1e3:g} mm near node {near}, expected surfaces that start apart or "
             "overlap less: move the shell, or turn its triangles to be seen counter-clockwise from "
             "the side of the tissue",
             surface=pair.pairing.name,
@@ -140,8 +140,8 @@ def _require_apart(pair: CollisionPair, X: Array) -> None:
 def _refuse(pair: CollisionPair, some: Any, others: Any, how: str) -> None:
     here, there = (pair.node[list(part)].tolist() for part in (some, others))
     raise ContactFailure(
-        f"pairing {pair.pairing.name!r} starts tangled: nodes {here} and {there} {how} at rest, expected "
-        "surfaces of the mesh that start apart: part them by a small gap",
+        f"pairing {pair.pairing.name!r} starts tangled: nodes {here} and {there} {how} at rest, "
+        "expected surfaces of the mesh that start apart: part them by a small gap",
         surface=pair.pairing.name,
         node=here[0],
     )

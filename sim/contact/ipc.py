@@ -38,8 +38,8 @@ def toolkit() -> Any:
         ipctk = import_module("ipctk")
     except ImportError as missing:
         raise SceneError(
-            "BarrierContact needs the package ipctk, which is not installed: "
-            'try pip install "emgface[contact]", or ConstraintContact'
+            "BarrierContact needs the package ipctk, which is not installed: try pip install ipctk "
+            "(it has wheels for Linux on x86-64, Windows, and macOS on ARM), or ConstraintContact"
         ) from missing
     ipctk.set_num_threads(1)
     return ipctk
@@ -273,5 +273,6 @@ def _entries(matrix: Any, count: int) -> Hessian:
     if count == 0:
         none = np.empty(0, dtype=np.int64)
         return Hessian(none, none, np.empty(0))
-    column = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
-    return Hessian(matrix.indices.astype(np.int64), column, matrix.data)
+    start, row = (np.asarray(part, dtype=np.int64) for part in (matrix.indptr, matrix.indices))
+    column = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    return Hessian(row, column, matrix.data)
