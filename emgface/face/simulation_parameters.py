@@ -1,13 +1,20 @@
 """Every choice of the mechanics of one simulation, with default, unit and source."""
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from emgface.choices import ESKES, OWN, STAVNESS, choice, configure, parameter
+from emgface.face.contact_parameters import ContactParameters
 from emgface.face.muscle_parameters import MuscleParameters, SigmaMaxPolicy
 from emgface.face.time_stepping import TimeStepping
 from emgface.face.tissue_parameters import Prestress, SkinParameters, TissueParameters
 
-__all__ = ["Prestress", "SigmaMaxPolicy", "SimulationParameters", "SkinParameters"]
+__all__ = [
+    "ContactParameters",
+    "Prestress",
+    "SigmaMaxPolicy",
+    "SimulationParameters",
+    "SkinParameters",
+]
 
 
 class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
@@ -20,6 +27,9 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         source=f"{STAVNESS}, Teeth support lip protrusion; the form is of {OWN}",
         note="stands for teeth and bone that the inner side of the lips rests on",
         ge=0,
+    )
+    contact: ContactParameters = Field(
+        default=ContactParameters(), description="Contact of lips and teeth."
     )
     gravity: bool = choice(
         True,
@@ -55,6 +65,16 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
             raise ValueError(
                 "a tissue with relaxing stress cannot stiffen with activation: set stiffening = 1 or "
                 "make the tissue elastic"
+            )
+        if self.contact.method == "barrier" and self.solver.startswith("linearly_implicit"):
+            raise ValueError(
+                f"solver = '{self.solver}' cannot hold contact.method = 'barrier', which needs an "
+                "iteration: choose 'converged', 'trapezoidal' or 'sdirk2'"
+            )
+        if self.support > 0.0 and self.contact.method != "none" and "teeth" in self.contact.between:
+            raise ValueError(
+                f"support = {self.support:g} N/m stands for the teeth that contact has: set "
+                "support = 0, or contact.between = ['lips']"
             )
         if self.sigma_max < self.sigma_max_policy.minimum:
             raise ValueError(

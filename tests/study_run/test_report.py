@@ -268,6 +268,11 @@ def test_methods_know_every_choice_of_the_mechanics() -> None:
         assert len(told[name]) == len(options), name
     assert "chosen by an error of 0.1 mm" in chosen(solver="sdirk2", error_tolerance=1e-4)
     assert "support of 5 N/m" in chosen(support=5.0)
+    held = chosen(contact={"method": "barrier", "between": ["lips"], "friction": 0.2})
+    assert (
+        "contact of the lips with each other (incremental potential contact, friction 0.2)" in held
+    )
+    assert "contact" not in chosen()
 
 
 def test_methods_know_every_choice_of_the_signals() -> None:

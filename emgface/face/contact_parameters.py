@@ -1,0 +1,56 @@
+"""Whether and how lips touch each other and the teeth."""
+
+from typing import Literal
+
+from pydantic import model_validator
+
+from emgface.choices import ESKES, OWN, STAVNESS, Parameters, choice, parameter
+
+
+class ContactParameters(Parameters):
+    """Contact of the lips with each other, and of lips and cheeks with teeth and bone."""
+
+    method: Literal["none", "barrier"] = choice(
+        "none",
+        "'barrier': a force that grows without bound as the gap closes, so that nothing ever passes "
+        "through.",
+        source=f"{STAVNESS}, Contact handling; the barrier is of {OWN}",
+        note="'barrier' needs a solver that iterates",
+    )
+    between: tuple[Literal["lips", "teeth"], ...] = choice(
+        ("lips", "teeth"),
+        "What may touch: 'lips' each other, 'teeth' the lips and cheeks in front of them.",
+        source=f"{STAVNESS}, Contact handling",
+    )
+    friction: float = parameter(
+        0.0,
+        "Coulomb coefficient, of tissue on tissue and of tissue on teeth.",
+        unit="1",
+        source=f"{ESKES}, Finite element face model (frictionless)",
+        ge=0,
+        le=2,
+    )
+
+    @model_validator(mode="after")
+    def _something_touches(self) -> "ContactParameters":
+        if not self.between or len(set(self.between)) < len(self.between):
+            raise ValueError(
+                f"between = {list(self.between)}: expected 'lips', 'teeth' or both, each once; no "
+                "contact is method = 'none'"
+            )
+        return self
+
+    @property
+    def told(self) -> str:
+        """What touches what and how, as a phrase for the methods of a manuscript."""
+        pairs = {
+            "lips": "of the lips with each other",
+            "teeth": "of lips and cheeks with the teeth",
+        }
+        rubbing = f"friction {self.friction:g}" if self.friction else "frictionless"
+        how = {
+            "none": "none",
+            "barrier": "incremental potential contact",
+        }
+        where = " and ".join(pairs[name] for name in self.between)
+        return f"contact {where} ({how[self.method]}, {rubbing})"

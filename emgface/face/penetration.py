@@ -1,0 +1,81 @@
+"""How deep surfaces stand in each other, found without the search that contact itself uses."""
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.face.lips import lining, lip_surface
+from emgface.face.parts import FREE, LIPS, MANDIBLE, arches_of
+from emgface.face.surface import nearest_on_triangles, winding_number
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def depths(points: Floats, corners: Floats) -> Floats:
+    """Depth of points inside a closed surface, 0 outside.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+    corners : ndarray, shape (m, 3, 3)
+        Closed, outward triangles.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Distance to the nearest point of the surface where the winding number is above a half.
+    """
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    found = np.zeros(len(points))
+    near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    inside = near[winding_number(points[near], corners) > 0.5]
+    for k in inside:
+        found[k] = np.linalg.norm(nearest_on_triangles(points[k], corners)[0] - points[k])
+    return found
+
+
+class Penetration:
+    """Depth of the lips in each other and of the lining in the teeth of one face.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model; the teeth count where it has closed arches.
+
+    Raises
+    ------
+    FaceError
+        As `emgface.face.lips.lip_surface`.
+    """
+
+    def __init__(self, face: xr.Dataset) -> None:
+        self._lips = [lip_surface(face, lip) for lip in LIPS]
+        nodes = [np.unique(lip) for lip in self._lips]
+        self._own = [np.setdiff1d(nodes[0], nodes[1]), np.setdiff1d(nodes[1], nodes[0])]
+        self._arches = arches_of(face)
+        touching = np.unique(lining(face)) if self._arches else np.empty(0, dtype=np.int64)
+        self._lining = touching[face["fixed"].values[touching] == FREE]
+        self._rest = self._in_teeth(face["position"].values)
+
+    def lips(self, q: Floats) -> float:
+        """Deepest node of either lip within the other, in positions q (nodes, 3) [m]."""
+        return max(
+            float(depths(q[self._own[k]], q[self._lips[1 - k]]).max(initial=0.0)) for k in (0, 1)
+        )
+
+    def teeth(self, q: Floats) -> float:
+        """Deepest node of lips and cheeks within the teeth, beyond where it is at rest [m]."""
+        found = [now - rest for now, rest in zip(self._in_teeth(q), self._rest, strict=True)]
+        return max((float(deeper.max(initial=0.0)) for deeper in found), default=0.0)
+
+    def at_rest(self) -> dict[str, tuple[int, float]]:
+        """Number of nodes within each bone at rest, and the deepest [m]."""
+        names = ["mandible" if arch.bone == MANDIBLE else "maxilla" for arch in self._arches]
+        return {
+            name: (int((depth > 0.0).sum()), float(depth.max(initial=0.0)))
+            for name, depth in zip(names, self._rest, strict=True)
+        }
+
+    def _in_teeth(self, q: Floats) -> list[Floats]:
+        return [depths(q[self._lining], arch.points[arch.triangles]) for arch in self._arches]

@@ -1,0 +1,89 @@
+"""Contact on a face: what is paired, what the scene holds, and lips that close against each other."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import sim
+from emgface.choices import configure
+from emgface.errors import ConfigurationError, FaceError
+from emgface.face.contact import contact_pairings
+from emgface.face.contact_parameters import ContactParameters
+from emgface.face.penetration import Penetration, depths
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+
+METHODS = ("barrier",)
+
+
+@pytest.fixture(scope="module")
+def face() -> xr.Dataset:
+    return template_face(resolution="coarse")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_lips_and_teeth_are_paired_as_asked(face: xr.Dataset, method: str) -> None:
+    def paired(**more: object) -> list[str]:
+        contact = ContactParameters.model_validate({"method": method, **more})
+        return [pairing.name for pairing in contact_pairings(face, contact)]
+
+    lips, maxilla, mandible = paired()
+    assert lips == "upper lip on lower lip"
+    assert maxilla == "lining of the mouth on maxilla"
+    assert mandible == "lining of the mouth on mandible"
+    assert paired(between=["lips"]) == [lips]
+    assert paired(between=["teeth"]) == [maxilla, mandible]
+    for pairing in contact_pairings(face, ContactParameters.model_validate({"method": method})):
+        pairing.check(compose_scene(face, SimulationParameters()).mesh)
+    without = face.drop_dims(["arch_point", "arch_facet"])
+    with pytest.raises(FaceError, match="the face has no teeth"):
+        contact_pairings(without, ContactParameters.model_validate({"method": method}))
+
+
+def test_a_scene_has_contact_only_where_it_is_declared(face: xr.Dataset) -> None:
+    def contacts(**values: object) -> list[object]:
+        scene = compose_scene(face, SimulationParameters.model_validate(values))
+        return [term for term in scene.terms if "Contact" in type(term).__name__]
+
+    assert contacts() == []
+    for method in METHODS:
+        (term,) = contacts(contact={"method": method, "friction": 0.3})
+        assert getattr(term, "friction") == 0.3  # noqa: B009  # either kind of contact
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"contact": {"method": "glue"}}, "contact.method"),
+        ({"contact": {"between": []}}, "expected 'lips', 'teeth' or both"),
+        ({"contact": {"between": ["lips", "lips"]}}, "expected 'lips', 'teeth' or both"),
+        ({"contact": {"friction": -0.1}}, "contact.friction"),
+        ({"contact": {"method": "barrier"}, "solver": "linearly_implicit"}, "needs an iteration"),
+        ({"contact": {"method": "barrier"}, "support": 10.0}, "stands for the teeth"),
+    ],
+)
+def test_what_does_not_go_together_is_said(values: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        configure(SimulationParameters, values)
+
+
+def test_depth_in_a_cube() -> None:
+    mesh = sim.mesh_from_arrays(
+        np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=float),
+        hex8=np.array([[0, 1, 3, 2, 4, 5, 7, 6]]),
+    )
+    corners = mesh.X[sim.boundary_surface(mesh).triangles]
+    points = np.array([[0.5, 0.5, 0.9], [0.3, 0.5, 0.5], [0.5, 0.5, 1.1], [-0.2, 0.5, 0.5]])
+    np.testing.assert_allclose(depths(points, corners), [0.1, 0.3, 0.0, 0.0], atol=1e-12)
+
+
+def test_depth_of_a_face_starts_at_rest(face: xr.Dataset) -> None:
+    """The template touches nothing at rest; moved back by 3 mm it stands in its teeth by so much."""
+    penetration, X = Penetration(face), face["position"].values
+    assert penetration.at_rest() == {"maxilla": (0, 0.0), "mandible": (0, 0.0)}
+    assert penetration.lips(X) == penetration.teeth(X) == 0.0
+    assert 1e-3 < penetration.teeth(X - [0.0, 3e-3, 0.0]) < 3e-3
+    lips = X.copy()
+    lips[np.unique(penetration._lips[0]), 2] -= 6e-3
+    assert 1e-3 < penetration.lips(lips) < 6e-3
