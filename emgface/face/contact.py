@@ -45,7 +45,9 @@ def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pair
         soft = NodeSurface(lining(face), "lining of the mouth")
         for arch in arches_of(face):
             name = "mandible" if arch.bone == MANDIBLE else "maxilla"
-            pairings.append(Pairing(soft, RigidShell(arch.points, arch.triangles.astype(np.int64), name)))
+            pairings.append(
+                Pairing(soft, RigidShell(arch.points, arch.triangles.astype(np.int64), name))
+            )
     return tuple(pairings)
 
 
