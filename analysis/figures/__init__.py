@@ -8,7 +8,7 @@ from analysis.figures.cost import cost_of_parts
 from analysis.figures.emg import emg_with_features
 from analysis.figures.faces import rendered_faces
 from analysis.figures.growth import growth
-from analysis.figures.stability import stability_table
+from analysis.figures.stability import limits_table, stability_table
 from analysis.figures.style import save
 from analysis.figures.work_precision import work_precision
 
@@ -19,6 +19,7 @@ __all__ = [
     "emg_with_features",
     "feature_boxes",
     "growth",
+    "limits_table",
     "marker_traces",
     "rendered_faces",
     "save",

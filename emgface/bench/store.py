@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
-from analysis.figures import cost_of_parts, growth, save, stability_table, work_precision
+from analysis.figures import cost_of_parts, growth, save, work_precision
+from emgface.bench.stability.limits import limits
+from emgface.bench.stability.shown import limits_figure, stability_figure, stability_frame
 from emgface.bench.work_precision.table import table as work_precision_table
 
 if TYPE_CHECKING:
@@ -18,38 +19,6 @@ if TYPE_CHECKING:
 def work_precision_figure(found: xr.Dataset) -> "Figure":
     """Errors of time stepping and of the discretisation."""
     return work_precision(found, title=found.attrs["face"])
-
-
-def stability_frame(found: xr.Dataset) -> pd.DataFrame:
-    """One row per run."""
-    return found.to_dataframe().reset_index(drop=True)
-
-
-def stability_figure(found: xr.Dataset) -> "Figure":
-    """Which integrator stands which case."""
-    table = stability_frame(found)
-    cases = list(
-        dict.fromkeys(f"{r}. {t}: {c}" for r, t, c in table[["row", "title", "case"]].values)
-    )
-    methods = list(dict.fromkeys(table["integrator"]))
-    status = np.full((len(cases), len(methods)), "", dtype=object)
-    for r in table.to_dict("records"):
-        where = (
-            cases.index(f"{r['row']}. {r['title']}: {r['case']}"),
-            methods.index(r["integrator"]),
-        )
-        outcome = str(r["outcome"])
-        if outcome.startswith("refused: "):
-            kind = "ok" if r["expected"] else "failed"
-            outcome = f"{kind}:{outcome.removeprefix('refused: ')}"
-        elif outcome.startswith("WRONG: "):
-            outcome = "wrong:" + outcome.removeprefix("WRONG: ").replace(":", ",")
-        status[where] = outcome
-    drawn = xr.Dataset(
-        {"status": (("case", "method"), status.astype(str))},
-        coords={"case": cases, "method": methods},
-    )
-    return stability_table(drawn, title="stability battery")
 
 
 def growth_table(found: xr.Dataset) -> pd.DataFrame:
@@ -74,13 +43,20 @@ def cost_table(found: xr.Dataset) -> pd.DataFrame:
     return table.reset_index(drop=True)
 
 
-KINDS: dict[str, tuple[Callable[[xr.Dataset], pd.DataFrame], Callable[[xr.Dataset], "Figure"]]] = {
+Table = Callable[[xr.Dataset], pd.DataFrame]
+Draw = Callable[[xr.Dataset], "Figure"]
+
+KINDS: Final[dict[str, tuple[Table, Draw]]] = {
     "work-precision": (work_precision_table, work_precision_figure),
     "stability": (stability_frame, stability_figure),
     "cost": (cost_table, cost_of_parts),
     "scaling": (growth_table, growth),
 }
 """Table and figure of every kind of measurement."""
+FURTHER: Final[dict[str, dict[str, tuple[Table, Draw]]]] = {
+    "stability": {"stability-limits": (limits, limits_figure)}
+}
+"""What more is told of a kind, by the name of its files."""
 
 
 def store(kind: str, found: xr.Dataset, folder: Path) -> tuple[pd.DataFrame, list[Path]]:
@@ -101,12 +77,16 @@ def store(kind: str, found: xr.Dataset, folder: Path) -> tuple[pd.DataFrame, lis
     paths : list of Path
     """
     folder.mkdir(parents=True, exist_ok=True)
-    make_table, draw = KINDS[kind]
-    table = make_table(found)
-    paths = [folder / f"{kind}{ending}" for ending in (".nc", ".csv", ".svg", ".png")]
+    paths = [folder / f"{kind}.nc"]
     found.to_netcdf(paths[0])
-    table.to_csv(paths[1], index=False)
-    figure = draw(found)
-    for path in paths[2:]:
-        save(figure, path)
-    return table, paths
+    for name, (make_table, draw) in {kind: KINDS[kind], **FURTHER.get(kind, {})}.items():
+        table = make_table(found)
+        if table.empty:  # rows without a sweep have no limits
+            continue
+        own = [folder / f"{name}{ending}" for ending in (".csv", ".svg", ".png")]
+        table.to_csv(own[0], index=False)
+        figure = draw(found)
+        for path in own[1:]:
+            save(figure, path)
+        paths += own
+    return KINDS[kind][0](found), paths

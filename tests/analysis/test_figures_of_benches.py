@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from analysis.errors import FigureError
-from analysis.figures import stability_table, work_precision
+from analysis.figures import limits_table, stability_table, work_precision
 
 
 def runs() -> xr.Dataset:
@@ -82,3 +82,21 @@ def test_stability_says_what_failed() -> None:
         stability_table(found.assign(status=(("case", "method"), [["ok", "broken"], ["", "ok"]])))
     with pytest.raises(FigureError, match="with dims case and method"):
         stability_table(found.drop_vars("status"))
+
+
+def test_limits_are_told_in_words_under_the_name_of_their_row() -> None:
+    limit = [["all", "1 ... 10 (InvertedElement)"], ["", "none (WRONG: NaN in the result)"]]
+    coords = {
+        "case": ["step [ms]: 1 ... 100", "gravity"],
+        "group": ("case", ["3. steps", "6. loads"]),
+        "method": ["SDIRK2", "linearly implicit trapezoidal"],
+    }
+    figure = limits_table(xr.Dataset({"limit": (("case", "method"), limit)}, coords))
+    words = [text.get_text() for text in figure.axes[0].texts]
+    assert words[:2] == ["all", "1 ... 10\n(InvertedElement)"]
+    assert words[2] == "not run"
+    assert words[3].startswith("none\n(WRONG: NaN")
+    assert words[4:] == ["3. steps", "6. loads"]
+    places = figure.axes[0].get_yticks().tolist()
+    assert places == [1, 3]  # below their headings
+    assert figure.axes[0].get_xticklabels()[1].get_text().count("\n") == 2

@@ -1,9 +1,11 @@
 """Small bodies for the battery: a layered block with two muscles, held at its base or free."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 import sim
 from sim.scene import Constraint, Term
@@ -12,6 +14,8 @@ Floats = NDArray[np.float64]
 
 SIZE = 0.02
 """Edge of the block [m]."""
+MODERATE, FULL = (0.5, 0.2), (1.0, 1.0)
+"""Levels of the two muscles."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,7 @@ class Block:
     held : whether the base is fixed.
     damped : whether Rayleigh damping acts.
     squeezed : factor on the height of the middle layer, which makes slivers of its elements.
+    corner : scaled Jacobian at one corner inside, whose node is moved for it; 1 leaves it.
     """
 
     sigma_max: float = 100e3
@@ -40,12 +45,14 @@ class Block:
     held: bool = True
     damped: bool = True
     squeezed: float = 1.0
+    corner: float = 1.0
 
     def mesh(self) -> sim.Mesh:
         """Nodes and hexahedra."""
         levels = np.array([0.0, 1.0, 1.0 + self.squeezed, 2.0 + self.squeezed]) * SIZE / 3.0
         side = np.linspace(0.0, SIZE, 4)
         X = np.stack(np.meshgrid(side, side, levels, indexing="ij"), axis=-1)
+        X[1, 1, 1] *= _drawn_in(self.corner)
         return sim.grid_mesh(X)
 
     def scene(self) -> sim.Scene:
@@ -94,6 +101,26 @@ class Block:
     def but(self, **changes: object) -> "Block":
         """The same block with changes."""
         return replace(self, **changes)  # pyright: ignore[reportArgumentType]
+
+
+def _drawn_in(jacobian: float) -> float:
+    """Factor on the place of the corner (1, 1, 1) of a unit cube that gives it a scaled Jacobian.
+
+    At 2/3 it lies in the plane of its three neighbours.
+    """
+
+    def at(c: float) -> float:
+        edges = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]]) - c
+        return float(abs(np.linalg.det(edges / np.linalg.norm(edges, axis=1)[:, None])))
+
+    if jacobian >= 1.0:
+        return 1.0
+    return float(brentq(lambda c: at(c) - jacobian, 2.0 / 3.0, 1.0))  # pyright: ignore[reportArgumentType]
+
+
+def driven(levels: tuple[float, float], ramp: float) -> Callable[[sim.System], sim.Activation]:
+    """Activation of a trial: both muscles to their levels within the ramp [s]."""
+    return lambda system: held_at(levels, ramp)
 
 
 def held_at(levels: tuple[float, float], ramp: float) -> sim.Activation:

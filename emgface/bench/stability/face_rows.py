@@ -1,14 +1,20 @@
 """Rows of the battery that need a whole face."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import xarray as xr
 
 import sim
-from emgface.bench.stability.trial import IMPLICIT, Trial
+from emgface.bench.stability.trial import IMPLICIT, STATIC, Trial
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
+
+STEP = sim.HalvingStep(0.01)
+WALL = 1000.0
+"""Stiffness of the walls behind the lips [N/m]."""
+OVERLAP = 5e-4
+"""How deep the inner nodes start behind their walls [m]."""
 
 
 def _system(face: xr.Dataset, **changes: object) -> Callable[[], sim.System]:
@@ -31,52 +37,62 @@ def _all(
 
 
 def face_trials(face: xr.Dataset) -> list[Trial]:
-    """Rows 4, 9 and 11 on a face."""
-    found: list[Trial] = []
-    step = sim.HalvingStep(0.01)
-    implicit = dict(IMPLICIT)
-    for kilo in (100, 300, 600, 1000):
-        found.append(
-            Trial(
-                4,
-                "all muscles 0 to 1 in one step",
-                f"face, {kilo} kPa",
-                _system(face, sigma_max=kilo * 1e3),
-                _all(1.0, 0.01),
-                0.1,
-                step,
-                implicit,
-            )  # fmt: skip
-        )
-    for kilo in (100, 300):
-        found.append(
-            Trial(
-                9,
-                "lips pressed together",
-                f"OOP + OOM to 1 in 0.1 s, {kilo} kPa, no contact",
-                _system(face, sigma_max=kilo * 1e3),
-                _all(1.0, 0.1, ("OOP", "OOM")),
-                0.3,
-                step,
-                implicit,
-            )  # fmt: skip
-        )
+    """Rows 3, 4, 9 and 11 on a face."""
+    return [*_steps(face), *_jumps(face), *_pressed(face), *_rest(face)]
 
+
+def _steps(face: xr.Dataset) -> Iterator[Trial]:
+    for milli in (5, 10, 20, 50, 100):
+        yield Trial(
+            3, "time step 0.1 ... 100 ms", f"face, all muscles to 0.3 in 0.1 s, {milli} ms",
+            _system(face, sigma_max=100e3), _all(0.3, 0.1), 0.2, sim.HalvingStep(milli * 1e-3),
+            parameter="time step [ms], face", value=milli,
+        )  # fmt: skip
+
+
+def _jumps(face: xr.Dataset) -> Iterator[Trial]:
+    for kilo in (10, 30, 100, 300, 600, 1000):
+        yield Trial(
+            4, "all muscles 0 to 1 in one step", f"face, {kilo} kPa",
+            _system(face, sigma_max=kilo * 1e3, sigma_max_policy={"minimum": 1e3}),
+            _all(1.0, 0.01), 0.1, STEP, parameter="sigma_max [kPa], face", value=kilo,
+        )  # fmt: skip
+
+
+def _pressed(face: xr.Dataset) -> Iterator[Trial]:
+    """Lips pressed together by both parts of the orbicularis oris, with and without teeth behind."""
+    title, ring = "lips pressed together, walls, overlap", _all(1.0, 0.1, ("OOP", "OOM"))
+    for support in (0.0, WALL, 100.0 * WALL):
+        behind = f"walls of {support:g} N/m" if support else "free"
+        for kilo in (30, 100, 300):
+            yield Trial(
+                9, title, f"OOP + OOM to 1 in 0.1 s, {kilo} kPa, {behind}",
+                _system(face, sigma_max=kilo * 1e3, support=support), ring, 0.3, STEP,
+                IMPLICIT | STATIC, f"sigma_max [kPa], {behind}", kilo,
+            )  # fmt: skip
+    for support in (WALL, 100.0 * WALL):
+        yield Trial(
+            9, title, f"start {1e3 * OVERLAP:g} mm inside walls of {support:g} N/m",
+            _system(face, support=support), _all(0.0, 0.1), 0.3, STEP, IMPLICIT | STATIC,
+            "stiffness of walls [N/m], start inside", support, _inside,
+        )  # fmt: skip
+
+
+def _inside(system: sim.System) -> sim.State:
+    """Every supported node behind its wall by OVERLAP, the rest of the tissue where it is."""
+    walls = next(t for t in system.scene.terms if isinstance(t, sim.Support))
+    rest = system.rest_state()
+    q = rest.q.copy()
+    q[walls.nodes] -= OVERLAP * walls.normal
+    return sim.State(0.0, q, rest.v)
+
+
+def _rest(face: xr.Dataset) -> Iterator[Trial]:
     def stays(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
         moved = float(np.abs(end.q - start.q).max())
         return "" if moved < 1e-8 else f"it has moved by {moved:.1e} m"
 
-    found.append(
-        Trial(
-            11,
-            "10 s without activation",
-            "face without gravity stays at rest",
-            _system(face),
-            _all(0.0, 0.1),
-            10.0,
-            sim.HalvingStep(0.1),
-            {name: IMPLICIT[name] for name in ("linearly implicit Euler", "Euler", "SDIRK2")},
-            judge=stays,
-        )  # fmt: skip
-    )
-    return found
+    yield Trial(
+        11, "10 s without activation", "face without gravity stays at rest", _system(face),
+        _all(0.0, 0.1), 10.0, sim.HalvingStep(0.1), IMPLICIT | STATIC, judge=stays,
+    )  # fmt: skip

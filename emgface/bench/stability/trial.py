@@ -16,15 +16,16 @@ IMPLICIT: dict[str, Integrator] = {
     "trapezoidal": sim.Trapezoidal(),
     "SDIRK2": sim.Sdirk2(),
 }
+STATIC: dict[str, Integrator] = {"static": sim.Static()}
 EXPLICIT: dict[str, Integrator] = {
     "symplectic Euler": sim.SymplecticEuler(),
     "RK4": sim.RungeKutta4(),
 }
-CONVERGED = ("Euler", "trapezoidal", "SDIRK2")
+CONVERGED = ("Euler", "trapezoidal", "SDIRK2", "static")
 MOST = 1.0
 """No node of a right answer moves further than this from where it was [m]."""
-
-Judge = Callable[[sim.System, sim.State, "Outcome"], str]
+LEAST_ENERGY = 1e-9
+"""Size of an energy that a drift is told in [J]."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,16 @@ class Outcome:
     Attributes
     ----------
     outcome : "ok", "refused: <error>" (a typed failure) or "WRONG: <what>".
+    parameter, value : what is swept, and where; NaN where a case stands alone.
+    energy_drift : largest growth of the energy in one interval over its size, where no muscle drives.
     expected : whether a refusal is the right answer to the case.
     """
 
     row: int
     title: str
     case: str
+    parameter: str
+    value: float
     integrator: str
     outcome: str
     smallest_J: float = float("nan")
@@ -59,6 +64,7 @@ class Trial:
     system : made when it is run, so that its failure is part of the outcome.
     activation, duration, steps : what drives it; `steps.h` is the output interval.
     start : initial state, from the system; rest by default.
+    parameter, value : what the row sweeps, with its unit, and where this case stands.
     judge : further condition of a right answer; returns what is wrong, or "".
     refusal : name of the error that is the right answer, or "".
     """
@@ -71,6 +77,8 @@ class Trial:
     duration: float
     steps: StepControl
     integrators: dict[str, Integrator] = field(default_factory=lambda: dict(IMPLICIT))
+    parameter: str = ""
+    value: float = float("nan")
     start: Callable[[sim.System], sim.State] = sim.System.rest_state
     judge: Callable[[sim.System, sim.State, sim.State, np.ndarray], str] | None = None
     refusal: str = ""
@@ -79,16 +87,17 @@ class Trial:
 def run(trial: Trial, name: str) -> Outcome:
     """Run a trial with one integrator and judge what comes of it."""
     integrator = trial.integrators[name]
-    head = (trial.row, trial.title, trial.case, name)
+    head = (trial.row, trial.title, trial.case, trial.parameter, trial.value, name)
     # the one-solution schemes have nothing to halve for: their failure is the finding
-    single = not name.startswith(CONVERGED) and isinstance(trial.steps, sim.HalvingStep)
+    single = name not in CONVERGED and isinstance(trial.steps, sim.HalvingStep)
     steps = sim.FixedStep(trial.steps.h) if single else trial.steps
     try:
         system = trial.system()
         start = trial.start(system)
+        drive = trial.activation(system)
         trajectory, end = sim.simulate(
             system,
-            trial.activation(system),
+            drive,
             duration=trial.duration,
             integrator=integrator,
             steps=steps,
@@ -102,14 +111,14 @@ def run(trial: Trial, name: str) -> Outcome:
         return Outcome(*head, f"{word}: {name}", expected=right and bool(trial.refusal))
     energy = (trajectory["kinetic_energy"] + trajectory["potential_energy"]).values
     wrong = _wrong(system, start, end, energy, trial)
-    scale = max(float(np.abs(energy).max()), 1e-30)
+    scale = max(float(np.abs(energy).max()), LEAST_ENERGY)
     return Outcome(
         *head,
         f"WRONG: {wrong}" if wrong else "ok",
         float(trajectory["smallest_J"].min()),
         float(trajectory["iterations"].sum() / len(trajectory["time"][1:])),
         float(trajectory["rejected"].sum()),
-        float(np.diff(energy).max() / scale),
+        float(np.diff(energy).max() / scale) if not drive.values.any() else float("nan"),
     )
 
 
