@@ -1,8 +1,11 @@
 """MKL PARDISO through pypardiso: Cholesky or LDLt factors of the upper triangle."""
 
 import importlib
+import importlib.metadata
 import os
 import weakref
+from collections.abc import Generator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -31,22 +34,37 @@ def pardiso_is_available() -> bool:
 @cache
 def _wrapper() -> tuple[Any, str]:
     """Module of pypardiso, and the path of the MKL that it found."""
-    wrapper = importlib.import_module("pypardiso.pardiso_wrapper")
-    return wrapper, str(wrapper.PyPardisoSolver().libmkl._name)
+    with _pointed_to(_installed_mkl()):
+        wrapper = importlib.import_module("pypardiso.pardiso_wrapper")
+        return wrapper, str(wrapper.PyPardisoSolver().libmkl._name)
+
+
+def _installed_mkl() -> str | None:
+    """MKL as its package lists it; None where it came otherwise and must be searched for."""
+    try:
+        files = importlib.metadata.distribution("mkl").files or []
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    return next((str(f.locate()) for f in files if "mkl_rt" in f.name), None)
 
 
 def _new_solver(matrix_type: int) -> Any:
-    """Make a solver of pypardiso, sparing it the search for MKL on disk that it starts every time."""
     wrapper, path = _wrapper()
-    before = os.environ.get(MKL_PATH)
-    os.environ[MKL_PATH] = path
-    try:
+    with _pointed_to(path):
         return wrapper.PyPardisoSolver(mtype=matrix_type)
+
+
+@contextmanager
+def _pointed_to(mkl: str | None) -> Generator[None]:
+    """Spare pypardiso the search for MKL through all installed files that it starts every time."""
+    before = os.environ.get(MKL_PATH)
+    if mkl is not None and before is None:
+        os.environ[MKL_PATH] = mkl
+    try:
+        yield
     finally:
         if before is None:
-            del os.environ[MKL_PATH]
-        else:
-            os.environ[MKL_PATH] = before
+            os.environ.pop(MKL_PATH, None)
 
 
 class Pardiso:
