@@ -1,26 +1,45 @@
 """What the linearly implicit integrators share: one linear solution, with or without conditions."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
-from sim.integrators.contract import Workspace, require_upright
+from sim.integrators.contract import Solution, Workspace, require_upright
 from sim.state import Array, State, StepReport
 from sim.system import System
 
 
-def linear_step(
-    system: System, state: State, A: Array, rhs: Array, h: float, moves: float, work: Workspace
-) -> tuple[State, StepReport]:
-    """State at t + h with A v1 = rhs and q1 = q0 + h ((1 - moves) v0 + moves v1).
+@dataclass(frozen=True)
+class LinearStep:
+    """The equation of one step.
 
-    Conditions hold for the velocities, G(q0) v1 = 0; then the positions are brought back to c(q1) = 0
-    by one projection, the smallest in the norm of the mass, along the same G.
-
-    Parameters
+    Attributes
     ----------
     A : (pattern.nnz,) matrix for the velocities.
     rhs : (n_free,) right-hand side [N s].
     moves : float
         Share of the new velocity in the motion.
+    error : float
+        Largest error of a position that an iterative solution leaves [m].
+    near : callable
+        A of the system that `Workspace.near` gives.
+    """
+
+    A: Array
+    rhs: Array
+    moves: float
+    error: float
+    near: Callable[[], Array]
+
+
+def linear_step(
+    system: System, state: State, equation: LinearStep, h: float, work: Workspace
+) -> tuple[State, StepReport]:
+    """State at t + h with A v1 = rhs and q1 = q0 + h ((1 - moves) v0 + moves v1).
+
+    Conditions hold for the velocities, G(q0) v1 = 0; then the positions are brought back to c(q1) = 0
+    by one projection, the smallest in the norm of the mass, along the same G.
 
     Raises
     ------
@@ -33,11 +52,11 @@ def linear_step(
     """
     system.require_passable("a linearly implicit step")
     v0, t1 = system.reduce(state.v), state.t + h
-    definite, factorisations = True, 1
+    A, rhs, moves = equation.A, equation.rhs, equation.moves
     conditions = system.constraints
     if conditions is None:
-        v1, definite = work.solve_any(A, rhs)
-        factorisations = 1 if definite else 2
+        found = work.solve_any(A, rhs, v0, equation.error / (moves * h), equation.near)
+        v1 = found.x
         q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
     else:
         _, G = conditions.evaluate(state.q)
@@ -48,7 +67,7 @@ def linear_step(
         mass[system.pattern.diagonal] = system.mass
         back, _ = work.solve_constrained(mass, G, np.zeros(len(v1)), -c)
         q1 = system.expand(system.reduce(q1) + back, q1)
-        factorisations = 2
+        found = Solution(v1, 2, 2)
     with work.timed("force"):
         least, element = system.smallest_J(q1)
     require_upright(element, least, t1)
@@ -58,7 +77,8 @@ def linear_step(
     return new, StepReport(
         h=h,
         smallest_J=least,
-        factorisations=factorisations,
-        indefinite=int(not definite),
+        iterations=found.iterations,
+        factorisations=found.factorisations,
+        indefinite=int(not found.definite),
         local_error=error,
     )
