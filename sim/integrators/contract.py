@@ -22,7 +22,6 @@ from sim.linear.saddle import Saddle
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
-
 NEARBY_PATIENCE = 30
 
 

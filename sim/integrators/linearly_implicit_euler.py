@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from sim.integrators.contract import Workspace, require_upright
 from sim.integrators.linearly_implicit import LinearStep, linear_step
 from sim.state import Array, ControlAt, Evaluation, State, StepReport
@@ -51,8 +53,8 @@ class LinearlyImplicitEuler:
             with work.timed("tangent"):
                 here, K = system.tangent(state.q, at_end)
                 A = h * system.damping(state.q, at_end, K)
-                K *= h * h
-                A += K
+                np.multiply(K, h * h, out=K)
+                np.add(A, K, out=A)
                 A[system.pattern.diagonal] += system.mass
             return here, A
 

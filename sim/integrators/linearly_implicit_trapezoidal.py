@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from sim.integrators.contract import Workspace, require_upright, symmetric_product
 from sim.integrators.linearly_implicit import LinearStep, linear_step
 from sim.state import Array, ControlAt, Evaluation, State, StepReport
@@ -44,8 +46,8 @@ class LinearlyImplicitTrapezoidal:
             with work.timed("tangent"):
                 here, K = system.tangent(state.q, at_end)
                 A = 0.5 * h * system.damping(state.q, at_end, K)
-                K *= 0.25 * h * h
-                A += K
+                np.multiply(K, 0.25 * h * h, out=K)
+                np.add(A, K, out=A)
             return here, A
 
         def near() -> Array:

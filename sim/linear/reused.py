@@ -65,7 +65,7 @@ class ReusedFactor:
         return f"gmres_{self.factor.name}"
 
     def analyse(self, pattern: Sparsity, nearby: Sparsity | None = None) -> None:
-        """Analyse the pattern of the factors: that of the matrix, or of one nearby with fewer entries."""
+        """Analyse the pattern of the factors: the matrix's, or one nearby with fewer entries."""
         self._pattern, self._nearby = pattern, nearby
         self.factor.analyse(nearby or pattern)
 
@@ -94,9 +94,7 @@ class ReusedFactor:
         # without values for its pattern a nearby factor cannot be made, and the matrix has its own
         self._is_direct = near is None and self._nearby is not None
 
-    def solve(
-        self, rhs: Array, start: Array | None = None, error: float | None = None
-    ) -> Array:
+    def solve(self, rhs: Array, start: Array | None = None, error: float | None = None) -> Array:
         """Solve with the matrix at hand.
 
         Parameters

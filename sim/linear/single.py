@@ -4,7 +4,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from sim.errors import SingularSystem
 from sim.linear.contract import NotPositiveDefinite, symmetric_product
 from sim.linear.pardiso import Pardiso
 from sim.pattern import Sparsity

@@ -22,7 +22,6 @@ from sim.state import Array, Control
 from sim.vectors import dot
 from sim.volumes import PointVolumes
 
-
 NEARBY = 0.2
 """Share of the bulk modulus by which the volume of elements preconditions that of nodes best.
 
