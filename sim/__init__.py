@@ -1,7 +1,14 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
 from sim.constraints import HardElementVolume
-from sim.contact import BarrierContact, NodeSurface, Pairing, RigidShell, boundary_surface
+from sim.contact import (
+    BarrierContact,
+    ConstraintContact,
+    NodeSurface,
+    Pairing,
+    RigidShell,
+    boundary_surface,
+)
 from sim.damping import PassiveRayleigh, Rayleigh, RestRayleigh
 from sim.displace import displace_held
 from sim.embedding import Embedding, embed
@@ -46,7 +53,16 @@ from sim.laws import (
 )
 from sim.mesh import Mesh, mesh_from_arrays
 from sim.prestretch import IN_VIVO, initial_stretch, stretch_field
-from sim.probes import Energies, Iterations, Markers, Opening, Positions, SmallestJ, StepErrors
+from sim.probes import (
+    Contacts,
+    Energies,
+    Iterations,
+    Markers,
+    Opening,
+    Positions,
+    SmallestJ,
+    StepErrors,
+)
 from sim.reductions import Fixed
 from sim.scene import Scene
 from sim.simulate import Activation, resting, simulate
@@ -74,7 +90,9 @@ __all__ = [
     "CoRotational",
     "Constant",
     "ConstantForce",
+    "ConstraintContact",
     "ContactFailure",
+    "Contacts",
     "Control",
     "ControlAt",
     "ControlError",

@@ -6,7 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from sim.scene import Index
+from sim.errors import SceneError
+from sim.scene import Index, MeasuresContact
 from sim.state import Array, Control, State, StepReport
 from sim.system import System
 from sim.vectors import dot
@@ -194,3 +195,40 @@ class Positions:
     ) -> tuple[Array | float, ...]:
         """Copy all positions."""
         return (state.q.copy(),)
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Contacts of every pairing: how many places touch, the smallest gap [m], the normal force [N].
+
+    The gap is negative where a vertex lies inside, counted from where it was allowed to lie at the
+    start, and NaN where nothing is near. The force is the sum of the sizes of the normal forces of all
+    places.
+
+    Attributes
+    ----------
+    pairings : tuple of str, optional
+        Names of the pairings of the scene in their order, as coordinates.
+
+    Raises
+    ------
+    SceneError
+        On recording: the scene has no contact.
+    """
+
+    pairings: tuple[str, ...] | None = None
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Three variables over the pairings."""
+        coords = None if self.pairings is None else {"pairing": self.pairings}
+        names = (("contacts", "1"), ("contact_gap", "m"), ("contact_force", "N"))
+        return tuple(Variable(name, units, ("pairing",), coords) for name, units in names)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Measure the contacts of the state."""
+        for term in system.terms:
+            if isinstance(term, MeasuresContact):
+                return term.measure(state, control)
+        raise SceneError("the probe Contacts found no contact in the scene: declare one or drop it")

@@ -88,18 +88,6 @@ class HasMuscles(Protocol):
 
 
 @runtime_checkable
-class HasNearby(Protocol):
-    """A term that couples many nodes, and knows of one that couples fewer with much the same stiffness.
-
-    The latter's stiffness is factorised to precondition the former's.
-    """
-
-    def nearby(self) -> Term:
-        """Term that stands in for this one where a factor is made."""
-        ...
-
-
-@runtime_checkable
 class Deforms(Protocol):
     """A compiled term with Gauss points that can invert."""
 
@@ -155,6 +143,18 @@ class StopsMoves(CompiledTerm, Protocol):
         ------
         NotConverged
             It moves too far.
+        """
+        ...
+
+
+@runtime_checkable
+class MeasuresContact(Protocol):
+    """A compiled term that holds surfaces apart, and tells how."""
+
+    def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:
+        """Number of places that touch, smallest gap [m] (NaN: nothing near) and normal force [N].
+
+        Each of shape (n_pairings,).
         """
         ...
 

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from sim.constraints.union import Constraints, unite
+from sim.contact.constraint import CompiledContact, ConstraintContact
 from sim.errors import ControlError, SceneError
 from sim.pattern import SymmetricPattern, symmetric_pattern
 from sim.scene import (
@@ -16,7 +17,6 @@ from sim.scene import (
     Deforms,
     HasMass,
     HasMuscles,
-    HasNearby,
     Index,
     Layout,
     Remembering,
@@ -40,9 +40,6 @@ class System:
     muscles : names, the order of every activation
     constraints : Constraints or None
         All conditions of the scene on its free unknowns.
-    nearby : System or None
-        The same unknowns with a stiffness of fewer entries that is near enough to precondition, if
-        a term knows of one.
     """
 
     scene: Scene
@@ -51,7 +48,6 @@ class System:
     terms: tuple[CompiledTerm, ...]
     muscles: tuple[str, ...]
     constraints: Constraints | None = None
-    nearby: "System | None" = None
     _damping: CompiledDamping | None = None
     _in_step: bool = False
 
@@ -81,13 +77,17 @@ class System:
             return self
         names = self._memory_names()
         terms = tuple(_over(*row, state, h) for row in zip(self.terms, names, strict=True))
-        nearby = None if self.nearby is None else self.nearby.during(state, h)
-        return replace(self, terms=terms, nearby=nearby, _in_step=True)
+        return replace(self, terms=terms, _in_step=True)
 
     @cached_property
     def stops(self) -> tuple[StopsMoves, ...]:
         """Terms that stop moves."""
         return tuple(term for term in self.terms if isinstance(term, StopsMoves))
+
+    @cached_property
+    def contact(self) -> CompiledContact | None:
+        """Contact that integrators hold by its rows."""
+        return next((term for term in self.terms if isinstance(term, CompiledContact)), None)
 
     def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
         """Share of the move from q0 to q1, in (0, 1], that no term stops; 1 without such terms."""
@@ -120,6 +120,20 @@ class System:
             raise SceneError(
                 f"{integrator} takes its step whole, but the scene has a barrier that may stop it: use "
                 "an integrator that iterates (ConvergedEuler), or ConstraintContact"
+            )
+
+    def require_no_contact(self, integrator: str) -> None:
+        """Refuse contact by constraints.
+
+        Raises
+        ------
+        SceneError
+            There is one.
+        """
+        if self.contact is not None:
+            raise SceneError(
+                f"{integrator} cannot hold the constraints of a contact: use ConvergedEuler or "
+                "LinearlyImplicitEuler"
             )
 
     def remember(self, q: Array) -> Mapping[str, Array]:
@@ -215,7 +229,7 @@ def compile_scene(scene: Scene) -> System:
     Raises
     ------
     SceneError
-        A free node has no mass, two muscles share a name, or nothing is free.
+        A free node has no mass, two muscles share a name, nothing is free, or contact is declared twice.
     """
     mesh = scene.mesh
     mass = np.zeros(mesh.n_nodes)
@@ -225,6 +239,8 @@ def compile_scene(scene: Scene) -> System:
             mass += term.node_mass(mesh)
         if isinstance(term, HasMuscles):
             names.extend(term.muscle_names())
+    if sum(isinstance(term, ConstraintContact) for term in scene.terms) > 1:
+        raise SceneError("a scene has two ConstraintContact, expected one with all pairings")
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:
         raise SceneError(f"muscle name {sorted(repeated)[0]!r} occurs twice, expected unique names")
@@ -242,23 +258,10 @@ def compile_scene(scene: Scene) -> System:
     layout = Layout(mesh, mass, pattern, tuple(names))
     terms = tuple(term.compile(layout) for term in scene.terms)
     conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
-    nearby = _nearby(scene, terms)
-    system = System(scene, mass, pattern, terms, layout.muscles, conditions, nearby)
+    system = System(scene, mass, pattern, terms, layout.muscles, conditions)
     if scene.damping is None:
         return system
     # a barrier is stiff only where it is touched: a damping by it would hold surfaces together
     tissue = replace(system, terms=tuple(t for t in terms if not isinstance(t, StopsMoves)))
     damping = scene.damping.compile(layout, lambda q, control: tissue.tangent(q, control)[1])
     return replace(system, _damping=damping)
-
-
-def _nearby(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:
-    """Compile the scene with every term replaced by the one nearby that it knows of.
-
-    Not with a barrier, whose stiffness a search of its own could not repeat, nor with conditions.
-    """
-    alone = scene.constraints or any(isinstance(term, StopsMoves) for term in compiled)
-    if alone or not any(isinstance(term, HasNearby) for term in scene.terms):
-        return None
-    terms = tuple(t.nearby() if isinstance(t, HasNearby) else t for t in scene.terms)
-    return compile_scene(replace(scene, terms=terms))

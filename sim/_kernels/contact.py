@@ -200,6 +200,17 @@ def nearest(
 
 
 @nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray[np.bool_]) -> None:
+    """Whether each point (row of out) is within a distance of each face (column)."""
+    w = np.empty(3)
+    for i in range(len(p)):
+        for f in range(len(triangles)):
+            t = triangles[f]
+            d2, _ = point_triangle(p[i], x[t[0]], x[t[1]], x[t[2]], w)
+            out[i, f] = d2 <= distance * distance
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
 def _cubic(c0, c1, c2, c3, t):
     return c0 + t * (c1 + t * (c2 + t * c3))
 

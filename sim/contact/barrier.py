@@ -184,6 +184,17 @@ class CompiledBarrier:
             )
         return moved
 
+    def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:
+        """Pairs that are felt, smallest gap [m] and normal force [N], per pairing."""
+        count, gap, force = (np.zeros(len(self.pairs)) for _ in range(3))
+        for i, pair in enumerate(self.pairs):
+            x = pair.vertices(state.q, state.t)
+            count[i], gap[i] = len(pair.collisions(x)), pair.smallest_distance(x)
+            first = next(s for s in pair.pairing.surfaces if isinstance(s, NodeSurface))
+            side = np.isin(pair.node, first.nodes)
+            force[i] = np.linalg.norm(pair.energy(x)[1][side], axis=1).sum()
+        return count, np.where(gap < np.inf, gap, np.nan), force
+
     @staticmethod
     def _share(pair: CollisionPair, q0: Array, q1: Array, t0: float, t1: float) -> float:
         return pair.largest_step(pair.vertices(q0, t0), pair.vertices(q1, t1))

@@ -7,6 +7,7 @@ end at the same answer as a comparison of every vertex with every face.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim._kernels import contact as kernel
 from sim.contact.surfaces import Surface
@@ -113,6 +114,13 @@ def nearest_faces(
     return Found(hit, face[hit], weight[hit], np.sqrt(squared[hit]), feature[hit])
 
 
+def faces_within(points: Array, x: Array, triangles: Index, distance: float) -> NDArray[np.bool_]:
+    """Whether each point (row) is within a distance [m] of each face (column)."""
+    out = np.empty((len(points), len(triangles)), dtype=np.bool_)
+    kernel.within(np.ascontiguousarray(points), x, triangles, distance, out)
+    return out
+
+
 def entered_faces(
     before: Array,
     after: Array,
@@ -163,7 +171,7 @@ def entered_faces(
     return Found(hit, face[hit], weight[hit], when[hit], none)
 
 
-def inside(points: Array, surface: Surface, x: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def inside(points: Array, surface: Surface, x: Array) -> NDArray[np.bool_]:
     """Whether each point lies inside a closed surface, by its winding number.
 
     Parameters

@@ -158,6 +158,15 @@ class RigidShell(_Triangles):
         """
         if self.motion is None:
             return self.vertices
+        R, s = self._place(t)
+        return self.vertices @ R.T + s
+
+    def rotation(self, t: float) -> Array:
+        """Rotation (3, 3) at time t [s]; errors as `at`."""
+        return np.eye(3) if self.motion is None else self._place(t)[0]
+
+    def _place(self, t: float) -> tuple[Array, Array]:
+        assert self.motion is not None
         R, s = (np.asarray(part, dtype=np.float64) for part in self.motion(t))
         proper = R.shape == (3, 3) and s.shape == (3,) and bool(np.isfinite(s).all())
         if not proper or not np.allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-9):
@@ -172,7 +181,7 @@ class RigidShell(_Triangles):
                 "a rotation",
                 surface=self.name,
             )
-        return self.vertices @ R.T + s
+        return R, s
 
 
 Surface = NodeSurface | RigidShell

@@ -4,44 +4,17 @@ import math
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 
+import numpy as np
+
+from sim._kernels import scatter
 from sim.errors import InvertedElement, SceneError
 from sim.integrators.secant import SecantMemory
-from sim.linear import (
-    Factor,
-    LinearSolver,
-    NotPositiveDefinite,
-    ReusedFactor,
-    linear_solver,
-    solver_of_steps,
-)
-from sim.linear import symmetric_product as product_on_pattern
+from sim.linear import LinearSolver, NotPositiveDefinite, linear_solver
 from sim.linear.saddle import Saddle
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
-
-NEARBY_PATIENCE = 30
-
-
-@dataclass(frozen=True)
-class Solution:
-    """Solution of a linear system.
-
-    Attributes
-    ----------
-    x : (n_free,)
-    iterations, factorisations : int
-        Solutions with a factor, and factors made.
-    definite : bool
-        Whether the latest matrix that was factorised is positive definite.
-    """
-
-    x: Array
-    iterations: int = 1
-    factorisations: int = 1
-    definite: bool = True
 
 
 class Workspace:
@@ -54,27 +27,12 @@ class Workspace:
     system : System
     linear : str
         Name of the linear solver, or "auto".
-
-    Attributes
-    ----------
-    linear : Factor or ReusedFactor
-        Solves with the matrix of a step.
-    factor : Factor
-        Makes the factors, for it and for iterations of other kinds.
     """
 
     def __init__(self, system: System, linear: str = "auto") -> None:
-        self.linear = solver_of_steps(linear, system.pattern.n)
-        if isinstance(self.linear, ReusedFactor):
-            factored = self.near(system).pattern
-            self.linear.analyse(system.pattern, None if factored is system.pattern else factored)
-            self.linear.timed = self.timed
-            self.factor: Factor = self.linear.factor
-        else:
-            factored = system.pattern
-            self.linear.analyse(factored)
-            self.factor = self.linear
-        self._pattern, self._factored = system.pattern, factored
+        self.linear: LinearSolver = linear_solver(linear)
+        self.linear.analyse(system.pattern)
+        self._pattern = system.pattern
         self._system = system
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
@@ -85,6 +43,8 @@ class Workspace:
         """Halvings of the latest step of an error control, where the next interval starts."""
         self.multipliers: Array | None = None
         """Multipliers of the latest constrained step, where the next one starts."""
+        self.contact_stiffness: tuple[tuple[type, float], Array] | None = None
+        """Integrator and step, and the diagonal of their stiffness that penalties of contact follow."""
         self.seconds: dict[str, float] = {}
         self.calls: dict[str, int] = {}
 
@@ -110,48 +70,23 @@ class Workspace:
             Not even the largest shift helped.
         """
         shifted, tau = values, 1.0
-        self._forget()
+        self.factor_of = None
+        self.secants.clear()
         for shifts in range(max_shifts + 1):
             try:
                 with self.timed("factorisation"):
-                    self.factor.factorise(shifted)
+                    self.linear.factorise(shifted)
                 return shifts
             except NotPositiveDefinite:
                 if shifts == max_shifts:
                     raise
                 shifted = values.copy()
-                shifted[self._factored.diagonal] += tau * shift
+                shifted[self._pattern.diagonal] += tau * shift
                 tau *= 4.0
         raise AssertionError("unreachable: the loop returns or raises")
 
-    def near(self, system: System) -> System:
-        """System of which the matrices are factorised: this one, or one nearby with fewer entries."""
-        if isinstance(self.linear, ReusedFactor) and system.nearby is not None:
-            return system.nearby
-        return system
-
-    @property
-    def patience(self) -> int:
-        """Iterations that a factor serves before it is renewed for being slow.
-
-        A factor of a system nearby never makes Newton's method; it needs the secants of some moves.
-        """
-        return 1 if self._factored is self._pattern else NEARBY_PATIENCE
-
-    def solve_any(
-        self, values: Array, rhs: Array, start: Array, error: float, near: Callable[[], Array]
-    ) -> Solution:
-        """Solve with a matrix that need not be positive definite.
-
-        Parameters
-        ----------
-        values : (pattern.nnz,) matrix.
-        rhs : (n_free,)
-        start : (n_free,) where an iterative solver begins.
-        error : float
-            Largest error that it leaves, in the units of the solution.
-        near : callable
-            Values of the same matrix of the system `near`, for an iterative solver's factor.
+    def solve_any(self, values: Array, rhs: Array) -> tuple[Array, bool]:
+        """Solve with a matrix that need not be positive definite; tells whether it is.
 
         Raises
         ------
@@ -160,16 +95,10 @@ class Workspace:
         """
         self.factor_of = None
         self.secants.clear()
-        if isinstance(self.linear, ReusedFactor):
-            self.linear.factorise(values, None if self._factored is self._pattern else near)
-            x = self.linear.solve(rhs, start, error)
-            done = self.linear
-            return Solution(x, done.iterations, done.factorisations, done.definite)
         try:
             with self.timed("factorisation"):
                 self.linear.factorise(values)
-            with self.timed("solution"):
-                return Solution(self.linear.solve(rhs))
+            return self.solve(rhs), True
         except NotPositiveDefinite:
             if self._indefinite is None:
                 self._indefinite = linear_solver(indefinite=True)
@@ -177,14 +106,37 @@ class Workspace:
             with self.timed("factorisation"):
                 self._indefinite.factorise(values)
             with self.timed("solution"):
-                return Solution(self._indefinite.solve(rhs), 1, 2, definite=False)
+                return self._indefinite.solve(rhs), False
 
-    def _forget(self) -> None:
-        """Drop what belongs to the latest factor."""
+    def solver_of(self, values: Array) -> tuple[Callable[[Array], Array], bool]:
+        """Solver for several right-hand sides of a matrix that need not be positive definite.
+
+        Tells whether it is. Raises as `solve_any`.
+        """
         self.factor_of = None
         self.secants.clear()
-        if isinstance(self.linear, ReusedFactor):
-            self.linear.forget()
+        solver = self.linear
+        try:
+            with self.timed("factorisation"):
+                solver.factorise(values)
+        except NotPositiveDefinite:
+            if self._indefinite is None:
+                self._indefinite = linear_solver(indefinite=True)
+                self._indefinite.analyse(self._pattern)
+            solver = self._indefinite
+            with self.timed("factorisation"):
+                solver.factorise(values)
+
+        def solve(rhs: Array) -> Array:
+            with self.timed("solution"):
+                return solver.solve(rhs)
+
+        return solve, solver is self.linear
+
+    def factorise_constrained(self, A: Array, G: Array) -> None:
+        """Factorise the matrix of `solve_constrained`, for several solutions with `saddle`."""
+        with self.timed("factorisation"):
+            self.saddle.factorise(A, G)
 
     def solve_constrained(self, A: Array, G: Array, r: Array, gamma: Array) -> tuple[Array, Array]:
         """Solve A x + G' y = r, G x = gamma for x and the multipliers y.
@@ -214,9 +166,9 @@ class Workspace:
         return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
 
     def solve(self, rhs: Array) -> Array:
-        """Solve with the latest factor, in its own precision."""
+        """Solve with the latest factor."""
         with self.timed("solution"):
-            return self.factor.approximate(rhs)
+            return self.linear.solve(rhs)
 
 
 class Integrator(Protocol):
@@ -253,7 +205,9 @@ class TimeIntegrator(Integrator, Protocol):
 
 def symmetric_product(system: System, values: Array, x: Array) -> Array:
     """A x (n_free,) for the symmetric matrix with these values on the system's pattern."""
-    return product_on_pattern(system.pattern, values, x)
+    out = np.empty_like(x)
+    scatter.symmetric_product(system.pattern.indptr, system.pattern.indices, values, x, out)
+    return out
 
 
 def require_upright(element: int, smallest_J: float, t: float) -> None:

@@ -51,6 +51,6 @@ class ConvergedEuler(Converged):
             D = system.damping(state.q, at_end)
         stage = Stage(t1, state.q, state.v, h, at_end, D)
         end = self._solve(system, stage, state, work, here)
-        return State(t1, end.q, end.v, system.remember(end.q)), report_of(
-            h, [end], 0.5 * h * (end.v - state.v)
-        )
+        memory = {**system.remember(end.q), **end.memory}
+        error = 0.5 * h * (end.v - state.v)
+        return State(t1, end.q, end.v, memory), report_of(h, [end], error)

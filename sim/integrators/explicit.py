@@ -16,6 +16,7 @@ def _acceleration(system: System, q: Array, v: Array, control: Control, work: Wo
             "an explicit integrator cannot hold constraints: use an implicit one or a soft term"
         )
     system.require_passable("an explicit integrator")
+    system.require_no_contact("an explicit integrator")
     with work.timed("force"):
         f = system.reduce(system.force(q, control).f)
     if system.scene.damping is not None:

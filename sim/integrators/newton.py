@@ -167,15 +167,15 @@ def minimise(
     SingularSystem
         The matrix could not be factorised.
     """
-    factorisations = shifts = age = 0
+    factorisations = shifts = 0
 
     def renew() -> None:
-        nonlocal factorisations, shifts, age
+        nonlocal factorisations, shifts
         with work.timed("tangent"):
             A = potential.matrix(point.d)
         more = work.factorise(A, potential.shift)
         work.factor_of = key
-        factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0
+        factorisations, shifts = factorisations + 1 + more, shifts + more
 
     made_here = not work.has_factor_for(*key)
     if made_here:
@@ -185,7 +185,7 @@ def minimise(
         direction = work.secants.direction(point.g, lambda r: work.solve(potential.scale * r))
         longest = potential.largest_step(point.d, direction)
         found = search(potential.point, point, direction, longest)
-        contraction, age = np.inf, age + 1
+        contraction = np.inf
         if found is None:
             largest = float(np.abs(direction).max())
             if (
@@ -221,8 +221,7 @@ def minimise(
                 return point, Iteration(
                     iteration, factorisations, point.residual, left, shortest, shifts
                 )
-        slow = contraction > tolerances.keep_factor and age >= work.patience
-        made_here = found is None or slow
+        made_here = contraction > tolerances.keep_factor
         if made_here:
             renew()
     raise NotConverged(tuple(residuals), until, f"limit of {tolerances.max_iterations} iterations")

@@ -45,7 +45,8 @@ class Sdirk2(Converged):
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
-        """Advance by h; errors as `ConvergedEuler.step`."""
+        """Advance by h; errors as `ConvergedEuler.step`, and SceneError with ConstraintContact."""
+        system.require_no_contact("Sdirk2")
         s, t1 = GAMMA * h, state.t + h
         part, whole = system.during(state, s), system.during(state, h)
         inner = control(state.t + s)

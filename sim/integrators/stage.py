@@ -1,12 +1,17 @@
 """What the converged integrators share: their tolerances and the solution of one implicit stage."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from functools import reduce
 
-from sim.integrators.constrained import minimise_constrained
+import numpy as np
+
+from sim.contact.step import ContactStep
+from sim.integrators.constrained import Placed, minimise_constrained
+from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.contract import Workspace
 from sim.integrators.incremental import IncrementalPotential
-from sim.integrators.newton import Iteration, Tolerances, minimise
+from sim.integrators.newton import Iteration, Point, Tolerances, minimise
 from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
 from sim.system import System
 
@@ -36,12 +41,13 @@ class Stage:
 
 @dataclass(frozen=True)
 class Solved:
-    """Positions and velocities (n_nodes, 3) at the end of a stage, and how its iteration went."""
+    """Positions and velocities (n_nodes, 3) at the end of a stage, its iteration and contact."""
 
     q: Array
     v: Array
     here: Evaluation
     went: Iteration
+    memory: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 
 @dataclass(frozen=True)
@@ -84,11 +90,21 @@ class Converged:
         key = (type(self), stage.s)
         q0 = system.carried(state, stage.control)
         start = phi.start(q0, here if q0 is state.q else None)
-        if system.constraints is None:
-            end, went = minimise(phi, start, work, key, tolerances, stage.t)
-        else:
-            end, went = minimise_constrained(phi, start, work, tolerances, stage.t)
-        return Solved(phi.positions(end.d), phi.velocities(end.d), end.here, went)
+
+        def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
+            if system.constraints is None:
+                return minimise(potential, point, work, key, tolerances, stage.t)
+            return minimise_constrained(potential, point, work, tolerances, stage.t)
+
+        if system.contact is None:
+            end, went = settle(phi, start)
+            return Solved(phi.positions(end.d), phi.velocities(end.d), end.here, went)
+        contact = ContactStep(system.contact, state, stage.t)
+        way = stage.s * np.sqrt((stage.v**2).sum(axis=1))
+        found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t)
+        end = found.point
+        q, v = phi.positions(end.d), phi.velocities(end.d)
+        return Solved(q, v, end.here, found.went, found.memory)
 
 
 def middle_damping(system: System, state: State, control: ControlAt, h: float) -> Array:

@@ -5,9 +5,11 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from sim.integrators.constrained import minimise_constrained
+from sim.contact.step import ContactStep
+from sim.integrators.constrained import Placed, minimise_constrained
+from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.contract import Workspace, require_upright
-from sim.integrators.newton import Point, Tolerances, minimise
+from sim.integrators.newton import Iteration, Point, Tolerances, minimise
 from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
 from sim.system import System
 
@@ -62,12 +64,21 @@ class Static:
         tolerances = Tolerances(
             self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
         )
-        if system.constraints is None:
-            end, went = minimise(energy, start, work, (Static, 0.0), tolerances, state.t + h)
+        key, until, memory = (Static, 0.0), state.t + h, dict[str, Array]()
+
+        def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
+            if system.constraints is None:
+                return minimise(potential, point, work, key, tolerances, until)
+            return minimise_constrained(potential, point, work, tolerances, until)
+
+        if system.contact is None:
+            end, went = settle(energy, start)
         else:
-            end, went = minimise_constrained(energy, start, work, tolerances, state.t + h)
+            contact, way = ContactStep(system.contact, state, until), np.zeros(len(state.q))
+            found = minimise_in_contact(energy, start, contact, way, key, work, settle, until)
+            end, went, memory = found.point, found.went, dict(found.memory)
         q1 = energy.positions(end.d)
-        new = State(state.t + h, q1, np.zeros_like(q1), system.remember(q1))
+        new = State(until, q1, np.zeros_like(q1), {**system.remember(q1), **memory})
         return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))
 
 
@@ -98,9 +109,8 @@ class _Energy:
         return self.system.largest_step(*ends, self._control)
 
     def matrix(self, d: Array) -> Array:
-        """Values of the second derivative K at d, of the system to be factorised."""
-        system = self._work.near(self.system)
-        K = system.tangent(self.positions(d), self._control)[1]
+        """Values of the second derivative K at d."""
+        K = self.system.tangent(self.positions(d), self._control)[1]
         # a shift by 1 % of the typical stiffness is felt and not overwhelming
-        self.shift = np.full(len(d), 0.01 * np.abs(K[system.pattern.diagonal]).mean())
+        self.shift = np.full(len(d), 0.01 * np.abs(K[self.system.pattern.diagonal]).mean())
         return K

@@ -29,7 +29,8 @@ class Trapezoidal(Converged):
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
-        """Advance by h; errors as `ConvergedEuler.step`."""
+        """Advance by h; errors as `ConvergedEuler.step`, and SceneError with ConstraintContact."""
+        system.require_no_contact("Trapezoidal")
         t1, half, over = state.t + h, 0.5 * h, system.during(state, h)
         with work.timed("force"):
             here = system.during(state, 0.0).force(state.q, control(state.t))

@@ -1,1 +1,0 @@
-"""Recordings of volunteers: read, labelled, synchronised, cut into trials and checked."""

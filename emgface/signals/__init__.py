@@ -1,1 +1,0 @@
-"""From sEMG to muscle activation, one stage per file."""

@@ -1,0 +1,249 @@
+"""Rows: one vertex against one face, and the force that an augmented Lagrangian lets act between them.
+
+Of the relative displacement r of vertex and face since the start of the step, a row knows the gap
+g = gap0 + n . r at the end of the step. With the multipliers lambda (along n) and lambda_t (across) and
+the penalty rho, the force on the vertex is
+
+    f = max(0, lambda - rho g) n + tau min(1, bound/|tau|),   tau = lambda_t - rho (r - n n . r),
+
+with bound = friction lambda. It is minus the derivative of a convex potential; where the multipliers
+have converged it obeys 0 <= f_n, g >= 0, f_n g = 0 and Coulomb's law, whatever rho is.
+
+Source of the augmentation: Alart and Curnier 1991, A mixed formulation for frictional contact problems
+prone to Newton like solution methods; Simo and Laursen 1992, An augmented Lagrangian treatment of
+contact problems involving friction.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import ContactFailure
+from sim.pattern import SymmetricPattern
+from sim.scene import Index
+from sim.state import Array
+from sim.vectors import dot
+
+FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
+SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Vertices against faces.
+
+    Attributes
+    ----------
+    slot : (k,) which vertex of which direction of a pairing.
+    face : (k,) triangle of the opposing surface.
+    nodes, weight : (k, 4) the vertex with weight 1, then the nodes of the face with minus their
+        barycentric weights; the weights of a rigid face are zero and its nodes repeat the vertex.
+    normal : (k, 3) out of the opposing face.
+    gap : (k,) gap at the end of the step if nothing of the mesh moved [m].
+    carried : (k, 3) displacement of a rigid face over the step [m].
+    friction : (k,) coefficient.
+    pairing : (k,) index of the pairing.
+    """
+
+    slot: Index
+    face: Index
+    nodes: Index
+    weight: Array
+    normal: Array
+    gap: Array
+    carried: Array
+    friction: Array
+    pairing: Index
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.slot)
+
+    def displacement(self, u: Array) -> Array:
+        """Relative displacement r (k, 3) for nodal displacements u (n_nodes, 3) since the start."""
+        return np.einsum("kj,kji->ki", self.weight, u[self.nodes]) - self.carried
+
+    def gaps(self, u: Array) -> Array:
+        """Gaps (k,) for nodal displacements u [m]."""
+        return self.gap + np.einsum("ki,ki->k", self.normal, self.displacement(u))
+
+    def spread(self, force: Array, n_nodes: int) -> Array:
+        """Nodal forces (n_nodes, 3) of the forces (k, 3) on the vertices."""
+        at = self.nodes.ravel()
+        parts = (self.weight[:, :, None] * force[:, None, :]).reshape(-1, 3)
+        out = np.empty((n_nodes, 3))
+        for i in range(3):
+            out[:, i] = np.bincount(at, parts[:, i], n_nodes)
+        return out
+
+    def take(self, which: Index) -> "Rows":
+        """Some of the rows."""
+        return Rows(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+
+    def joined(self, other: "Rows") -> "Rows":
+        """These rows, then the others."""
+        names = self.__dataclass_fields__
+        return Rows(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
+
+    def outside_gap(self) -> "Rows":
+        """The same with no gap below zero: what is inside already may stay, and not go deeper."""
+        return replace(self, gap=np.maximum(self.gap, 0.0))
+
+
+class Places:
+    """Where the blocks of rows go in the values of a pattern.
+
+    Parameters
+    ----------
+    pattern : SymmetricPattern
+    rows : Rows
+    names : names of the pairings, for the message.
+    reach : float
+        Declared reach, for the message [m].
+
+    Raises
+    ------
+    ContactFailure
+        Vertex and face are no pair of the pattern.
+    """
+
+    def __init__(
+        self, pattern: SymmetricPattern, rows: Rows, names: tuple[str, ...], reach: float
+    ) -> None:
+        a, b = rows.nodes[:, FIRST], rows.nodes[:, SECOND]
+        self._product = rows.weight[:, FIRST] * rows.weight[:, SECOND]
+        used = self._product != 0.0
+        keys = np.minimum(a, b) * pattern.n_nodes + np.maximum(a, b)
+        place = np.minimum(
+            pattern.pair_index(keys.ravel()).reshape(keys.shape), len(pattern.pairs) - 1
+        )
+        lost = used & (pattern.pairs[place] != keys)
+        if lost.any():
+            row, which = np.argwhere(lost)[0]
+            one, other = int(a[row, which]), int(b[row, which])
+            name = names[int(rows.pairing[row])]
+            raise ContactFailure(
+                f"nodes {one} and {other} of pairing {name!r} touch, but lie farther apart at rest than "
+                f"the declared reach of {reach:g} m: give the contact a larger reach",
+                surface=name,
+                node=one,
+            )
+        self._row, self._entry = np.nonzero(used)
+        self._target = pattern.target[place[self._row, self._entry]]
+        self._nnz = pattern.nnz
+
+    def add(self, block: Array, scale: float, values: Array) -> None:
+        """Values += scale sum over rows of the blocks (k, 3, 3) between all nodes of a row."""
+        parts = (
+            scale * self._product[self._row, self._entry, None] * block.reshape(-1, 9)[self._row]
+        )
+        # the transposed half of a pair of two nodes is stored by the pattern's upper triangle alone
+        stored = (self._target >= 0) & (parts != 0.0)
+        values += np.bincount(self._target[stored], parts[stored], self._nnz)
+
+
+@dataclass(eq=False)
+class Law:
+    """Multipliers and penalties of rows, and what acts at given displacements.
+
+    Attributes
+    ----------
+    rows : Rows
+    rho : (k,) penalties [N/m].
+    normal : (k,) multipliers along the normals [N].
+    tangent : (k, 3) multipliers across [N].
+    """
+
+    rows: Rows
+    rho: Array
+    normal: Array
+    tangent: Array
+
+    def __post_init__(self) -> None:
+        """Friction is bounded by the multipliers as they are."""
+        self.bound = self.rows.friction * self.normal
+        self.released = np.zeros(len(self.rows), dtype=bool)
+
+    def at(self, u: Array) -> "Acting":
+        """What acts at nodal displacements u (n_nodes, 3) since the start of the step."""
+        return self.at_relative(self.rows.displacement(u))
+
+    def at_relative(self, r: Array) -> "Acting":
+        """What acts at relative displacements r (k, 3)."""
+        n, rho = self.rows.normal, self.rho
+        along = np.einsum("ki,ki->k", n, r)
+        gap = self.rows.gap + along
+        force = np.where(self.released, 0.0, np.maximum(self.normal - rho * gap, 0.0))
+        energy = float((force * force / (2.0 * rho)).sum())
+        if not (self.rows.friction > 0.0).any():
+            none = np.zeros(len(n))
+            return Acting(gap, force, np.zeros_like(n), none > 0.0, none, 0.0, energy)
+        across = r - along[:, None] * n
+        tau = self.tangent - rho[:, None] * across
+        size = np.sqrt(np.einsum("ki,ki->k", tau, tau))
+        sticks = (size <= self.bound) & (self.bound > 0.0)
+        share = np.where(sticks, 1.0, self.bound / np.where(size > 0.0, size, 1.0))
+        friction = share[:, None] * tau
+        stuck, slid = 0.5 * size**2 / rho, self.bound * (size - 0.5 * self.bound) / rho
+        stored: Array = np.where(sticks, stuck, slid)
+        energy += dot(stored, np.ones(len(n)))
+        slip = float(np.abs(across[sticks]).max()) if sticks.any() else 0.0
+        turn = np.where(sticks, 0.0, share * rho)
+        return Acting(gap, force, friction, sticks, turn, slip, energy)
+
+    def stiffness(self, acting: "Acting") -> Array:
+        """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m]."""
+        n = self.rows.normal
+        nn = n[:, :, None] * n[:, None, :]
+        block = np.where(acting.force > 0.0, self.rho, 0.0)[:, None, None] * nn
+        if not (self.bound > 0.0).any():
+            return block
+        plane = np.eye(3) - nn
+        size = np.sqrt(np.einsum("ki,ki->k", acting.friction, acting.friction))
+        along = acting.friction / np.where(size > 0.0, size, 1.0)[:, None]
+        # a sliding contact resists a turn of its way only
+        turn = plane - along[:, :, None] * along[:, None, :]
+        block += np.where(acting.sticks, self.rho, 0.0)[:, None, None] * plane
+        return block + acting.turn[:, None, None] * turn
+
+    def update(self, acting: "Acting") -> None:
+        """Take the forces that act as the new multipliers."""
+        self.normal, self.tangent = acting.force, acting.friction
+        self.bound = self.rows.friction * self.normal
+
+
+@dataclass(frozen=True, eq=False)
+class Acting:
+    """Gaps and forces of rows at some displacements.
+
+    Attributes
+    ----------
+    gap : (k,) [m]
+    force : (k,) along the normals [N].
+    friction : (k, 3) across [N].
+    sticks : (k,) whether friction holds.
+    turn : (k,) stiffness of a sliding contact against a change of direction [N/m].
+    slip : float
+        Largest slip of a row that should stick [m].
+    energy : float
+        Of the augmentation [J].
+    """
+
+    gap: Array
+    force: Array
+    friction: Array
+    sticks: NDArray[np.bool_]
+    turn: Array
+    slip: float
+    energy: float
+
+    def on_vertices(self, rows: Rows) -> Array:
+        """Whole forces (k, 3) on the vertices [N]."""
+        return self.force[:, None] * rows.normal + self.friction
+
+    def miss(self, law: Law) -> float:
+        """Largest gap of a row that pushes, penetration of one that does not, or slip [m]."""
+        open_miss = np.where(law.released, 0.0, np.maximum(-self.gap, 0.0))
+        miss = np.where(self.force > 0.0, np.abs(self.gap), open_miss)
+        return max(float(miss.max(initial=0.0)), self.slip)

@@ -1,0 +1,143 @@
+"""The minimum of a potential with contact: an augmented Lagrangian around the shared iteration."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.contact.rows import Law, Places
+from sim.contact.step import ContactStep, carried_over, penalties
+from sim.errors import NotConverged
+from sim.integrators.constrained import Placed
+from sim.integrators.contract import Workspace
+from sim.integrators.newton import Iteration, Point
+from sim.state import Array
+from sim.system import System
+
+PENALTY = 30.0  # of the stiffness that a row meets
+SETTLED = 1e-6  # what gaps and slips are closed to [m]
+DEEP = 3e-6  # depth at which rows are renewed [m]
+FRICTION_SETTLED = 1e-3  # of the largest bound
+UPDATES, RENEWALS = 60, 8
+
+Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
+
+
+@dataclass(frozen=True)
+class Settled:
+    """End of an iteration with contact: the point of the potential itself, and the memory."""
+
+    point: Point
+    went: Iteration
+    memory: Mapping[str, Array]
+
+
+class Touching:
+    """A potential and the augmentation of rows under their present multipliers."""
+
+    def __init__(self, potential: Placed, law: Law, places: Places, q0: Array) -> None:
+        self._potential, self._law, self._places, self._q0 = potential, law, places, q0
+        self.system: System = potential.system
+        self.scale, self.shift = potential.scale, potential.shift
+
+    def positions(self, d: Array) -> Array:
+        """Nodal positions (n_nodes, 3)."""
+        return self._potential.positions(d)
+
+    def point(self, d: Array) -> Point:
+        """Evaluate both and their gradients."""
+        return self.with_contact(self._potential.point(d))
+
+    def with_contact(self, point: Point) -> Point:
+        """A point of the potential with the augmentation added."""
+        rows = self._law.rows
+        acting = self._law.at(self.positions(point.d) - self._q0)
+        f = rows.spread(acting.on_vertices(rows), len(self._q0))
+        g = point.g - self.system.reduce(f)
+        return Point(point.d, g, point.phi + acting.energy, point.here)
+
+    def largest_step(self, d: Array, direction: Array) -> float:
+        """As of the potential."""
+        return self._potential.largest_step(d, direction)
+
+    def matrix(self, d: Array) -> Array:
+        """Values of scale times the second derivative of both."""
+        A = self._potential.matrix(d)
+        self.shift = self._potential.shift
+        acting = self._law.at(self.positions(d) - self._q0)
+        self._places.add(self._law.stiffness(acting), self.scale, A)
+        return A
+
+
+def minimise_in_contact(
+    potential: Placed,
+    start: Point,
+    step: ContactStep,
+    way: Array,
+    key: tuple[type, float],
+    work: Workspace,
+    minimise: Minimise,
+    until: float,
+) -> Settled:
+    """Minimum of a potential under the rows of a contact.
+
+    The potential with augmentation is minimised, the multipliers take the forces, again until the gaps
+    are closed; then the rows are found anew where the surfaces are now, until nothing lies inside. All
+    minima are of convex augmentations, so rows cannot come and go for ever.
+
+    Parameters
+    ----------
+    potential : Placed
+    start : Point
+        Of the potential, with det F > 0.
+    step : ContactStep
+    way : (n_nodes,) how far nodes may come in the step [m].
+    key : (type, float)
+        Integrator and step that a factor belongs to.
+    work : Workspace
+    minimise : callable
+        Minimum of a potential from a point.
+    until : float
+        Time that the step leads to, for messages [s].
+
+    Raises
+    ------
+    NotConverged
+        An iteration failed, or the gaps did not close.
+    SingularSystem
+        A matrix could not be factorised.
+    """
+    pattern, n_nodes = potential.system.pattern, len(step.q0)
+    stiffness = work.contact_stiffness
+    if stiffness is None or stiffness[0] != key:
+        diagonal = potential.matrix(start.d)[pattern.diagonal] / potential.scale
+        # where a muscle makes the tangent negative its size still tells the stiffness
+        stiffness = work.contact_stiffness = (key, np.abs(diagonal))
+    rows = step.at_start(way)
+    law = step.law(rows, penalties(pattern, stiffness[1], rows, PENALTY))
+    places = step.places(pattern, rows)
+    point, went, renewals, miss = start, None, 0, np.inf
+    for _ in range(UPDATES):
+        touching = Touching(potential, law, places, step.q0)
+        end, more = minimise(touching, touching.with_contact(point))
+        went = more if went is None else went.joined(more)
+        u = potential.positions(end.d) - step.q0
+        acting = law.at(u)
+        pushed = law.rows.spread(acting.on_vertices(law.rows), n_nodes)
+        point = Point(end.d, end.g + potential.system.reduce(pushed), end.phi, end.here)
+        miss, bound = acting.miss(law), law.bound
+        law.update(acting)
+        change = float(np.abs(law.bound - bound).max(initial=0.0))
+        if miss > SETTLED or change > FRICTION_SETTLED * law.bound.max(initial=0.0) + 1e-12:
+            continue
+        q = potential.positions(end.d)
+        near = step.at(q)
+        passed = step.passed(q, near)
+        deepest = -float(passed.gaps(u).min(initial=0.0))
+        if deepest <= DEEP or renewals == RENEWALS:
+            return Settled(point, went, step.memory(q, law, acting))
+        renewals += 1
+        new = near.joined(passed.take(np.flatnonzero(~np.isin(passed.slot, near.slot))))
+        law = carried_over(law, new, penalties(pattern, stiffness[1], new, PENALTY))
+        places = step.places(pattern, new)
+    raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")

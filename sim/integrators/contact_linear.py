@@ -1,0 +1,252 @@
+"""A linearly implicit step with contact: one linear system per set of rows that touch."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.contact.rows import Acting, Law, Rows
+from sim.contact.step import TOUCH, ContactStep, penalties
+from sim.errors import NotConverged
+from sim.integrators.contract import Workspace, symmetric_product
+from sim.scene import Index
+from sim.state import Array, State
+from sim.system import System
+from sim.vectors import dot, norm
+
+PENALTY = 300.0  # of the stiffness that a row meets
+SETTLED = 1e-7  # what gaps and slips are closed to [m]
+ROUGHLY = 1e-5  # what is accepted where the sets do not settle [m]
+FRICTION_SETTLED = 1e-4  # of the largest bound
+ENOUGH = 0.1  # of the slope at its start, where a move may end
+PASSES, ROUNDS, CORRECTIONS, HALVINGS = 60, 6, 4, 40
+MAX_FLIPS = 6  # a row that comes and goes more often is let go for the step
+CONSIDERABLE = 1e-4  # depth that is no matter of a correction [m]
+
+Solve = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Touched:
+    """Velocities and positions of a step with contact, and how it went."""
+
+    v: Array
+    q: Array
+    memory: Mapping[str, Array]
+    solutions: int
+    factorisations: int
+    definite: bool
+
+
+class LinearContact:
+    """The equation A x = b + scale N'f of x = h v1 with the forces f of the rows.
+
+    Parameters
+    ----------
+    system : System
+        With a contact.
+    state : State
+    A : (pattern.nnz,) matrix for the velocities.
+    rhs : (n_free,) right-hand side [N s].
+    h : float
+    moves : float
+        Share of the new velocity in the motion.
+    work : Workspace
+    """
+
+    def __init__(
+        self,
+        system: System,
+        state: State,
+        A: Array,
+        rhs: Array,
+        h: float,
+        moves: float,
+        work: Workspace,
+    ) -> None:
+        assert system.contact is not None  # callers choose this by it
+        self._system, self._state, self._A, self._work = system, state, A, work
+        self._h, self._moves, self._b, self._scale = h, moves, h * rhs, h * h
+        self._v0 = system.reduce(state.v)
+        self._step = ContactStep(system.contact, state, state.t + h)
+        self.solutions = self.factorisations = 0
+        self.definite = True
+
+    def solve(self) -> Touched:
+        """Velocities and positions at the end.
+
+        Raises
+        ------
+        NotConverged
+            The rows that touch did not settle.
+        SingularSystem
+            A matrix could not be factorised.
+        """
+        step, h = self._step, self._h
+        speed = np.sqrt((self._state.v**2).sum(axis=1))
+        law = self._law(step.at_start(1.5 * h * speed))
+        x = h * self._v0
+        for _ in range(ROUNDS):
+            x, acting, solve = self._settle(law, x)
+            q = self._positions(x)
+            near = step.at(q)
+            missed = self._missed(law, acting, q, near)
+            if not len(missed):
+                break
+            law = self._law(law.rows.joined(missed), law)
+        else:
+            raise NotConverged((), self._state.t + h, "contact finds new rows in every round")
+        q = self._corrected(q, near, solve)
+        return Touched(
+            self._system.expand(x / h, self._state.v),
+            q,
+            step.memory(q, law, acting),
+            self.solutions,
+            self.factorisations,
+            self.definite,
+        )
+
+    def _law(self, rows: Rows, before: Law | None = None) -> Law:
+        """Rows that allow no way in, with their multipliers."""
+        pattern = self._system.pattern
+        stiffness = self._A[pattern.diagonal] / self._scale
+        law = self._step.law(rows.outside_gap(), penalties(pattern, stiffness, rows, PENALTY))
+        if before is not None:
+            k = len(before.rows)
+            law.normal[:k], law.tangent[:k] = before.normal, before.tangent
+            law.normal[k:], law.tangent[k:] = 0.0, 0.0
+            law.bound = law.rows.friction * law.normal
+        return law
+
+    def _displacement(self, x: Array) -> Array:
+        """Nodal vector (n_nodes, 3) of x, zero at what is held."""
+        return self._system.expand(x, np.zeros_like(self._state.q))
+
+    def _positions(self, x: Array) -> Array:
+        way = self._h * (1.0 - self._moves) * self._v0 + self._moves * x
+        return self._system.expand(self._system.reduce(self._state.q) + way, self._state.q)
+
+    def _settle(self, law: Law, x: Array) -> tuple[Array, Acting, Solve]:
+        """Solution with the rows that touch, by a semi-smooth Newton iteration on the augmentation."""
+        system, rows = self._system, law.rows
+        n = self._state.q.shape[0]
+        if not len(rows):
+            solve = self._solver(self._A)
+            self.solutions += 1
+            return solve(self._b), law.at(self._displacement(x)), solve
+        places = self._step.places(system.pattern, rows)
+        acting = law.at(self._displacement(x))
+        solve, factored, last = None, acting, np.inf
+        flips, miss = np.zeros(len(rows), dtype=np.int64), np.inf
+        for _ in range(PASSES):
+            pushed = rows.spread(acting.on_vertices(rows), n)
+            Ax = symmetric_product(system, self._A, x)
+            missing = self._b + self._scale * system.reduce(pushed) - Ax
+            left = norm(missing)
+            # the stiffness of a sliding contact turns with its way
+            stale = acting.turn.any() and left > 0.3 * last
+            if solve is None or stale or not _same(factored, acting):
+                A = self._A.copy()
+                places.add(law.stiffness(acting), self._scale, A)
+                solve, factored = self._solver(A), acting
+            move, before, last = solve(missing), acting, left
+            self.solutions += 1
+            x, acting = self._along(law, x, move, Ax - self._b)
+            flips += (before.force > 0.0) != (acting.force > 0.0)
+            law.released |= flips > MAX_FLIPS
+            rough = float(np.abs(move).max()) if law.bound.any() else 0.0
+            if not _same(factored, acting) or rough > ROUGHLY:
+                continue
+            miss, bound = acting.miss(law), law.bound
+            law.update(acting)
+            change = np.abs(law.bound - bound).max(initial=0.0)
+            if (
+                max(miss, rough) <= SETTLED
+                and change <= FRICTION_SETTLED * law.bound.max(initial=0.0) + 1e-12
+            ):
+                return x, acting, solve
+            acting, last = law.at(self._displacement(x)), np.inf
+        if miss > ROUGHLY:
+            raise NotConverged(
+                (), self._state.t + self._h, f"contact did not settle, {miss:.2g} m are left"
+            )
+        assert solve is not None  # the loop ran
+        return x, acting, solve
+
+    def _along(self, law: Law, x: Array, move: Array, residual: Array) -> tuple[Array, Acting]:
+        """Point of a move where the augmentation is lowest, its end if it falls till there.
+
+        residual is A x - b.
+        """
+        start = law.rows.displacement(self._displacement(x))
+        way = law.rows.displacement(self._displacement(x + move)) - start
+        straight = dot(residual, move)
+        bent = dot(move, symmetric_product(self._system, self._A, move))
+
+        def slope(length: float) -> tuple[float, Acting]:
+            acting = law.at_relative(start + length * way)
+            pushed = self._scale * dot(acting.on_vertices(law.rows), way)
+            return straight + length * bent - pushed, acting
+
+        first, _ = slope(0.0)
+        last, acting = slope(1.0)
+        if first >= 0.0 or last <= ENOUGH * abs(first):
+            return x + move, acting
+        low, high, length = 0.0, 1.0, 1.0
+        for _ in range(HALVINGS):
+            length = 0.5 * (low + high)
+            here, acting = slope(length)
+            if abs(here) <= ENOUGH * abs(first):
+                break
+            low, high = (low, length) if here > 0.0 else (length, high)
+        return x + length * move, acting
+
+    def _missed(self, law: Law, acting: Acting, q: Array, near: Rows) -> Rows:
+        """Rows that the step has passed and that are no matter of a small correction."""
+        passed = self._step.passed(q, near)
+        depth = -passed.gaps(q - self._state.q)
+        held = np.isin(passed.slot, law.rows.slot[acting.force > 0.0])
+        same = np.isin(_keys(passed), _keys(law.rows))
+        return passed.take(np.flatnonzero(~same & (~held | (depth > CONSIDERABLE))))
+
+    def _corrected(self, q: Array, near: Rows, solve: Solve) -> Array:
+        """Positions with what has come to lie inside moved out, as the tissue gives way."""
+        system, q0 = self._system, self._state.q
+        stiffness = self._A[system.pattern.diagonal] / self._scale
+        for _ in range(CORRECTIONS):
+            gap = near.gaps(q - q0)
+            deep = np.flatnonzero(gap < -TOUCH)
+            if not len(deep):
+                break
+            rows, wanted = near.take(deep), -gap[deep]
+            rho = penalties(system.pattern, stiffness, rows, PENALTY)
+            push = rows.spread((rho * wanted)[:, None] * rows.normal, len(q))
+            move = self._displacement(solve(self._scale * system.reduce(push)))
+            self.solutions += 1
+            moved = rows.gaps(move) - rows.gaps(0.0 * move)
+            share = float(moved @ wanted) / max(float(moved @ moved), 1e-300)
+            q = q + min(max(share, 0.0), 2.0) * move
+        return q
+
+    def _solver(self, values: Array) -> Solve:
+        """Solver for one matrix, under the conditions of the scene."""
+        self.factorisations += 1
+        conditions, work = self._system.constraints, self._work
+        if conditions is None:
+            solve, definite = work.solver_of(values)
+            self.definite &= definite
+            return solve
+        _, G = conditions.evaluate(self._state.q)
+        none = np.zeros(conditions.n)
+        work.factorise_constrained(values, G)
+        return lambda r: work.saddle.solve(r, none)[0]
+
+
+def _same(a: Acting, b: Acting) -> bool:
+    """Whether the same rows push, and the same stick."""
+    return bool(np.array_equal(a.force > 0.0, b.force > 0.0) and np.array_equal(a.sticks, b.sticks))
+
+
+def _keys(rows: Rows) -> Index:
+    """One number per vertex and face."""
+    return rows.slot * (1 << 32) + rows.face
