@@ -4,6 +4,7 @@ from analysis.figures.activations import activation_heat_map, feature_boxes
 from analysis.figures.alignment import marker_traces, synchronisation
 from analysis.figures.boxes import box_plots
 from analysis.figures.choices import sensitivity_plot
+from analysis.figures.contact import opening_over_time
 from analysis.figures.cost import cost_of_parts
 from analysis.figures.emg import emg_with_features
 from analysis.figures.faces import rendered_faces
@@ -21,6 +22,7 @@ __all__ = [
     "growth",
     "limits_table",
     "marker_traces",
+    "opening_over_time",
     "rendered_faces",
     "save",
     "sensitivity_plot",

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final
 import pandas as pd
 import xarray as xr
 
-from analysis.figures import cost_of_parts, growth, save, work_precision
+from analysis.figures import cost_of_parts, growth, opening_over_time, save, work_precision
+from emgface.bench.contact import contact_table
 from emgface.bench.stability.limits import limits
 from emgface.bench.stability.shown import limits_figure, stability_figure, stability_frame
 from emgface.bench.work_precision.table import table as work_precision_table
@@ -19,6 +20,11 @@ if TYPE_CHECKING:
 def work_precision_figure(found: xr.Dataset) -> "Figure":
     """Errors of time stepping and of the discretisation."""
     return work_precision(found, title=found.attrs["face"])
+
+
+def contact_figure(found: xr.Dataset) -> "Figure":
+    """Opening of the lips over time."""
+    return opening_over_time(found, title=f"{found.attrs['face']} (simulated)")
 
 
 def growth_table(found: xr.Dataset) -> pd.DataFrame:
@@ -51,6 +57,7 @@ KINDS: Final[dict[str, tuple[Table, Draw]]] = {
     "stability": (stability_frame, stability_figure),
     "cost": (cost_table, cost_of_parts),
     "scaling": (growth_table, growth),
+    "contact": (contact_table, contact_figure),
 }
 """Table and figure of every kind of measurement."""
 FURTHER: Final[dict[str, dict[str, tuple[Table, Draw]]]] = {

@@ -132,3 +132,40 @@ def scaling(
     with progress("scaling") as bar:
         found = measure(faces, SimulationParameters(), refine=refine, progress=bar.working)
     _finish("scaling", found, out_path)
+
+
+@app.command()
+def contact(
+    out_path: OutOption = Path("bench"),
+    face_path: FaceOption = None,
+    resolution: Annotated[
+        str, typer.Option(help="Of the template face: coarse, medium or fine.")
+    ] = "medium",
+    case: Annotated[
+        list[str] | None,
+        typer.Option(help="'closing', or an instruction A to F; all of them by default."),
+    ] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="none, constraint or barrier; all by default.")
+    ] = None,
+    friction: Annotated[float, typer.Option(help="Coulomb coefficient.")] = 0.0,
+    sigma_max: SigmaOption = 100e3,
+    hold: Annotated[float, typer.Option(help="Time that the activation is held [s].")] = 1.0,
+) -> None:
+    """Close the lips with and without contact: penetration, steadiness, iterations, time per step."""
+    from emgface.bench.contact import CLOSING, METHODS, measure
+    from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.face.template.gestures import GESTURES
+
+    face = _face(face_path, resolution)
+    with progress("contact") as bar:
+        found = measure(
+            face,
+            methods=tuple(method or METHODS),
+            cases=tuple(case or (CLOSING, *GESTURES)),
+            friction=friction,
+            hold=hold,
+            parameters=SimulationParameters(sigma_max=sigma_max, gravity=False),
+            progress=bar.show,
+        )
+    _finish("contact", found, out_path)

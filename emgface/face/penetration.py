@@ -1,15 +1,22 @@
 """How deep surfaces stand in each other, found without the search that contact itself uses."""
 
+from typing import Final
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.face.lips import lining, lip_surface
+from emgface.face.lips import exposed, lining, lip_surface
 from emgface.face.parts import FREE, LIPS, MANDIBLE, arches_of
 from emgface.face.surface import nearest_on_triangles, winding_number
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+MIDDLE: Final = 6e-3
+"""Half of the part of the mouth that counts as its middle [m]."""
+BAND: Final = 2e-3
+"""Half width of the strip whose nodes stand for a place across the mouth [m]."""
 
 
 def depths(points: Floats, corners: Floats) -> Floats:
@@ -51,6 +58,7 @@ class Penetration:
 
     def __init__(self, face: xr.Dataset) -> None:
         self._lips = [lip_surface(face, lip) for lip in LIPS]
+        self._shown = [exposed(face, lip) for lip in self._lips]
         nodes = [np.unique(lip) for lip in self._lips]
         self._own = [np.setdiff1d(nodes[0], nodes[1]), np.setdiff1d(nodes[1], nodes[0])]
         self._arches = arches_of(face)
@@ -68,6 +76,21 @@ class Penetration:
         """Deepest node of lips and cheeks within the teeth, beyond where it is at rest [m]."""
         found = [now - rest for now, rest in zip(self._in_teeth(q), self._rest, strict=True)]
         return max((float(deeper.max(initial=0.0)) for deeper in found), default=0.0)
+
+    def gap(self, q: Floats) -> float:
+        """Widest place between the lips within `MIDDLE` of the midline, in positions q [m].
+
+        At every place from left to right: the smallest distance from a node of the upper lip there to
+        the surface of the lower lip; 0 where nodes stand inside it.
+        """
+        corners = q[self._lips[1][self._shown[1]]]
+        nodes = np.setdiff1d(self._lips[0][self._shown[0]], self._lips[1])
+        nodes = nodes[np.abs(q[nodes, 0]) < MIDDLE + BAND]
+        away = np.array([np.linalg.norm(nearest_on_triangles(p, corners)[0] - p) for p in q[nodes]])
+        away[depths(q[nodes], q[self._lips[1]]) > 0.0] = 0.0
+        places = np.linspace(-MIDDLE, MIDDLE, 9)
+        near = np.abs(q[nodes, 0] - places[:, None]) < BAND
+        return max(float(away[row].min(initial=np.inf)) for row in near if row.any())
 
     def at_rest(self) -> dict[str, tuple[int, float]]:
         """Number of nodes within each bone at rest, and the deepest [m]."""

@@ -1,0 +1,318 @@
+"""Contact of the lips on a face: how deep, how steady, how dear, against the same face without.
+
+The face without contact and those with it advance in turn, a few steps each, so that a drift of the
+machine hits all of them alike.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, get_args
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.face.contact_parameters import ContactParameters
+from emgface.face.lip_rounding import SIGMA_MAX
+from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.face.lips import lip_surface
+from emgface.face.motion import INTEGRATORS
+from emgface.face.parts import LIPS
+from emgface.face.penetration import Penetration
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template.gestures import GESTURES, gesture_activation
+from sim import Activation, HalvingStep, SimulationError, State, Workspace, compile_scene, simulate
+from sim.probes import Variable
+from sim.state import Control, StepReport
+from sim.system import System
+
+Floats = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+CLOSING: Final = "closing"
+"""Both parts of orbicularis oris of both sides at full activation."""
+RISE, HOLD, TAIL = 0.2, 1.0, 0.5
+"""Rise of the activation, time it is held, and last part of that over which motion is judged [s]."""
+CHUNK: Final = 5
+"""Steps that each scene advances at a time."""
+METHODS: Final[tuple[str, ...]] = get_args(ContactParameters.model_fields["method"].annotation)
+"""Kinds of contact, that without first."""
+
+
+def drive(name: str) -> dict[str, float]:
+    """Activation of a case: `CLOSING`, or the gesture of an instruction, A to F."""
+    if name == CLOSING:
+        return {f"{muscle}_{side}": 1.0 for muscle in ("OOP", "OOM") for side in "LR"}
+    return gesture_activation(name)
+
+
+class _Lips:
+    """Probe: depths, speed of the lips; the time it takes is its own, not the solver's."""
+
+    def __init__(self, face: xr.Dataset, penetration: Penetration) -> None:
+        self._depth = penetration
+        self._nodes = np.unique(np.concatenate([lip_surface(face, lip) for lip in LIPS]))
+        self._top, self._bottom = (int(node) for node in face["lip_opening_node"].values)
+        self.seconds = 0.0
+        self.gap = penetration.gap
+
+    def variables(self) -> tuple[Variable, ...]:
+        names = ("depth_lips", "depth_teeth", "opening")
+        return (*(Variable(name, "m") for name in names), Variable("speed", "m/s"))
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[float, ...]:
+        start = time.process_time()
+        found = (
+            self._depth.lips(state.q),
+            self._depth.teeth(state.q),
+            float(state.q[self._top, 2] - state.q[self._bottom, 2]),
+            float(np.linalg.norm(state.v[self._nodes], axis=1).max()),
+        )
+        self.seconds += time.process_time() - start
+        return found
+
+
+class _Iterations:
+    """Probe: steps and iterations since the last output."""
+
+    def variables(self) -> tuple[Variable, ...]:
+        return (Variable("iterations", "1"),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[float, ...]:
+        return (float(report.iterations) if report else 0.0,)
+
+
+@dataclass(eq=False)
+class _Run:
+    """One face with one method, on its way."""
+
+    system: System
+    activation: Activation
+    steps: HalvingStep
+    solver: str
+    probe: _Lips
+    state: State
+    work: Workspace
+    parts: list[xr.Dataset]
+    seconds: float = 0.0
+    failure: str = ""
+
+    def advance(self, outputs: int) -> None:
+        """Go on for some outputs; a failure is kept."""
+        before, own = time.process_time(), self.probe.seconds
+        try:
+            part, self.state = simulate(
+                self.system,
+                self.activation,
+                duration=outputs * self.steps.h,
+                integrator=INTEGRATORS[self.solver],
+                steps=self.steps,
+                probes=(self.probe, _Iterations()),
+                initial=self.state,
+                work=self.work,
+            )
+            self.parts.append(part if not self.parts else part.isel(time=slice(1, None)))
+        except SimulationError as error:
+            self.failure = f"{type(error).__name__}: {error}"
+        self.seconds += time.process_time() - before - (self.probe.seconds - own)
+
+
+def measure(
+    face: xr.Dataset,
+    *,
+    methods: Sequence[str] = METHODS,
+    cases: Sequence[str] = (CLOSING, *GESTURES),
+    between: Sequence[str] = ("lips", "teeth"),
+    friction: float = 0.0,
+    hold: float = HOLD,
+    parameters: SimulationParameters | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Run cases with and without contact, side by side.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with `lip_opening_node`.
+    methods : sequence of str
+        Of `METHODS`; the first is what run time is compared with.
+    cases : sequence of str
+        `CLOSING` and instructions A to F.
+    between, friction
+        As `emgface.face.contact_parameters.ContactParameters`.
+    hold : float
+        How long the activation is held [s].
+    parameters : SimulationParameters, optional
+        By default sigma_max = 100 kPa and no gravity; its contact is set here.
+    progress : callable, optional
+        Called as ``progress(done, total)`` of all chunks.
+
+    Returns
+    -------
+    Dataset
+        Over (case, contact): ``status``, ``opening_rest``, ``opening_end`` in the midline along z [m],
+        ``depth_lips`` and ``depth_teeth`` the deepest of all outputs [m], ``speed`` of the fastest
+        lip node and ``ripple``, range of the opening, over the last `TAIL` [m/s, m], ``iterations`` and
+        ``seconds`` (of the processor) per step, ``ratio`` of the latter to the first method. Over
+        (case, contact, time): ``opening`` [m]. Over (case, contact, node, axis): ``node_position`` [m].
+
+    Raises
+    ------
+    FaceError, ContactFailure, SceneError
+        The face has no surfaces that fit; a failure during a run is its ``status``.
+    """
+    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
+    penetration, rim = Penetration(face), lip_rim(face)
+    outputs = round((RISE + hold) / base.step)
+    systems = {m: _compiled(face, base, m, between, friction) for m in methods}
+    total, done = len(cases) * len(methods) * -(-outputs // CHUNK), 0
+    rows: list[list[dict[str, Any]]] = []
+    for case in cases:
+        runs = [_start(face, s, base, drive(case), penetration) for s in systems.values()]
+        for at in range(0, outputs, CHUNK):
+            for run in runs:
+                if not run.failure:
+                    run.advance(min(CHUNK, outputs - at))
+                done += 1
+                if progress is not None:
+                    progress(done, total)
+        rows.append([_judged(face, rim, run, outputs, base.step) for run in runs])
+    names = [name for name in rows[0][0] if name not in ("opening", "node_position")]
+    table = {name: [[cell[name] for cell in row] for row in rows] for name in names}
+    dims, time_axis = ("case", "contact"), base.step * np.arange(outputs + 1)
+    found = xr.Dataset(
+        {name: (dims, np.array(values), {"units": UNITS[name]}) for name, values in table.items()},
+        coords={"case": list(cases), "contact": list(methods), "time": time_axis},
+        attrs={
+            "origin": "simulated",
+            "face": str(face.attrs.get("name", "")),
+            "between": " ".join(between),
+            "friction": friction,
+            "sigma_max": base.sigma_max,
+            "step": base.step,
+        },
+    )
+    found["ratio"] = (dims, (found["seconds"] / found["seconds"].isel(contact=0)).values)
+    for name, inner in (("opening", ("time",)), ("node_position", ("node", "axis"))):
+        stacked = np.stack([np.stack([cell[name] for cell in row]) for row in rows])
+        found[name] = ((*dims, *inner), stacked, {"units": "m"})
+    return found
+
+
+def contact_table(found: xr.Dataset) -> pd.DataFrame:
+    """One row per case and kind of contact, in mm, mm/s and ms."""
+    scale = {"m": 1e3, "m/s": 1e3, "m^2": 1e6, "s": 1e3, "1": 1.0}
+    unit = {"m": " mm", "m/s": " mm/s", "m^2": " mm2", "s": " ms of processor", "1": ""}
+    names = [name for name in (*UNITS, "ratio") if name != "status"]
+    flat = found[["status", *names]].to_dataframe().reset_index()
+    table = flat[["case", "contact"]].copy()
+    for name in names:
+        of = UNITS.get(name, "1")
+        table[f"{SAID[name]}{unit[of]}"] = flat[name] * scale[of]
+    return table.assign(status=flat["status"])
+
+
+SAID: Final[Mapping[str, str]] = {
+    "opening_rest": "opening at rest",
+    "opening_end": "opening",
+    "gap_end": "widest gap in the middle",
+    "area_end": "area seen",
+    "protrusion": "protrusion",
+    "depth_lips": "lips in lips",
+    "depth_teeth": "lips in teeth",
+    "speed": "speed when held",
+    "ripple": "range of opening when held",
+    "iterations": "iterations a step",
+    "seconds": "step",
+    "ratio": "step over that without",
+}
+
+UNITS: Final[Mapping[str, str]] = {
+    "status": "1",
+    "opening_rest": "m",
+    "opening_end": "m",
+    "gap_end": "m",
+    "area_end": "m^2",
+    "protrusion": "m",
+    "depth_lips": "m",
+    "depth_teeth": "m",
+    "speed": "m/s",
+    "ripple": "m",
+    "iterations": "1",
+    "seconds": "s",
+}
+"""Figures of a run and their units."""
+
+
+def _compiled(
+    face: xr.Dataset,
+    base: SimulationParameters,
+    method: str,
+    between: Sequence[str],
+    friction: float,
+) -> System:
+    contact = ContactParameters.model_validate(
+        {"method": method, "between": tuple(between), "friction": friction}
+    )
+    return compile_scene(compose_scene(face, base.model_copy(update={"contact": contact})))
+
+
+def _start(
+    face: xr.Dataset,
+    system: System,
+    base: SimulationParameters,
+    levels: Mapping[str, float],
+    penetration: Penetration,
+) -> _Run:
+    peak = np.array([levels.get(name, 0.0) for name in system.muscles])
+    return _Run(
+        system=system,
+        activation=Activation(np.array([0.0, RISE]), np.stack([0.0 * peak, peak])),
+        steps=HalvingStep(base.step),
+        solver=base.solver,
+        probe=_Lips(face, penetration),
+        state=system.rest_state(),
+        work=Workspace(system, base.linear_solver),
+        parts=[],
+    )
+
+
+def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, step: float) -> dict[str, Any]:
+    """Figures of one run, over as much of it as there is."""
+    every = xr.concat(run.parts, "time") if run.parts else None
+    shape = lip_shape(face, rim, run.state.q)
+    opening = np.full(outputs + 1, np.nan)
+    missing = float("nan")
+    if every is None:
+        return {
+            **dict.fromkeys(UNITS, missing),
+            "status": run.failure,
+            "opening": opening,
+            "node_position": run.state.q,
+        }
+    opening[: every.sizes["time"]] = every["opening"].values
+    tail = round(TAIL / step)
+    ended = not run.failure
+    return {
+        "status": run.failure or "ok",
+        "opening_rest": opening[0],
+        "opening_end": shape["height"],
+        "gap_end": run.probe.gap(run.state.q),
+        "area_end": shape["area"],
+        "protrusion": shape["protrusion"],
+        "depth_lips": float(every["depth_lips"].max()),
+        "depth_teeth": float(every["depth_teeth"].max()),
+        "speed": float(every["speed"].values[-tail:].max()) if ended else missing,
+        "ripple": float(np.ptp(opening[-tail:])) if ended else missing,
+        "iterations": float(every["iterations"].values[1:].mean()),
+        "seconds": run.seconds / (every.sizes["time"] - 1),
+        "opening": opening,
+        "node_position": run.state.q,
+    }

@@ -1,0 +1,121 @@
+"""Midsagittal sections of a face: lips and teeth as a cut shows them."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from emgface.face.drawing import MM, SKIN
+from emgface.face.landmarks import MIDLINE
+from emgface.face.parts import arches_of
+from emgface.face.surface import element_faces
+
+Floats = NDArray[np.float64]
+
+MARGIN: Final = 0.022
+"""Tissue shown round the lips [m]."""
+
+
+def midline_faces(face: xr.Dataset) -> NDArray[np.int64]:
+    """Faces of elements (n, 4) in the midsagittal plane at rest, each once; few if the face is askew."""
+    faces, _ = element_faces(face["connectivity"].values)
+    flat = (np.abs(face["position"].values[faces, 0]) < MIDLINE).all(axis=1)
+    faces = faces[flat]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return faces[first]
+
+
+def cut(points: Floats, triangles: NDArray[np.integer]) -> Floats:
+    """Segments (n, 2, 2) in y and z where triangles cross the plane x = 0.
+
+    Parameters
+    ----------
+    points : ndarray, shape (k, 3)
+    triangles : ndarray of int, shape (m, 3)
+
+    Returns
+    -------
+    ndarray, shape (n, 2, 2)
+        Ends of each segment.
+    """
+    corners = points[triangles]
+    ahead = np.roll(corners, -1, axis=1)
+    # A corner in the plane counts as on its positive side, so that every triangle is cut twice or never.
+    crossed = (corners[..., 0] >= 0.0) != (ahead[..., 0] >= 0.0)
+    step = np.where(crossed, ahead[..., 0] - corners[..., 0], 1.0)
+    at = corners - (corners[..., :1] / step[..., None]) * (ahead - corners)
+    return at[crossed][:, 1:].reshape(-1, 2, 2)
+
+
+def draw_sections(
+    face: xr.Dataset, shown: Mapping[str, Floats], path: Path, *, title: str, dpi: int = 110
+) -> Path:
+    """Draw the section through the lips in several states, with the teeth behind them.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with `lip_opening_node`.
+    shown : mapping
+        Name to node positions (nodes, 3) [m]; one panel each, beside the section at rest in outline.
+    path : Path
+        Picture to write.
+    title : str
+        Over all; say what is simulated and how.
+    dpi : int
+        Dots per inch.
+
+    Returns
+    -------
+    Path
+        The picture.
+    """
+    rest, faces = face["position"].values, midline_faces(face)
+    lips = rest[face["lip_opening_node"].values][:, 1:]
+    middle = lips.mean(axis=0) * MM
+    figure = Figure(figsize=(3.4 * len(shown) + 0.4, 4.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize="medium")
+    outline = _outline(faces)
+    for place, (name, position) in enumerate(shown.items(), start=1):
+        axes = figure.add_subplot(1, len(shown), place)
+        for arch in arches_of(face):
+            segments = cut(arch.points, arch.triangles) * MM
+            axes.add_collection(LineCollection(list(segments), colors="#8a8060", linewidths=1.6))
+        axes.add_collection(
+            PolyCollection(
+                list(position[faces][..., 1:] * MM),
+                facecolors=SKIN,
+                edgecolors="#7d6150",
+                linewidths=0.35,
+                alpha=0.75,
+            )
+        )
+        axes.add_collection(
+            LineCollection(
+                list(rest[outline][..., 1:] * MM), colors="#1b6ca8", linewidths=0.9, linestyles=":"
+            )
+        )
+        reach = MARGIN * MM
+        axes.set_xlim(middle[0] - 1.2 * reach, middle[0] + 0.8 * reach)
+        axes.set_ylim(middle[1] - reach, middle[1] + reach)
+        axes.set(aspect="equal", title=name, xlabel="y, forward (mm)")
+        if place == 1:
+            axes.set_ylabel("z, up (mm)")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=dpi)
+    return path
+
+
+def _outline(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Edges (n, 2) of one face only."""
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
+    found, counts = np.unique(edges, axis=0, return_counts=True)
+    return found[counts == 1]

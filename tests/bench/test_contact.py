@@ -1,0 +1,84 @@
+"""The measurement of contact on the coarse template: lips that close, and what stands still."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import sim
+from analysis.errors import FigureError
+from analysis.figures import opening_over_time
+from emgface.bench import contact
+from emgface.bench.contact import CLOSING, METHODS, drive, measure
+from emgface.bench.store import store
+from emgface.cli import app
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+
+
+@pytest.fixture(scope="module")
+def closed() -> xr.Dataset:
+    parameters = SimulationParameters(gravity=False, sigma_max=100e3, step=0.02)
+    face = template_face(resolution="coarse")
+    return measure(face, cases=(CLOSING,), hold=0.1, parameters=parameters)
+
+
+def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
+    """Without contact they pass by millimetres; with it they meet, and go into nothing."""
+    assert METHODS[0] == "none" and len(METHODS) > 1
+    assert (closed["status"] == "ok").all()
+    assert closed["opening_rest"].values == pytest.approx(2.85e-3, abs=1e-5)
+    bare = closed.sel(contact="none", case=CLOSING)
+    assert bare["depth_lips"] > 2e-3 and bare["depth_teeth"] > 1e-3
+    allowed = {"constraint": 1e-5, "barrier": 0.0}
+    for name in METHODS[1:]:
+        found = closed.sel(contact=name, case=CLOSING)
+        assert found["gap_end"] < 2e-4, name
+        assert found["depth_lips"] <= allowed[name], name
+        assert found["depth_teeth"] <= allowed[name], name
+
+
+def test_what_is_measured_is_stored_and_drawn(closed: xr.Dataset, tmp_path) -> None:
+    table, paths = store("contact", closed, tmp_path)
+    assert all(path.stat().st_size > 0 for path in paths)
+    assert list(table["contact"]) == list(METHODS)
+    assert table["step over that without"][0] == 1.0
+    assert table["opening at rest mm"][0] == pytest.approx(2.85, abs=0.01)
+
+
+def test_the_figure_has_a_panel_per_case(closed: xr.Dataset) -> None:
+    figure = opening_over_time(closed)
+    (panel,) = figure.axes
+    lines = [line for line in panel.get_lines() if len(line.get_xdata()) > 2]
+    for line, name in zip(lines, METHODS, strict=True):
+        expected = 1e3 * closed["opening"].sel(contact=name, case=CLOSING).values
+        np.testing.assert_allclose(line.get_ydata(), expected)
+    with pytest.raises(FigureError, match="expected opening with dims case, contact and time"):
+        opening_over_time(closed.isel(case=0))
+
+
+def test_a_failed_run_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step that cannot be made ends the run; its row tells so, over as much as there is."""
+    made = []
+
+    def simulate(*args, **options):
+        made.append(options)
+        if len(made) > 1:
+            raise sim.InvertedElement(3, -0.1, 0.05)
+        return sim.simulate(*args, **options)
+
+    monkeypatch.setattr(contact, "simulate", simulate)
+    face = template_face(resolution="coarse")
+    parameters = SimulationParameters(gravity=False, sigma_max=100e3)
+    found = measure(face, methods=("none",), cases=(CLOSING,), hold=0.05, parameters=parameters)
+    assert len(made) == 2
+    assert str(found["status"].values[0, 0]).startswith("InvertedElement: ")
+    assert np.isfinite(found["opening"].values[0, 0]).sum() == 6
+    assert np.isnan(found["speed"].values[0, 0])
+
+
+def test_cases() -> None:
+    assert drive(CLOSING) == {"OOP_L": 1.0, "OOP_R": 1.0, "OOM_L": 1.0, "OOM_R": 1.0}
+    assert drive("B") == {"LLSAN_L": 0.5, "LLSAN_R": 0.5}
+    said = CliRunner().invoke(app, ["bench", "contact", "--help"])
+    assert said.exit_code == 0 and "penetration" in said.output
