@@ -19,11 +19,11 @@ import xarray as xr
 from scipy.ndimage import uniform_filter1d
 
 from analysis.figures.style import COLOURS, MARKS, blank, styled
-from emgface.dataset import read_recording
 from emgface.errors import EmgfaceError
-from emgface.inventory import read_files
 from emgface.muscles import CHANNELS, INSTRUCTIONS
-from emgface.quality import remove_hum
+from emgface.recordings.dataset import read_recording
+from emgface.recordings.inventory import read_files
+from emgface.recordings.quality import remove_hum
 from emgface.volunteers.emg import synthesise_emg
 from emgface.volunteers.instructions import true_activation
 from emgface.volunteers.person import draw_volunteer

@@ -16,7 +16,7 @@ import xarray as xr
 
 from analysis.figures.style import COLOURS, MARKS, SHADES, blank, styled
 from emgface.choices import configure
-from emgface.parameters import SignalChain
+from emgface.signals.parameters import SignalChain
 from emgface.volunteers.recovery import Condition, recover
 from emgface.volunteers.settings import VolunteerParameters
 

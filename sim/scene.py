@@ -88,6 +88,18 @@ class HasMuscles(Protocol):
 
 
 @runtime_checkable
+class HasNearby(Protocol):
+    """A term that couples many nodes, and knows of one that couples fewer with much the same stiffness.
+
+    The latter's stiffness is factorised to precondition the former's.
+    """
+
+    def nearby(self) -> Term:
+        """Term that stands in for this one where a factor is made."""
+        ...
+
+
+@runtime_checkable
 class Deforms(Protocol):
     """A compiled term with Gauss points that can invert."""
 

@@ -103,7 +103,7 @@ class StepReport:
     shifts : int
         Times the matrix had to be made positive definite.
     indefinite : int
-        Steps solved with a matrix that is not positive definite.
+        Steps solved with a factor of a matrix that is not positive definite.
     local_error : (n_nodes, 3) or None
         Estimated error of the positions that the step itself has made [m]; None if the method has no
         estimate.

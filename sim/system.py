@@ -17,6 +17,7 @@ from sim.scene import (
     Deforms,
     HasMass,
     HasMuscles,
+    HasNearby,
     Index,
     Layout,
     Remembering,
@@ -40,6 +41,9 @@ class System:
     muscles : names, the order of every activation
     constraints : Constraints or None
         All conditions of the scene on its free unknowns.
+    nearby : System or None
+        The same unknowns with a stiffness of fewer entries that is near enough to precondition, if
+        a term knows of one.
     """
 
     scene: Scene
@@ -48,6 +52,7 @@ class System:
     terms: tuple[CompiledTerm, ...]
     muscles: tuple[str, ...]
     constraints: Constraints | None = None
+    nearby: "System | None" = None
     _damping: CompiledDamping | None = None
     _in_step: bool = False
 
@@ -77,7 +82,8 @@ class System:
             return self
         names = self._memory_names()
         terms = tuple(_over(*row, state, h) for row in zip(self.terms, names, strict=True))
-        return replace(self, terms=terms, _in_step=True)
+        nearby = None if self.nearby is None else self.nearby.during(state, h)
+        return replace(self, terms=terms, nearby=nearby, _in_step=True)
 
     @cached_property
     def stops(self) -> tuple[StopsMoves, ...]:
@@ -258,10 +264,23 @@ def compile_scene(scene: Scene) -> System:
     layout = Layout(mesh, mass, pattern, tuple(names))
     terms = tuple(term.compile(layout) for term in scene.terms)
     conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
-    system = System(scene, mass, pattern, terms, layout.muscles, conditions)
+    nearby = _nearby(scene, terms)
+    system = System(scene, mass, pattern, terms, layout.muscles, conditions, nearby)
     if scene.damping is None:
         return system
     # a barrier is stiff only where it is touched: a damping by it would hold surfaces together
     tissue = replace(system, terms=tuple(t for t in terms if not isinstance(t, StopsMoves)))
     damping = scene.damping.compile(layout, lambda q, control: tissue.tangent(q, control)[1])
     return replace(system, _damping=damping)
+
+
+def _nearby(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:
+    """Compile the scene with every term replaced by the one nearby that it knows of.
+
+    Not with a barrier, whose stiffness a search of its own could not repeat, nor with conditions.
+    """
+    alone = scene.constraints or any(isinstance(term, StopsMoves) for term in compiled)
+    if alone or not any(isinstance(term, HasNearby) for term in scene.terms):
+        return None
+    terms = tuple(t.nearby() if isinstance(t, HasNearby) else t for t in scene.terms)
+    return compile_scene(replace(scene, terms=terms))

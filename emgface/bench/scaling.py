@@ -13,6 +13,7 @@ from emgface.face.recipe import compose_scene
 from emgface.face.refine import refine_face
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import FixedStep, LinearlyImplicitEuler, System, Workspace, compile_scene, simulate
+from sim.linear import linear_solver
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -33,22 +34,23 @@ def phase_seconds(system: System, repeats: int) -> tuple[dict[str, float], float
     """Median seconds of every phase of a linearly implicit step of 10 ms, and the factor's size [B]."""
     control, q, h = system.control(np.zeros(len(system.muscles))), system.scene.mesh.X, 0.01
     start = time.perf_counter()
-    work = Workspace(system)
+    linear = linear_solver()
+    linear.analyse(system.pattern)
     analysis = time.perf_counter() - start
     K = system.tangent(q, control)[1]
     A = h * system.damping(q, control, K) + h * h * K
     A[system.pattern.diagonal] += system.mass
     rhs = np.ones(system.pattern.n)
-    work.linear.factorise(A)
+    linear.factorise(A)
     found = {
         "force": _median(lambda: system.force(q, control), repeats),
         "tangent": _median(lambda: system.tangent(q, control), repeats),
         "analysis": analysis,
-        "factorisation": _median(lambda: work.linear.factorise(A), repeats),
-        "solution": _median(lambda: work.linear.solve(rhs), repeats),
+        "factorisation": _median(lambda: linear.factorise(A), repeats),
+        "solution": _median(lambda: linear.solve(rhs), repeats),
     }
-    size = float(getattr(work.linear, "factor_bytes", float("nan")))
-    steps = 3
+    size = float(getattr(linear, "factor_bytes", float("nan")))
+    steps, work = 3, Workspace(system)
     activation = gesture("D", system.muscles, 0.8)
     start = time.perf_counter()
     simulate(

@@ -46,11 +46,11 @@ def check(
     ] = None,
 ) -> None:
     """Examine every channel and marker; fail if one cannot be used."""
-    from emgface.check import check_recording, problems
     from emgface.cli.pages import overview_pages
-    from emgface.dataset import find_recordings, read_recording, read_recordings
     from emgface.errors import DataError, EmgfaceError
     from emgface.files import replace_file
+    from emgface.recordings.check import check_recording, problems
+    from emgface.recordings.dataset import find_recordings, read_recording, read_recordings
     from emgface.study.exclusions import exclusions_text
 
     if exclude is not None and exclude.exists():
@@ -133,10 +133,10 @@ def features(
     ] = None,
 ) -> None:
     """Show the power in the pass-band and the range of the feature of every channel."""
-    from emgface.channels import channel_report
-    from emgface.dataset import read_recording
     from emgface.errors import DataError
-    from emgface.parameters import SignalChain
+    from emgface.recordings.channels import channel_report
+    from emgface.recordings.dataset import read_recording
+    from emgface.signals.parameters import SignalChain
     from emgface.study.file import load_study
 
     chain = SignalChain() if study is None else load_study(study).signals
@@ -177,11 +177,11 @@ def propose(
     ] = None,
 ) -> None:
     """Propose which channel is which muscle and which marker is where, for you to confirm."""
-    from emgface.dataset import read_recording
     from emgface.errors import DataError
     from emgface.files import replace_file
-    from emgface.labels import note
-    from emgface.proposal import mapping_text, missing_names, propose_mapping
+    from emgface.recordings.dataset import read_recording
+    from emgface.recordings.labels import note
+    from emgface.recordings.proposal import mapping_text, missing_names, propose_mapping
 
     if out_path is not None and out_path.exists():
         raise DataError(
@@ -222,7 +222,7 @@ def propose(
 def _unit(setting: str) -> tuple[str, str]:
     """Name and unit of a setting such as ``emg=uV``."""
     from emgface.errors import UnitsError
-    from emgface.units import DIVISORS, spelling
+    from emgface.schema.units import DIVISORS, spelling
 
     si = {"emg": "V", "position": "m"}
     name, _, unit = (part.strip() for part in setting.partition("="))

@@ -23,7 +23,7 @@ def inventory(
     """List every file: channels, rates, units, duration and findings, or why it was refused."""
     from emgface.errors import DataError
     from emgface.files import replace_file
-    from emgface.inventory import inventory_table, markdown
+    from emgface.recordings.inventory import inventory_table, markdown
 
     if out_path is not None and out_path.suffix.lower() not in (".csv", ".md"):
         raise DataError(f"{out_path.name} ends in {out_path.suffix!r}, expected .csv or .md")
@@ -74,11 +74,11 @@ def convert(
     notch_width: Annotated[float, typer.Option(help="Width of each notch [Hz].")] = 2.0,
 ) -> None:
     """Convert recordings to netCDF or to EMG-BIDS and Motion-BIDS, with a notch where wanted."""
-    from emgface.bids import write_bids
-    from emgface.bids.rules import bids_problems
-    from emgface.dataset import find_recordings, read_recording, write_recording
     from emgface.errors import DataError, EmgfaceError
-    from emgface.quality import remove_hum
+    from emgface.recordings.bids import write_bids
+    from emgface.recordings.bids.rules import bids_problems
+    from emgface.recordings.dataset import find_recordings, read_recording, write_recording
+    from emgface.recordings.quality import remove_hum
 
     given = [
         file for path in paths for file in (find_recordings(path) if path.is_dir() else [path])
@@ -146,12 +146,12 @@ def cut(
     after: Annotated[float, typer.Option(min=0, help="Seconds after the end.")] = 0.0,
 ) -> None:
     """Cut a long recording into trials, by events or by the activity itself."""
-    from emgface.dataset import read_recording, write_recording
     from emgface.errors import DataError
-    from emgface.events import cut_trials, find_repetitions, read_events
-    from emgface.parameters import FilterParameters
-    from emgface.signals import bandpass
-    from emgface.synchronise import synchronise
+    from emgface.recordings.dataset import read_recording, write_recording
+    from emgface.recordings.events import cut_trials, find_repetitions, read_events
+    from emgface.recordings.synchronise import synchronise
+    from emgface.signals.filters import bandpass
+    from emgface.signals.parameters import FilterParameters
 
     recording = read_recording(path, mapping=mapping)
     if offset is not None:
@@ -183,7 +183,7 @@ def schema(
 ) -> None:
     """Write the page that documents every object: variables, dims, units, ranges."""
     from emgface.files import replace_file
-    from emgface.schema_page import schema_page, study_schema_text
+    from emgface.schema.page import schema_page, study_schema_text
 
     text = study_schema_text() if study else schema_page()
     if out_path is None:

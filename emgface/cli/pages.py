@@ -29,7 +29,7 @@ def overview_pages(path: Path | None, n_recordings: int) -> Iterator[AddPage]:
     Yields
     ------
     callable
-        Takes a recording and its result of `emgface.check.check_recording`.
+        Takes a recording and its result of `emgface.recordings.check.check_recording`.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def overview_pages(path: Path | None, n_recordings: int) -> Iterator[AddPage]:
     from matplotlib.backend_bases import FigureCanvasBase
     from matplotlib.backends.backend_pdf import PdfPages
 
-    from emgface.quality.figure import overview_figure
+    from emgface.recordings.quality.figure import overview_figure
 
     form = path.suffix.lower().removeprefix(".")
     known = FigureCanvasBase.get_supported_filetypes()

@@ -30,10 +30,10 @@ def activate(
     plot: Annotated[Path | None, typer.Option(help="Picture of the activations.")] = None,
 ) -> None:
     """Compute muscle activations from the sEMG of a recording."""
-    from emgface.activation import activation_of
     from emgface.cli.tables import activation_rows, draw_activation
-    from emgface.dataset import read_recording
-    from emgface.netcdf import write_netcdf
+    from emgface.recordings.dataset import read_recording
+    from emgface.schema.netcdf import write_netcdf
+    from emgface.signals.activation import activation_of
     from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
     from emgface.study.file import load_study
     from emgface.study.truth import true_activation_of
@@ -74,7 +74,7 @@ def simulate(
     from emgface.choices import configure
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.simulation_parameters import SimulationParameters
-    from emgface.netcdf import read_netcdf, write_netcdf
+    from emgface.schema.netcdf import read_netcdf, write_netcdf
     from emgface.study.configuration import FaceConfiguration, StudyConfiguration
     from emgface.study.faces import study_face
     from emgface.study.file import load_study
@@ -131,8 +131,8 @@ def score(
     from analysis.align import align
     from analysis.scores import score as score_trial
     from emgface.cli.tables import score_rows
-    from emgface.dataset import read_recording
-    from emgface.netcdf import read_netcdf, write_netcdf
+    from emgface.recordings.dataset import read_recording
+    from emgface.schema.netcdf import read_netcdf, write_netcdf
     from emgface.study.configuration import FaceConfiguration, StudyConfiguration
     from emgface.study.faces import study_face
     from emgface.study.file import load_study

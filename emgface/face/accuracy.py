@@ -3,7 +3,7 @@
 import re
 from typing import Any, Final
 
-from emgface.units import DIVISORS, spelling
+from emgface.schema.units import DIVISORS, spelling
 
 PRESETS: Final[dict[str, dict[str, Any]]] = {
     "draft": {"solver": "sdirk2", "step": 0.02},

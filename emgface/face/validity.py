@@ -5,7 +5,7 @@ import xarray as xr
 
 from emgface.errors import FaceError
 from emgface.face.quality import element_quality
-from emgface.schema import validate
+from emgface.schema.validation import validate
 
 
 def check_face(ds: xr.Dataset) -> xr.Dataset:

@@ -25,9 +25,9 @@ from analysis.figures import (
 )
 from analysis.figures.style import WRITTEN, settings
 from emgface.errors import FeatureWarning
-from emgface.features import feature_of
 from emgface.report.results import FAILURES, Results, Trial, representative
-from emgface.signals import bandpass
+from emgface.signals.features import feature_of
+from emgface.signals.filters import bandpass
 
 CHANNELS_SHOWN = ("OOS_L", "OOI_L", "RIS_L", "ZYG_L", "LLSAN_L", "DAO_L", "MEN_L")
 

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from analysis.axes import reference_cube
 from analysis.errors import AnalysisError
 from emgface.errors import ConfigurationError, DataError, EmgfaceError
-from emgface.netcdf import read_netcdf
+from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.run import feature_extents

@@ -11,7 +11,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.muscles import INSTRUCTIONS
-from emgface.parameters import SignalChain, StrategyName
+from emgface.signals.parameters import SignalChain, StrategyName
 from emgface.study.axes import Axis, Design
 from emgface.study.comparison import AlignmentParameters, ScoreParameters
 from emgface.study.exclusions import Exclusion

@@ -3,10 +3,10 @@
 import xarray as xr
 
 from emgface.errors import MarkerError
-from emgface.head import in_head_frame
 from emgface.muscles import LIP_MARKERS
-from emgface.parameters import HeadFrameParameters
-from emgface.resampling import resample
+from emgface.recordings.head import in_head_frame
+from emgface.signals.parameters import HeadFrameParameters
+from emgface.signals.resampling import resample
 
 
 def measured_during(

@@ -4,9 +4,9 @@ from typing import Final
 
 MECHANICS: Final = (
     "sim",
-    "emgface._demands",
-    "emgface._rules",
-    "emgface.declaration",
+    "emgface.schema.demands",
+    "emgface.schema.rules",
+    "emgface.schema.declaration",
     "emgface.face.bundles",
     "emgface.face.check",
     "emgface.face.closed",
@@ -22,7 +22,7 @@ MECHANICS: Final = (
     "emgface.face.surface",
     "emgface.face.tension_lines",
     "emgface.face.tissue",
-    "emgface.migration",
-    "emgface.schema",
+    "emgface.schema.migration",
+    "emgface.schema.validation",
 )
 """The mechanics, the recipe of the scene, and all that they import."""

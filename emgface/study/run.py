@@ -13,7 +13,7 @@ from analysis.cube import build_cube
 from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError
 from emgface.muscles import LIP_MARKERS
-from emgface.netcdf import write_netcdf
+from emgface.schema.netcdf import write_netcdf
 from emgface.study.axes import Label
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import dataset_digest

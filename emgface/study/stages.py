@@ -10,10 +10,10 @@ import xarray as xr
 
 from analysis.align import align
 from analysis.scores import score
-from emgface.activation import activation_of, feature_range
 from emgface.errors import FeatureWarning
 from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.signals.activation import activation_of, feature_range
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
 from emgface.study.digest import dataset_digest
 from emgface.study.measured import measured_during
@@ -25,15 +25,15 @@ from emgface.study.truth import true_activation_of
 from sim.errors import SimulationError
 
 _SIGNALS = (
-    "emgface._kernels",
-    "emgface.activation",
-    "emgface.envelope",
-    "emgface.features",
-    "emgface.mapping",
-    "emgface.normalisation",
-    "emgface.resampling",
-    "emgface.signals",
-    "emgface.strategies",
+    "emgface.signals._kernels",
+    "emgface.signals.activation",
+    "emgface.signals.envelope",
+    "emgface.signals.features",
+    "emgface.signals.mapping",
+    "emgface.signals.normalisation",
+    "emgface.signals.resampling",
+    "emgface.signals.filters",
+    "emgface.signals.strategies",
     "emgface.study.truth",
 )
 _ALIGNMENT = (
@@ -42,9 +42,9 @@ _ALIGNMENT = (
     "analysis.lag",
     "analysis.trajectory",
     "analysis.typed",
-    "emgface.head",
-    "emgface.resampling",
-    "emgface.signals",
+    "emgface.recordings.head",
+    "emgface.signals.resampling",
+    "emgface.signals.filters",
     "emgface.study.measured",
 )
 
@@ -124,7 +124,7 @@ class Laboratory:
         Raises
         ------
         EmgfaceError
-            As `emgface.activation.activation_of`.
+            As `emgface.signals.activation.activation_of`.
         """
         chain = self.study.signals
         label = f"{recording.label} {strategy}"

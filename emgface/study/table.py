@@ -7,10 +7,10 @@ from pathlib import Path
 
 import xarray as xr
 
-from emgface.dataset import read_recording, read_recordings
 from emgface.errors import DataError, EmgfaceError
 from emgface.muscles import INSTRUCTIONS
-from emgface.schema import validate
+from emgface.recordings.dataset import read_recording, read_recordings
+from emgface.schema.validation import validate
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.digest import dataset_digest
 from emgface.study.exclusions import Exclusion, Place, reason_to_exclude

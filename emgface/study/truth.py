@@ -2,10 +2,10 @@
 
 import xarray as xr
 
-from emgface.activation import check_activation
 from emgface.errors import ConfigurationError
-from emgface.parameters import ResamplingParameters
-from emgface.resampling import resample, simulation_times
+from emgface.signals.activation import check_activation
+from emgface.signals.parameters import ResamplingParameters
+from emgface.signals.resampling import resample, simulation_times
 
 
 def true_activation_of(recording: xr.Dataset, resampling: ResamplingParameters) -> xr.Dataset:

@@ -8,10 +8,10 @@ import numpy as np
 import scipy.stats
 import xarray as xr
 
-from emgface.activation import activation_of, feature_range
 from emgface.errors import SignalError
 from emgface.muscles import CHANNELS, INSTRUCTIONS, MODELLED, MUSCLES
-from emgface.parameters import SignalChain
+from emgface.signals.activation import activation_of, feature_range
+from emgface.signals.parameters import SignalChain
 from emgface.volunteers.emg import Pools, draw_pools, synthesise_emg
 from emgface.volunteers.person import SimulatedVolunteer, draw_volunteer
 from emgface.volunteers.session import trial_activation

@@ -73,7 +73,8 @@ def session_events(
     Returns
     -------
     DataFrame
-        Columns ``onset``, ``duration`` [s] and ``label``, as `emgface.events.cut_trials` takes.
+        Columns ``onset``, ``duration`` [s] and ``label``, as
+        `emgface.recordings.events.cut_trials` takes.
     """
     first = math.ceil(settings.rest / _GRID) * _GRID
     period = math.ceil((settings.duration + settings.rest) / _GRID - 1e-9) * _GRID

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from emgface.dataset import write_recording
 from emgface.errors import ConfigurationError
-from emgface.events import cut_trials
 from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import volunteer_face
 from emgface.muscles import INSTRUCTIONS
+from emgface.recordings.dataset import write_recording
+from emgface.recordings.events import cut_trials
 from emgface.study.digest import dataset_digest
 from emgface.study.mechanics import MECHANICS
 from emgface.study.observer import Observer, Silent

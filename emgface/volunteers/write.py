@@ -7,10 +7,10 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 
-from emgface.bids import write_bids
-from emgface.dataset import read_recording, write_recording
 from emgface.files import replace_file
-from emgface.netcdf import write_netcdf
+from emgface.recordings.bids import write_bids
+from emgface.recordings.dataset import read_recording, write_recording
+from emgface.schema.netcdf import write_netcdf
 
 
 def write_truth(recording: xr.Dataset, path: Path) -> Path:
@@ -57,7 +57,7 @@ def write_session(session: xr.Dataset, events: pd.DataFrame, folder: Path) -> Pa
     Returns
     -------
     Path
-        The recording; `emgface.events.read_events` reads the table.
+        The recording; `emgface.recordings.events.read_events` reads the table.
 
     Raises
     ------

@@ -186,7 +186,7 @@ class Law:
         share = np.where(sticks, 1.0, self.bound / np.where(size > 0.0, size, 1.0))
         friction = share[:, None] * tau
         stuck, slid = 0.5 * size**2 / rho, self.bound * (size - 0.5 * self.bound) / rho
-        stored: Array = np.where(sticks, stuck, slid)
+        stored = np.where(sticks, stuck, slid)
         energy += dot(stored, np.ones(len(n)))
         slip = float(np.abs(across[sticks]).max()) if sticks.any() else 0.0
         turn = np.where(sticks, 0.0, share * rho)

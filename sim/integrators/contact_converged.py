@@ -107,7 +107,7 @@ def minimise_in_contact(
     SingularSystem
         A matrix could not be factorised.
     """
-    pattern, n_nodes = potential.system.pattern, len(step.q0)
+    pattern, n_nodes = work.near(potential.system).pattern, len(step.q0)
     stiffness = work.contact_stiffness
     if stiffness is None or stiffness[0] != key:
         diagonal = potential.matrix(start.d)[pattern.diagonal] / potential.scale

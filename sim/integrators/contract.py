@@ -4,17 +4,45 @@ import math
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Protocol, runtime_checkable
 
-import numpy as np
-
-from sim._kernels import scatter
 from sim.errors import InvertedElement, SceneError
 from sim.integrators.secant import SecantMemory
-from sim.linear import LinearSolver, NotPositiveDefinite, linear_solver
+from sim.linear import (
+    Factor,
+    LinearSolver,
+    NotPositiveDefinite,
+    ReusedFactor,
+    linear_solver,
+    solver_of_steps,
+)
+from sim.linear import symmetric_product as product_on_pattern
 from sim.linear.saddle import Saddle
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
+
+NEARBY_PATIENCE = 30
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Solution of a linear system.
+
+    Attributes
+    ----------
+    x : (n_free,)
+    iterations, factorisations : int
+        Solutions with a factor, and factors made.
+    definite : bool
+        Whether the latest matrix that was factorised is positive definite.
+    """
+
+    x: Array
+    iterations: int = 1
+    factorisations: int = 1
+    definite: bool = True
 
 
 class Workspace:
@@ -27,12 +55,27 @@ class Workspace:
     system : System
     linear : str
         Name of the linear solver, or "auto".
+
+    Attributes
+    ----------
+    linear : Factor or ReusedFactor
+        Solves with the matrix of a step.
+    factor : Factor
+        Makes the factors, for it and for iterations of other kinds.
     """
 
     def __init__(self, system: System, linear: str = "auto") -> None:
-        self.linear: LinearSolver = linear_solver(linear)
-        self.linear.analyse(system.pattern)
-        self._pattern = system.pattern
+        self.linear = solver_of_steps(linear, system.pattern.n)
+        if isinstance(self.linear, ReusedFactor):
+            factored = self.near(system).pattern
+            self.linear.analyse(system.pattern, None if factored is system.pattern else factored)
+            self.linear.timed = self.timed
+            self.factor: Factor = self.linear.factor
+        else:
+            factored = system.pattern
+            self.linear.analyse(factored)
+            self.factor = self.linear
+        self._pattern, self._factored = system.pattern, factored
         self._system = system
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
@@ -70,23 +113,48 @@ class Workspace:
             Not even the largest shift helped.
         """
         shifted, tau = values, 1.0
-        self.factor_of = None
-        self.secants.clear()
+        self._forget()
         for shifts in range(max_shifts + 1):
             try:
                 with self.timed("factorisation"):
-                    self.linear.factorise(shifted)
+                    self.factor.factorise(shifted)
                 return shifts
             except NotPositiveDefinite:
                 if shifts == max_shifts:
                     raise
                 shifted = values.copy()
-                shifted[self._pattern.diagonal] += tau * shift
+                shifted[self._factored.diagonal] += tau * shift
                 tau *= 4.0
         raise AssertionError("unreachable: the loop returns or raises")
 
-    def solve_any(self, values: Array, rhs: Array) -> tuple[Array, bool]:
-        """Solve with a matrix that need not be positive definite; tells whether it is.
+    def near(self, system: System) -> System:
+        """System of which the matrices are factorised: this one, or one nearby with fewer entries."""
+        if isinstance(self.linear, ReusedFactor) and system.nearby is not None:
+            return system.nearby
+        return system
+
+    @property
+    def patience(self) -> int:
+        """Iterations that a factor serves before it is renewed for being slow.
+
+        A factor of a system nearby never makes Newton's method; it needs the secants of some moves.
+        """
+        return 1 if self._factored is self._pattern else NEARBY_PATIENCE
+
+    def solve_any(
+        self, values: Array, rhs: Array, start: Array, error: float, near: Callable[[], Array]
+    ) -> Solution:
+        """Solve with a matrix that need not be positive definite.
+
+        Parameters
+        ----------
+        values : (pattern.nnz,) matrix.
+        rhs : (n_free,)
+        start : (n_free,) where an iterative solver begins.
+        error : float
+            Largest error that it leaves, in the units of the solution.
+        near : callable
+            Values of the same matrix of the system `near`, for an iterative solver's factor.
 
         Raises
         ------
@@ -95,10 +163,16 @@ class Workspace:
         """
         self.factor_of = None
         self.secants.clear()
+        if isinstance(self.linear, ReusedFactor):
+            self.linear.factorise(values, None if self._factored is self._pattern else near)
+            x = self.linear.solve(rhs, start, error)
+            done = self.linear
+            return Solution(x, done.iterations, done.factorisations, done.definite)
         try:
             with self.timed("factorisation"):
                 self.linear.factorise(values)
-            return self.solve(rhs), True
+            with self.timed("solution"):
+                return Solution(self.linear.solve(rhs))
         except NotPositiveDefinite:
             if self._indefinite is None:
                 self._indefinite = linear_solver(indefinite=True)
@@ -106,16 +180,22 @@ class Workspace:
             with self.timed("factorisation"):
                 self._indefinite.factorise(values)
             with self.timed("solution"):
-                return self._indefinite.solve(rhs), False
+                return Solution(self._indefinite.solve(rhs), 1, 2, definite=False)
+
+    def _forget(self) -> None:
+        """Drop what belongs to the latest factor."""
+        self.factor_of = None
+        self.secants.clear()
+        if isinstance(self.linear, ReusedFactor):
+            self.linear.forget()
 
     def solver_of(self, values: Array) -> tuple[Callable[[Array], Array], bool]:
         """Solver for several right-hand sides of a matrix that need not be positive definite.
 
         Tells whether it is. Raises as `solve_any`.
         """
-        self.factor_of = None
-        self.secants.clear()
-        solver = self.linear
+        self._forget()
+        solver = self._whole
         try:
             with self.timed("factorisation"):
                 solver.factorise(values)
@@ -131,7 +211,16 @@ class Workspace:
             with self.timed("solution"):
                 return solver.solve(rhs)
 
-        return solve, solver is self.linear
+        return solve, solver is self._whole
+
+    @cached_property
+    def _whole(self) -> LinearSolver:
+        """Direct solver of the system's own matrix, analysed when it is first needed."""
+        if self._factored is self._pattern:
+            return self.factor
+        whole = linear_solver()
+        whole.analyse(self._pattern)
+        return whole
 
     def factorise_constrained(self, A: Array, G: Array) -> None:
         """Factorise the matrix of `solve_constrained`, for several solutions with `saddle`."""
@@ -166,9 +255,9 @@ class Workspace:
         return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
 
     def solve(self, rhs: Array) -> Array:
-        """Solve with the latest factor."""
+        """Solve with the latest factor, in its own precision."""
         with self.timed("solution"):
-            return self.linear.solve(rhs)
+            return self.factor.approximate(rhs)
 
 
 class Integrator(Protocol):
@@ -205,9 +294,7 @@ class TimeIntegrator(Integrator, Protocol):
 
 def symmetric_product(system: System, values: Array, x: Array) -> Array:
     """A x (n_free,) for the symmetric matrix with these values on the system's pattern."""
-    out = np.empty_like(x)
-    scatter.symmetric_product(system.pattern.indptr, system.pattern.indices, values, x, out)
-    return out
+    return product_on_pattern(system.pattern, values, x)
 
 
 def require_upright(element: int, smallest_J: float, t: float) -> None:

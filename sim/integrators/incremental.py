@@ -74,10 +74,13 @@ class IncrementalPotential:
         return self.system.largest_step(*ends, self._control)
 
     def matrix(self, d: Array) -> Array:
-        """s^2 times the second derivative at d, M + s D + s^2 K."""
-        K = self.system.tangent(self.positions(d), self._control)[1]
-        A = self._s * self._D + self.scale * K
-        A[self.system.pattern.diagonal] += self.shift
+        """s^2 times the second derivative at d, M + s D + s^2 K, of the system to be factorised."""
+        system = self._work.near(self.system)
+        q = self.positions(d)
+        K = system.tangent(q, self._control)[1]
+        D = self._D if system is self.system else system.damping(self._q, self._control)
+        A = self._s * D + self.scale * K
+        A[system.pattern.diagonal] += self.shift
         return A
 
     def start(self, state_q: Array, at_state: Evaluation | None = None) -> Point:

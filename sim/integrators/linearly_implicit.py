@@ -1,28 +1,47 @@
 """What the linearly implicit integrators share: one linear solution, with or without conditions."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from sim.integrators.contact_linear import LinearContact
-from sim.integrators.contract import Workspace, require_upright
+from sim.integrators.contract import Solution, Workspace, require_upright
 from sim.state import Array, State, StepReport
 from sim.system import System
 
 
+@dataclass(frozen=True)
+class LinearStep:
+    """The equation of one step.
+
+    Attributes
+    ----------
+    A : (pattern.nnz,) matrix for the velocities.
+    rhs : (n_free,) right-hand side [N s].
+    moves : float
+        Share of the new velocity in the motion.
+    error : float
+        Largest error of a position that an iterative solution leaves [m].
+    near : callable
+        A of the system that `Workspace.near` gives.
+    """
+
+    A: Array
+    rhs: Array
+    moves: float
+    error: float
+    near: Callable[[], Array]
+
+
 def linear_step(
-    system: System, state: State, A: Array, rhs: Array, h: float, moves: float, work: Workspace
+    system: System, state: State, equation: LinearStep, h: float, work: Workspace
 ) -> tuple[State, StepReport]:
     """State at t + h with A v1 = rhs and q1 = q0 + h ((1 - moves) v0 + moves v1).
 
     Conditions hold for the velocities, G(q0) v1 = 0; then the positions are brought back to c(q1) = 0
     by one projection, the smallest in the norm of the mass, along the same G. Contact adds its forces
     to the equation (`sim.integrators.contact_linear`).
-
-    Parameters
-    ----------
-    A : (pattern.nnz,) matrix for the velocities.
-    rhs : (n_free,) right-hand side [N s].
-    moves : float
-        Share of the new velocity in the motion.
 
     Raises
     ------
@@ -37,24 +56,26 @@ def linear_step(
     """
     system.require_passable("a linearly implicit step")
     v0, t1 = system.reduce(state.v), state.t + h
-    definite, iterations, factorisations = True, 1, 1
+    A, rhs, moves = equation.A, equation.rhs, equation.moves
     conditions, touched = system.constraints, None
     if system.contact is not None:
         touched = LinearContact(system, state, A, rhs, h, moves, work).solve()
         v1, q1 = system.reduce(touched.v), touched.q
-        definite = touched.definite
-        iterations, factorisations = touched.solutions, touched.factorisations
+        found = Solution(v1, touched.solutions, touched.factorisations, touched.definite)
     elif conditions is None:
-        v1, definite = work.solve_any(A, rhs)
-        factorisations = 1 if definite else 2
+        found = work.solve_any(A, rhs, v0, equation.error / (moves * h), equation.near)
+        v1 = found.x
         q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
     else:
         _, G = conditions.evaluate(state.q)
         v1, _ = work.solve_constrained(A, G, rhs, np.zeros(conditions.n))
         q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
+        found = Solution(v1)
     if conditions is not None:
         q1 = _projected(system, state, q1, work)
-        factorisations += 1
+        found = replace(
+            found, iterations=found.iterations + 1, factorisations=found.factorisations + 1
+        )
     with work.timed("force"):
         least, element = system.smallest_J(q1)
     require_upright(element, least, t1)
@@ -65,9 +86,9 @@ def linear_step(
     return new, StepReport(
         h=h,
         smallest_J=least,
-        iterations=iterations,
-        factorisations=factorisations,
-        indefinite=int(not definite),
+        iterations=found.iterations,
+        factorisations=found.factorisations,
+        indefinite=int(not found.definite),
         local_error=error,
     )
 

@@ -167,15 +167,15 @@ def minimise(
     SingularSystem
         The matrix could not be factorised.
     """
-    factorisations = shifts = 0
+    factorisations = shifts = age = 0
 
     def renew() -> None:
-        nonlocal factorisations, shifts
+        nonlocal factorisations, shifts, age
         with work.timed("tangent"):
             A = potential.matrix(point.d)
         more = work.factorise(A, potential.shift)
         work.factor_of = key
-        factorisations, shifts = factorisations + 1 + more, shifts + more
+        factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0
 
     made_here = not work.has_factor_for(*key)
     if made_here:
@@ -185,7 +185,7 @@ def minimise(
         direction = work.secants.direction(point.g, lambda r: work.solve(potential.scale * r))
         longest = potential.largest_step(point.d, direction)
         found = search(potential.point, point, direction, longest)
-        contraction = np.inf
+        contraction, age = np.inf, age + 1
         if found is None:
             largest = float(np.abs(direction).max())
             if (
@@ -221,7 +221,8 @@ def minimise(
                 return point, Iteration(
                     iteration, factorisations, point.residual, left, shortest, shifts
                 )
-        made_here = contraction > tolerances.keep_factor
+        slow = contraction > tolerances.keep_factor and age >= work.patience
+        made_here = found is None or slow
         if made_here:
             renew()
     raise NotConverged(tuple(residuals), until, f"limit of {tolerances.max_iterations} iterations")

@@ -109,8 +109,9 @@ class _Energy:
         return self.system.largest_step(*ends, self._control)
 
     def matrix(self, d: Array) -> Array:
-        """Values of the second derivative K at d."""
-        K = self.system.tangent(self.positions(d), self._control)[1]
+        """Values of the second derivative K at d, of the system to be factorised."""
+        system = self._work.near(self.system)
+        K = system.tangent(self.positions(d), self._control)[1]
         # a shift by 1 % of the typical stiffness is felt and not overwhelming
-        self.shift = np.full(len(d), 0.01 * np.abs(K[self.system.pattern.diagonal]).mean())
+        self.shift = np.full(len(d), 0.01 * np.abs(K[system.pattern.diagonal]).mean())
         return K

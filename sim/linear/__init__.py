@@ -3,25 +3,51 @@
 import platform
 from collections.abc import Callable
 
+import numpy as np
+
 from sim.errors import SceneError
-from sim.linear.contract import LinearSolver, NotPositiveDefinite
+from sim.linear.contract import Factor, LinearSolver, NotPositiveDefinite, symmetric_product
 from sim.linear.pardiso import Pardiso, PardisoLDLt, pardiso_is_available
+from sim.linear.reused import ReusedFactor
+from sim.linear.single import SinglePardiso
 from sim.linear.superlu import PivotingSuperLU, SuperLU
 
-LINEAR_SOLVERS: dict[str, Callable[[], LinearSolver]] = {
+FACTORS: dict[str, Callable[[], Factor]] = {
     "pardiso": Pardiso,
     "pardiso_ldlt": PardisoLDLt,
+    "pardiso_single": SinglePardiso,
     "superlu": SuperLU,
     "superlu_pivoting": PivotingSuperLU,
 }
+"""Every direct solver."""
+
+
+def _gmres_pardiso() -> ReusedFactor:
+    return ReusedFactor(SinglePardiso(), lambda: PardisoLDLt(np.float32), PardisoLDLt)
+
+
+def _gmres_superlu() -> ReusedFactor:
+    return ReusedFactor(SuperLU(), PivotingSuperLU, PivotingSuperLU)
+
+
+ITERATIONS: dict[str, Callable[[], ReusedFactor]] = {
+    "gmres_pardiso": _gmres_pardiso,
+    "gmres_superlu": _gmres_superlu,
+}
+"""Every iterative solver: the iteration, and what makes the factors that precondition it."""
+
+LINEAR_SOLVERS: dict[str, Callable[[], Factor | ReusedFactor]] = {**FACTORS, **ITERATIONS}
 """Every linear solver; the tests walk this table."""
 
 INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
 """The member of each family that serves matrices that are not positive definite."""
 
+LARGE = 4000
+"""Unknowns from which on a factor of a time step is worth keeping for the next."""
 
-def linear_solver(name: str = "auto", *, indefinite: bool = False) -> LinearSolver:
-    """Return a fresh solver by name; "auto" is PARDISO where it can be loaded, else SuperLU.
+
+def linear_solver(name: str = "auto", *, indefinite: bool = False) -> Factor | ReusedFactor:
+    """Return a fresh solver by name; "auto" is direct, PARDISO where it can be loaded, else SuperLU.
 
     Parameters
     ----------
@@ -36,13 +62,12 @@ def linear_solver(name: str = "auto", *, indefinite: bool = False) -> LinearSolv
         The name is unknown, or PARDISO was asked for and is not installed.
     """
     if name == "auto":
-        family = "pardiso" if pardiso_is_available() else "superlu"
-        name = INDEFINITE[family] if indefinite else family
+        name = INDEFINITE[_family()] if indefinite else _family()
     if name not in LINEAR_SOLVERS:
         raise SceneError(
             f"unknown linear solver {name!r}, expected 'auto' or one of {[*LINEAR_SOLVERS]}"
         )
-    if name.startswith("pardiso") and not pardiso_is_available():
+    if "pardiso" in name and not pardiso_is_available():
         raise SceneError(
             f"pardiso is not available on this {platform.machine()} machine: install pypardiso or "
             "use 'superlu'"
@@ -50,14 +75,36 @@ def linear_solver(name: str = "auto", *, indefinite: bool = False) -> LinearSolv
     return LINEAR_SOLVERS[name]()
 
 
+def solver_of_steps(name: str, n: int) -> Factor | ReusedFactor:
+    """Solver for the matrices of successive time steps with n unknowns.
+
+    "auto" keeps factors from step to step where the matrices are large, and is direct where a factor
+    costs no more than a few products. Other names and errors as `linear_solver`.
+    """
+    if name == "auto" and n >= LARGE:
+        name = f"gmres_{_family()}"
+    return linear_solver(name)
+
+
+def _family() -> str:
+    return "pardiso" if pardiso_is_available() else "superlu"
+
+
 __all__ = [
+    "FACTORS",
+    "ITERATIONS",
     "LINEAR_SOLVERS",
+    "Factor",
     "LinearSolver",
     "NotPositiveDefinite",
-    "PivotingSuperLU",
     "Pardiso",
     "PardisoLDLt",
+    "PivotingSuperLU",
+    "ReusedFactor",
+    "SinglePardiso",
     "SuperLU",
     "linear_solver",
     "pardiso_is_available",
+    "solver_of_steps",
+    "symmetric_product",
 ]

@@ -1,7 +1,10 @@
-"""The contract of a linear solver for symmetric matrices."""
+"""The contracts of linear solvers for symmetric matrices."""
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
+import numpy as np
+
+from sim._kernels import scatter
 from sim.errors import SingularSystem
 from sim.pattern import Sparsity
 from sim.state import Array
@@ -14,7 +17,10 @@ class NotPositiveDefinite(SingularSystem):
 class LinearSolver(Protocol):
     """Solver of A x = b for symmetric A given by the values of its upper triangle."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """What results are labelled with."""
+        ...
 
     def analyse(self, pattern: Sparsity) -> None:
         """Order and analyse the sparsity, once."""
@@ -41,3 +47,26 @@ class LinearSolver(Protocol):
             If the solution is not finite.
         """
         ...
+
+
+class Factor(LinearSolver, Protocol):
+    """A direct solver, whose factor may also precondition an iteration.
+
+    Attributes
+    ----------
+    solutions_per_factorisation : int
+        About how many solutions take as long as one factorisation.
+    """
+
+    solutions_per_factorisation: ClassVar[int]
+
+    def approximate(self, rhs: Array) -> Array:
+        """Solve by one pass through the latest factor, in its own precision."""
+        ...
+
+
+def symmetric_product(pattern: Sparsity, values: Array, x: Array) -> Array:
+    """A x (n,) for the symmetric A with these values on the pattern."""
+    out = np.empty_like(x)
+    scatter.symmetric_product(pattern.indptr, pattern.indices, values, x, out)
+    return out

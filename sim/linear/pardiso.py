@@ -1,5 +1,6 @@
-"""MKL PARDISO through pypardiso: Cholesky or LDLt factors of the upper triangle."""
+"""MKL PARDISO: Cholesky or LDLt factors of the upper triangle, found through pypardiso."""
 
+import ctypes
 import importlib
 import importlib.metadata
 import os
@@ -7,10 +8,10 @@ import weakref
 from collections.abc import Generator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from scipy.sparse import csr_array
+from numpy.typing import NDArray
 
 from sim.errors import SingularSystem
 from sim.linear.contract import NotPositiveDefinite
@@ -20,6 +21,11 @@ from sim.state import Array
 SYMMETRIC_POSITIVE_DEFINITE, SYMMETRIC_INDEFINITE = 2, -2
 MKL_PATH = "PYPARDISO_MKL_RT"  # where pypardiso looks first
 ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
+NOT_DEFINITE = -4
+
+# places in iparm, as PARDISO counts them less one
+GIVEN, NESTED_DISSECTION, PIVOT_SHIFT, FACTOR_SIZE = 0, 1, 9, 17
+BUNCH_KAUFMAN, NEGATIVE_PIVOTS, SINGLE, FROM_ZERO = 20, 22, 27, 34
 
 
 def pardiso_is_available() -> bool:
@@ -67,39 +73,102 @@ def _pointed_to(mkl: str | None) -> Generator[None]:
             os.environ.pop(MKL_PATH, None)
 
 
+class _Handle:
+    """One instance of PARDISO with the arrays that it reads and writes.
+
+    pypardiso finds MKL and declares the routine; its own calls copy all indices each time, which
+    takes longer than a solution in single precision.
+    """
+
+    def __init__(self, matrix_type: int, pattern: Sparsity, precision: type) -> None:
+        solver = _new_solver(matrix_type)
+        self._routine, self._pt, self.iparm = solver._mkl_pardiso, solver.pt, solver.iparm
+        self._pt_type, self._matrix_type, self._n = solver._pt_type[0], matrix_type, pattern.n
+        self.iparm[GIVEN] = 1  # so that all entries count; those at zero are the defaults
+        self.iparm[NESTED_DISSECTION] = 2
+        self.iparm[PIVOT_SHIFT] = 8
+        self.iparm[FACTOR_SIZE] = -1
+        self.iparm[BUNCH_KAUFMAN] = 1
+        self.iparm[SINGLE] = int(precision is np.float32)
+        self.iparm[FROM_ZERO] = 1
+        self._indptr = np.ascontiguousarray(pattern.indptr, dtype=np.int32)
+        self._indices = np.ascontiguousarray(pattern.indices, dtype=np.int32)
+        self._order = np.zeros(0, dtype=np.int32)
+        self.values: NDArray[Any] = np.zeros(pattern.nnz, dtype=precision)
+        self.values[pattern.diagonal] = 1.0
+        self.rhs: NDArray[Any] = np.zeros(pattern.n, dtype=precision)
+        self.x: NDArray[Any] = np.zeros(pattern.n, dtype=precision)
+
+    def call(self, phase: int) -> int:
+        """Run a phase; returns PARDISO's error code."""
+        integer = ctypes.POINTER(ctypes.c_int32)
+        error = ctypes.c_int32(0)
+
+        def number(value: int) -> Any:
+            return ctypes.byref(ctypes.c_int32(value))
+
+        def data(array: NDArray[Any], kind: Any = ctypes.c_void_p) -> Any:
+            return array.ctypes.data_as(kind)
+
+        self._routine(
+            data(self._pt, ctypes.POINTER(self._pt_type)),
+            number(1),  # factors kept
+            number(1),  # which of them
+            number(self._matrix_type),
+            number(phase),
+            number(self._n),
+            data(self.values),
+            data(self._indptr, integer),
+            data(self._indices, integer),
+            data(self._order, integer),
+            number(1),  # right-hand sides
+            data(self.iparm, integer),
+            number(0),  # no messages
+            data(self.rhs),
+            data(self.x),
+            ctypes.byref(error),
+        )
+        return error.value
+
+
 class Pardiso:
-    """PARDISO for symmetric positive definite matrices; one symbolic analysis per pattern."""
+    """PARDISO for symmetric positive definite matrices; one symbolic analysis per pattern.
+
+    Parameters
+    ----------
+    precision : type
+        numpy.float64, or numpy.float32 for a factor of half the size whose solutions have six digits.
+    """
 
     name = "pardiso"
+    solutions_per_factorisation: ClassVar[int] = 8
     _matrix_type = SYMMETRIC_POSITIVE_DEFINITE
 
-    def __init__(self) -> None:
-        self._solver: Any = _new_solver(self._matrix_type)
+    def __init__(self, precision: type = np.float64) -> None:
+        self._precision = precision
         self._factorised = False
 
-    def _call(self, phase: int, rhs: Array) -> Array:
-        self._solver.set_phase(phase)
-        try:
-            # solve() and factorize() of the wrapper copy and compare the whole matrix at every call
-            return self._solver._call_pardiso(self._matrix, rhs)
-        except _wrapper()[0].PyPardisoError as error:
-            code = int(getattr(error, "value", 0))
-            if code == -4:
-                raise NotPositiveDefinite(
-                    "PARDISO met a non-positive pivot, expected a positive definite matrix"
-                ) from error
-            raise SingularSystem(f"PARDISO failed in phase {phase}: {error}") from error
-
     def analyse(self, pattern: Sparsity) -> None:
-        """Order the unknowns and find the structure of the factor."""
-        self._matrix = csr_array(
-            (np.zeros(pattern.nnz), pattern.indices, pattern.indptr), shape=(pattern.n, pattern.n)
-        )
-        self._matrix.data[pattern.diagonal] = 1.0
-        self._none = np.zeros(pattern.n)
-        self._call(ANALYSE, self._none)
+        """Order the unknowns and find the structure of the factor.
+
+        Raises
+        ------
+        SingularSystem
+            PARDISO failed.
+        """
+        self._handle = _Handle(self._matrix_type, pattern, self._precision)
+        self._call(ANALYSE)
         # MKL keeps the factor outside Python's sight until it is told to release it
-        weakref.finalize(self, _release, self._solver, self._matrix, self._none)
+        weakref.finalize(self, self._handle.call, RELEASE)
+
+    def _call(self, phase: int) -> None:
+        code = self._handle.call(phase)
+        if code == NOT_DEFINITE:
+            raise NotPositiveDefinite(
+                "PARDISO met a non-positive pivot, expected a positive definite matrix"
+            )
+        if code != 0:
+            raise SingularSystem(f"PARDISO failed in phase {phase} with its error {code}")
 
     def factorise(self, values: Array) -> None:
         """Cholesky factorisation.
@@ -114,14 +183,14 @@ class Pardiso:
         self._factorised = False
         if not np.isfinite(values).all():
             raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
-        self._matrix.data[:] = values
-        self._call(FACTORISE, self._none)
+        self._handle.values[:] = values
+        self._call(FACTORISE)
         self._factorised = True
 
     @property
     def factor_bytes(self) -> int:
         """Size of the non-zeros of the factor [B], as PARDISO counts them."""
-        return 8 * int(self._solver.iparm[17])
+        return self._handle.values.itemsize * int(self._handle.iparm[FACTOR_SIZE])
 
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor.
@@ -133,10 +202,16 @@ class Pardiso:
         """
         if not self._factorised:
             raise SingularSystem("no factor at hand: the last factorisation failed")
-        x = self._call(SOLVE, np.ascontiguousarray(rhs))
+        self._handle.rhs[:] = rhs
+        self._call(SOLVE)
+        x = self._handle.x.astype(np.float64)
         if not np.isfinite(x).all():
             raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
         return x
+
+    def approximate(self, rhs: Array) -> Array:
+        """As `solve`."""
+        return self.solve(rhs)
 
 
 class PardisoLDLt(Pardiso):
@@ -148,9 +223,4 @@ class PardisoLDLt(Pardiso):
     @property
     def negative_pivots(self) -> int:
         """Number of negative eigenvalues of the latest factorised matrix."""
-        return int(self._solver.iparm[22])
-
-
-def _release(solver: Any, matrix: csr_array, none: Array) -> None:
-    solver.set_phase(RELEASE)
-    solver._call_pardiso(matrix, none)
+        return int(self._handle.iparm[NEGATIVE_PIVOTS])

@@ -1,5 +1,7 @@
 """SciPy's SuperLU: everywhere available, unsymmetric, reorders at every factorisation."""
 
+from typing import ClassVar
+
 import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
@@ -13,6 +15,7 @@ class SuperLU:
     """Direct solver of `scipy.sparse.linalg.splu` on the full symmetric matrix."""
 
     name = "superlu"
+    solutions_per_factorisation: ClassVar[int] = 40
     _pivot_threshold = 0.0
     _symmetric = True
 
@@ -68,6 +71,10 @@ class SuperLU:
         if not np.isfinite(x).all():
             raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
         return x
+
+    def approximate(self, rhs: Array) -> Array:
+        """As `solve`."""
+        return self.solve(rhs)
 
 
 class PivotingSuperLU(SuperLU):

@@ -22,6 +22,12 @@ from sim.state import Array, Control
 from sim.vectors import dot
 from sim.volumes import PointVolumes
 
+NEARBY = 0.2
+"""Share of the bulk modulus by which the volume of elements preconditions that of nodes best.
+
+Measured on a face with kappa/mu = 5: 0.1 and 1 need a third more iterations.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class ElementVolume:
@@ -94,6 +100,10 @@ class NodalVolume:
     def compile(self, layout: Layout) -> "CompiledNodalVolume":
         """Lay out volumes, stars and sums."""
         return CompiledNodalVolume(self, layout)
+
+    def nearby(self) -> ElementVolume:
+        """Volume of elements, softened, since it resists more of the motions than that of nodes."""
+        return ElementVolume(NEARBY * np.asarray(self.kappa, dtype=np.float64)[()])
 
 
 def _require_positive(kappa: float | Array) -> None:

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS, MUSCLES
-from emgface.quality.markers import LAYOUT
+from emgface.recordings.quality.markers import LAYOUT
 
 S = {"units": "s"}
 ONE = {"units": "1"}

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.io
 
-from emgface.dataset import read_recording
 from emgface.errors import ConfigurationError, DataError
-from emgface.labels import note
+from emgface.recordings.dataset import read_recording
+from emgface.recordings.labels import note
 
 CHANNELS = ["EMG 1", "EMG 2", "EMG 3"]
 MARKERS = ["M1", "M2"]

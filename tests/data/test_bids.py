@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.bids import bids_problems, write_bids
-from emgface.bids.names import entities, file_name, trial_of
-from emgface.bids.rules import EMG_KEYS, MOTION_KEYS
-from emgface.dataset import find_recordings, read_recording
 from emgface.errors import DataError, SchemaError, SignalError, UnitsError
-from emgface.labels import note
+from emgface.recordings.bids import bids_problems, write_bids
+from emgface.recordings.bids.names import entities, file_name, trial_of
+from emgface.recordings.bids.rules import EMG_KEYS, MOTION_KEYS
+from emgface.recordings.dataset import find_recordings, read_recording
+from emgface.recordings.labels import note
 
 EMG = "sub-V01/emg/sub-V01_task-A_run-01_"
 MOTION = "sub-V01/motion/sub-V01_task-A_tracksys-markers_run-01_"

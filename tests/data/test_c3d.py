@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.dataset import read_recording, write_recording
 from emgface.errors import ConfigurationError, DataError, SchemaError, UnitsError
-from emgface.labels import note
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
+from emgface.recordings.dataset import read_recording, write_recording
+from emgface.recordings.labels import note
 
 MARKERS = FACE_MARKERS + LIP_MARKERS
 FRAMES, PER_FRAME = 20, 10

@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from emgface.cameras import Camera, calibrate_camera, triangulate
 from emgface.errors import MarkerError
+from emgface.recordings.cameras import Camera, calibrate_camera, triangulate
 
 ANGLES = (-35.0, 0.0, 35.0)
 PIXEL = 2.0

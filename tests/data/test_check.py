@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from emgface.check import check_recording, problems
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
+from emgface.recordings.check import check_recording, problems
 
 
 def row(table: pd.DataFrame, name: str) -> pd.Series:

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from emgface.dataset import find_recordings, read_recording
 from emgface.errors import ConfigurationError, DataError, EmgfaceError, UnitsError
-from emgface.labels import note
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
+from emgface.recordings.dataset import find_recordings, read_recording
+from emgface.recordings.labels import note
 
 MARKERS = FACE_MARKERS + LIP_MARKERS
 RATE, FRAME_RATE = 2048.0, 100.0

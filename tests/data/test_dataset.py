@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import emgface.readers
-from emgface.dataset import (
+import emgface.recordings.readers
+from emgface.errors import ConfigurationError, DataError, SchemaError
+from emgface.recordings.dataset import (
     find_recordings,
     read_recording,
     read_recordings,
     readers,
     write_recording,
 )
-from emgface.errors import ConfigurationError, DataError, SchemaError
-from emgface.labels import note
-from emgface.netcdf import write_netcdf
-from emgface.schema import validate
+from emgface.recordings.labels import note
+from emgface.schema.netcdf import write_netcdf
+from emgface.schema.validation import validate
 
 Make = Callable[[str], xr.Dataset]
 
@@ -128,7 +128,7 @@ def test_a_new_format_is_a_new_file(
 ) -> None:
     code = """
 import numpy as np
-from emgface.readers._build import assemble, emg_array
+from emgface.recordings.readers._build import assemble, emg_array
 SUFFIXES = (".raw8",)
 FORMAT = "one byte per sample"
 def is_recording(path):
@@ -140,8 +140,8 @@ def read(path, units):
 """
     (tmp_path / "more").mkdir()
     (tmp_path / "more" / "raw8.py").write_text(code)
-    path = [*emgface.readers.__path__, str(tmp_path / "more")]
-    monkeypatch.setattr(emgface.readers, "__path__", path)
+    path = [*emgface.recordings.readers.__path__, str(tmp_path / "more")]
+    monkeypatch.setattr(emgface.recordings.readers, "__path__", path)
     readers.cache_clear()
     try:
         (tmp_path / "trial.raw8").write_bytes(bytes([1, 2, 250]))

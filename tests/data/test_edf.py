@@ -7,9 +7,9 @@ import edfio
 import numpy as np
 import pytest
 
-from emgface.dataset import find_recordings, read_recording
 from emgface.errors import DataError, UnitsError
-from emgface.labels import note
+from emgface.recordings.dataset import find_recordings, read_recording
+from emgface.recordings.labels import note
 
 
 def packed(

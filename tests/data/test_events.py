@@ -8,9 +8,16 @@ import pytest
 import xarray as xr
 
 from emgface.errors import DataError, SignalError
-from emgface.events import cut_trials, find_repetitions, read_events
-from emgface.schema import validate
-from emgface.synchronise import ClockFit, cut, fit_clocks, overlap, rising_edges, synchronise
+from emgface.recordings.events import cut_trials, find_repetitions, read_events
+from emgface.recordings.synchronise import (
+    ClockFit,
+    cut,
+    fit_clocks,
+    overlap,
+    rising_edges,
+    synchronise,
+)
+from emgface.schema.validation import validate
 
 RATE = 1000.0
 

@@ -16,10 +16,10 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emgface.bids import write_bids
-from emgface.dataset import read_recording, write_recording
 from emgface.errors import EmgfaceError
-from emgface.schema import validate
+from emgface.recordings.bids import write_bids
+from emgface.recordings.dataset import read_recording, write_recording
+from emgface.schema.validation import validate
 from tests.data.conftest import recording
 from tests.data.test_c3d import make_c3d
 from tests.data.test_edf import packed

@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 from emgface.errors import DataError, SchemaError, UnitsError
-from emgface.netcdf import read_netcdf, write_netcdf
-from emgface.schema import kinds, validate
+from emgface.schema.netcdf import read_netcdf, write_netcdf
+from emgface.schema.validation import kinds, validate
 
 Make = Callable[[str], xr.Dataset]
 

@@ -4,8 +4,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from emgface.check import check_recording
-from emgface.quality.figure import COLOURS, overview_figure
+from emgface.recordings.check import check_recording
+from emgface.recordings.quality.figure import COLOURS, overview_figure
 from tests.data.test_quality import MARKERS, face, noise, recording
 
 

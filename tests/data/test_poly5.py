@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emgface.dataset import read_recording
 from emgface.errors import DataError, UnitsError
-from emgface.labels import note
+from emgface.recordings.dataset import read_recording
+from emgface.recordings.labels import note
 
 PER_BLOCK = 16
 

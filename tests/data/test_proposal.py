@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from emgface.dataset import read_recording
 from emgface.errors import DataError
-from emgface.labels import read_label_map
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS, MEASURED, MUSCLE_NAMES
-from emgface.proposal import MUSCLES, mapping_text, missing_names, propose_mapping
+from emgface.recordings.dataset import read_recording
+from emgface.recordings.labels import read_label_map
+from emgface.recordings.proposal import MUSCLES, mapping_text, missing_names, propose_mapping
 
 
 @pytest.mark.parametrize(

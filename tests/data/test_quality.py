@@ -6,11 +6,11 @@ import scipy.signal
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from emgface.check import check_recording, problems
 from emgface.errors import SignalError
 from emgface.face.template import template_face
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
-from emgface.quality import (
+from emgface.recordings.check import check_recording, problems
+from emgface.recordings.quality import (
     cross_talk,
     emg_quality,
     mains_hum,
@@ -19,9 +19,9 @@ from emgface.quality import (
     swapped_markers,
     swapped_sides,
 )
-from emgface.quality.figure import scale_factor
-from emgface.quality.findings import UNLIKELY
-from emgface.quality.markers import LAYOUT
+from emgface.recordings.quality.figure import scale_factor
+from emgface.recordings.quality.findings import UNLIKELY
+from emgface.recordings.quality.markers import LAYOUT
 from emgface.volunteers.emg import band_limited_noise
 
 RATE = 2048.0

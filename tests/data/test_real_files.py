@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from emgface.dataset import read_recording
 from emgface.errors import DataError
-from emgface.inventory import inventory_table
+from emgface.recordings.dataset import read_recording
+from emgface.recordings.inventory import inventory_table
 
 BIDS = "bids-emg-examples"
 READ = {

@@ -9,11 +9,11 @@ import pytest
 import xarray as xr
 
 from emgface.errors import SchemaError, UnitsError
-from emgface.migration import MIGRATIONS, migrate
 from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS, MUSCLES
-from emgface.netcdf import read_netcdf
-from emgface.schema import declaration, kinds, schema_folder, validate
-from emgface.schema_page import schema_page, study_schema_text
+from emgface.schema.migration import MIGRATIONS, migrate
+from emgface.schema.netcdf import read_netcdf
+from emgface.schema.page import schema_page, study_schema_text
+from emgface.schema.validation import declaration, kinds, schema_folder, validate
 
 KINDS = ("activation", "cube", "face_model", "recording", "scores", "trajectory")
 Make = Callable[[str], xr.Dataset]

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emgface.dataset import read_recording
 from emgface.errors import DataError, UnitsError
-from emgface.labels import note
+from emgface.recordings.dataset import read_recording
+from emgface.recordings.labels import note
 
 LABELS = ["nasion", "rhinion", ""]
 

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from emgface.errors import UnitsError
-from emgface.units import quantity_of, spelling, to_si
+from emgface.schema.units import quantity_of, spelling, to_si
 
 
 def array(values: list[float], **attrs: str) -> xr.DataArray:

@@ -179,4 +179,4 @@ def test_simulated_volunteers_must_be_called_so(tmp_path, code):
     silent = written(tmp_path, code, markdown="A person smiles.")
     assert simulates(silent) and not says_simulated(silent)
     assert says_simulated(written(tmp_path, code, markdown="A Simulated person smiles."))
-    assert not simulates(written(tmp_path, "import emgface.schema"))
+    assert not simulates(written(tmp_path, "import emgface.schema.validation"))

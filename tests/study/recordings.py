@@ -5,7 +5,7 @@ import xarray as xr
 
 from emgface.choices import configure
 from emgface.muscles import CHANNELS
-from emgface.parameters import SignalChain
+from emgface.signals.parameters import SignalChain
 
 RATE = 2048.0
 DURATION = 2.5

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.activation import activation_of, check_activation, feature_range
 from emgface.errors import (
     ActivationError,
     ConfigurationError,
@@ -17,8 +16,9 @@ from emgface.errors import (
     UnitsError,
 )
 from emgface.muscles import MODELLED, MUSCLES
-from emgface.parameters import SignalChain
-from emgface.schema import validate
+from emgface.schema.validation import validate
+from emgface.signals.activation import activation_of, check_activation, feature_range
+from emgface.signals.parameters import SignalChain
 from tests.study.recordings import DURATION, RATE, chain_of, recording_of
 
 

@@ -8,12 +8,12 @@ import pytest
 import scipy.signal
 import xarray as xr
 
-from emgface.channels import channel_report
 from emgface.choices import configure
 from emgface.errors import SignalError
-from emgface.features import willison_amplitude
-from emgface.parameters import SignalChain
-from emgface.signals import bandpass
+from emgface.recordings.channels import channel_report
+from emgface.signals.features import willison_amplitude
+from emgface.signals.filters import bandpass
+from emgface.signals.parameters import SignalChain
 
 LIVE = (
     "Delt_ant.EMG1",

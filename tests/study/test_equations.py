@@ -9,13 +9,13 @@ from emgface.errors import (
     ConfigurationError,
     SignalError,
 )
-from emgface.features import feature_of
-from emgface.mapping import map_channels, mapping_matrix
 from emgface.muscles import CHANNELS, INSTRUCTIONS, MODELLED, MUSCLES, RELEVANT
-from emgface.normalisation import normalise
-from emgface.parameters import NormalisationParameters, SignalChain, StrategyParameters
-from emgface.signals import bandpass
-from emgface.strategies import bilateral_mean, bilateral_variance, select_muscles
+from emgface.signals.features import feature_of
+from emgface.signals.filters import bandpass
+from emgface.signals.mapping import map_channels, mapping_matrix
+from emgface.signals.normalisation import normalise
+from emgface.signals.parameters import NormalisationParameters, SignalChain, StrategyParameters
+from emgface.signals.strategies import bilateral_mean, bilateral_variance, select_muscles
 from tests.study.recordings import recording_of
 
 

@@ -8,17 +8,17 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emgface._kernels import running_sum, running_willison
-from emgface.envelope import linear_envelope, muscle_activation, neural_activation
 from emgface.errors import FeatureWarning, SignalError
-from emgface.features import (
+from emgface.signals._kernels import running_sum, running_willison
+from emgface.signals.envelope import linear_envelope, muscle_activation, neural_activation
+from emgface.signals.features import (
     baseline_rms,
     feature_of,
     mean_absolute_value,
     root_mean_square,
     willison_amplitude,
 )
-from emgface.parameters import FeatureParameters
+from emgface.signals.parameters import FeatureParameters
 
 RATE = 2048.0
 

@@ -6,9 +6,9 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from emgface.errors import MarkerError, SignalError, UnitsError
-from emgface.head import in_head_frame
 from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS
-from emgface.parameters import HeadFrameParameters
+from emgface.recordings.head import in_head_frame
+from emgface.signals.parameters import HeadFrameParameters
 
 NAMES = [*FACE_MARKERS, *LIP_MARKERS]
 FACE = np.array(

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from emgface.choices import configure, parameter_table
 from emgface.errors import ConfigurationError
-from emgface.parameters import (
+from emgface.signals.parameters import (
     FeatureParameters,
     FilterParameters,
     ResamplingParameters,

@@ -6,8 +6,8 @@ import xarray as xr
 from scipy.special import expit
 
 from emgface.errors import SignalError
-from emgface.parameters import ResamplingParameters
-from emgface.resampling import resample, simulation_times
+from emgface.signals.parameters import ResamplingParameters
+from emgface.signals.resampling import resample, simulation_times
 
 
 def moving(rate, duration, function) -> xr.DataArray:

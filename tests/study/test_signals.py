@@ -6,13 +6,13 @@ import scipy.signal
 import xarray as xr
 
 from emgface.errors import SignalError
-from emgface.parameters import FilterParameters
-from emgface.signals import (
+from emgface.signals.filters import (
     bandpass,
     constant_rows,
     row_dim,
     sampling_rate,
 )
+from emgface.signals.parameters import FilterParameters
 
 RATE = 2048.0
 

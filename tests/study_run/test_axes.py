@@ -11,9 +11,9 @@ from analysis.errors import CubeError
 from analysis.sensitivity import choices_table, sensitivity
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
-from emgface.netcdf import read_netcdf
 from emgface.report.results import open_results
 from emgface.report.write import render
+from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.file import load_study
 from emgface.study.run import run_study

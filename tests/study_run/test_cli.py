@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 from emgface import __version__
 from emgface.cli import app
-from emgface.dataset import read_recording
 from emgface.face.file import load_face
 from emgface.face.template import random_measures
+from emgface.recordings.dataset import read_recording
 from emgface.study.template import study_template
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.bids.rules import bids_problems
 from emgface.cli.data import FORMATS
-from emgface.dataset import read_recording, readers, write_recording
 from emgface.muscles import CHANNELS
-from emgface.quality import remove_hum
+from emgface.recordings.bids.rules import bids_problems
+from emgface.recordings.dataset import read_recording, readers, write_recording
+from emgface.recordings.quality import remove_hum
 from tests.data.conftest import recording
 from tests.study_run.test_cli import one_sentence, run, stored
 

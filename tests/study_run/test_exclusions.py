@@ -8,9 +8,9 @@ import pytest
 
 from analysis.tables import descriptive_table
 from emgface.choices import configure
-from emgface.dataset import read_recording, write_recording
 from emgface.errors import ConfigurationError
-from emgface.netcdf import read_netcdf
+from emgface.recordings.dataset import read_recording, write_recording
+from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.exclusions import Exclusion, exclusions_text, read_exclusions
 from emgface.study.file import load_study

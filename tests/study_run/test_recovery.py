@@ -5,7 +5,7 @@ import pytest
 
 from emgface.choices import configure
 from emgface.muscles import MODELLED
-from emgface.parameters import SignalChain
+from emgface.signals.parameters import SignalChain
 from emgface.volunteers.recovery import Condition, full_effort, recover
 from emgface.volunteers.settings import VolunteerParameters
 

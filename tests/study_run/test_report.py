@@ -23,13 +23,13 @@ from emgface.cli import app
 from emgface.errors import DataError
 from emgface.face.file import load_face
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.netcdf import write_netcdf
 from emgface.report import contents
 from emgface.report.methods import methods
 from emgface.report.motion import ABSENT, QUANTUM, deltas, whole
 from emgface.report.results import Results, open_results, representative
 from emgface.report.skin import decimated, skin_of
 from emgface.report.write import THREE, _resource, render
+from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")

@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from emgface.choices import configure
-from emgface.dataset import read_recording, write_recording
 from emgface.errors import DataError
-from emgface.netcdf import read_netcdf
+from emgface.recordings.dataset import read_recording, write_recording
+from emgface.schema.netcdf import read_netcdf
 from emgface.study import run as run_module
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study

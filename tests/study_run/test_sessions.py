@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.bids.rules import bids_problems
-from emgface.check import check_recording
-from emgface.dataset import find_recordings, read_recording, write_recording
-from emgface.events import cut_trials, find_repetitions, read_events
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS
-from emgface.netcdf import read_netcdf
-from emgface.parameters import FilterParameters
-from emgface.signals import bandpass
+from emgface.recordings.bids.rules import bids_problems
+from emgface.recordings.check import check_recording
+from emgface.recordings.dataset import find_recordings, read_recording, write_recording
+from emgface.recordings.events import cut_trials, find_repetitions, read_events
+from emgface.schema.netcdf import read_netcdf
+from emgface.signals.filters import bandpass
+from emgface.signals.parameters import FilterParameters
 from emgface.volunteers.disturbances import RAIL, Failure, fail, movement_artefacts
 from emgface.volunteers.filming import film, occlude, three_cameras
 from emgface.volunteers.instructions import true_activation

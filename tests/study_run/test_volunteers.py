@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.dataset import read_recording
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
+from emgface.recordings.dataset import read_recording
 from emgface.volunteers.person import draw_volunteer, person_face, person_parameters
 from emgface.volunteers.simulate import make_volunteers
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from emgface.errors import FaceError
 from emgface.face.template.norms import NORMS
-from emgface.units import DIVISORS, spelling
+from emgface.schema.units import DIVISORS, spelling
 
 MM: Final = 1e-3
 

@@ -1,0 +1,1 @@
+"""Recordings of volunteers: read, labelled, synchronised, cut into trials and checked."""

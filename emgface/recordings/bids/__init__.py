@@ -1,0 +1,10 @@
+"""Datasets in the Brain Imaging Data Structure, version 1.11: EMG-BIDS and Motion-BIDS.
+
+Names of files, tables beside the signals, the rules a dataset is held to, and the writer. The
+signals themselves are read by `emgface.recordings.readers`.
+"""
+
+from emgface.recordings.bids.rules import bids_problems
+from emgface.recordings.bids.write import write_bids
+
+__all__ = ["bids_problems", "write_bids"]

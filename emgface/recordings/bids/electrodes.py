@@ -1,0 +1,135 @@
+"""Where the electrodes lie: ``*_electrodes.tsv`` and ``*_coordsystem.json`` of a BIDS dataset."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import pandas as pd
+
+from emgface.errors import DataError
+from emgface.recordings.bids.sidecars import read_json, read_tsv, sidecar_path
+
+LINKS: Final = ("signal_electrode", "reference", "target_muscle")
+"""Columns of ``*_channels.tsv`` that are kept for each channel."""
+AXES: Final = ("x", "y", "z")
+
+
+def read_electrodes(path: Path, channels: pd.DataFrame) -> str | None:
+    """Read what a dataset tells of the electrodes of an EMG file.
+
+    Parameters
+    ----------
+    path : Path
+        EMG file.
+    channels : DataFrame
+        Table of the channels beside it.
+
+    Returns
+    -------
+    str or None
+        JSON object, the attribute ``electrodes`` of a recording: ``channels`` (electrodes and
+        muscle of each channel, by the labels of the table), ``positions`` (place of each
+        electrode, null where unknown), ``spaces`` (label of the coordinate system of each, where
+        told) and ``system`` (the coordinate system). None where nothing is told.
+
+    Raises
+    ------
+    DataError
+        If a file is damaged, or a place no number.
+    """
+    told: dict[str, Any] = {}
+    held = [name for name in LINKS if name in channels]
+    links = {
+        str(row["name"]): {name: str(row[name]) for name in held if str(row[name]) != "n/a"}
+        for row in channels.to_dict("records")
+    }
+    if any("signal_electrode" in link for link in links.values()):
+        told["channels"] = links
+    table = sidecar_path(path, "electrodes.tsv")
+    if table is not None:
+        told["positions"] = _positions(table)
+        rows = read_tsv(table)
+        if "coordinate_system" in rows:
+            cells = zip(rows["name"], rows["coordinate_system"], strict=True)
+            told["spaces"] = {str(name): str(space) for name, space in cells}
+        system = sidecar_path(path, "coordsystem.json")
+        if system is not None:
+            told["system"] = read_json(system)
+    return json.dumps(told, ensure_ascii=False) if told else None
+
+
+def _positions(table: Path) -> dict[str, list[float | None]]:
+    rows = read_tsv(table)
+    absent = [name for name in ("name", "x", "y") if name not in rows]
+    if absent:
+        raise DataError(
+            f"{table.name} lacks the column {absent[0]!r}; expected name, x and y: repair it."
+        )
+    found: dict[str, list[float | None]] = {}
+    for row in rows.to_dict("records"):
+        place: list[float | None] = []
+        for axis in AXES:
+            cell = str(row.get(axis, "n/a"))
+            try:
+                place.append(None if cell == "n/a" else float(cell))
+            except ValueError as error:
+                raise DataError(
+                    f"{table.name}: {axis} of the electrode {row['name']!r} is {cell!r}; expected a "
+                    "number or n/a: repair it."
+                ) from error
+        found[str(row["name"])] = place
+    return found
+
+
+def electrode_tables(
+    attribute: str, names: Sequence[str], original: Mapping[str, str]
+) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], dict[str, Any]]:
+    """Return the rows that tell of the electrodes of a recording.
+
+    Parameters
+    ----------
+    attribute : str
+        Attribute ``electrodes`` of the recording.
+    names : sequence of str
+        Its channels.
+    original : mapping of str to str
+        Labels in the source of channels that were renamed.
+
+    Returns
+    -------
+    list of tuple
+        Cells of ``LINKS`` for each channel.
+    list of tuple
+        Rows name, x, y, z, coordinate_system of ``*_electrodes.tsv``; empty where no place is
+        known.
+    dict
+        Content of ``*_coordsystem.json``.
+
+    Raises
+    ------
+    DataError
+        If the attribute is no such object.
+    """
+    try:
+        told = json.loads(attribute)
+        links, places = told.get("channels", {}), told.get("positions", {})
+        cells = []
+        for name in names:
+            link = links.get(name, links.get(original.get(name, ""), {}))
+            cells.append(tuple(str(link.get(key, "n/a")) for key in LINKS))
+        spaces = told.get("spaces", {})
+        rows = [
+            (
+                name,
+                *("n/a" if value is None else repr(float(value)) for value in place),
+                str(spaces.get(name, "n/a")),
+            )
+            for name, place in places.items()
+        ]
+        return cells, rows, dict(told.get("system", {}))
+    except (json.JSONDecodeError, AttributeError, TypeError, ValueError) as error:
+        raise DataError(
+            f"The attribute 'electrodes' is {attribute[:60]!r}; expected a JSON object with "
+            "channels, positions and system: drop it, or read the recording again."
+        ) from error

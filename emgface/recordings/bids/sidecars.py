@@ -1,0 +1,302 @@
+"""The tables and JSON files beside the signals of a BIDS dataset."""
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from emgface.errors import DataError, UnitsError
+from emgface.recordings.bids.names import ORDER, entities, file_name, trial_of
+from emgface.schema.units import spelling
+
+
+class EmgSidecars(NamedTuple):
+    """What lies beside an EMG file.
+
+    Attributes
+    ----------
+    path : Path
+        The EMG file.
+    channels : DataFrame
+        Table of the channels, one row each.
+    description : dict
+        Content of ``*_emg.json``.
+    """
+
+    path: Path
+    channels: pd.DataFrame
+    description: dict[str, Any]
+
+    def names(self, labels: Sequence[str]) -> list[str]:
+        """Return the names in the table, in the order of the labels of the signal file.
+
+        Parameters
+        ----------
+        labels : sequence of str
+            Labels in the signal file, which may be cut at 16 characters.
+
+        Returns
+        -------
+        list of str
+            One each.
+
+        Raises
+        ------
+        DataError
+            If the table holds another number of channels.
+        """
+        listed = [str(name) for name in self.channels["name"]]
+        if len(listed) != len(labels):
+            raise DataError(
+                f"{self.path.name} holds {len(labels)} channels and the channels.tsv beside it "
+                f"lists {len(listed)}; expected one row each: repair the table."
+            )
+        # The table stands in the order of the file; only where it does not, labels decide.
+        if sorted(listed) == sorted(labels):
+            return list(labels)
+        return listed
+
+    def type_of(self, label: str) -> str:
+        """Return the type of a channel, EMG where the table names none.
+
+        Parameters
+        ----------
+        label : str
+            Name of the channel.
+
+        Returns
+        -------
+        str
+            Type in capital letters.
+        """
+        rows = self.channels.loc[self.channels["name"] == label]
+        if rows.empty or "type" not in rows:
+            return "EMG"
+        return str(rows["type"].iloc[0])
+
+    def units(self, labels: Sequence[str], own: Sequence[str]) -> list[str]:
+        """Return the unit of each channel, from the file or else from the table.
+
+        Parameters
+        ----------
+        labels : sequence of str
+            Names of the channels.
+        own : sequence of str
+            Units in the signal file.
+
+        Returns
+        -------
+        list of str
+            One each.
+
+        Raises
+        ------
+        UnitsError
+            If file and table name different units.
+        """
+        result: list[str] = []
+        for label, unit in zip(labels, own, strict=True):
+            rows = self.channels.loc[self.channels["name"] == label]
+            told = "" if rows.empty or "units" not in rows else str(rows["units"].iloc[0])
+            told = "" if told == "n/a" else told
+            if unit and told and spelling(unit) != spelling(told):
+                raise UnitsError(
+                    f"{self.path.name}: channel {label!r} is in {unit!r}, and in {told!r} by the "
+                    "channels.tsv beside it; expected one unit: repair the table, or name the "
+                    "right one as emg in the table 'units' of the mapping."
+                )
+            result.append(unit or told)
+        return result
+
+    @property
+    def duration(self) -> float | None:
+        """Duration of the recording [s], where it is told."""
+        value = self.description.get("RecordingDuration")
+        return float(value) if isinstance(value, (int, float)) and value > 0 else None
+
+    @property
+    def origin(self) -> str:
+        """Whether a person or a computer moved."""
+        return "simulated" if self.description.get("Origin") == "simulated" else "measured"
+
+    @property
+    def device(self) -> str:
+        """Manufacturer and model, where they are told."""
+        return device(self.description)
+
+    @property
+    def trial(self) -> dict[str, str | int]:
+        """Volunteer, instruction and repetition."""
+        return trial_of(self.path)
+
+
+def device(description: dict[str, Any]) -> str:
+    """Return manufacturer and model from a sidecar.
+
+    Parameters
+    ----------
+    description : dict
+        Content of ``*_emg.json`` or ``*_motion.json``.
+
+    Returns
+    -------
+    str
+        Empty where neither is told.
+    """
+    told = (description.get(key) for key in ("Manufacturer", "ManufacturersModelName"))
+    return " ".join(str(text) for text in told if text and text != "n/a")
+
+
+def emg_sidecars(path: Path) -> EmgSidecars | None:
+    """Read the table and the JSON file beside an EMG file.
+
+    Parameters
+    ----------
+    path : Path
+        File called ``*_emg.edf`` or ``*_emg.bdf``.
+
+    Returns
+    -------
+    EmgSidecars or None
+        None where the file is of no BIDS dataset.
+
+    Raises
+    ------
+    DataError
+        If one of them is damaged.
+    """
+    if not path.stem.endswith("_emg") or "sub" not in entities(path):
+        return None
+    table = sidecar_path(path, "channels.tsv")
+    if table is None:
+        return None
+    sidecar = sidecar_path(path, "emg.json")
+    return EmgSidecars(path, read_tsv(table), read_json(sidecar) if sidecar else {})
+
+
+def sidecar_path(path: Path, ending: str) -> Path | None:
+    """Return the file that describes another, nearest first, by the inheritance principle.
+
+    Parameters
+    ----------
+    path : Path
+        File with signals.
+    ending : str
+        Suffix and extension of what describes it, for example ``channels.tsv``.
+
+    Returns
+    -------
+    Path or None
+        The file with most entities in common, in the folder of `path` or up to three above.
+    """
+    own = entities(path)
+    for folder in (path.parent, *list(path.parents)[1:4]):
+        best: list[tuple[int, Path]] = []
+        for candidate in folder.glob(f"*{ending}"):
+            found = entities(candidate)
+            named = candidate.name == ending or candidate.name.endswith(f"_{ending}")
+            if named and found.items() <= own.items() and (found or candidate.name == ending):
+                best.append((len(found), candidate))
+        if best:
+            return max(best)[1]
+        if (folder / "dataset_description.json").is_file():
+            break
+    return None
+
+
+def read_tsv(path: Path) -> pd.DataFrame:
+    """Read a table of texts separated by tabs.
+
+    Parameters
+    ----------
+    path : Path
+        Table with a row of names.
+
+    Returns
+    -------
+    DataFrame
+        All cells as text.
+
+    Raises
+    ------
+    DataError
+        If it is no such table, or has no column ``name`` where it lists channels.
+    """
+    try:
+        table = pd.read_csv(
+            path, sep="\t", dtype=str, keep_default_na=False, encoding="utf-8", index_col=False
+        )
+    except (OSError, ValueError, pd.errors.ParserError) as error:
+        raise DataError(
+            f"{path.name} is no table ({' '.join(str(error).split())}); expected columns separated "
+            "by tabs below a row of names, in UTF-8: repair it."
+        ) from error
+    if path.name.endswith("channels.tsv") and "name" not in table.columns:
+        raise DataError(
+            f"{path.name} has the columns {', '.join(map(str, table.columns))}; expected 'name' "
+            "among them: repair it."
+        )
+    return table
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON file that holds an object.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict
+        Its content.
+
+    Raises
+    ------
+    DataError
+        If it is absent, no JSON, or no object.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(
+            f"{path.name} cannot be read as JSON ({error}); expected an object of keys and "
+            "values: repair it."
+        ) from error
+    if not isinstance(content, dict):
+        raise DataError(f"{path.name} holds no JSON object; expected keys and values: repair it.")
+    return content
+
+
+def start_times(path: Path) -> dict[str, datetime]:
+    """Return when the files of a volunteer began, from ``*_scans.tsv``.
+
+    Parameters
+    ----------
+    path : Path
+        One of the files.
+
+    Returns
+    -------
+    dict of str to datetime
+        File name to instant, for those the table tells.
+    """
+    found = entities(path)
+    own = {key: found[key] for key in ORDER[:2] if key in found}
+    table = path.parent.parent / file_name(own, "scans.tsv") if own else None
+    if table is None or not table.is_file():
+        return {}
+    scans = read_tsv(table)
+    if not {"filename", "acq_time"} <= set(scans.columns):
+        return {}
+    result: dict[str, datetime] = {}
+    for name, told in zip(scans["filename"], scans["acq_time"], strict=True):
+        try:
+            result[Path(str(name)).name] = datetime.fromisoformat(str(told))
+        except ValueError:
+            continue
+    return result

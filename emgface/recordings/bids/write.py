@@ -1,0 +1,310 @@
+"""Recordings to a BIDS dataset: EMG as BDF, markers as motion.tsv, and the tables beside them."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Final
+
+import edfio
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.files import replace_file
+from emgface.muscles import AXES, MUSCLE_NAMES
+from emgface.recordings.bids.electrodes import LINKS, electrode_tables
+from emgface.recordings.bids.names import file_name
+from emgface.recordings.bids.rules import (
+    BIDS_VERSION,
+    ELECTRODE_COLUMNS,
+    EMG_COLUMNS,
+    MOTION_COLUMNS,
+    PARTICIPANT_COLUMNS,
+    SCAN_COLUMNS,
+)
+from emgface.recordings.bids.sidecars import read_tsv
+from emgface.recordings.labels import note
+from emgface.schema.validation import validate
+from emgface.signals.filters import check_gaps, sampling_rate
+
+COUNTS: Final = 2**23 - 1
+"""Largest count of BDF, used both ways, so that zero volts are zero counts."""
+TRACKING: Final = "markers"
+"""Label of the tracking system."""
+_START: Final = datetime(1970, 1, 1)
+_LONGEST_RECORD: Final = 60
+_DEFAULTS: Final[dict[str, Any]] = {
+    "EMGPlacementScheme": "Other",
+    "EMGPlacementSchemeDescription": "Bipolar surface electrodes over the named muscles.",
+    "EMGReference": "bipolar",
+    "PowerLineFrequency": "n/a",
+    "SoftwareFilters": "n/a",
+}
+
+
+def write_bids(
+    recording: xr.Dataset,
+    root: str | Path,
+    *,
+    name: str = "Surface EMG and lip markers",
+    emg: Mapping[str, Any] | None = None,
+    motion: Mapping[str, Any] | None = None,
+) -> list[Path]:
+    """Write one trial into a BIDS dataset, which is begun if need be.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording that names volunteer, instruction and repetition; they become the entities sub,
+        task and run.
+    root : str or Path
+        Folder of the dataset; its tables of participants and scans are completed.
+    name : str
+        Name of the dataset, when it is begun.
+    emg, motion : mapping, optional
+        Further entries of ``*_emg.json`` and ``*_motion.json``, for example
+        ``{"PowerLineFrequency": 50, "Manufacturer": "TMSi"}``; they replace the defaults.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files of the trial with signals, EMG first.
+
+    Raises
+    ------
+    SchemaError, UnitsError
+        If the recording does not follow its declaration.
+    SignalError
+        If EMG has a gap, which BDF cannot hold, or a clock is not uniform.
+    DataError
+        If a name is no BIDS label, or the rate fits no BDF record.
+
+    Notes
+    -----
+    Markers are written with all their digits. EMG is quantised to 24 bits of a range that is a
+    power of two of microvolts and at least 1 uV: an error of at most 6e-8 of that range, and none
+    where the values were read from such a file. Time is 0 at the first EMG sample; the lag of the
+    markers is kept in ``*_scans.tsv`` to the microsecond. BIDS has no place for the true
+    activation of simulated trials: write them as netCDF too.
+    """
+    recording = validate(recording, "recording")
+    root = Path(root)
+    given = _entities(recording)
+    folder = root / f"sub-{given['sub']}"
+    _begin(root, name, recording)
+    written: list[Path] = []
+    starts: list[float] = []
+    if "emg" in recording:
+        array = recording["emg"]
+        path = folder / "emg" / file_name(given, "emg.bdf")
+        _write_emg(array, path, given, recording, emg or {})
+        written.append(path)
+        starts.append(float(array["time_emg"][0]))
+    if "position" in recording:
+        array = recording["position"]
+        named = {**given, "tracksys": TRACKING}
+        path = folder / "motion" / file_name(named, "motion.tsv")
+        _write_motion(array, path, named, recording, motion or {})
+        written.append(path)
+        starts.append(float(array["time_marker"][0]))
+    first = starts[0]
+    scans = [
+        (path.relative_to(folder).as_posix(), _instant(start - first))
+        for path, start in zip(written, starts, strict=True)
+    ]
+    _complete(folder / f"sub-{given['sub']}_scans.tsv", SCAN_COLUMNS, scans)
+    _complete(root / "participants.tsv", PARTICIPANT_COLUMNS, [(f"sub-{given['sub']}",)])
+    return written
+
+
+def _entities(recording: xr.Dataset) -> dict[str, str]:
+    absent = [n for n in ("volunteer", "instruction", "repetition") if n not in recording.attrs]
+    if absent:
+        raise DataError(
+            f"The recording names no {absent[0]}; expected volunteer, instruction and repetition, "
+            "which name the files: set them as attributes."
+        )
+    return {
+        "sub": str(recording.attrs["volunteer"]),
+        "task": str(recording.attrs["instruction"]),
+        "run": f"{int(recording.attrs['repetition']):02d}",
+    }
+
+
+def _instant(lag: float) -> str:
+    return (_START + timedelta(seconds=lag)).isoformat(timespec="microseconds")
+
+
+def _common(recording: xr.Dataset, rate: float, samples: int) -> dict[str, Any]:
+    """Entries of both JSON files."""
+    attrs = recording.attrs
+    return {
+        "TaskName": attrs["instruction"],
+        "SamplingFrequency": rate,
+        "RecordingDuration": samples / rate,
+        **({"ManufacturersModelName": attrs["device"]} if attrs.get("device") else {}),
+        "Origin": attrs["origin"],
+    }
+
+
+def _write_emg(
+    emg: xr.DataArray,
+    path: Path,
+    given: dict[str, str],
+    recording: xr.Dataset,
+    further: Mapping[str, Any],
+) -> None:
+    check_gaps(emg)
+    time, n = emg["time_emg"].values, emg.sizes["time_emg"]
+    rate = _rate(time)
+    record, seconds = _record(rate)
+    # A number of the header has 8 characters: -8388608 uV is the lowest that fits.
+    unit, factor = ("uV", 1e6) if np.abs(emg.values).max() <= 8.0 else ("mV", 1e3)
+    padded = np.pad(emg.values * factor, ((0, 0), (0, -n % record)), mode="edge")
+    labels = [str(c) for c in emg["channel"].values]
+    short = _short_labels(labels)
+    signals = []
+    for label, values in zip(short, padded, strict=True):
+        top = float(2.0 ** math.ceil(math.log2(max(np.abs(values).max(), 1.0))))
+        signals.append(
+            edfio.BdfSignal(
+                values, record / seconds, label=label, physical_dimension=unit,
+                physical_range=(-top, top), digital_range=(-COUNTS, COUNTS),
+            )
+        )  # fmt: skip
+    content = edfio.Bdf(signals, data_record_duration=seconds)
+    replace_file(path, lambda target: content.write(target))
+    rows = [
+        (label, "EMG", unit, MUSCLE_NAMES.get(label.partition("_")[0], "n/a")) for label in labels
+    ]
+    columns = (*EMG_COLUMNS, "target_muscle")
+    if "electrodes" in recording.attrs:
+        links = _write_electrodes(recording, labels, path.parent, given)
+        # The muscle of the study's name, where it is one; else what the source says.
+        rows = [
+            (*row[:3], link[2] if row[3] == "n/a" else row[3], *link[:2])
+            for row, link in zip(rows, links, strict=True)
+        ]
+        columns = (*columns, *LINKS[:2])
+    _table(path.with_name(file_name(given, "channels.tsv")), columns, rows)
+    told = {**_DEFAULTS, **_common(recording, rate, n)}
+    told |= {"RecordingType": "continuous", "EMGChannelCount": len(labels), **further}
+    _json(path.with_suffix(".json"), told)
+
+
+def _write_electrodes(
+    recording: xr.Dataset, labels: Sequence[str], folder: Path, given: dict[str, str]
+) -> list[tuple[str, ...]]:
+    """Write where the electrodes lie, and return the electrodes and muscle of each channel."""
+    told, original = str(recording.attrs["electrodes"]), note(recording, "original_names")
+    links, places, system = electrode_tables(told, labels, original)
+    if places:
+        subject = {"sub": given["sub"]}
+        columns = (*ELECTRODE_COLUMNS, "z", "coordinate_system")
+        _table(folder / file_name(subject, "electrodes.tsv"), columns, places)
+        _json(
+            folder / file_name(subject, "coordsystem.json"),
+            {"EMGCoordinateSystem": "Other", "EMGCoordinateUnits": "n/a", **system},
+        )
+    return links
+
+
+def _write_motion(
+    position: xr.DataArray,
+    path: Path,
+    given: dict[str, str],
+    recording: xr.Dataset,
+    further: Mapping[str, Any],
+) -> None:
+    rate = _rate(position["time_marker"].values)
+    markers = [str(m) for m in position["marker"].values]
+    values = position.values.reshape(-1, position.sizes["time_marker"]).T
+    lines = ("\t".join("n/a" if math.isnan(v) else repr(v) for v in row) for row in values.tolist())
+    _text(path, "\n".join(lines) + "\n")
+    rows = [(f"{m}_{axis}", axis, "POS", m, "m") for m in markers for axis in AXES]
+    _table(path.with_name(file_name(given, "channels.tsv")), MOTION_COLUMNS, rows)
+    told = _common(recording, rate, position.sizes["time_marker"])
+    told |= {
+        "TrackingSystemName": TRACKING,
+        "MotionChannelCount": len(rows),
+        "POSChannelCount": len(rows),
+        "TrackedPointsCount": len(markers),
+        "MissingValues": "n/a",
+        **further,
+    }
+    _json(path.with_suffix(".json"), told)
+
+
+def _rate(time: np.ndarray) -> float:
+    """Rate of a clock, without the rounding of its instants [Hz]."""
+    measured = sampling_rate(time)
+    plain = Fraction(measured).limit_denominator(_LONGEST_RECORD)
+    away = np.abs(time - time[0] - np.arange(time.size) / float(plain or 1)).max()
+    return float(plain) if plain and away * measured < 1e-6 else measured
+
+
+def _record(rate: float) -> tuple[int, int]:
+    """Samples and seconds of a BDF record, both integers."""
+    ratio = Fraction(rate).limit_denominator(_LONGEST_RECORD)
+    if abs(float(ratio) - rate) > 1e-9 * rate:
+        raise DataError(
+            f"EMG is sampled at {rate!r} Hz, which no record of up to {_LONGEST_RECORD} s holds in "
+            "whole samples; expected a rational rate: resample, or write netCDF."
+        )
+    return ratio.numerator, ratio.denominator
+
+
+def _short_labels(labels: Sequence[str]) -> list[str]:
+    """Labels of at most 16 ASCII characters; the table beside holds the whole ones."""
+    plain = [label.encode("ascii", "replace").decode()[:16] for label in labels]
+    return plain if len(set(plain)) == len(plain) else [f"EMG{i + 1}" for i in range(len(labels))]
+
+
+def _begin(root: Path, name: str, recording: xr.Dataset) -> None:
+    """Write the files that every dataset has, once."""
+    simulated = recording.attrs["origin"] == "simulated"
+    description = root / "dataset_description.json"
+    if not description.is_file():
+        told = {
+            "Name": f"{name} (simulated)" if simulated else name,
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+            "GeneratedBy": [{"Name": "emgface"}],
+        }
+        _json(description, told)
+    readme = root / "README.md"
+    if not readme.is_file():
+        kind = "Simulated" if simulated else "Measured"
+        _text(readme, f"# {name}\n\n{kind} surface EMG and marker positions, one run per trial.\n")
+
+
+def _complete(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
+    """Add rows to a table, in place of those with the same first cell; sort by it."""
+    held: dict[str, tuple[str, ...]] = {}
+    names = list(columns)
+    if path.is_file():
+        table = read_tsv(path)
+        names = [str(column) for column in table.columns]
+        held = {str(row[0]): tuple(map(str, row)) for row in table.itertuples(index=False)}
+    for row in rows:
+        new = dict(zip(columns, row, strict=True))
+        old = dict(zip(names, held.get(row[0], ()), strict=False))
+        held[row[0]] = tuple(new.get(column, old.get(column, "n/a")) for column in names)
+    _table(path, names, [held[key] for key in sorted(held)])
+
+
+def _table(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
+    frame = pd.DataFrame(list(rows), columns=list(columns))
+    _text(path, frame.to_csv(sep="\t", index=False, lineterminator="\n"))
+
+
+def _json(path: Path, content: Mapping[str, Any]) -> None:
+    _text(path, json.dumps(dict(content), indent=2, ensure_ascii=False) + "\n")
+
+
+def _text(path: Path, text: str) -> None:
+    replace_file(path, lambda target: target.write_text(text, encoding="utf-8"))

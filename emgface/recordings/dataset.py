@@ -1,0 +1,262 @@
+"""Recordings from files of any known format to checked datasets, and back to netCDF.
+
+The only place that reads raw files; the formats themselves are modules of `emgface.recordings.readers`.
+"""
+
+import hashlib
+import importlib
+import json
+import pkgutil
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import xarray as xr
+
+import emgface.recordings.readers
+from emgface.errors import DataError, EmgfaceError
+from emgface.recordings.labels import LabelMap, apply_labels, constant_value, read_label_map
+from emgface.schema.netcdf import write_netcdf
+from emgface.schema.rules import hint
+from emgface.schema.validation import validate
+
+_UNNAMED = (".csv", ".txt", ".gz", ".mat", ".h5", ".hdf5")
+"""Suffixes of files whose content only a sidecar can tell."""
+
+
+class Reader(Protocol):
+    """A module of `emgface.recordings.readers`."""
+
+    SUFFIXES: tuple[str, ...]
+    FORMAT: str
+
+    @staticmethod
+    def is_recording(path: Path) -> bool:
+        """Tell whether a file of that suffix may be a recording."""
+        ...
+
+    @staticmethod
+    def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+        """Read a recording under the labels of the file, in SI."""
+        ...
+
+
+@cache
+def readers() -> dict[str, Reader]:
+    """Return the readers by file suffix.
+
+    Returns
+    -------
+    dict of str to Reader
+        One for each suffix, for example ``.c3d``.
+
+    Examples
+    --------
+    >>> readers()[".c3d"].FORMAT
+    'C3D'
+    """
+    found: dict[str, Reader] = {}
+    for info in pkgutil.iter_modules(emgface.recordings.readers.__path__):
+        if not info.name.startswith("_"):
+            module = cast(
+                Reader, importlib.import_module(f"emgface.recordings.readers.{info.name}")
+            )
+            found.update(dict.fromkeys(module.SUFFIXES, module))
+    return found
+
+
+def read_recording(
+    path: str | Path,
+    *,
+    mapping: Mapping[str, Any] | LabelMap | str | Path | None = None,
+    study: bool = False,
+) -> xr.Dataset:
+    """Read one trial.
+
+    Parameters
+    ----------
+    path : str or Path
+        File; its suffix chooses the reader. Tables, MATLAB and HDF5 arrays are opened by their
+        TOML sidecar (`emgface.recordings.readers.csv_toml`), trials of a BIDS dataset by their EMG
+        file, or by ``*_motion.tsv`` where there is none.
+    mapping : mapping, LabelMap or path, optional
+        Tables ``channels`` and ``markers`` from the labels of the file to names, ``units`` where
+        the file names none, and ``volunteer``, ``instruction``, ``repetition``; or a TOML file
+        with the same. Without it the labels are kept.
+    study : bool
+        Demand all channels and markers of the study, see `emgface.schema.validation.validate`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording in SI, gaps as NaN. The attributes tell where it comes from: ``source`` (file
+        name), ``source_digest`` (sha256), ``device`` where the file names one, and as JSON
+        ``original_names``, ``original_units``, ``dropped`` and ``flagged`` (kept although
+        constant).
+
+    Raises
+    ------
+    DataError
+        If the file is absent, damaged, of unknown format, or does not follow the declaration
+        (`SchemaError`, `UnitsError`).
+    ConfigurationError
+        If the mapping or sidecar holds an unknown entry.
+    """
+    path = Path(path)
+    reader = readers().get(path.suffix.lower())
+    if not path.is_file():
+        raise DataError(f"No file {path}; expected a recording: see the spelling of the path.")
+    if reader is None:
+        raise DataError(_unknown_format(path))
+    labels = read_label_map(mapping)
+    try:
+        recording = reader.read(path, labels.units)
+        recording = apply_labels(recording, labels)
+        if "source" not in recording.attrs:
+            recording.attrs.update(source=path.name, source_digest=_digest(path))
+        return validate(_flag_constant(recording), "recording", study=study)
+    except DataError as error:
+        if path.name in str(error):
+            raise
+        raise type(error)(f"{path.name}: {error}") from error
+
+
+def write_recording(recording: xr.Dataset, path: str | Path) -> Path:
+    """Write one trial as netCDF.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording; checked first.
+    path : str or Path
+        File with the suffix ``.nc``; an existing one is replaced.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    DataError
+        If the suffix is another, the recording does not follow its declaration, or the file
+        cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".nc":
+        raise DataError(
+            f"{path.name} ends in {path.suffix!r}; expected '.nc': recordings are written as "
+            "netCDF."
+        )
+    return write_netcdf(recording, path, "recording")
+
+
+def find_recordings(folder: str | Path) -> list[Path]:
+    """Return the files of a folder, and of folders in it, that may be recordings.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder to search.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Files with a reader, sorted; those that say they are something else are left out, damaged
+        ones are not.
+
+    Raises
+    ------
+    DataError
+        If the folder is absent or holds none.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise DataError(f"No folder {folder}; expected recordings in it: see the path.")
+    known = readers()
+    found = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+        and not path.name.startswith(".")
+        and (reader := known.get(path.suffix.lower())) is not None
+        and reader.is_recording(path)
+    ]
+    if not found:
+        raise DataError(
+            f"No recording in {folder}; expected files ending in {', '.join(sorted(known))}: "
+            "see the path, or convert the files."
+        )
+    return found
+
+
+def read_recordings(
+    folder: str | Path,
+    *,
+    mapping: Mapping[str, Any] | LabelMap | str | Path | None = None,
+    study: bool = False,
+) -> Iterator[tuple[Path, xr.Dataset | EmgfaceError]]:
+    """Read the trials of a folder one by one; a bad one does not stop the others.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder to search, as `find_recordings` does.
+    mapping, study
+        As for `read_recording`, the same for all files.
+
+    Yields
+    ------
+    pathlib.Path
+        The file.
+    xarray.Dataset or EmgfaceError
+        The recording, or why it could not be read.
+
+    Raises
+    ------
+    DataError
+        If the folder is absent or holds no recording.
+    """
+    labels = read_label_map(mapping)
+    for path in find_recordings(folder):
+        try:
+            yield path, read_recording(path, mapping=labels, study=study)
+        except EmgfaceError as error:
+            yield path, error
+
+
+def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
+    """Note channels that never change: a loose electrode, or a socket without a sensor."""
+    if "emg" not in recording or "channel" not in recording.coords:
+        return recording
+    flagged: dict[str, str] = {}
+    for label, values in zip(recording["channel"].values, recording["emg"].values, strict=True):
+        still = constant_value(values)
+        if still is not None:
+            flagged[str(label)] = f"constant at {still:g} V"
+    if flagged:
+        return recording.assign_attrs(flagged=json.dumps(flagged, ensure_ascii=False))
+    recording.attrs.pop("flagged", None)  # its channel was left out by the mapping
+    return recording
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _unknown_format(path: Path) -> str:
+    known = readers()
+    if path.suffix.lower() in _UNNAMED:
+        beside = path.with_suffix(".toml")
+        advice = f"open {beside.name}, which lies beside it" if beside.is_file() else "write one"
+        return (
+            f"{path.name} does not say what it holds, its rate and its units; expected the TOML "
+            f"sidecar that does: {advice} and open that."
+        ).replace("beside it and open that", "beside it")
+    formats = ", ".join(f"{suffix} ({known[suffix].FORMAT})" for suffix in sorted(known))
+    return (
+        f"{path.name} has the unknown suffix {path.suffix!r}{hint(path.suffix, known)}; expected "
+        f"{formats}: convert the file."
+    )

@@ -1,0 +1,184 @@
+"""Where trials and repetitions begin and end: from events, or from the activity itself."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from scipy.ndimage import uniform_filter1d
+
+from emgface.errors import DataError, SignalError
+from emgface.recordings.bids.sidecars import read_tsv
+from emgface.recordings.synchronise import cut
+from emgface.signals.filters import sampling_rate
+
+COLUMNS = ("onset", "duration", "label")
+
+
+def read_events(path: str | Path) -> pd.DataFrame:
+    """Read events of a BIDS dataset.
+
+    Parameters
+    ----------
+    path : str or Path
+        File called ``*_events.tsv``, with the columns onset and duration [s].
+
+    Returns
+    -------
+    DataFrame
+        Columns ``onset``, ``duration`` [s] and ``label`` (of ``trial_type``, else ``value``).
+
+    Raises
+    ------
+    DataError
+        If a column is absent or an onset no number.
+    """
+    path = Path(path)
+    table = read_tsv(path)
+    for name in ("onset", "duration"):
+        if name not in table.columns:
+            raise DataError(
+                f"{path.name} has the columns {', '.join(map(str, table.columns))}; expected onset "
+                "and duration, in seconds: repair it."
+            )
+    numbers = table[["onset", "duration"]].replace("n/a", "nan")
+    try:
+        result = numbers.astype("float64")
+    except ValueError as error:
+        raise DataError(f"{path.name}: {error}; expected seconds or n/a: repair it.") from error
+    if result["onset"].isna().any():
+        raise DataError(f"{path.name} has an event without onset; expected seconds: repair it.")
+    label = next((name for name in ("trial_type", "value") if name in table.columns), None)
+    result["label"] = table[label] if label else ""
+    return result
+
+
+def cut_trials(
+    recording: xr.Dataset,
+    events: pd.DataFrame,
+    *,
+    before: float = 0.0,
+    after: float = 0.0,
+) -> Iterator[xr.Dataset]:
+    """Cut a long recording into trials, one per event.
+
+    Parameters
+    ----------
+    recording : Dataset
+        Recording, EMG and markers on one clock.
+    events : DataFrame
+        Columns ``onset`` and ``duration`` [s], and ``label``, the instruction where it is not
+        empty; as from `read_events` or `find_repetitions`.
+    before, after : float [s]
+        Time taken before the onset and after the end.
+
+    Yields
+    ------
+    Dataset
+        Trial with time 0 at its start; ``repetition`` counts the events of the same instruction,
+        ``cut_from`` holds the span in the long recording [s].
+
+    Raises
+    ------
+    SignalError
+        If a span reaches beyond the recording.
+    """
+    counts: dict[str, int] = {}
+    for onset, duration, label in zip(*(events[c] for c in COLUMNS), strict=True):
+        start, stop = float(onset) - before, float(onset) + float(duration) + after
+        for name in ("time_emg", "time_marker"):
+            if name not in recording.coords:
+                continue
+            time = recording[name].values
+            room = 1.0 / sampling_rate(time)
+            if not (start >= time[0] - room and stop <= time[-1] + room):
+                raise SignalError(
+                    f"the event {label!r} at {onset:.4g} s needs {start:.4g} to {stop:.4g} s and "
+                    f"{name} lasts from {time[0]:.4g} to {time[-1]:.4g} s, expected it inside: "
+                    "shorten before and after, or leave the event out"
+                )
+        instruction = str(label) or str(recording.attrs.get("instruction", ""))
+        counts[instruction] = counts.get(instruction, 0) + 1
+        named = {"instruction": instruction} if instruction else {}
+        yield cut(recording, start, stop).assign_attrs(
+            **named, repetition=counts[instruction], cut_from=[start, stop]
+        )
+
+
+def find_repetitions(
+    signal: xr.DataArray,
+    *,
+    level: float = 0.2,
+    window: float = 0.2,
+    least_duration: float = 0.3,
+    least_rest: float = 0.5,
+) -> pd.DataFrame:
+    """Find the bursts of activity that are repetitions of a movement.
+
+    Activity is the root mean square over the rows, in a moving window, of what was filtered (for
+    EMG) or of the speed (for markers). A repetition lasts while it exceeds rest + level (peak -
+    rest), rest and peak the 10th and 99th percentiles; pauses shorter than `least_rest` are
+    bridged, bursts shorter than `least_duration` left out.
+
+    Parameters
+    ----------
+    signal : DataArray, dims (channel, time_emg) [V] or (marker, axis, time_marker) [m]
+        Band-passed EMG, or positions in the head frame without gaps.
+    level : float [1]
+        Part of the way from rest to peak.
+    window, least_duration, least_rest : float [s]
+        Durations.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``onset``, ``duration`` [s] and ``label`` (empty), one row per repetition.
+
+    Raises
+    ------
+    SignalError
+        If the signal has gaps, never changes, or holds no burst.
+    """
+    name = str(next(d for d in signal.dims if str(d).startswith("time")))
+    time = signal[name].values
+    rate = sampling_rate(time)
+    values = signal.transpose(..., name).values.reshape(-1, time.size).astype(float)
+    if not np.isfinite(values).all():
+        raise SignalError("the signal has gaps, expected none: bridge them or cut them out")
+    if name == "time_marker":
+        values = np.asarray(np.gradient(values, axis=1)) * rate
+    scale = np.sqrt(np.mean(values**2, axis=1, keepdims=True))
+    values, scale = values[scale[:, 0] > 0], scale[scale[:, 0] > 0]
+    if name != "time_marker":
+        # A loud channel must not drown the others, so each counts in units of its own strength.
+        values = values / scale
+    if values.size == 0:
+        raise SignalError("the signal never changes, expected bursts of activity")
+    size = max(1, round(window * rate))
+    activity = np.sqrt(uniform_filter1d(np.mean(values**2, axis=0), size, mode="nearest"))
+    rest, peak = np.percentile(activity, [10, 99])
+    if peak < 1.5 * rest:
+        raise SignalError(
+            f"activity lies between {rest:.3g} and {peak:.3g} of its root mean square, expected "
+            "rest between bursts: cut the trials by events instead"
+        )
+    on = activity > rest + level * (peak - rest)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(np.int8)))
+    starts, stops = edges[::2], edges[1::2]
+    kept: list[list[int]] = []
+    for start, stop in zip(starts, stops, strict=True):
+        if kept and start - kept[-1][1] < least_rest * rate:
+            kept[-1][1] = int(stop)
+        else:
+            kept.append([int(start), int(stop)])
+    spans = [(a, b) for a, b in kept if b - a >= least_duration * rate]
+    if not spans:
+        raise SignalError(f"no burst lasts {least_duration:g} s, expected repetitions: lower level")
+    return pd.DataFrame(
+        {
+            "onset": [float(time[a]) for a, _ in spans],
+            "duration": [float((b - a) / rate) for a, b in spans],
+            "label": "",
+        }
+    )

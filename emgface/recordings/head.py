@@ -1,0 +1,238 @@
+"""Rigid motion of the head removed with the face markers.
+
+Each frame is turned and shifted so that its face markers fit a reference configuration in the
+least-squares sense; what remains of the lip markers' motion is motion of the lips.
+
+Source: Kabsch 1976, Acta Cryst A 32:922; Eskes et al. 2017, Methods (six face markers).
+"""
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import PchipInterpolator
+
+from emgface.errors import MarkerError, UnitsError
+from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS
+from emgface.signals.filters import sampling_rate
+from emgface.signals.parameters import HeadFrameParameters
+
+COLLINEAR = 1e-2
+"""Second over first singular value below which markers count as lying on one line."""
+
+
+def in_head_frame(
+    recording_position: xr.DataArray,
+    parameters: HeadFrameParameters,
+    reference: xr.DataArray | None = None,
+) -> xr.DataArray:
+    """Remove the rigid motion of the head from marker positions.
+
+    For every frame the rotation R and the translation minimise the sum over the face markers
+    present of |R (p - mean p) - (q - mean q)|^2, q their reference positions; they then move all
+    markers of the frame. A face marker that drops out is left out of its frames as long as three
+    that are not on one line remain. Afterwards, in the head frame, dropouts up to `max_gap` are
+    bridged by monotone cubic interpolation.
+
+    Parameters
+    ----------
+    recording_position : DataArray, dims (marker, axis, time_marker) [m]
+        Measured positions; a dropout is NaN.
+    parameters : HeadFrameParameters
+        Longest gap to bridge [s]; reference where none is given.
+    reference : DataArray, dims (marker or face_marker, axis) [m], optional
+        Positions of the face markers in the frame wanted, for example ``face_marker_position`` of
+        a face model: the result then has its axes. Without it the trial's own configuration.
+
+    Returns
+    -------
+    DataArray, dims (marker, axis, time_marker) [m]
+        Positions in the head frame; a face marker lost for longer than `max_gap` stays NaN there.
+        Attrs ``head_reference``, ``residual_rms`` and ``residual_max`` [m] of the face markers
+        about the reference (shape differences, skin motion, noise), ``bridged`` (number of
+        bridged marker frames), ``face_markers_left_out`` (names, lost in any frame).
+
+    Raises
+    ------
+    MarkerError
+        If a marker is missing, a dropout of a lip marker is longer than `max_gap` or reaches the
+        end of the trial, or a frame has fewer than three face markers that are not collinear.
+    UnitsError
+        If positions are not in metres.
+    SignalError
+        If the frames are not uniformly spaced.
+
+    Notes
+    -----
+    Source: Kabsch 1976; Eskes et al. 2017, Methods.
+    """
+    position = _checked(recording_position)
+    time = np.asarray(position["time_marker"], dtype=float)
+    rate = sampling_rate(time)
+    values = np.asarray(position, dtype=float).transpose(2, 0, 1)  # frame, marker, axis
+    names = [str(name) for name in position["marker"].values]
+    # A position with one coordinate lost is lost.
+    values = np.where(np.isfinite(values).all(axis=2, keepdims=True), values, np.nan)
+    face = np.array([names.index(name) for name in FACE_MARKERS])
+    points = values[:, face]
+    present = np.isfinite(points[:, :, 0])
+    _check_frames(points, present, time, rate)
+    if reference is not None:
+        target, described = _given_reference(reference), "given"
+    else:
+        described = f"own, {parameters.own_reference}"
+        target = points[int(np.argmax(present.sum(axis=1)))]
+        present = present & np.isfinite(target[:, 0])  # only what the first frame shows as well
+        _check_frames(points, present, time, rate)
+        if parameters.own_reference == "mean":
+            target = _aligned_mean(points, present, target)
+    rotation, origin, goal = _fit(points, present, target)
+    moved = np.einsum("tij,tmj->tmi", rotation, values - origin[:, None]) + goal[:, None]
+    distance = np.linalg.norm(moved[:, face] - target, axis=2)[present]
+    bridged = _bridge(moved, names, time, rate, parameters.max_gap)
+    result = position.copy(data=moved.transpose(1, 2, 0))
+    throughout = np.all(present, axis=0).tolist()
+    left_out = [n for n, seen in zip(FACE_MARKERS, throughout, strict=True) if not seen]
+    result.attrs |= {
+        "units": "m",
+        "head_reference": described,
+        "residual_rms": float(np.sqrt(np.mean(distance**2))),
+        "residual_max": float(distance.max()),
+        "bridged": bridged,
+        "face_markers_left_out": " ".join(left_out),
+    }
+    return result
+
+
+def _checked(position: xr.DataArray) -> xr.DataArray:
+    """Require names, dims and unit; order of dims as declared."""
+    if set(position.dims) != {"marker", "axis", "time_marker"}:
+        raise MarkerError(
+            f"positions have dims {tuple(position.dims)}, expected marker, axis, time_marker: "
+            "rename or select dims"
+        )
+    units = position.attrs.get("units")
+    if units != "m":
+        raise UnitsError(
+            f"positions have units {units!r}, expected 'm': convert the recording when it is read"
+        )
+    found = [str(name) for name in position["marker"].values]
+    missing = [name for name in (*FACE_MARKERS, *LIP_MARKERS) if name not in found]
+    if missing:
+        raise MarkerError(
+            f"missing marker{'s' if len(missing) > 1 else ''} {', '.join(missing)} (found "
+            f"{', '.join(found) or 'none'}), expected six face and ten lip markers: rename the "
+            "markers of the recording"
+        )
+    return position.sel(axis=list(AXES)).transpose("marker", "axis", "time_marker")
+
+
+def _check_frames(points: np.ndarray, present: np.ndarray, time: np.ndarray, rate: float) -> None:
+    """Require three face markers that are not on one line in every frame."""
+    count = present.sum(axis=1)
+    mean = np.where(present[:, :, None], points, 0.0).sum(axis=1) / np.maximum(count, 1)[:, None]
+    centred = np.where(present[:, :, None], points - mean[:, None], 0.0)
+    singular = np.linalg.svd(centred, compute_uv=False)
+    # Written so that fewer than two points (all singular values zero) fail too.
+    poor = (count < 3) | ~(singular[:, 1] > COLLINEAR * singular[:, 0])
+    if not poor.any():
+        return
+    start = int(np.argmax(poor))
+    length = int(np.argmin(poor[start:])) or poor.size - start
+    lost = [n for n, seen in zip(FACE_MARKERS, present[start], strict=True) if not seen]
+    state = (
+        f"only {count[start]} face markers are present"
+        if count[start] < 3
+        else f"the {count[start]} face markers present lie on one line"
+    )
+    raise MarkerError(
+        f"{state} at t = {time[start]:.6g} s for {length / rate:.4g} s ({length} frames; lost: "
+        f"{', '.join(lost) or 'none'}), expected at least three that are not collinear: cut the "
+        "trial there or leave it out"
+    )
+
+
+def _aligned_mean(points: np.ndarray, present: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Mean of all frames after each was fitted to a first target."""
+    rotation, origin, goal = _fit(points, present, target)
+    aligned = np.einsum("tij,tmj->tmi", rotation, points - origin[:, None]) + goal[:, None]
+    seen = np.maximum(np.sum(present, axis=0), 1)[:, None]
+    mean = np.where(present[:, :, None], aligned, 0.0).sum(axis=0) / seen
+    return np.where(np.any(present, axis=0)[:, None], mean, np.nan)
+
+
+def _given_reference(reference: xr.DataArray) -> np.ndarray:
+    """Check a given reference and return its positions in the order of FACE_MARKERS."""
+    dim = "face_marker" if "face_marker" in reference.dims else "marker"
+    found = [str(name) for name in reference[dim].values] if dim in reference.coords else []
+    missing = [name for name in FACE_MARKERS if name not in found]
+    if missing:
+        raise MarkerError(
+            f"reference lacks the face markers {', '.join(missing)} (found "
+            f"{', '.join(found) or 'none'}), expected {', '.join(FACE_MARKERS)}: name them"
+        )
+    if reference.attrs.get("units") != "m":
+        raise UnitsError(
+            f"reference has units {reference.attrs.get('units')!r}, expected 'm': convert it"
+        )
+    chosen = reference.sel({dim: list(FACE_MARKERS), "axis": list(AXES)}).transpose(dim, "axis")
+    target = np.asarray(chosen, dtype=float)
+    if not np.isfinite(target).all():
+        raise MarkerError(
+            "reference holds positions that are not finite, expected six points: give them all"
+        )
+    singular = np.linalg.svd(target - target.mean(axis=0), compute_uv=False)
+    if not singular[1] > COLLINEAR * singular[0]:
+        raise MarkerError(
+            "face markers of the reference lie on one line, expected at least three that do not: "
+            "check their positions"
+        )
+    return target
+
+
+def _fit(
+    points: np.ndarray, present: np.ndarray, target: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotations (frame, 3, 3) and centroids of the present points and their targets."""
+    weight = present.astype(float)[:, :, None]
+    count = weight.sum(axis=1)
+    origin = (np.where(weight > 0, points, 0.0)).sum(axis=1) / count
+    goal = np.where(weight > 0, target, 0.0).sum(axis=1) / count
+    p = np.where(weight > 0, points - origin[:, None], 0.0)
+    q = np.where(weight > 0, target - goal[:, None], 0.0)
+    covariance = np.einsum("tmi,tmj->tij", q, p)
+    u, _, vt = np.linalg.svd(covariance)
+    # A reflection would fit planar markers as well; the sign makes it a rotation.
+    sign = np.ones((points.shape[0], 3))
+    sign[:, 2] = np.sign(np.linalg.det(u @ vt))
+    return (u * sign[:, None, :]) @ vt, origin, goal
+
+
+def _bridge(
+    moved: np.ndarray, names: list[str], time: np.ndarray, rate: float, max_gap: float
+) -> int:
+    """Interpolate dropouts of every marker in place; count the frames bridged."""
+    bridged = 0
+    for m, name in enumerate(names):
+        lost = ~np.isfinite(moved[:, m, 0])
+        if not lost.any():
+            continue
+        must = name in LIP_MARKERS
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], lost.astype(int), [0]])))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            length = (stop - start) / rate
+            inside = start > 0 and stop < lost.size
+            if inside and length <= max_gap * (1 + 1e-9):
+                continue
+            if must:
+                where = "" if inside else " at the edge of the trial, where nothing bridges it"
+                raise MarkerError(
+                    f"marker {name} is lost for {length:.4g} s ({stop - start} frames) from t = "
+                    f"{time[start]:.6g} s{where}, expected gaps of at most {max_gap:g} s: cut the "
+                    "trial there, raise max_gap or leave the trial out"
+                )
+            lost[start:stop] = False  # a face marker lost for long stays lost
+        if lost.any():
+            seen = np.isfinite(moved[:, m, 0])
+            curve = PchipInterpolator(time[seen], moved[seen, m], axis=0)
+            moved[lost, m] = curve(time[lost])
+            bridged += int(lost.sum())
+    return bridged

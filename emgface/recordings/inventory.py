@@ -1,0 +1,222 @@
+"""What a folder holds, file by file: what was read and how good it is, or why it was refused."""
+
+import json
+import re
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from emgface.errors import DataError, EmgfaceError
+from emgface.recordings.check import check_recording
+from emgface.recordings.dataset import read_recording, readers
+from emgface.recordings.labels import note
+
+TEXTS = (".md", ".json", ".tsv", ".pdf", ".rst", ".license", "")
+"""Endings of files that describe recordings and hold none; of those only ``*_motion.tsv`` does."""
+COLUMNS = ("file", "format", "channels", "emg_rate", "markers", "marker_rate", "units", "duration",
+           "findings", "refusal")  # fmt: skip
+_MOST = 3
+"""Findings of one kind that are named."""
+
+
+def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -> pd.DataFrame:
+    """Read and examine every file of a folder that may hold signals.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder to search, and those in it.
+    sidecars : str or Path, optional
+        Folder of TOML sidecars (`emgface.recordings.readers.csv_toml`) for tables and arrays; the
+        files that they name are relative to `folder`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per file: ``file``, ``format``, number of ``channels`` and ``markers``,
+        ``emg_rate`` and ``marker_rate`` [Hz], ``units`` of the source, ``duration`` [s],
+        ``findings`` of the checks in words, or ``refusal``, the sentence of the error. Files that
+        describe others (see `TEXTS`) are left out.
+
+    Raises
+    ------
+    DataError
+        If the folder is absent or holds no such file.
+    """
+    root = Path(folder)
+    rows = [_row(path, root, found) for path, found in read_files(root, sidecars=sidecars)]
+    if not rows:
+        raise DataError(f"{root} holds no file of signals; expected recordings: see the path.")
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def read_files(
+    folder: str | Path, *, sidecars: str | Path | None = None
+) -> Iterator[tuple[Path, xr.Dataset | EmgfaceError]]:
+    """Read every file of a folder that may hold signals, one after the other.
+
+    Parameters
+    ----------
+    folder, sidecars
+        As for `inventory_table`.
+
+    Yields
+    ------
+    pathlib.Path
+        The file.
+    xarray.Dataset or EmgfaceError
+        The recording, or why it was refused.
+
+    Raises
+    ------
+    DataError
+        If a folder is absent.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        raise DataError(f"No folder {root}; expected recordings in it: see the path.")
+    told = _sidecars(root, Path(sidecars)) if sidecars is not None else {}
+    for path in _files(root):
+        try:
+            if path not in told:
+                yield path, read_recording(path)
+                continue
+            with tempfile.TemporaryDirectory() as place:
+                beside = Path(place) / f"{path.stem}.toml"
+                beside.write_text(told[path], encoding="utf-8")
+                recording = read_recording(beside)
+            yield path, recording.assign_attrs(sidecar=f"{path.stem}.toml")
+        except EmgfaceError as error:
+            yield path, error
+
+
+def _files(root: Path) -> Iterator[Path]:
+    known = readers()
+    for path in sorted(root.rglob("*")):
+        if not path.is_file() or path.name.startswith(".") or path.name.isupper():
+            continue
+        suffix = path.suffix.lower()
+        reader = known.get(suffix)
+        if suffix == ".tsv":
+            if reader is not None and path.name.endswith("_motion.tsv"):
+                yield path
+        elif reader is not None:
+            yield path
+        elif suffix not in TEXTS and path.stem.lower() not in ("readme", "origin", "codebook"):
+            yield path
+
+
+def _sidecars(root: Path, folder: Path) -> dict[Path, str]:
+    """Text of each sidecar by the file that it describes, the file named by its full path."""
+    if not folder.is_dir():
+        raise DataError(f"No folder {folder}; expected TOML sidecars in it: see the path.")
+    found: dict[Path, str] = {}
+    for path in sorted(folder.glob("*.toml")):
+        text = path.read_text(encoding="utf-8")
+        content = tomllib.loads(text)
+        for part in ("emg", "position"):
+            name = content.get(part, {}).get("file")
+            if name is None:
+                continue
+            target = root / name
+            text = re.sub(
+                rf'^file\s*=\s*"{re.escape(name)}"',
+                lambda _, target=target: f"file = {json.dumps(str(target.resolve()))}",
+                text,
+                flags=re.MULTILINE,
+            )
+            found[target] = text
+    return found
+
+
+def _row(path: Path, root: Path, found: xr.Dataset | EmgfaceError) -> dict[str, Any]:
+    reader = readers().get(path.suffix.lower())
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    row["file"] = path.relative_to(root).as_posix()
+    row["format"] = reader.FORMAT if reader else path.suffix.lower().removeprefix(".")
+    if isinstance(found, EmgfaceError):
+        row["refusal"] = " ".join(str(found).split()).replace(f"{path.parent.resolve()}/", "")
+        return row
+    if "sidecar" in found.attrs:
+        row["format"] += " with a sidecar"
+    return row | _measures(found) | {"findings": _findings(found)}
+
+
+def _measures(recording: xr.Dataset) -> dict[str, Any]:
+    found: dict[str, Any] = {"duration": 0.0}
+    for part, dim, count, rate in (
+        ("emg", "channel", "channels", "emg_rate"),
+        ("position", "marker", "markers", "marker_rate"),
+    ):
+        if part not in recording:
+            continue
+        time = recording["time_emg" if part == "emg" else "time_marker"].values
+        step = (time[-1] - time[0]) / (time.size - 1) if time.size > 1 else float("nan")
+        found[count], found[rate] = recording.sizes[dim], 1.0 / step
+        found["duration"] = max(found["duration"], time.size * step)
+    units = note(recording, "original_units")
+    found["units"] = ", ".join(f"{part} {unit}" for part, unit in units.items()) or "SI"
+    return found
+
+
+def _findings(recording: xr.Dataset) -> str:
+    """Say what stands out, alike findings of several channels together."""
+    table = check_recording(recording)
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for row in table[table["verdict"] != "ok"].to_dict("records"):
+        for reason in str(row["reason"]).split("; "):
+            # Numbers differ from channel to channel; the finding is the same.
+            key = re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?", "#", reason.partition(":")[0])
+            reasons.setdefault((str(row["kind"]), key), []).append(f"{row['name']}|{reason}")
+    told: list[str] = []
+    for (kind, _), found in reasons.items():
+        name, _, first = found[0].partition("|")
+        first = first.partition(":")[0]
+        if len(found) == 1:
+            told.append(f"{kind} {name}: {first}")
+        else:
+            names = ", ".join(one.partition("|")[0] for one in found[:_MOST])
+            more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
+            told.append(f"{len(found)} {kind}s ({names}{more}): {first}")
+    return "; ".join(told) or "nothing stands out"
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """Write the inventory as a table in Markdown.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Result of `inventory_table`.
+
+    Returns
+    -------
+    str
+        One row per file; the last column holds the findings, or the refusal in italics.
+    """
+    heads = ("file", "format", "channels", "rate [Hz]", "units", "duration [s]", "findings")
+    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for row in table.to_dict("records"):
+        counts = [
+            f"{row[count]:g} {name}"
+            for count, name in (("channels", "EMG"), ("markers", "markers"))
+            if pd.notna(row[count])
+        ]
+        rates = [f"{row[rate]:.6g}" for rate in ("emg_rate", "marker_rate") if pd.notna(row[rate])]
+        refused = pd.notna(row["refusal"])
+        cells = (
+            row["file"],
+            row["format"],
+            ", ".join(counts) or "-",
+            ", ".join(rates) or "-",
+            row["units"] if pd.notna(row["units"]) else "-",
+            f"{row['duration']:.4g}" if pd.notna(row["duration"]) else "-",
+            f"*refused: {row['refusal']}*" if refused else row["findings"],
+        )
+        lines.append("| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"

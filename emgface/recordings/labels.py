@@ -1,0 +1,224 @@
+"""From the labels of a file to the names of the study, with a record of what was left out."""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from pydantic import Field
+
+from emgface.choices import Parameters, configure
+from emgface.errors import ConfigurationError, DataError, SchemaError
+from emgface.schema.rules import hint, listed
+
+
+class LabelMap(Parameters):
+    """What the labels of a recording mean.
+
+    Attributes
+    ----------
+    channels, markers : dict of str to str or None
+        Label in the file to name here; what is not listed is left out. None keeps everything
+        under its own label.
+    units : dict of str to str
+        Unit of ``emg`` or ``position`` where the file names none, or a wrong one.
+    volunteer, instruction : str or None
+        Who and what was recorded, where the file does not say.
+    repetition : int or None
+        Which repetition, from 1.
+    """
+
+    channels: dict[str, str] | None = None
+    markers: dict[str, str] | None = None
+    units: dict[str, str] = Field(default_factory=dict)
+    volunteer: str | None = None
+    instruction: str | None = None
+    repetition: int | None = Field(default=None, ge=1)
+
+
+def read_label_map(mapping: Mapping[str, Any] | LabelMap | str | Path | None) -> LabelMap:
+    """Return a label map from a mapping or a TOML file.
+
+    Parameters
+    ----------
+    mapping : mapping, LabelMap, path or None
+        Tables ``channels``, ``markers``, ``units`` and the names of the trial; None maps nothing.
+
+    Returns
+    -------
+    LabelMap
+        The checked map.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file is absent or no TOML, or holds an unknown entry; the nearest one is named.
+
+    Examples
+    --------
+    >>> read_label_map({"channels": {"EMG 1": "OOS_L"}}).channels
+    {'EMG 1': 'OOS_L'}
+    """
+    if mapping is None:
+        return LabelMap()
+    if isinstance(mapping, LabelMap):
+        return mapping
+    if isinstance(mapping, Mapping):
+        return configure(LabelMap, mapping, where="mapping")
+    return configure(LabelMap, read_toml(Path(mapping)), where=Path(mapping).name)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict
+        Its tables.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is absent or no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(
+            f"Cannot read {path}: {error.strerror}; expected a TOML file: see its path."
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError(
+            f'{path.name} is no TOML ({error}); expected lines such as name = "value": repair it.'
+        ) from error
+
+
+def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
+    """Rename and select channels and markers, and name the trial.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording under the labels of its file.
+    labels : LabelMap
+        Labels to names.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the names of the map, in its order; the attributes ``original_names`` and
+        ``dropped`` (JSON) say what became of each label.
+
+    Raises
+    ------
+    SchemaError
+        If a mapped label is not in the file (the nearest one is named), or two labels have one
+        name.
+    """
+    names = note(recording, "original_names")
+    dropped = note(recording, "dropped")
+    for dim, chosen in (("channel", labels.channels), ("marker", labels.markers)):
+        if chosen is None:
+            continue
+        found = [str(v) for v in recording[dim].values] if dim in recording.coords else []
+        _demand(dim, chosen, found, dropped)
+        for label in found:
+            if label not in chosen:
+                values = recording["emg" if dim == "channel" else "position"].sel({dim: label})
+                still = constant_value(values.values)
+                also = "" if still is None or dim == "marker" else f"; constant at {still:g} V"
+                dropped[names.pop(label, label)] = f"not in the mapping{also}"
+        recording = recording.sel({dim: list(chosen)}).assign_coords({dim: list(chosen.values())})
+        for label, name in chosen.items():
+            names[name] = names.pop(label, label)
+    given = {
+        name: value
+        for name in ("volunteer", "instruction", "repetition")
+        if (value := getattr(labels, name)) is not None
+    }
+    return recording.assign_attrs(
+        **given,
+        original_names=json.dumps(names, ensure_ascii=False),
+        dropped=json.dumps(dropped, ensure_ascii=False),
+    )
+
+
+def _demand(dim: str, chosen: dict[str, str], found: list[str], dropped: dict[str, str]) -> None:
+    """Refuse labels that the file lacks, and names that are given twice."""
+    for label in chosen:
+        if label in found:
+            continue
+        if label in dropped:
+            raise SchemaError(
+                f"The {dim} {label!r} was left out ({dropped[label]}); expected a usable one: "
+                "name its unit in the table 'units' of the mapping, or map another."
+            )
+        raise SchemaError(
+            f"The file has no {dim} {label!r}{hint(label, found)}; found {listed(found)}: "
+            "repair the label in the mapping."
+        )
+    given = list(chosen.values())
+    twice = [name for name in given if given.count(name) > 1]
+    if twice:
+        raise SchemaError(
+            f"Two labels are mapped to the {dim} {twice[0]!r}; expected one: rename the other."
+        )
+
+
+def note(dataset: xr.Dataset, name: str) -> dict[str, str]:
+    """Return a JSON object held as attribute of a dataset.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Recording.
+    name : str
+        ``original_names``, ``original_units``, ``dropped`` or ``flagged``.
+
+    Returns
+    -------
+    dict of str to str
+        Empty where the attribute is absent.
+
+    Raises
+    ------
+    DataError
+        If the attribute is no JSON object.
+    """
+    try:
+        value = json.loads(str(dataset.attrs.get(name, "{}")))
+    except json.JSONDecodeError:
+        value = None
+    if not isinstance(value, dict):
+        raise DataError(
+            f"The attribute {name!r} is {dataset.attrs[name]!r}; expected a JSON object: "
+            "delete or repair it."
+        )
+    return {str(key): str(text) for key, text in value.items()}
+
+
+def constant_value(values: np.ndarray) -> float | None:
+    """Return the value of a signal that never changes.
+
+    Parameters
+    ----------
+    values : ndarray
+        Samples of one signal; NaN are ignored.
+
+    Returns
+    -------
+    float or None
+        The constant value; None for a signal that changes or has no finite sample.
+    """
+    finite = values[np.isfinite(values)]
+    if finite.size == 0 or finite.min() != finite.max():
+        return None
+    return float(finite[0])

@@ -1,0 +1,20 @@
+"""Measures of how far a recording can be trusted, beyond being complete.
+
+`emgface.recordings.check.check_recording` joins them to its table; each may be used alone.
+"""
+
+from emgface.recordings.quality.cross_talk import cross_talk
+from emgface.recordings.quality.emg import emg_quality
+from emgface.recordings.quality.hum import mains_hum, remove_hum
+from emgface.recordings.quality.markers import marker_quality, swapped_markers
+from emgface.recordings.quality.sides import swapped_sides
+
+__all__ = [
+    "cross_talk",
+    "emg_quality",
+    "mains_hum",
+    "marker_quality",
+    "remove_hum",
+    "swapped_markers",
+    "swapped_sides",
+]

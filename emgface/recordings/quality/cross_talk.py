@@ -1,0 +1,112 @@
+"""How much neighbouring channels hear of each other."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pandas as pd
+import scipy.signal
+import xarray as xr
+
+from emgface.muscles import ACROSS, NEIGHBOURS, SIDES
+from emgface.recordings.labels import constant_value
+from emgface.recordings.quality.emg import in_muscle_band
+from emgface.recordings.quality.hum import LEAST_DURATION, mains_hum, remove_hum
+from emgface.signals.filters import TIME_EMG, sampling_rate
+
+COLUMNS = ("channel", "neighbour", "correlation", "lag", "common", "share")
+STRONG_HUM = 0.1
+"""Share of a channel's power that is mains hum, above which it is removed before comparing."""
+LARGEST_LAG = 0.01
+"""Largest delay between two electrodes [s]: 40 mm at 4 m/s."""
+
+
+def neighbours() -> list[tuple[str, str]]:
+    """Return the pairs of channels whose electrodes lie next to each other on the face.
+
+    Returns
+    -------
+    list of tuple of str
+        Pairs on each side, and across the midline.
+    """
+    pairs = [(f"{a}_{side}", f"{b}_{side}") for side in SIDES for a, b in NEIGHBOURS]
+    return pairs + [(f"{name}_{SIDES[0]}", f"{name}_{SIDES[1]}") for name in ACROSS]
+
+
+def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None) -> pd.DataFrame:
+    """Measure what pairs of channels have in common.
+
+    Parameters
+    ----------
+    emg : DataArray, dims (channel, time_emg) [V]
+        Raw signal; it is filtered to 15-500 Hz here, and strong hum is removed.
+    pairs : iterable of tuple of str, optional
+        Channels to compare; the neighbours on the face, as far as they are there, or all pairs
+        of channels that are no channels of the face.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``channel``, ``neighbour``; ``correlation``, the cross-correlation coefficient r of
+        largest magnitude for delays up to 10 ms, and its ``lag`` [s]
+        (above 0 where the channel follows its neighbour); ``common`` = r^2, the part of
+        the power that both share; ``share``, the amplitude c with which each would hear the other.
+        Pairs with gaps, a constant channel or less than a second are left out.
+
+    Raises
+    ------
+    SignalError
+        If the clock is not uniform.
+
+    Notes
+    -----
+    r^2 as the common part: Winter, Fuglevand and Archer 1994, J Electromyogr Kinesiol 4:15-26.
+    Of two independent sources of powers P and Q, each heard by the other electrode with amplitude
+    c, the covariance is c (P + Q) and the sum of variances (1 + c^2) (P + Q). With q their ratio,
+    c = (1 - sqrt(1 - 4 q^2)) / (2 q), whatever the powers; a silent muscle beside a strong one has
+    a large r and a small c. Muscles that contract together do not correlate by that alone: their
+    motor units fire independently.
+    """
+    rate = sampling_rate(emg[TIME_EMG])
+    signals = {
+        str(name): values
+        for name, values in zip(
+            emg["channel"].values, emg.transpose("channel", TIME_EMG).values, strict=True
+        )
+        if np.isfinite(values).all()
+        and constant_value(values) is None
+        and values.size >= LEAST_DURATION * rate
+    }
+    if pairs is None:
+        pairs = [pair for pair in neighbours() if set(pair) <= set(signals)]
+        names = list(signals)
+        pairs = pairs or [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    heard = {
+        name: in_muscle_band(_without_hum(emg.sel(channel=[name]), values, rate), rate)
+        for name, values in signals.items()
+    }
+    rows = [(a, b, *_common(heard[a], heard[b], rate)) for a, b in pairs if {a, b} <= set(heard)]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _without_hum(emg: xr.DataArray, values: np.ndarray, rate: float) -> np.ndarray:
+    """Remove strong hum, which all channels share without hearing each other."""
+    hum = mains_hum(values, rate)
+    if hum.share < STRONG_HUM or hum.frequency >= 0.5 * rate:
+        return values
+    return remove_hum(emg, hum.frequency).values[0]
+
+
+def _common(a: np.ndarray, b: np.ndarray, rate: float) -> tuple[float, float, float, float]:
+    """Correlation, lag, common part and share of two signals."""
+    most = round(LARGEST_LAG * rate)
+    norm = np.sqrt(np.sum(a**2) * np.sum(b**2))
+    if norm == 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    whole = scipy.signal.correlate(a, b, mode="full", method="fft") / norm
+    middle = a.size - 1
+    near = whole[middle - most : middle + most + 1]
+    at = int(np.argmax(np.abs(near)))
+    r = float(np.clip(near[at], -1.0, 1.0))
+    q = abs(r) * norm / (np.sum(a**2) + np.sum(b**2))
+    share = (1.0 - np.sqrt(max(1.0 - 4.0 * q**2, 0.0))) / (2.0 * q) if q else 0.0
+    return r, (at - most) / rate, r**2, float(share)

@@ -1,0 +1,213 @@
+"""One page that shows a recording at a glance: signals, spectra, markers, and what stands out."""
+
+import textwrap
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from emgface.recordings.check import check_recording
+from emgface.recordings.quality.emg import MUSCLE
+from emgface.recordings.quality.hum import LEAST_DURATION, power_density
+from emgface.signals.filters import sampling_rate
+
+COLOURS = {"ok": "0.25", "warning": "#b26b00", "error": "#b00020"}
+"""Dark enough to be told apart in print; the verdict is also a word."""
+_MOST_ROWS = 24
+_POINTS = 2000
+_MOST_FINDINGS = 14
+_WEAKEST, _STRONGEST = 0.25, 1.25
+"""Rows of a strength between these, in that of the usual row, share its scale."""
+
+
+def overview_figure(recording: xr.Dataset, table: pd.DataFrame | None = None) -> Figure:
+    """Draw the overview page of a recording.
+
+    Parameters
+    ----------
+    recording : Dataset
+        Recording, of EMG or markers or both.
+    table : DataFrame, optional
+        Result of `emgface.recordings.check.check_recording`, computed here otherwise.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Page of 8.3 by 11.7 inches: every channel and its spectrum, the distance of every marker
+        from its mean place, where it was lost, and the findings in words. Colour and word give
+        the verdict. No more than 24 rows of each are drawn; the page says how many are not.
+    """
+    table = check_recording(recording) if table is None else table
+    figure = Figure(figsize=(8.27, 11.69), layout="constrained")
+    FigureCanvasAgg(figure)
+    has_emg, has_marker = "emg" in recording, "position" in recording
+    heights = [3.2 if has_emg else 0.01, 2.4 if has_marker else 0.01, 1.9]
+    parts = np.asarray(figure.subfigures(3, 1, height_ratios=heights))
+    figure.suptitle(_title(recording, table), fontsize=11)
+    if has_emg:
+        left, right = parts[0].subplots(1, 2, width_ratios=(2.4, 1))
+        _traces(left, recording["emg"], table)
+        _spectra(right, recording["emg"], table)
+    if has_marker:
+        _markers(parts[1].subplots(), recording["position"], table)
+    _words(parts[2].subplots(), table)
+    return figure
+
+
+def _title(recording: xr.Dataset, table: pd.DataFrame) -> str:
+    attrs = recording.attrs
+    named = [str(attrs[n]) for n in ("volunteer", "instruction", "repetition") if n in attrs]
+    kind = "SIMULATED" if attrs.get("origin") == "simulated" else "measured"
+    counts = table["verdict"].value_counts()
+    summary = ", ".join(f"{counts.get(v, 0)} {v}" for v in ("ok", "warning", "error"))
+    return f"{' '.join(named) or attrs.get('source', 'recording')} ({kind}): {summary}"
+
+
+def _verdicts(table: pd.DataFrame, kind: str) -> dict[str, str]:
+    rows = table[table["kind"] == kind]
+    return dict(zip(rows["name"].astype(str), rows["verdict"].astype(str), strict=True))
+
+
+def _rows(axes: Axes, names: list[str], verdicts: dict[str, str], total: int) -> None:
+    """Label the rows of an axes, the first at the top."""
+    axes.set_yticks(-np.arange(len(names)), names, fontsize=7)
+    for label, name in zip(axes.get_yticklabels(), names, strict=True):
+        label.set_color(COLOURS[verdicts.get(name, "ok")])
+    axes.set_ylim(-len(names) + 0.3, 0.7)
+    axes.tick_params(axis="x", labelsize=7)
+    axes.spines[["top", "right"]].set_visible(False)
+    if total > len(names):
+        axes.text(
+            1.0, 0.0, f"{total - len(names)} more not drawn", transform=axes.transAxes,
+            ha="right", va="bottom", fontsize=7,
+        )  # fmt: skip
+
+
+def _envelope(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest value of each piece, so that no spike is lost in drawing."""
+    if values.size <= 2 * _POINTS:
+        return time, values
+    size = values.size // _POINTS
+    cut = values[: values.size // size * size].reshape(-1, size)
+    both = np.stack([np.min(cut, axis=1), np.max(cut, axis=1)], axis=1).ravel()
+    return np.repeat(time[: cut.size : size], 2), both
+
+
+def scale_factor(strength: float, unit: float) -> float:
+    """Return the factor by which a row is drawn, so that rows of any strength can be seen.
+
+    Parameters
+    ----------
+    strength : float [V]
+        Of the row; 0 or NaN for one that never moves.
+    unit : float [V]
+        Of the usual row.
+
+    Returns
+    -------
+    float
+        1 for a row of about the usual strength, else 1, 2 or 5 times a power of ten.
+    """
+    if not strength > 0.0 or _WEAKEST <= strength / unit <= _STRONGEST:
+        return 1.0
+    wanted = unit / strength
+    power = 10.0 ** np.floor(np.log10(wanted))
+    step = max(s for s in (1.0, 2.0, 5.0) if s * power <= wanted * (1.0 + 1e-9))
+    return float(f"{step * power:.6g}")
+
+
+def _traces(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
+    verdicts, time = _verdicts(table, "channel"), emg["time_emg"].values
+    names = [str(c) for c in emg["channel"].values][:_MOST_ROWS]
+    shown = emg.values[: len(names)]
+    centred = shown - np.nanmean(np.where(np.isfinite(shown), shown, np.nan), axis=1, keepdims=True)
+    strong = np.nanpercentile(np.abs(centred), 99.5, axis=1)
+    unit = float(np.nanmedian(strong[strong > 0])) if (strong > 0).any() else 1.0
+    for row, (name, values) in enumerate(zip(names, centred, strict=True)):
+        # Half a row for the usual strength; what is far from it has a scale of its own, as it says.
+        factor = scale_factor(float(strong[row]), unit)
+        t, drawn = _envelope(np.clip(0.45 * factor * values / unit, -0.6, 0.6), time)
+        axes.plot(t, drawn - row, lw=0.4, color=COLOURS[verdicts.get(name, "ok")])
+        if factor != 1.0:
+            told = f"\u00d7 {factor:g}" if factor > 1.0 else f"\u00f7 {1.0 / factor:g}"
+            axes.text(
+                1.0, -row, told, transform=axes.get_yaxis_transform(), ha="right",
+                va="center", fontsize=6.5, bbox={"fc": "white", "ec": "none", "pad": 0.8},
+            )  # fmt: skip
+    _rows(axes, names, verdicts, emg.sizes["channel"])
+    axes.set_xlabel("time [s]", fontsize=8)
+    high = 2.0 * unit / 0.9
+    told = f"{high * 1e6:.3g} \u00b5V" if high < 1e-3 else f"{high * 1e3:.3g} mV"
+    axes.set_title(f"EMG, one row is {told} high, or drawn \u00d7 or \u00f7 as it says", fontsize=9)
+
+
+def _spectra(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
+    verdicts, rate = _verdicts(table, "channel"), sampling_rate(emg["time_emg"])
+    names = [str(c) for c in emg["channel"].values][:_MOST_ROWS]
+    for row, (name, values) in enumerate(zip(names, emg.values, strict=False)):
+        if not np.isfinite(values).all() or values.size < LEAST_DURATION * rate:
+            continue
+        frequency, density = power_density(values, rate)
+        inside = (frequency >= 2.0) & (frequency <= min(550.0, 0.5 * rate))
+        level = 10.0 * np.log10(np.maximum(density[inside], 1e-30))
+        if np.ptp(level) == 0.0:
+            continue
+        # 60 dB below the strongest line fill a row.
+        drawn = np.clip((level - level.max()) / 60.0, -1.0, 0.0) * 0.9 + 0.5
+        colour = COLOURS[verdicts.get(name, "ok")]
+        axes.plot(frequency[inside], drawn - row, lw=0.5, color=colour)
+    _rows(axes, names, verdicts, len(names))
+    axes.set_yticklabels([])
+    for edge in MUSCLE:
+        axes.axvline(edge, lw=0.5, ls=":", color="0.6")
+    axes.set_xlabel("frequency [Hz]", fontsize=8)
+    axes.set_title("spectrum, rows of 67 dB", fontsize=9)
+
+
+def _markers(axes: Axes, position: xr.DataArray, table: pd.DataFrame) -> None:
+    verdicts, time = _verdicts(table, "marker"), position["time_marker"].values
+    names = [str(m) for m in position["marker"].values][:_MOST_ROWS]
+    values = position.transpose("marker", "axis", "time_marker").values[: len(names)]
+    seen = np.asarray(np.isfinite(values).all(axis=1))
+    mean = np.where(seen[:, None], values, 0.0).sum(axis=2, keepdims=True)
+    mean = mean / np.maximum(seen.sum(axis=1), 1)[:, None, None]
+    way = np.linalg.norm(values - mean, axis=1)
+    unit = float(np.nanmax(way)) if np.isfinite(way).any() and np.nanmax(way) > 0 else 1.0
+    for row, (name, one, there) in enumerate(zip(names, way, seen, strict=True)):
+        axes.plot(
+            time, 0.85 * one / unit - row - 0.4, lw=0.7, color=COLOURS[verdicts.get(name, "ok")]
+        )
+        lost = time[~there]
+        axes.plot(lost, np.full(lost.size, -row - 0.4), "|", ms=4, color=COLOURS["error"])
+    _rows(axes, names, verdicts, position.sizes["marker"])
+    axes.set_xlabel("time [s]", fontsize=8)
+    axes.set_title(
+        f"markers: distance from the mean place, one row is {unit * 1e3 / 0.85:.3g} mm high; "
+        "ticks: lost", fontsize=9,
+    )  # fmt: skip
+
+
+def _words(axes: Axes, table: pd.DataFrame) -> None:
+    axes.set_axis_off()
+    ranked = [
+        (f"{row.verdict}: {row.kind} {row.name_}: {row.reason}", str(row.verdict))
+        for verdict in ("error", "warning")
+        for row in table[table["verdict"] == verdict].rename(columns={"name": "name_"}).itertuples()
+    ]
+    lines: list[tuple[str, str]] = []
+    for text, verdict in ranked[:_MOST_FINDINGS]:
+        lines += [
+            (line, verdict) for line in textwrap.wrap(text, 132, subsequent_indent="    ")[:2]
+        ]
+    if len(ranked) > _MOST_FINDINGS:
+        lines.append((f"and {len(ranked) - _MOST_FINDINGS} more, see the table", "ok"))
+    if not ranked:
+        lines.append(("Nothing stands out.", "ok"))
+    for i, (line, verdict) in enumerate(lines):
+        axes.text(
+            0.0, 1.0 - i / 24, line, transform=axes.transAxes, va="top", fontsize=7.5,
+            color=COLOURS[verdict],
+        )  # fmt: skip

@@ -1,0 +1,190 @@
+"""Mains hum in a signal, and a notch that removes it where it must be removed."""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.signal
+import xarray as xr
+
+from emgface.errors import SignalError
+from emgface.signals.filters import TIME_EMG, check_gaps, row_dim, sampling_rate
+
+MAINS = (50.0, 60.0)
+"""Frequencies of power grids [Hz]."""
+BAND = (10.0, 500.0)
+"""Band over which hum is compared with the signal [Hz]."""
+WANDER = 0.2
+"""Deviation of the mains from their frequency [Hz]."""
+ENOUGH = 20.0
+"""Duration [s] from which the averaged spectrum is sure by itself."""
+_FINER = 8
+LEAST_DURATION = 1.0
+"""Shortest signal [s] whose spectrum is judged."""
+
+
+class Hum(NamedTuple):
+    """Hum of one signal.
+
+    Attributes
+    ----------
+    frequency : float [Hz]
+        Frequency of the mains that explains most.
+    share : float [1]
+        Part of the power from 10 to 500 Hz that lies in its lines.
+    rms : float [V]
+        Root mean square of these lines.
+    chance : float [1]
+        Probability of a line so strong by chance, in a signal without hum.
+    """
+
+    frequency: float
+    share: float
+    rms: float
+    chance: float
+
+
+def power_density(values: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate a power density with lines of 1 Hz, after Welch.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., samples)
+        Signal of at least `LEAST_DURATION`.
+    rate : float [Hz]
+        Sampling rate.
+
+    Returns
+    -------
+    ndarray, shape (lines,) [Hz]
+        Frequencies.
+    ndarray, shape (..., lines) [V^2/Hz]
+        One-sided density.
+    """
+    size = min(values.shape[-1], round(rate))
+    # A slope would leak into the lines of low frequency.
+    frequency, density = scipy.signal.welch(values, rate, nperseg=size, detrend=_detrended)
+    return np.asarray(frequency), np.asarray(density)
+
+
+def _detrended(values: np.ndarray) -> np.ndarray:
+    return np.asarray(scipy.signal.detrend(values, axis=-1, type="linear"))
+
+
+def mains_hum(values: np.ndarray, rate: float) -> Hum:
+    """Measure mains hum: what rises above the spectrum beside 50 or 60 Hz and their harmonics.
+
+    Parameters
+    ----------
+    values : ndarray, shape (samples,) [V]
+        One channel without gaps, at least 1 s long.
+    rate : float [Hz]
+        Sampling rate.
+
+    Returns
+    -------
+    Hum
+        For the frequency that explains more.
+
+    Notes
+    -----
+    Two lines either side of the harmonic count for it (the width of the window), the median of the
+    lines 3 to 10 Hz away stands for the signal below it. In a trial of a second or two the spectrum
+    of any muscle has high and low lines; ``chance`` tells whether hum is needed to explain one.
+    """
+    frequency, density = power_density(values, rate)
+    step = float(frequency[1])
+    top = min(BAND[1], 0.49 * rate)
+    total = float(density[(frequency >= BAND[0]) & (frequency <= top)].sum())
+    best = Hum(MAINS[0], 0.0, 0.0, 1.0)
+    for mains in MAINS:
+        power = 0.0
+        for line in np.arange(mains, top, mains):
+            away = np.abs(frequency - line)
+            inside = away <= 2.0 * step + 1e-9
+            beside = (away >= 3.0 * step) & (away <= 10.0 * step) & (frequency > 0)
+            power += float(density[inside].sum() - inside.sum() * np.median(density[beside]))
+        # Single lines may lie below their neighbours by chance; only all of them together count.
+        power = max(power, 0.0)
+        share = power / total if total > 0 else 0.0
+        if share > best.share:
+            best = Hum(mains, share, float(np.sqrt(power * step)), 1.0)
+    return best._replace(
+        chance=_chance(values, rate, np.arange(best.frequency, top, best.frequency))
+    )
+
+
+def _chance(values: np.ndarray, rate: float, lines: np.ndarray) -> float:
+    """Probability that the strongest of some lines is so strong by chance.
+
+    Over the mean of m lines of the same spectrum beside it, the power of a line of noise follows the
+    F distribution of 2 and 2 m degrees of freedom: ``P(F > x) = (1 + x/m)^-m``; times the number of
+    lines that were tried (Bonferroni).
+    """
+    duration = values.size / rate
+    if duration > ENOUGH or not lines.size:
+        return 0.0 if lines.size else 1.0
+    window = scipy.signal.windows.hann(values.size, sym=False)
+    size = _FINER * values.size
+    power = np.abs(np.fft.rfft(_detrended(values) * window, size)) ** 2
+    frequency = np.fft.rfftfreq(size, 1.0 / rate)
+    best = 1.0
+    for line in lines:
+        away = np.abs(frequency - line)
+        beside = power[(away >= 3.0) & (away <= 10.0) & (frequency > 2.0)][:: 2 * _FINER]
+        m, level = beside.size, float(beside.mean())
+        if level > 0.0:
+            ratio = float(power[away <= WANDER].max()) / level
+            best = min(best, float((1.0 + ratio / m) ** -m))
+    # The mains wander, and each place that is a line apart is another try.
+    return min(1.0, best * lines.size * max(1.0, 2.0 * WANDER * duration))
+
+
+def remove_hum(
+    signal: xr.DataArray, frequency: float, *, harmonics: bool = True, width: float = 2.0
+) -> xr.DataArray:
+    """Remove mains hum with notches, forward and backward, so that nothing is delayed.
+
+    A notch also removes EMG: 2 Hz in every 50 are about 4 % of its power. Use it where
+    `mains_hum` tells that there is need.
+
+    Parameters
+    ----------
+    signal : DataArray, dims (row, time_emg) [V]
+        Raw signal.
+    frequency : float [Hz]
+        50 or 60, or what the grid had.
+    harmonics : bool
+        Remove all multiples below half the sampling rate, too.
+    width : float [Hz]
+        Distance of the points at -6 dB, the two passes together.
+
+    Returns
+    -------
+    DataArray, dims (row, time_emg) [V]
+        Filtered signal; attrs ``notch_frequency``, ``notch_width`` [Hz], ``notch_lines``.
+
+    Raises
+    ------
+    SignalError
+        If the frequency is not below half the sampling rate, or the signal has a gap.
+    """
+    dim, rate = row_dim(signal), sampling_rate(signal[TIME_EMG])
+    if not 0.0 < width < frequency < 0.5 * rate:
+        raise SignalError(
+            f"a notch of {width:g} Hz at {frequency:g} Hz does not fit a signal of {rate:g} Hz: "
+            "expected width < frequency < half the sampling rate"
+        )
+    check_gaps(signal)
+    values = np.asarray(signal.transpose(dim, TIME_EMG), dtype=float)
+    lines = np.arange(frequency, 0.5 * rate - width, frequency) if harmonics else [frequency]
+    for line in lines:
+        b, a = scipy.signal.iirnotch(line, line / width, fs=rate)
+        padding = min(round(3.0 * rate / width), values.shape[1] - 1)
+        values = scipy.signal.filtfilt(b, a, values, axis=1, padlen=padding)
+    result = signal.transpose(dim, TIME_EMG).copy(data=values)
+    result.attrs |= {
+        "notch_frequency": float(frequency),
+        "notch_width": float(width),
+        "notch_lines": len(lines),
+    }
+    return result

@@ -1,0 +1,98 @@
+"""Whether left and right were exchanged between electrodes and markers."""
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from scipy.ndimage import uniform_filter1d
+
+from emgface.muscles import FACE_MARKERS
+from emgface.recordings.quality.emg import in_muscle_band
+from emgface.signals.filters import TIME_EMG, sampling_rate
+
+COLUMNS = ("left", "right", "correlation", "swapped")
+PULLING = ("ZYG", "RIS", "LLSAN", "DAO")
+"""Muscles that move the mouth corner of their own side."""
+CORNERS = ("corner_left", "corner_right")
+DECISIVE = 0.5
+"""Correlation beyond which the sign is believed."""
+LEAST_APART = 1e-3
+"""Difference between the ways of the corners [m] from which a movement is to one side."""
+SHARE_APART = 0.3
+"""The same as a part of the way."""
+SMOOTHING = 0.2
+"""Window of the envelope and of the motion [s]."""
+
+
+def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
+    """Compare the difference between the sides in EMG with that in the motion of the corners.
+
+    A muscle of one side moves the mouth corner of that side more than the other. Where both sides
+    do the same the difference is noise and tells nothing: movements to one side decide.
+
+    Parameters
+    ----------
+    recording : Dataset
+        EMG in V and markers in m on one clock, the mouth corners among them.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``left``, ``right`` (channels), ``correlation`` (of the two differences over time)
+        and ``swapped`` (whether it is below -0.5). No rows where the corners or both sides of a
+        muscle are missing, or have gaps.
+
+    Raises
+    ------
+    SignalError
+        If a clock is not uniform.
+    """
+    empty = pd.DataFrame([], columns=list(COLUMNS))
+    if "emg" not in recording or "position" not in recording:
+        return empty
+    position = recording["position"]
+    if not set(CORNERS) <= {str(m) for m in position["marker"].values}:
+        return empty
+    way = _ways(position)
+    if way is None:
+        return empty
+    emg, frames = recording["emg"], position["time_marker"].values
+    rate = sampling_rate(emg[TIME_EMG])
+    held = {str(c) for c in emg["channel"].values}
+    rows: list[tuple[str, str, float, bool]] = []
+    for muscle in PULLING:
+        pair = [f"{muscle}_L", f"{muscle}_R"]
+        if not set(pair) <= held:
+            continue
+        values = emg.sel(channel=pair).transpose("channel", TIME_EMG).values
+        if not np.isfinite(values).all() or values.shape[1] < rate:
+            continue
+        size = round(SMOOTHING * rate)
+        strength = uniform_filter1d(np.abs(in_muscle_band(values, rate)), size, axis=1)
+        scale = strength.mean(axis=1)
+        if not (scale > 0).all():
+            continue
+        sampled = [
+            np.interp(frames, emg[TIME_EMG].values, row) for row in strength / scale[:, None]
+        ]
+        difference = sampled[0] - sampled[1]
+        r = float(np.corrcoef(difference, way[0] - way[1])[0, 1])
+        rows.append((pair[0], pair[1], r, r < -DECISIVE))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _ways(position: xr.DataArray) -> np.ndarray | None:
+    """Distance of each corner from its place of rest, seen from the skull markers if there."""
+    steady = [m for m in position["marker"].values if str(m) in FACE_MARKERS]
+    corners = position.sel(marker=list(CORNERS)).transpose("marker", "axis", "time_marker").values
+    if len(steady) >= 3:
+        frame = position.sel(marker=steady).transpose("marker", "axis", "time_marker").values
+        # The mean follows the translation of the head; small turns move both corners alike.
+        corners = corners - np.nanmean(frame, axis=0)
+    if not np.isfinite(corners).all():
+        return None
+    size = max(1, round(SMOOTHING * sampling_rate(position["time_marker"])))
+    way = np.linalg.norm(corners - np.median(corners, axis=2, keepdims=True), axis=1)
+    smooth = uniform_filter1d(way, size, axis=1)
+    # What the sides of a face differ by when both do the same tells nothing of their electrodes.
+    apart = float(np.ptp(smooth[0] - smooth[1]))
+    return smooth if apart > max(LEAST_APART, SHARE_APART * float(np.max(smooth))) else None

@@ -1,0 +1,270 @@
+"""The parts that every reader of a foreign format assembles into a recording."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError, UnitsError
+from emgface.muscles import AXES
+from emgface.schema.units import quantity_of, spelling, to_si
+
+
+class Part(NamedTuple):
+    """EMG or markers of a file, with the record of what became of its labels.
+
+    Attributes
+    ----------
+    data : xarray.Dataset or None
+        Result of `emg_array` or `position_array`; None where the file holds none.
+    units, dropped, names : mapping of str to str
+        Variable to unit in the file; what was left out, and why; name here to label in the file.
+    """
+
+    data: xr.Dataset | None = None
+    units: Mapping[str, str] = {}
+    dropped: Mapping[str, str] = {}
+    names: Mapping[str, str] = {}
+
+
+def emg_array(values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit: str) -> xr.Dataset:
+    """Return EMG in volts.
+
+    Parameters
+    ----------
+    values : ndarray, shape (channels, samples)
+        Samples in `unit`.
+    labels : sequence of str
+        One per channel, each once.
+    time : ndarray, shape (samples,)
+        Instants [s].
+    unit : str
+        Unit of the values, in any known spelling.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``emg(channel, time_emg)`` [V].
+
+    Raises
+    ------
+    UnitsError
+        If the unit is absent or no voltage.
+    """
+    coords = {"channel": list(labels), "time_emg": ("time_emg", time, {"units": "s"})}
+    array = xr.DataArray(values, coords, ("channel", "time_emg"), "emg", {"units": unit})
+    return to_si(array, "voltage").to_dataset()
+
+
+def position_array(
+    values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit: str
+) -> xr.Dataset:
+    """Return marker positions in metres.
+
+    Parameters
+    ----------
+    values : ndarray, shape (markers, 3, frames)
+        Positions in `unit`; NaN where a marker was not seen.
+    labels : sequence of str
+        One per marker, each once.
+    time : ndarray, shape (frames,)
+        Instants [s].
+    unit : str
+        Unit of the values, in any known spelling.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``position(marker, axis, time_marker)`` [m].
+
+    Raises
+    ------
+    UnitsError
+        If the unit is absent or no length.
+    """
+    coords = {
+        "marker": list(labels),
+        "axis": list(AXES),
+        "time_marker": ("time_marker", time, {"units": "s"}),
+    }
+    dims = ("marker", "axis", "time_marker")
+    array = xr.DataArray(values, coords, dims, "position", {"units": unit})
+    return to_si(array, "length").to_dataset()
+
+
+def voltages(
+    values: Sequence[np.ndarray] | np.ndarray,
+    labels: Sequence[str],
+    found: Sequence[str],
+    time: np.ndarray,
+    unit: str | None,
+    names: Mapping[str, str],
+) -> Part:
+    """Return the channels that are voltages, each converted from its own unit.
+
+    Parameters
+    ----------
+    values : sequence of ndarray, each of shape (samples,)
+        Samples of each channel.
+    labels : sequence of str
+        One per channel, each once.
+    found : sequence of str
+        Unit of each channel in the file, empty where it names none.
+    time : ndarray, shape (samples,)
+        Instants [s].
+    unit : str or None
+        Unit that replaces all of `found`.
+    names : mapping of str to str
+        Labels that were changed, from `unique_labels`.
+
+    Returns
+    -------
+    Part
+        EMG in volts; channels of another quantity are named in ``dropped``.
+
+    Raises
+    ------
+    UnitsError
+        If no channel names a unit and none is given.
+    """
+    dropped: dict[str, str] = {}
+    keep: list[int] = []
+    for i, (label, own) in enumerate(zip(labels, found, strict=True)):
+        if unit is not None or quantity_of(own) == "voltage":
+            keep.append(i)
+        else:
+            dropped[label] = f"in {own!r}, no voltage" if own.strip() else "carries no unit"
+    if not keep:
+        if not any(own.strip() for own in found):
+            raise UnitsError(
+                f"None of the {len(labels)} analog channels carries a unit; expected V, mV or uV: "
+                "name it as emg in the table 'units' of the mapping."
+            )
+        return Part(None, {}, dropped, names)
+    by_unit: dict[str, list[int]] = {}
+    for i in keep:
+        by_unit.setdefault(spelling(found[i] if unit is None else unit), []).append(i)
+    parts = [
+        emg_array(np.stack([values[i] for i in rows]), [labels[i] for i in rows], time, one)
+        for one, rows in by_unit.items()
+    ]
+    data = xr.concat(parts, "channel").sel(channel=[labels[i] for i in keep])
+    original = ", ".join(dict.fromkeys(found[i] for i in keep))
+    return Part(data, {"emg": original}, dropped, names)
+
+
+def assemble_parts(
+    parts: Sequence[Part], *, origin: str = "measured", device: str = ""
+) -> xr.Dataset:
+    """Unite parts and their records, see `assemble`.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        EMG and markers of one trial.
+    origin : str
+        ``measured`` or ``simulated``.
+    device : str
+        What recorded it, as the file says; empty where it does not.
+
+    Returns
+    -------
+    xarray.Dataset
+        The recording.
+
+    Raises
+    ------
+    DataError
+        If no part holds data.
+    """
+    united = assemble(
+        [part.data for part in parts if part.data is not None],
+        original_names={key: value for part in parts for key, value in part.names.items()},
+        original_units={key: value for part in parts for key, value in part.units.items()},
+        dropped={key: value for part in parts for key, value in part.dropped.items()},
+        origin=origin,
+    )
+    return united.assign_attrs(device=device) if device else united
+
+
+def assemble(
+    parts: Sequence[xr.Dataset],
+    *,
+    original_names: Mapping[str, str],
+    original_units: Mapping[str, str],
+    dropped: Mapping[str, str],
+    origin: str = "measured",
+) -> xr.Dataset:
+    """Unite EMG and positions, with the record of what the file held.
+
+    Parameters
+    ----------
+    parts : sequence of xarray.Dataset
+        Results of `emg_array` and `position_array`.
+    original_names : mapping of str to str
+        Name here to label in the file, where they differ.
+    original_units : mapping of str to str
+        Variable to its unit in the file.
+    dropped : mapping of str to str
+        What the file held and the recording does not, with the reason.
+    origin : str
+        ``measured`` or ``simulated``.
+
+    Returns
+    -------
+    xarray.Dataset
+        The recording.
+
+    Raises
+    ------
+    DataError
+        If there is no part.
+    """
+    if not parts:
+        reasons = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:3])
+        raise DataError(
+            f"The file holds neither EMG nor markers{f' ({reasons})' if reasons else ''}; "
+            "expected at least one of them: see whether it is the right file."
+        )
+    united = xr.merge(parts)
+    notes = {
+        "original_names": original_names,
+        "original_units": original_units,
+        "dropped": dropped,
+    }
+    united.attrs = {"origin": origin}
+    for name, value in notes.items():
+        united.attrs[name] = json.dumps(dict(value), ensure_ascii=False)
+    return united
+
+
+def unique_labels(labels: Sequence[str], stem: str) -> tuple[list[str], dict[str, str]]:
+    """Return labels stripped, named where empty, and numbered where repeated.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Labels of a file.
+    stem : str
+        Name for those that are empty.
+
+    Returns
+    -------
+    list of str
+        One label each, no two alike.
+    dict of str to str
+        New label to the one in the file, where they differ.
+    """
+    result: list[str] = []
+    changed: dict[str, str] = {}
+    for number, label in enumerate(labels, start=1):
+        plain = label.strip() or f"{stem} {number}"
+        name, again = plain, 2
+        while name in result:
+            name, again = f"{plain} ({again})", again + 1
+        result.append(name)
+        if name != label:
+            changed[name] = label
+    return result, changed

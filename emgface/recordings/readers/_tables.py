@@ -1,0 +1,307 @@
+"""How the tables and arrays that a sidecar names are read."""
+
+import warnings
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from pydantic import Field, model_validator
+
+from emgface.choices import Parameters
+from emgface.errors import DataError
+from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
+from emgface.recordings.readers._arrays import read_array, read_texts
+from emgface.schema.rules import hint, listed
+from emgface.schema.units import to_si
+
+_UNREADABLE = (pd.errors.ParserError, pd.errors.ParserWarning)
+
+
+class Table(Parameters):
+    """How one CSV file is read.
+
+    Attributes
+    ----------
+    file : str
+        Name, relative to the sidecar.
+    unit : str
+        Unit of the values.
+    rate : float or None
+        Sampling rate [Hz]; the alternative to a column of instants.
+    time, time_unit : str or None, str
+        Column of instants and its unit.
+    delimiter, decimal : str
+        As the file was written, ``;`` and ``,`` in some countries.
+    columns : list of str or None
+        Labels of the columns, where the file names none.
+    skip_rows : int
+        Lines of a table before its labels or numbers.
+    variable : str or None
+        Array of a MATLAB or HDF5 file; `time` names a variable then, too.
+    columns_variable : str or None
+        Variable that holds the labels.
+    dims : tuple of str
+        Dims of that array, in its order: time and channel, or time, marker and axis.
+    step, zero : float
+        Value of one count, and the count of zero.
+    """
+
+    file: str
+    unit: str
+    rate: float | None = Field(default=None, gt=0)
+    time: str | None = None
+    time_unit: str = "s"
+    delimiter: str = ","
+    decimal: str = "."
+    columns: tuple[str, ...] | None = None
+    skip_rows: int = Field(default=0, ge=0)
+    variable: str | None = None
+    columns_variable: str | None = None
+    dims: tuple[Literal["time", "channel", "marker", "axis"], ...] = ("time", "channel")
+    step: float = 1.0
+    zero: float = 0.0
+
+    @model_validator(mode="after")
+    def _clocked(self) -> "Table":
+        if (self.rate is None) == (self.time is None):
+            raise ValueError(
+                f"{self.file} needs either rate, in Hz, or time, the column of instants"
+            )
+        held = Path(self.file).suffix.lower() in ARRAYS
+        if held != (self.variable is not None):
+            raise ValueError(
+                f"{self.file} needs variable, the name of the array in it"
+                if held
+                else f"{self.file} holds no variables; expected one of {', '.join(ARRAYS)}"
+            )
+        if sorted(self.dims) not in (["channel", "time"], ["axis", "marker", "time"]):
+            raise ValueError("dims are time and channel, or time, marker and axis, in some order")
+        return self
+
+
+class EmgTable(Table):
+    """The CSV file of EMG, and the names of its columns."""
+
+    channels: dict[str, str] | None = None
+
+
+class PositionTable(Table):
+    """The CSV file of markers: names, and the endings of a marker's three columns."""
+
+    markers: dict[str, str] | None = None
+    axes: tuple[str, str, str] = ("_x", "_y", "_z")
+
+
+def load_table(
+    sidecar: Path, table: Table, wanted: Mapping[str, str] | None
+) -> tuple[pd.DataFrame, np.ndarray, dict[str, str]]:
+    """Return the numbers that a table of a sidecar describes.
+
+    Parameters
+    ----------
+    sidecar : Path
+        TOML file that names the table.
+    table : Table
+        How it is read.
+    wanted : mapping or None
+        Columns that are used; others that hold text are left out. None demands numbers in all.
+
+    Returns
+    -------
+    DataFrame
+        One column of float64 for each channel, three for each marker.
+    ndarray
+        Instants [s].
+    dict of str to str
+        Columns left out, with the reason.
+
+    Raises
+    ------
+    DataError
+        If the file is absent or damaged, holds a cell that is no number, or fits the table not.
+    UnitsError
+        If the unit of time is unknown.
+    """
+    path = sidecar.parent / table.file
+    dropped: dict[str, str] = {}
+    if table.variable is None:
+        frame = _table(sidecar, path, table)
+        for name in list(frame.columns):
+            if frame[name].dtype.kind in "iuf":
+                continue
+            if wanted is not None and name not in wanted and name != table.time:
+                dropped[str(name)] = "not in the mapping; holds text"
+                frame = frame.drop(columns=name)
+            else:
+                _refuse_text(path, str(name), frame[name].to_numpy(), sidecar, table)
+        frame = frame.astype("float64")
+        instants = _column_of_time(sidecar, path, table, frame)
+    else:
+        frame = _array(sidecar, path, table)
+        instants = None if table.time is None else read_array(path, table.time).ravel()
+        if instants is not None and instants.size != len(frame):
+            raise DataError(
+                f"{path.name}: {table.time!r} has {instants.size} instants and {table.variable!r} "
+                f"{len(frame)} samples; expected as many: see 'dims' in {sidecar.name}."
+            )
+    if (table.step, table.zero) != (1.0, 0.0):
+        frame = table.step * (frame - table.zero)
+    if instants is None:
+        return frame, np.arange(len(frame)) / float(table.rate or np.nan), dropped
+    named = xr.DataArray(instants, dims="time", name=f"{path.name}, {table.time}")
+    time = to_si(named.assign_attrs(units=table.time_unit), "time").values
+    return frame, time, dropped
+
+
+def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
+    """Return an array as a table of one column per channel, or three per marker."""
+    values = read_array(path, str(table.variable))
+    if values.ndim == 2 and 1 in values.shape and len(table.dims) == 2:
+        long = table.dims.index("time")  # a vector, whichever way it lies
+        values = values.reshape((-1, 1) if long == 0 else (1, -1))
+    if values.ndim != len(table.dims):
+        raise DataError(
+            f"{path.name}: {table.variable!r} has the shape {values.shape}; expected dims "
+            f"{', '.join(table.dims)}: see 'dims' in {sidecar.name}."
+        )
+    order = [d for d in ("time", "channel", "marker", "axis") if d in table.dims]
+    values = values.transpose([table.dims.index(d) for d in order])
+    count = values.shape[1]
+    labels = table.columns or tuple(str(i + 1) for i in range(count))
+    if table.columns_variable is not None:
+        labels = tuple(read_texts(path, table.columns_variable))
+    if len(labels) != count or values.shape[2:] not in ((), (3,)):
+        raise DataError(
+            f"{path.name}: {table.variable!r} has {values.shape[1:]} columns for {len(labels)} "
+            f"labels; expected one each, and 3 axes: see 'dims' and 'columns' in {sidecar.name}."
+        )
+    if values.ndim == 3:
+        endings = table.axes if isinstance(table, PositionTable) else ("_x", "_y", "_z")
+        labels = tuple(label + ending for label in labels for ending in endings)
+        values = values.reshape(len(values), -1)
+    return pd.DataFrame(values, columns=list(labels))
+
+
+def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
+    """Return the columns of a text file."""
+    try:
+        with warnings.catch_warnings():
+            # pandas only warns where rows are longer than the row of labels, and cuts them.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(
+                path, sep=table.delimiter, decimal=table.decimal, skipinitialspace=True,
+                index_col=False, header=None if table.columns else 0, skiprows=table.skip_rows,
+            )  # fmt: skip
+    except FileNotFoundError as error:
+        raise DataError(
+            f"{sidecar.name} names {table.file}, which is not beside it; expected a CSV file: "
+            "see the entry 'file'."
+        ) from error
+    except (OSError, EOFError, ValueError, zlib.error, *_UNREADABLE) as error:
+        raise DataError(
+            f"{path.name} is no table ({' '.join(str(error).split())}); expected a row of labels "
+            f"and rows of numbers separated by {table.delimiter!r}: see 'delimiter' in "
+            f"{sidecar.name}."
+        ) from error
+    frame.columns = [str(c).strip() for c in frame.columns]
+    # A delimiter at the end of every line makes a last column of nothing.
+    hollow = [
+        c
+        for c in frame.columns
+        if (c.startswith("Unnamed:") or (table.columns and c == frame.columns[-1]))
+        and bool(np.all(pd.isna(frame[c].to_numpy())))
+    ]
+    frame = frame.drop(columns=hollow)
+    if frame.empty:
+        raise DataError(f"{path.name} has no row of numbers; expected samples: export it again.")
+    if table.columns:
+        if len(table.columns) != frame.shape[1]:
+            raise DataError(
+                f"{path.name} has {frame.shape[1]} columns and {sidecar.name} names "
+                f"{len(table.columns)}; expected as many: see 'columns' and 'delimiter'."
+            )
+        frame.columns = list(table.columns)
+    return frame
+
+
+def _column_of_time(
+    sidecar: Path, path: Path, table: Table, frame: pd.DataFrame
+) -> np.ndarray | None:
+    """Take the column of instants out of a table, if it has one."""
+    if table.time is None:
+        return None
+    if table.time not in frame.columns:
+        raise DataError(
+            f"{path.name} has no column {table.time!r}{hint(table.time, frame.columns)}; found "
+            f"{listed(frame.columns)}: see 'time' in {sidecar.name}."
+        )
+    return frame.pop(table.time).to_numpy()
+
+
+def _refuse_text(path: Path, name: str, cells: np.ndarray, sidecar: Path, table: Table) -> None:
+    """Say which cell of a column is no number."""
+    for row, cell in enumerate(cells):
+        try:
+            float(str(cell).replace(table.decimal, "."))
+        except ValueError:
+            # The first row holds the labels, and people count rows from 1.
+            raise DataError(
+                f"{path.name}, row {row + 2}, column {name!r} holds {cell!r}; expected a number "
+                f"or an empty cell: repair it, or see 'delimiter' ({table.delimiter!r}) and "
+                f"'decimal' ({table.decimal!r}) in {sidecar.name}."
+            ) from None
+
+
+def by_marker(
+    frame: pd.DataFrame, table: PositionTable
+) -> tuple[np.ndarray, list[str], dict[str, str]]:
+    """Gather the three columns of each marker.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Result of `load_table`.
+    table : PositionTable
+        Endings of the columns.
+
+    Returns
+    -------
+    ndarray, shape (markers, 3, frames)
+        Positions.
+    list of str
+        Names of the markers.
+    dict of str to str
+        Columns of no marker, with the reason.
+
+    Raises
+    ------
+    DataError
+        If there is no marker.
+    """
+    columns = [str(c) for c in frame.columns]
+    stems = [
+        c[: len(c) - len(ending)]
+        for c in columns
+        for ending in table.axes
+        if c.endswith(ending) and len(c) > len(ending)
+    ]
+    labels = [
+        stem
+        for stem in dict.fromkeys(stems)
+        if all(stem + ending in columns for ending in table.axes)
+    ]
+    if not labels:
+        raise DataError(
+            f"{table.file} has no marker with columns ending in {', '.join(table.axes)}; found "
+            f"{listed(columns)}: see 'axes' in the sidecar."
+        )
+    used = {label + ending for label in labels for ending in table.axes}
+    dropped = {c: "no column for each axis of a marker" for c in columns if c not in used}
+    values = np.stack(
+        [[frame[label + ending].to_numpy() for ending in table.axes] for label in labels]
+    )
+    return values, labels, dropped

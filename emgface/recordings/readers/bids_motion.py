@@ -1,0 +1,194 @@
+"""Marker positions of a BIDS dataset: ``*_motion.tsv`` with the tables beside it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.muscles import AXES
+from emgface.recordings.bids.names import TRIAL, entities, trial_of
+from emgface.recordings.bids.sidecars import device, read_json, read_tsv, sidecar_path, start_times
+from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
+
+SUFFIXES = (".tsv",)
+FORMAT = "Motion-BIDS"
+
+_ENDING = "_motion.tsv"
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a table is a motion file that is not read with its EMG.
+
+    Parameters
+    ----------
+    path : Path
+        File with a suffix of `SUFFIXES`.
+
+    Returns
+    -------
+    bool
+        Whether it is called ``*_motion.tsv`` and no EMG file of the same trial lies beside.
+    """
+    return path.name.endswith(_ENDING) and not _partners(path, "emg", ("emg.edf", "emg.bdf"))
+
+
+def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+    """Read the positions of one tracking system.
+
+    Parameters
+    ----------
+    path : Path
+        File called ``*_motion.tsv``.
+    units : mapping of str to str
+        Unit of ``position`` that replaces the one in the table of channels.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the names of the tracked points; ``n/a`` is NaN.
+
+    Raises
+    ------
+    DataError
+        If the file is another table, or it and the tables beside it do not agree.
+    UnitsError
+        If the unit of the positions is absent or no length.
+    """
+    if not path.name.endswith(_ENDING):
+        raise DataError(
+            f"{path.name} is a table that does not say what it holds; expected a file called "
+            "*_motion.tsv of a BIDS dataset: write a TOML sidecar for it and open that."
+        )
+    part, description = _load(path, units)
+    origin = "simulated" if description.get("Origin") == "simulated" else "measured"
+    united = assemble_parts([part], origin=origin, device=device(description))
+    return united.assign_attrs(trial_of(path))
+
+
+def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:
+    """Read the markers of the same trial as an EMG file.
+
+    Parameters
+    ----------
+    emg : Path
+        EMG file of a BIDS dataset.
+    units : mapping of str to str
+        Unit of ``position`` that replaces the one in the table of channels.
+
+    Returns
+    -------
+    list of Part
+        None or one; further tracking systems have a clock of their own and are named in
+        ``dropped``. Where ``*_scans.tsv`` tells when both began, the markers keep their lag.
+    """
+    found = _partners(emg, "motion", ("motion.tsv",))
+    if not found:
+        return []
+    part, _ = _load(found[0], units)
+    started = start_times(emg)
+    if part.data is not None and {emg.name, found[0].name} <= started.keys():
+        lag = (started[found[0].name] - started[emg.name]).total_seconds()
+        time = part.data["time_marker"]
+        shifted = time.values + lag
+        part = part._replace(
+            data=part.data.assign_coords(time_marker=("time_marker", shifted, time.attrs))
+        )
+    others = {path.name: "a further tracking system, open it alone" for path in found[1:]}
+    return [part._replace(dropped={**part.dropped, **others})]
+
+
+def _partners(path: Path, folder: str, endings: tuple[str, ...]) -> list[Path]:
+    """Files of the same trial in the folder of another kind of signal."""
+    found = entities(path)
+    own = {key: found[key] for key in TRIAL if key in found}
+    beside = path.parent.parent / folder
+    if not own or not beside.is_dir():
+        return []
+    return sorted(
+        candidate
+        for ending in endings
+        for candidate in beside.glob(f"*_{ending}")
+        if {k: v for k, v in entities(candidate).items() if k in TRIAL} == own
+    )
+
+
+def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
+    """Return positions and the content of ``*_motion.json``."""
+    table, sidecar = sidecar_path(path, "channels.tsv"), sidecar_path(path, "motion.json")
+    if table is None or sidecar is None:
+        raise DataError(
+            f"{path.name} has no channels.tsv and motion.json beside it; expected both: a motion "
+            "file has no names and no rate of its own."
+        )
+    channels, description = read_tsv(table), read_json(sidecar)
+    missing = [c for c in ("component", "type", "tracked_point", "units") if c not in channels]
+    if missing:
+        raise DataError(
+            f"{table.name} lacks the column {missing[0]!r}; expected name, component, type, "
+            "tracked_point and units: repair it."
+        )
+    rate = description.get("SamplingFrequencyEffective", description.get("SamplingFrequency"))
+    if not isinstance(rate, (int, float)) or not 0 < rate < 1e6:
+        raise DataError(
+            f"{sidecar.name} says SamplingFrequency {rate!r}; expected a rate above 0 Hz: set it."
+        )
+    values = _values(path, len(channels))
+    announced = description.get("RecordingDuration")
+    held = values.shape[0] / float(rate)
+    short = isinstance(announced, (int, float)) and held < announced - 0.5 / rate
+    positions = channels[(channels["type"] == "POS") & channels["component"].isin(AXES)]
+    dropped = {
+        str(row["name"]): f"of type {row['type']}, component {row['component']}"
+        for _, row in channels.drop(positions.index).iterrows()
+    }
+    if short:
+        dropped[path.name] = f"holds {held:g} s of the {announced:g} s that it announces"
+    points: list[str] = []
+    columns: list[list[int]] = []
+    for point, rows in positions.groupby("tracked_point", sort=False):
+        by_axis = dict(zip(rows["component"], rows.index, strict=True))
+        if len(rows) == 3 and len(by_axis) == 3:
+            points.append(str(point))
+            columns.append([int(by_axis[axis]) for axis in AXES])
+        else:
+            dropped |= {str(n): "not one column for each axis" for n in rows["name"]}
+    if not points:
+        return Part(None, {}, dropped), description
+    used = positions.loc[[i for triple in columns for i in triple], "units"]
+    found = list(dict.fromkeys(used))
+    if len(found) > 1 and "position" not in units:
+        raise DataError(
+            f"{table.name} names the units {', '.join(found)} for positions; expected one: repair "
+            "it, or name the unit in the table 'units' of the mapping."
+        )
+    labels, names = unique_labels(points, "marker")
+    time = np.arange(values.shape[0]) / float(rate)
+    array = np.stack([values[:, triple].T for triple in columns])
+    data = position_array(array, labels, time, units.get("position", found[0]))
+    return Part(data, {"position": found[0]}, dropped, names), description
+
+
+def _values(path: Path, count: int) -> np.ndarray:
+    """Return the numbers of a motion file, shape (frames, channels)."""
+    try:
+        frame = pd.read_csv(path, sep="\t", header=None, na_values=["n/a"], encoding="utf-8")
+        values = frame.to_numpy(dtype=np.float64)
+    except (OSError, ValueError, pd.errors.ParserError) as error:
+        raise DataError(
+            f"{path.name} cannot be read as numbers ({' '.join(str(error).split())}); expected "
+            "columns of numbers or n/a separated by tabs, without a row of names: repair it."
+        ) from error
+    if values.shape[1] != count:
+        raise DataError(
+            f"{path.name} has {values.shape[1]} columns and its channels.tsv {count} rows; "
+            "expected one row for each column: it is truncated, or the table is another's."
+        )
+    with path.open("rb") as stream:
+        last = stream.read().rsplit(b"\n", 1)[-1]
+    if last and last.count(b"\t") != count - 1:
+        raise DataError(f"{path.name} ends within a row; expected whole rows: copy it again.")
+    return values

@@ -1,0 +1,180 @@
+"""C3D files of motion capture: markers and analog EMG of one trial, through ezc3d."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.recordings.readers._build import (
+    Part,
+    assemble_parts,
+    position_array,
+    unique_labels,
+    voltages,
+)
+from emgface.recordings.readers._c3d_structure import check_structure
+
+SUFFIXES = (".c3d",)
+FORMAT = "C3D"
+
+_NO_POSITION = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+"""Parameters of POINT that list points which are no positions."""
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a C3D file may be a recording: always.
+
+    Parameters
+    ----------
+    path : Path
+        File with a suffix of `SUFFIXES`.
+
+    Returns
+    -------
+    bool
+        True.
+    """
+    return True
+
+
+def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+    """Read markers and the analog channels that are voltages.
+
+    Parameters
+    ----------
+    path : Path
+        C3D file.
+    units : mapping of str to str
+        Unit of ``emg`` or ``position`` that replaces the one in the file.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the labels of the file; a frame in which a marker was not seen is NaN,
+        channels with another unit are left out and named in ``dropped``.
+
+    Raises
+    ------
+    DataError
+        If the file is absent, truncated, or no C3D.
+    UnitsError
+        If the unit of the points is absent or no length.
+
+    Notes
+    -----
+    Time is 0 at the first stored frame for markers and EMG alike.
+    """
+    content = _open(path)
+    return assemble_parts([_analogs(content, units), _points(content, units)])
+
+
+def _open(path: Path) -> Any:
+    """Read the file, and refuse one that holds fewer frames than it announces."""
+    import ezc3d  # 0.1 s to import, and only this format needs it
+
+    if not path.is_file():
+        raise DataError(f"No file {path}; expected a C3D file: see the spelling of the path.")
+    check_structure(path)
+    try:
+        content = ezc3d.c3d(str(path))
+    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        raise DataError(
+            f"{path.name} cannot be read as C3D ({error}); expected a complete C3D file: "
+            "it is damaged or another format, export it again."
+        ) from error
+    # ezc3d reads a truncated file up to its end and adapts its counts without a word.
+    announced, found = _announced_frames(path, content), content["data"]["points"].shape[2]
+    if announced is not None and found < announced:
+        raise DataError(
+            f"{path.name} announces {announced} frames and holds {found}; expected all of them: "
+            "it is truncated, copy or export it again."
+        )
+    return content
+
+
+def _announced_frames(path: Path, content: Any) -> int | None:
+    """Frames from TRIAL:ACTUAL_START_FIELD and _END_FIELD, else from the header."""
+    trial = content["parameters"].get("TRIAL", {})
+    fields = [
+        [int(v) % 65536 for v in trial[name]["value"]]
+        for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")
+        if name in trial and len(trial[name]["value"]) == 2
+    ]
+    if len(fields) == 2:
+        first, last = (low + 65536 * high for low, high in fields)
+        return last - first + 1
+    with path.open("rb") as stream:
+        header = stream.read(512)
+        stream.seek((header[0] - 1) * 512 + 3)
+        processor = stream.read(1)
+    order = ">u2" if processor == b"\x56" else "<u2"  # 86 is big-endian (MIPS)
+    first, last = (int(v) for v in np.frombuffer(header[6:10], order))
+    # A count that does not fit 16 bits is written as 65535.
+    return last - first + 1 if last < 65535 else None
+
+
+def _strings(group: Any, name: str) -> list[str]:
+    """Strings of a parameter and of its continuations: more than 255 go on in NAME2, NAME3 ..."""
+    found = [str(v) for v in group.get(name, {}).get("value", [])]
+    number = 2
+    while f"{name}{number}" in group:
+        found += [str(v) for v in group[f"{name}{number}"]["value"]]
+        number += 1
+    return found
+
+
+def _rate(group: Any, what: str) -> float:
+    values = np.atleast_1d(group.get("RATE", {}).get("value", []))
+    if values.size == 0 or not values[0] > 0:
+        raise DataError(
+            f"The file names no sampling rate of its {what}; expected {what}:RATE above 0 Hz: "
+            "set it where the file was made."
+        )
+    return float(values[0])
+
+
+def _points(content: Any, units: Mapping[str, str]) -> Part:
+    """Markers: positions where a marker was seen, NaN elsewhere."""
+    values = content["data"]["points"][:3]
+    group = content["parameters"]["POINT"]
+    count, frames = values.shape[1:]
+    if count == 0 or frames == 0:
+        return Part()
+    given = _strings(group, "LABELS")[:count]
+    labels, changed = unique_labels(given + [""] * (count - len(given)), "marker")
+    other = {label: kind for kind in _NO_POSITION for label in _strings(group, kind)}
+    dropped = {
+        label: f"POINT:{other[label]} lists it, so it is no position"
+        for label in labels
+        if label in other
+    }
+    keep = [i for i, label in enumerate(labels) if label not in dropped]
+    if not keep:
+        return Part(None, {}, dropped, changed)
+    # ezc3d has already made NaN of points with a negative residual, which were not seen.
+    seen = values[:, keep]
+    found = (_strings(group, "UNITS") or [""])[0]
+    unit = units.get("position", found)
+    time = np.arange(frames) / _rate(group, "POINT")
+    part = position_array(
+        np.ascontiguousarray(seen.transpose(1, 0, 2)), [labels[i] for i in keep], time, unit
+    )
+    return Part(part, {"position": found}, dropped, changed)
+
+
+def _analogs(content: Any, units: Mapping[str, str]) -> Part:
+    """Analog channels that are voltages, each converted from its own unit."""
+    values = content["data"]["analogs"][0]
+    group = content["parameters"]["ANALOG"]
+    count, samples = values.shape
+    if count == 0 or samples == 0:
+        return Part()
+    given = _strings(group, "LABELS")[:count]
+    labels, changed = unique_labels(given + [""] * (count - len(given)), "channel")
+    found = _strings(group, "UNITS")[:count]
+    found += [""] * (count - len(found))
+    time = np.arange(samples) / _rate(group, "ANALOG")
+    return voltages(values, labels, found, time, units.get("emg"), changed)

@@ -1,0 +1,148 @@
+"""Tables and arrays: CSV, MATLAB or HDF5 files, and a TOML sidecar that says what they hold.
+
+The sidecar is the file to open::
+
+    schema = "recording"
+    volunteer = "V01"
+    instruction = "A"
+    repetition = 1
+    origin = "measured"
+
+    [emg]
+    file = "V01_A_1_emg.csv"      # one column per channel, first row labels
+    rate = 2048.0                 # Hz; or time = "t" and time_unit = "ms"
+    unit = "mV"
+
+    [emg.channels]                # column to channel; without this table columns keep their labels
+    "EMG 1" = "OOS_L"
+
+    [position]
+    file = "V01_A_1.mat"
+    variable = "mocap.markers"    # of a MATLAB or HDF5 file
+    dims = ["marker", "axis", "time"]
+    columns = ["M1", "M2"]        # labels, where the file has none
+    rate = 100.0
+    unit = "mm"
+
+A table without a row of labels takes them from ``columns``; ``skip_rows`` leaves out lines before
+it. Counts of a converter become values by ``step * (count - zero)``, in the unit.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from pydantic import Field
+
+from emgface.choices import Parameters, configure
+from emgface.errors import DataError
+from emgface.recordings.labels import LabelMap, apply_labels, read_toml
+from emgface.recordings.readers._build import assemble, emg_array, position_array, unique_labels
+from emgface.recordings.readers._tables import EmgTable, PositionTable, by_marker, load_table
+
+SUFFIXES = (".toml",)
+FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"
+
+
+class Sidecar(Parameters):
+    """The whole sidecar."""
+
+    # 'schema' would hide a method of the base class.
+    kind: Literal["recording"] = Field(alias="schema")
+    volunteer: str | None = None
+    instruction: str | None = None
+    repetition: int | None = Field(default=None, ge=1)
+    origin: Literal["measured", "simulated"] = "measured"
+    emg: EmgTable | None = None
+    position: PositionTable | None = None
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a TOML file is the sidecar of a recording.
+
+    Parameters
+    ----------
+    path : Path
+        TOML file.
+
+    Returns
+    -------
+    bool
+        Whether it says ``schema = "recording"``.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")).get("schema") == "recording"
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False
+
+
+def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+    """Read the tables that a sidecar names.
+
+    Parameters
+    ----------
+    path : Path
+        TOML sidecar.
+    units : mapping of str to str
+        Unit of ``emg`` or ``position`` that replaces the one in the sidecar.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the names of the sidecar; empty cells are NaN.
+
+    Raises
+    ------
+    ConfigurationError
+        If the sidecar holds an unknown entry (the nearest is named) or a wrong value.
+    DataError
+        If a table is absent or holds a cell that is no number.
+    UnitsError
+        If a unit is unknown or measures another quantity.
+    """
+    sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
+    parts: list[xr.Dataset] = []
+    names: dict[str, str] = {}
+    found: dict[str, str] = {}
+    dropped: dict[str, str] = {}
+    if sidecar.emg is not None:
+        frame, time, dropped = load_table(path, sidecar.emg, sidecar.emg.channels)
+        labels, names = unique_labels([str(c) for c in frame.columns], "channel")
+        unit = units.get("emg", sidecar.emg.unit)
+        parts.append(emg_array(np.ascontiguousarray(frame.to_numpy().T), labels, time, unit))
+        found["emg"] = sidecar.emg.unit
+    if sidecar.position is not None:
+        frame, time, _ = load_table(path, sidecar.position, None)
+        values, labels, alone = by_marker(frame, sidecar.position)
+        dropped |= alone
+        unit = units.get("position", sidecar.position.unit)
+        parts.append(position_array(values, labels, time, unit))
+        found["position"] = sidecar.position.unit
+    recording = assemble(
+        parts,
+        original_names=names,
+        original_units=found,
+        dropped=dropped,
+        origin=sidecar.origin,
+    )
+    labels = LabelMap(
+        channels=sidecar.emg.channels if sidecar.emg else None,
+        markers=sidecar.position.markers if sidecar.position else None,
+        volunteer=sidecar.volunteer,
+        instruction=sidecar.instruction,
+        repetition=sidecar.repetition,
+    )
+    return apply_labels(recording, labels)
+
+
+def _with_tables(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Refuse a TOML file that is no sidecar, before its entries are judged one by one."""
+    if content.get("schema") != "recording":
+        raise DataError(
+            f'{path.name} does not say schema = "recording"; expected the sidecar of a '
+            "recording: give that file, or add the line."
+        )
+    return content

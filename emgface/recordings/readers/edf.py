@@ -1,0 +1,256 @@
+"""EDF, EDF+ and BDF files, through edfio; beside the tables of a BIDS dataset also what these say.
+
+A file called ``*_emg.edf`` or ``*_emg.bdf`` with a ``*_channels.tsv`` is a trial of a BIDS dataset:
+the types and names of its channels, its duration and its markers (`bids_motion.py`) are read
+with it.
+"""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import edfio
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.recordings.bids.electrodes import read_electrodes
+from emgface.recordings.bids.sidecars import EmgSidecars, emg_sidecars
+from emgface.recordings.readers._build import Part, assemble_parts, unique_labels, voltages
+from emgface.recordings.readers.bids_motion import motion_of_trial
+from emgface.schema.units import quantity_of
+
+SUFFIXES = (".edf", ".bdf")
+FORMAT = "EDF or BDF"
+
+_HEADER = 256
+"""Bytes of the general header, and of the header of each signal."""
+
+
+class _Content(NamedTuple):
+    values: list[np.ndarray]
+    labels: list[str]
+    units: list[str]
+    rates: list[float]
+    device: str
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether an EDF file may be a recording: not where BIDS says it is no EMG.
+
+    Parameters
+    ----------
+    path : Path
+        File with a suffix of `SUFFIXES`.
+
+    Returns
+    -------
+    bool
+        False for the EEG, iEEG and such files of a BIDS dataset.
+    """
+    return not path.stem.endswith(("_eeg", "_ieeg", "_meg", "_nirs", "_physio"))
+
+
+def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+    """Read the channels that are voltages, of the rate that most of them have.
+
+    Parameters
+    ----------
+    path : Path
+        EDF or BDF file.
+    units : mapping of str to str
+        Unit of ``emg`` (or of the ``position`` beside it) that replaces the one in the file.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the labels of the file; channels of another quantity, type or rate are
+        named in ``dropped``.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged, truncated, not continuous, or contradicts the tables beside it.
+    UnitsError
+        If no channel carries a unit.
+    """
+    content = _load(path)
+    sidecars = emg_sidecars(path)
+    given = content.labels if sidecars is None else sidecars.names(content.labels)
+    labels, names = unique_labels(given, "channel")
+    found = content.units
+    if sidecars is not None and "emg" not in units:
+        found = sidecars.units(given, content.units)
+    names |= {label: own for label, own in zip(labels, content.labels, strict=True) if label != own}
+    keep, dropped = _of_one_rate(content, labels, found, sidecars, "emg" in units)
+    rate = content.rates[keep[0]] if keep else 1.0
+    n = len(content.values[keep[0]]) if keep else 0
+    if sidecars is not None and sidecars.duration is not None:
+        n = min(n, round(sidecars.duration * rate))  # the last record is padded
+    emg = (
+        voltages(
+            [content.values[i][:n] for i in keep],
+            [labels[i] for i in keep],
+            [found[i] for i in keep],
+            np.arange(n) / rate,
+            units.get("emg"),
+            {label: names[label] for label in labels if label in names},
+        )
+        if keep
+        else Part()
+    )
+    emg = emg._replace(dropped={**dropped, **emg.dropped})
+    if sidecars is None:
+        return assemble_parts([emg], device=content.device)
+    motion = motion_of_trial(path, units)
+    united = assemble_parts(
+        [emg, *motion], origin=sidecars.origin, device=sidecars.device or content.device
+    )
+    electrodes = read_electrodes(path, sidecars.channels)
+    told = {} if electrodes is None else {"electrodes": electrodes}
+    return united.assign_attrs({**sidecars.trial, **told})
+
+
+def _of_one_rate(
+    content: _Content,
+    labels: Sequence[str],
+    units: Sequence[str],
+    sidecars: EmgSidecars | None,
+    forced: bool,
+) -> tuple[list[int], dict[str, str]]:
+    """Choose the channels that share the rate of most voltages; say why others are left out."""
+    dropped: dict[str, str] = {}
+    kept: list[int] = []
+    for i, label in enumerate(labels):
+        kind = "EMG" if sidecars is None else sidecars.type_of(label)
+        if kind != "EMG":
+            dropped[label] = f"of type {kind}, not EMG"
+        else:
+            kept.append(i)
+    # Channels that are no voltage have no say in the rate, unless the unit is given for all.
+    voters = [i for i in kept if forced or quantity_of(units[i]) == "voltage"] or kept
+    rates = [content.rates[i] for i in voters]
+    if not rates:
+        return [], dropped
+    common = max(dict.fromkeys(rates), key=lambda rate: (rates.count(rate), rate))
+    for i in kept:
+        if content.rates[i] != common and i in voters:
+            dropped[labels[i]] = f"sampled at {content.rates[i]:g} Hz, the others at {common:g} Hz"
+        elif content.rates[i] != common:
+            dropped[labels[i]] = f"in {units[i]!r}, no voltage"
+    return [i for i in kept if content.rates[i] == common], dropped
+
+
+def _load(path: Path) -> _Content:
+    """Read the file, and refuse one whose header and length do not agree."""
+    data = _whole(path)
+    bdf = data[:1] == b"\xff"
+    try:
+        with warnings.catch_warnings():
+            # edfio only warns where it cuts data or gives it back unscaled.
+            warnings.simplefilter("error")
+            if bdf:
+                opened = edfio.read_bdf(data, header_encoding="latin-1")
+            else:
+                opened = edfio.read_edf(data, lazy_load_data=False, header_encoding="latin-1")
+            continuous = opened.is_continuous and opened.reserved[:5] not in ("EDF+D", "BDF+D")
+            signals = opened.signals
+            content = _Content(
+                [np.asarray(signal.data, dtype=np.float64) for signal in signals],
+                [signal.label.strip() for signal in signals],
+                [signal.physical_dimension.strip() for signal in signals],
+                [float(signal.sampling_frequency) for signal in signals],
+                _device(opened),
+            )
+            ranges = [(*signal.physical_range, *signal.digital_range) for signal in signals]
+    except (ValueError, KeyError, IndexError, TypeError, ArithmeticError, Warning) as error:
+        raise DataError(
+            f"{path.name} cannot be read as {'BDF' if bdf else 'EDF'} ({error}); expected the "
+            "fields of that format: it is damaged, export it again."
+        ) from error
+    if not continuous:
+        raise DataError(
+            f"{path.name} has pauses between its records; expected a continuous recording: "
+            "export each part as a file of its own."
+        )
+    for label, limits in zip(content.labels, ranges, strict=True):
+        low, high, least, most = limits
+        if not np.isfinite(limits).all() or low == high or least >= most:
+            raise DataError(
+                f"{path.name}, channel {label!r}: counts {least:g} to {most:g} stand for {low:g} "
+                f"to {high:g}; expected two ranges: the header is damaged, export it again."
+            )
+    return content
+
+
+def _whole(path: Path) -> bytes:
+    """Return the content of a file whose length is the one that its header announces."""
+    data = path.read_bytes()
+    bdf = data[:8] == b"\xffBIOSEMI"
+    if not bdf and data[:8].strip() != b"0":
+        raise DataError(
+            f"{path.name} begins with {data[:8]!r}; expected '0' (EDF) or 'BIOSEMI' (BDF): it is "
+            "another format, or damaged."
+        )
+    fields = {"length of the header": (184, 8), "number of records": (236, 8)}
+    fields["number of signals"] = (252, 4)
+    header, records, signals = (_integer(path, data, what, *at) for what, at in fields.items())
+    if signals < 1 or header != _HEADER * (signals + 1) or len(data) < header:
+        raise DataError(
+            f"{path.name} has {len(data)} bytes and announces {signals} signals and a header of "
+            f"{header} bytes; expected {_HEADER} for each signal and {_HEADER} more: it is "
+            "truncated or damaged, copy or export it again."
+        )
+    try:
+        seconds = float(data[244:252])
+    except ValueError:
+        seconds = float("nan")
+    if not 0.0 < seconds < 1e6:
+        raise DataError(
+            f"{path.name}: a record lasts {data[244:252].decode('latin-1')!r} s; expected a number "
+            "above 0: the header is damaged, export the file again."
+        )
+    # After 216 bytes of other fields for each signal come the samples per record.
+    start = _HEADER + 216 * signals
+    counts = [
+        _integer(path, data, f"number of samples of signal {i + 1}", start + 8 * i, 8)
+        for i in range(signals)
+    ]
+    record = (3 if bdf else 2) * sum(counts)
+    if min(counts) < 0 or record == 0 or records < -1 or records == 0:
+        raise DataError(
+            f"{path.name} announces {records} records of {sum(counts)} samples; expected at least "
+            "one of each: the recording is empty or damaged."
+        )
+    held = (len(data) - header) / record
+    # A recorder that was stopped hard leaves -1; then only whole records tell nothing was lost.
+    if held != (int(held) if records == -1 else records) or held < 1:
+        raise DataError(
+            f"{path.name} announces {'whole' if records == -1 else records} records and holds "
+            f"{held:.6g}; expected all of them: it is truncated or damaged, copy it again."
+        )
+    return data[:236] + b"%-8d" % int(held) + data[244:]
+
+
+def _integer(path: Path, data: bytes, what: str, start: int, length: int) -> int:
+    text = data[start : start + length]
+    try:
+        # int() would also accept '1_0' and digits of other scripts.
+        if not text.strip().lstrip(b"+-").isdigit():
+            raise ValueError
+        return int(text)
+    except ValueError:
+        raise DataError(
+            f"{path.name}: the {what} is {text.decode('latin-1')!r}; expected an integer: the "
+            "header is damaged, export the file again."
+        ) from None
+
+
+def _device(opened: "edfio.Edf | edfio.Bdf") -> str:
+    """Return the equipment code of an EDF+ header; plain EDF holds free text there."""
+    try:
+        code = opened.recording.equipment_code
+    except (ValueError, IndexError, KeyError):
+        return ""
+    return "" if code in ("X", "") else code.replace("_", " ")

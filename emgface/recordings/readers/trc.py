@@ -1,0 +1,163 @@
+"""TRC files of motion capture: text, three columns for each marker.
+
+Five lines of header (path, names of the next line, counts and units, names of markers, names of
+columns), then frame, time and coordinates, separated by tabs, or by commas in some exports. An
+empty cell is a marker not seen. Source: Motion Analysis Corporation, TRC format, version 4.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
+
+SUFFIXES = (".trc",)
+FORMAT = "TRC"
+
+_COUNTS = ("DataRate", "NumFrames", "NumMarkers", "Units")
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a TRC file may be a recording: always.
+
+    Parameters
+    ----------
+    path : Path
+        File with a suffix of `SUFFIXES`.
+
+    Returns
+    -------
+    bool
+        True.
+    """
+    return True
+
+
+def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+    """Read the markers.
+
+    Parameters
+    ----------
+    path : Path
+        TRC file.
+    units : mapping of str to str
+        Unit of ``position`` that replaces the one in the file.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the labels of the file; empty cells are NaN.
+
+    Raises
+    ------
+    DataError
+        If the file is truncated, no TRC, or its counts, frames and times do not agree.
+    UnitsError
+        If the unit is absent or no length.
+    """
+    rows, header = _rows(path)
+    rate = _number(path, "DataRate", header["DataRate"], float)
+    frames = int(_number(path, "NumFrames", header["NumFrames"], int))
+    count = int(_number(path, "NumMarkers", header["NumMarkers"], int))
+    named = [cell.strip() for cell in rows[3][2 : 2 + 3 * count : 3]]
+    named += [""] * (count - len(named))
+    labels, names = unique_labels(named, "marker")
+    table = [row for row in rows[5:] if any(cell.strip() for cell in row)]
+    if len(table) != frames:
+        raise DataError(
+            f"{path.name} announces {frames} frames and holds {len(table)}; expected all of them: "
+            "it is truncated, export it again."
+        )
+    values = _values(path, table, count)
+    number, time = values[:, 0], values[:, 1]
+    step = np.diff(number)
+    if not (step == 1).all():
+        at = int(np.argmin(step == 1))
+        raise DataError(
+            f"{path.name} goes from frame {number[at]:g} to frame {number[at + 1]:g}; expected the "
+            "next one: frames are missing, export them all."
+        )
+    regular = np.arange(frames) / rate
+    away = np.abs(time - time[0] - regular)
+    if not (away < 0.5 / rate).all():
+        at = int(np.argmin(away < 0.5 / rate))
+        raise DataError(
+            f"{path.name}: frame {number[at]:g} is at {time[at]:g} s; expected "
+            f"{time[0] + regular[at]:g} s at {rate:g} Hz: the rate or the times are wrong, export "
+            "the file again."
+        )
+    positions = values[:, 2:].reshape(frames, count, 3).transpose(1, 2, 0)
+    unit = units.get("position", header["Units"])
+    data = position_array(np.ascontiguousarray(positions), labels, time[0] + regular, unit)
+    return assemble_parts([Part(data, {"position": header["Units"]}, {}, names)])
+
+
+def _rows(path: Path) -> tuple[list[list[str]], dict[str, str]]:
+    """Return the cells of all lines, and the counts of the header."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        lines = path.read_text(encoding="latin-1").splitlines()
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+        start = lines[0][:20] if lines else ""
+        raise DataError(
+            f"{path.name} has {len(lines)} lines and begins with {start!r}; expected "
+            "'PathFileType', five lines of header and the frames: it is truncated or no TRC file."
+        )
+    mark = "\t" if "\t" in lines[1] else ","
+    rows = [line.split(mark) for line in lines]
+    header = {
+        name.strip(): value.strip()
+        for name, value in zip(rows[1], rows[2], strict=False)
+        if name.strip()
+    }
+    absent = [name for name in _COUNTS if name not in header]
+    if absent:
+        raise DataError(
+            f"{path.name} names no {absent[0]} in its third line; expected "
+            f"{', '.join(_COUNTS)}: it is damaged, export it again."
+        )
+    return rows, header
+
+
+def _number(path: Path, name: str, text: str, kind: type[int] | type[float]) -> float:
+    try:
+        value = kind(text)
+        if not 0 < value < 1e9:
+            raise ValueError
+    except ValueError:
+        raise DataError(
+            f"{path.name} says {name} {text!r}; expected a number above 0: the header is damaged, "
+            "export the file again."
+        ) from None
+    return value
+
+
+def _values(path: Path, table: list[list[str]], count: int) -> np.ndarray:
+    """Return the numbers of the frames, shape (frames, 2 + 3 markers)."""
+    width = 2 + 3 * count
+    values = np.full((len(table), width), np.nan)
+    for i, row in enumerate(table):
+        # Some exports end each line with a separator, others leave out empty cells at its end.
+        if len(row) > width and any(cell.strip() for cell in row[width:]):
+            raise DataError(
+                f"{path.name}, frame {row[0]}, has {len(row)} columns; expected {width} for "
+                f"{count} markers: the header is damaged, export the file again."
+            )
+        for j, cell in enumerate(row[:width]):
+            text = cell.strip()
+            if not text:
+                continue
+            try:
+                values[i, j] = float(text)
+            except ValueError:
+                raise DataError(
+                    f"{path.name}, frame {row[0]}, column {j + 1} holds {text!r}; expected a "
+                    "number or an empty cell: repair it."
+                ) from None
+    if len(table[-1]) < width and not np.isnan(values[:-1, -1]).any():
+        raise DataError(f"{path.name} ends within a row; expected whole rows: copy it again.")
+    return values

@@ -1,0 +1,1 @@
+"""What datasets must look like: declared in `data_schema/`, checked and converted at every border."""

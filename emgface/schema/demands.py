@@ -1,0 +1,81 @@
+"""What a dataset must carry besides its arrays: attributes, and the demands of a study."""
+
+import numpy as np
+import xarray as xr
+
+from emgface.schema.declaration import AttributeDeclaration, ObjectDeclaration
+from emgface.schema.rules import hint, listed, nearest
+
+Problem = tuple[bool, str]
+"""Whether it concerns a unit, and the sentence."""
+
+
+def attribute_problems(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
+    """Presence, type and value of the attributes of the dataset."""
+    problems: list[Problem] = []
+    for name, wanted in declared.attrs.items():
+        if name not in dataset.attrs:
+            if wanted.required:
+                expected = f"one of {', '.join(wanted.values)}" if wanted.values else wanted.dtype
+                text = f"The attribute {name!r} is missing; expected {expected} ({wanted.meaning})"
+                problems.append((False, f"{text}: set it on the dataset."))
+            continue
+        wrong = _attribute(dataset.attrs[name], wanted)
+        if wrong:
+            problems.append((False, f"The attribute {name!r} is {wrong}."))
+    return problems
+
+
+def _attribute(value: object, wanted: AttributeDeclaration) -> str | None:
+    """Return what is wrong with the value of an attribute."""
+    types: dict[str, tuple[type, ...]] = {
+        "string": (str,),
+        "integer": (int, np.integer),
+        "number": (int, float, np.integer, np.floating),
+        "any": (str, int, float, np.integer, np.floating),
+    }
+    if not isinstance(value, types[wanted.dtype]) or isinstance(value, bool):
+        kind = "text or number" if wanted.dtype == "any" else wanted.dtype
+        return f"{value!r}; expected {kind} ({wanted.meaning})"
+    if wanted.values and value not in wanted.values:
+        options = ", ".join(wanted.values)
+        return f"{value!r}{hint(str(value), wanted.values)}; expected one of {options}"
+    if wanted.range and isinstance(value, (int, float, np.number)):
+        low, high = wanted.range
+        if (low is not None and value < low) or (high is not None and value > high):
+            bounds = f"at least {low}" if high is None else f"{low} to {high}"
+            return f"{value!r}; expected {bounds} ({wanted.meaning})"
+    return None
+
+
+def study_problems(dataset: xr.Dataset, declared: ObjectDeclaration, told: str) -> list[Problem]:
+    """Find what a study demands and the dataset lacks, unless `told` names it already."""
+    demand = declared.study
+    if demand is None:
+        return []
+    problems: list[Problem] = []
+    for name in demand.required:
+        if name in dataset.variables or name in dataset.attrs:
+            continue
+        if repr(name) not in told and not (name in declared.any_of and "none of" in told):
+            text = f"The variable {name!r} is missing; a study needs {demand.meaning}."
+            if name in declared.attrs:
+                meaning = declared.attrs[name].meaning
+                text = (
+                    f"The attribute {name!r} is missing; a study needs it ({meaning}): set it on "
+                    "the dataset, or in the mapping of its labels."
+                )
+            problems.append((False, text))
+    for coord, names in demand.names.items():
+        if coord not in dataset.coords:
+            continue
+        found = [str(v) for v in dataset.coords[coord].values]
+        missing = [name for name in names if name not in found]
+        if missing:
+            unknown = [name for name in found if name not in names]
+            guess = {m: nearest(m, unknown, cutoff=0.75) for m in missing}
+            near = [f"{there!r} looks like {want!r}" for want, there in guess.items() if there]
+            advice = listed(near, 3) if near else "map the labels of the file to these names"
+            text = f"{coord} lacks {listed(missing, 20)}; a study needs {demand.meaning}: {advice}."
+            problems.append((False, text))
+    return problems

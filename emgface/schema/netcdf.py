@@ -1,0 +1,213 @@
+"""Datasets as netCDF files: written whole or not at all, read back identical."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.files import replace_file
+from emgface.schema.validation import validate
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_JSON = "json_attributes"
+"""Attribute that names those of its owner which are JSON text."""
+_EXPANSION = 1100
+"""Most bytes in memory for each byte of a file; zeros deflate to about 1/1030."""
+_COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
+"""With check sums: a flipped bit is an error, not a value."""
+
+
+def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
+    """Check a dataset and write it as netCDF-4, compressed.
+
+    The file appears under its name only when it is complete: it is written beside and renamed.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Dataset to write. Attributes that netCDF cannot hold, or not give back as they were
+        (lists, dicts, booleans, None), are written as JSON text and listed in the attribute
+        ``json_attributes``.
+    path : str or Path
+        File to write; its folder is made if need be, an existing file is replaced.
+    kind : str
+        Kind of dataset, one of `emgface.schema.validation.kinds`.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    SchemaError, UnitsError
+        If the dataset does not follow its declaration; nothing is written then.
+    DataError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    ready = validate(dataset, kind).drop_encoding()
+    for part in (ready, *ready.variables.values()):
+        part.attrs = _packed(part.attrs)
+    encoding = {
+        name: dict(_COMPRESSION)
+        for name, variable in ready.variables.items()
+        if variable.dtype.kind in "iuf" and variable.ndim
+    }
+    replace_file(path, lambda target: ready.to_netcdf(target, engine="netcdf4", encoding=encoding))
+    return path
+
+
+def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
+    """Read a netCDF file into memory and check it.
+
+    Parameters
+    ----------
+    path : str or Path
+        File written by `write_netcdf`, or another one that follows the declaration.
+    kind : str
+        Kind of dataset that is expected.
+
+    Returns
+    -------
+    xarray.Dataset
+        What `emgface.schema.validation.validate` returned when the file was written.
+
+    Raises
+    ------
+    DataError
+        If the file is absent, truncated or no netCDF.
+    SchemaError, UnitsError
+        If its content does not follow the declaration.
+    """
+    path = Path(path)
+    with open_netcdf(path) as opened:
+        _check_sizes(path, opened)
+        if opened.disk_format == "HDF5":
+            _check_texts(path)
+    try:
+        dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False)
+    except (OSError, RuntimeError, ValueError, AttributeError, KeyError, TypeError) as error:
+        raise DataError(_damaged(path)) from error
+    dataset = dataset.drop_encoding()
+    for part in (dataset, *dataset.variables.values()):
+        part.attrs = _unpacked(part.attrs)
+    for name, variable in dataset.variables.items():
+        if variable.dtype.kind in "OT":
+            dataset[name] = dataset[name].astype(str)
+    try:
+        return validate(dataset, kind)
+    except DataError as error:
+        raise type(error)(f"{path.name}: {error}") from error
+
+
+def open_netcdf(path: Path) -> netCDF4.Dataset:
+    """Open a netCDF file for reading, or say in one sentence why it is none.
+
+    Parameters
+    ----------
+    path : Path
+        File to open; the caller closes it.
+
+    Returns
+    -------
+    netCDF4.Dataset
+        The open file.
+
+    Raises
+    ------
+    DataError
+        If the file is absent, truncated or no netCDF.
+    """
+    if not path.is_file():
+        raise DataError(f"No file {path}; expected a netCDF file: see the spelling of the path.")
+    with path.open("rb") as stream:
+        start = stream.read(8)
+    if start != _HDF5 and not start.startswith(b"CDF"):
+        raise DataError(
+            f"{path.name} is no netCDF file, it begins with {start[:8]!r}; expected a file "
+            "written by this package: give the right file, or its own suffix."
+        )
+    try:
+        return netCDF4.Dataset(path)
+    except (OSError, RuntimeError) as error:
+        raise DataError(_damaged(path)) from error
+
+
+def _check_sizes(path: Path, opened: netCDF4.Dataset) -> None:
+    """Refuse a file whose damaged counts would fill the memory."""
+    room = _EXPANSION * path.stat().st_size
+    for name, variable in opened.variables.items():
+        # Not variable.size, which wraps around.
+        size = getattr(variable.dtype, "itemsize", 1)
+        if math.prod(variable.shape) * size > room:
+            raise DataError(
+                f"{path.name}: {name!r} has the shape {variable.shape} in a file of "
+                f"{path.stat().st_size} bytes; expected arrays that fit: it is damaged, copy or "
+                "write it again."
+            )
+
+
+def _check_texts(path: Path) -> None:
+    """Refuse a file with a text longer than the file, for which the HDF5 library makes room."""
+    longest = path.stat().st_size
+    lengths: list[np.ndarray] = []
+
+    def visit(_: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or h5py.check_string_dtype(item.dtype) is None:
+            return
+        count = math.prod(item.shape)
+        start = item.id.get_offset()  # None where it is stored in pieces
+        if start is not None and item.id.get_type().is_variable_str():
+            # A length of 4 bytes, an address of 8 and an index of 4 for each text.
+            held = np.memmap(path, np.uint8, "r", start, (count, 16))
+            lengths.append(np.ascontiguousarray(held[:, :4]).view("<u4").ravel())
+
+    try:
+        with h5py.File(path, "r") as opened:
+            opened.visititems(visit)
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError) as error:
+        raise DataError(_damaged(path)) from error
+    if any(bool((held > longest).any()) for held in lengths):
+        raise DataError(_damaged(path))
+
+
+def _damaged(path: Path) -> str:
+    return (
+        f"{path.name} begins like a netCDF file but cannot be read, {path.stat().st_size} bytes; "
+        "expected a complete file: it is truncated or damaged, copy or write it again."
+    )
+
+
+def _packed(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return attributes as numbers and text: anything else as JSON, and its name noted."""
+    packed: dict[str, Any] = {}
+    as_json: list[str] = []
+    for name, value in attrs.items():
+        if isinstance(value, np.generic | np.ndarray):
+            value = value.tolist()
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            value = json.dumps(value, default=str)
+            as_json.append(str(name))
+        packed[str(name)] = value
+    if as_json:
+        packed[_JSON] = " ".join(as_json)
+    return packed
+
+
+def _unpacked(attrs: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return attributes as they were before `_packed`."""
+    plain = {
+        str(name): value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+        for name, value in attrs.items()
+    }
+    for name in str(plain.pop(_JSON, "")).split():
+        plain[name] = json.loads(plain[name])
+    return plain

@@ -1,0 +1,336 @@
+"""Names, dims, units and ranges of every dataset, checked where one enters or leaves a stage.
+
+The declarations lie in ``data_schema/*.json``, one file per kind of dataset, and are read here
+alone: a new kind is a new file.
+"""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandera.errors
+import pandera.xarray as pa
+import xarray as xr
+
+from emgface.errors import DataError, SchemaError, UnitsError
+from emgface.schema.declaration import ArrayDeclaration, ObjectDeclaration
+from emgface.schema.demands import Problem, attribute_problems, study_problems
+from emgface.schema.migration import migrate
+from emgface.schema.rules import Rule, hint, index_rule, listed, nearest, rules_of, type_rule
+
+CONVENTIONS = "CF-1.11"
+STUDY = "study"
+"""Name of the declaration that is no dataset's: a JSON Schema of the study file."""
+
+
+def schema_folder() -> Path:
+    """Return the folder of declarations: shipped in the package, or beside it in a checkout.
+
+    Returns
+    -------
+    pathlib.Path
+        Folder that holds one JSON file per kind.
+
+    Raises
+    ------
+    DataError
+        If neither is there.
+    """
+    here = Path(__file__).resolve().parents[1]
+    for folder in (here / "_data_schema", here.parent / "data_schema"):
+        if folder.is_dir():
+            return folder
+    raise DataError(
+        f"No declarations found in {here / '_data_schema'} or {here.parent / 'data_schema'}; "
+        "expected one JSON file per kind of dataset: reinstall the package."
+    )
+
+
+def kinds() -> tuple[str, ...]:
+    """Return the kinds of dataset that are declared.
+
+    Returns
+    -------
+    tuple of str
+        Names, sorted.
+
+    Examples
+    --------
+    >>> "recording" in kinds()
+    True
+    """
+    found = {path.stem for path in schema_folder().glob("*.json")}
+    return tuple(sorted(found - {STUDY}))
+
+
+@cache
+def declaration(kind: str) -> ObjectDeclaration:
+    """Return the declaration of one kind of dataset.
+
+    Parameters
+    ----------
+    kind : str
+        One of `kinds`.
+
+    Returns
+    -------
+    ObjectDeclaration
+        Coordinates, variables and attributes with their dims, units and ranges.
+
+    Raises
+    ------
+    SchemaError
+        If no such kind is declared.
+
+    Examples
+    --------
+    >>> declaration("recording").variables["emg"].units
+    'V'
+    """
+    path = schema_folder() / f"{kind}.json"
+    if kind not in kinds():
+        raise SchemaError(
+            f"No kind of dataset is called {kind!r}{hint(kind, kinds())}; "
+            f"expected one of {', '.join(kinds())}."
+        )
+    return ObjectDeclaration.model_validate(json.loads(path.read_text(encoding="utf-8")))
+
+
+def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Dataset:
+    """Check a dataset against its declaration and return it in canonical form.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Dataset to check; it is not changed.
+    kind : str
+        One of `kinds`.
+    study : bool
+        Also demand what a study needs: for a recording EMG and positions, all channels and
+        markers by name, and the attributes that identify the trial.
+
+    Returns
+    -------
+    xarray.Dataset
+        The same values, migrated where they follow an older version, integers in their declared
+        width and strings as NumPy strings, with ``long_name`` and the attributes
+        ``schema``, ``schema_version``, ``Conventions`` set.
+
+    Raises
+    ------
+    UnitsError
+        If units are missing or differ, and nothing else is wrong.
+    SchemaError
+        If anything else is wrong; the message has one sentence for each problem.
+
+    Examples
+    --------
+    >>> time = xr.DataArray([0.0, 0.5], dims="time", attrs={"units": "s"})
+    >>> values = xr.DataArray([[0.0, 1.0]], dims=("muscle", "time"), attrs={"units": "1"})
+    >>> coords = {"muscle": ["ZYG_L"], "time": time}
+    >>> given = xr.Dataset({"activation": values}, coords, {"origin": "measured"})
+    >>> validate(given, "activation").attrs["schema_version"]
+    1
+    """
+    declared = declaration(kind)
+    problems = _identity(dataset, declared)
+    if not problems:
+        dataset = migrate(dataset, kind, declared.version)
+        problems = _structure(dataset, declared) + _values(dataset, declared)
+        problems += attribute_problems(dataset, declared)
+        if study:
+            problems += study_problems(dataset, declared, " ".join(text for _, text in problems))
+    if problems:
+        units_only = all(units for units, _ in problems)
+        sentences = [text for _, text in problems]
+        message = sentences[0]
+        if len(sentences) > 1:
+            message = f"The {kind} has {len(sentences)} problems:\n" + "\n".join(
+                f"- {text}" for text in sentences
+            )
+        raise (UnitsError if units_only else SchemaError)(message)
+    return _canonical(dataset, declared)
+
+
+def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
+    """Refuse a dataset that says it is another kind."""
+    found = dataset.attrs.get("schema", declared.kind)
+    if found != declared.kind:
+        text = f"The dataset is a {found}; expected a {declared.kind}: give the other file."
+        return [(False, text)]
+    return []
+
+
+def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
+    """Misspelt, unknown and missing variables and coordinates that pandera cannot explain."""
+    arrays = declared.arrays()
+    absent = [name for name in arrays if name not in dataset.variables]
+    problems: list[Problem] = []
+    for name in map(str, dataset.variables):
+        if name in arrays:
+            continue
+        # Where further variables are allowed, only a close likeness makes one a misspelling.
+        near = nearest(name, absent, cutoff=0.75 if declared.extra_variables else 0.6)
+        if near:
+            text = (
+                f"Variable {name!r} is unknown to a {declared.kind}; expected {near!r}: rename it."
+            )
+        elif not declared.extra_variables:
+            text = (
+                f"Variable {name!r} is unknown to a {declared.kind}{hint(name, arrays)}; "
+                f"expected only {', '.join(declared.variables)}: rename or drop it."
+            )
+        elif dataset[name].dtype.kind in "iuf" and not dataset[name].attrs.get("units"):
+            problems.append(
+                (True, f"{name} carries no unit; expected the attribute units: set it.")
+            )
+            continue
+        else:
+            continue
+        problems.append((False, text))
+    if declared.any_of and not any(name in dataset for name in declared.any_of):
+        text = (
+            f"The {declared.kind} holds none of {', '.join(declared.any_of)}; expected at least "
+            "one: see whether the reader found the signals."
+        )
+        problems.append((False, text))
+    return problems
+
+
+def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
+    """Presence, dims, units and values of every array, found by pandera."""
+    complaints: dict[str, Problem] = {}
+    arrays = declared.arrays()
+    further = _further(dataset, declared)
+    # An optional variable brings its dims with it: their coordinates are required then.
+    used = {dim for name in declared.variables if name in dataset for dim in dataset[name].dims}
+    schema = pa.DatasetSchema(
+        data_vars={
+            name: pa.DataVar(
+                required=array.required,
+                dims=(*further, *array.dims),
+                nullable=True,
+                checks=_check(name, array, dataset, complaints),
+            )
+            for name, array in declared.variables.items()
+        },
+        coords={
+            name: pa.Coordinate(
+                dims=array.dims,
+                required=array.required or bool(set(array.dims) & used),
+                nullable=True,
+                checks=_check(name, array, dataset, complaints),
+            )
+            for name, array in declared.coords.items()
+        },
+    )
+    try:
+        schema.validate(dataset.copy(), lazy=True)
+    except pandera.errors.SchemaErrors as error:
+        found = [_explain(one, dataset, arrays, complaints) for one in error.schema_errors]
+        return list(dict.fromkeys(found))
+    return []
+
+
+def _further(dataset: xr.Dataset, declared: ObjectDeclaration) -> tuple[str, ...]:
+    """Dims beyond those declared, in the order of the first variable, where they are allowed."""
+    if not declared.further_dims:
+        return ()
+    own = {dim for array in declared.arrays().values() for dim in array.dims}
+    present = next((dataset[name] for name in declared.variables if name in dataset), None)
+    if present is None:
+        return ()
+    return tuple(str(dim) for dim in present.dims if dim not in own and dim in dataset.coords)
+
+
+def _check(
+    name: str,
+    declared: ArrayDeclaration,
+    dataset: xr.Dataset,
+    complaints: dict[str, Problem],
+) -> pa.Check:
+    """Build the pandera check of one array; it leaves its sentence in `complaints`."""
+    rules = [("type", type_rule(declared))]
+    if declared.units is not None:
+        rules.append(("units", _units_rule(declared)))
+    rules += rules_of(declared)
+    if declared.index_into in dataset.sizes:
+        rules.append(("index", index_rule(declared, dataset.sizes[declared.index_into])))
+
+    def holds(array: xr.DataArray) -> bool:
+        # The first fault only: values in a wrong type or unit say nothing about their range.
+        for label, rule in rules:
+            sentence = rule(array)
+            if sentence:
+                complaints[name] = (label == "units", f"{name} {sentence}.")
+                return False
+        return True
+
+    return pa.Check(holds, name="rules")
+
+
+def _units_rule(declared: ArrayDeclaration) -> Rule:
+    """Demand that the attribute ``units`` names the declared unit."""
+
+    def rule(array: xr.DataArray) -> str | None:
+        found = array.attrs.get("units")
+        if found == declared.units:
+            return None
+        state = f"is in {found!r}" if found else "carries no unit"
+        return f"{state}; expected {declared.units!r}: convert it to SI and set the attribute units"
+
+    return rule
+
+
+def _explain(
+    error: pandera.errors.SchemaError,
+    dataset: xr.Dataset,
+    arrays: dict[str, ArrayDeclaration],
+    complaints: dict[str, Problem],
+) -> Problem:
+    """Turn one pandera failure into a sentence of ours."""
+    check = error.check
+    if isinstance(check, pa.Check):
+        name = str(getattr(error.schema, "name", ""))
+        # Without a complaint the rule itself broke down, which is a fault of ours.
+        return complaints.get(name) or (False, f"{name} could not be checked: {error}.")
+    if check in ("data_var_presence", "coords"):
+        name = str(error.failure_cases)
+        what = "coordinate" if check == "coords" else "variable"
+        held = listed(map(str, dataset.variables), 10) or "nothing"
+        text = f"The {what} {name!r} is missing, found {held}; expected {arrays[name].long_name}"
+        return False, f"{text}, dims ({', '.join(arrays[name].dims)})."
+    name = str(getattr(error.schema, "name", ""))
+    if check == "dims" and name in arrays:
+        got, wanted = dataset[name].dims, arrays[name].dims
+        advice = "transpose it" if set(got) == set(wanted) else "rename or select dims"
+        text = f"{name} has dims ({', '.join(map(str, got))}); expected ({', '.join(wanted)})"
+        return False, f"{text}: {advice}."
+    return False, f"{name or 'The dataset'}: {error}."
+
+
+def _canonical(dataset: xr.Dataset, declared: ObjectDeclaration) -> xr.Dataset:
+    """Cast to the declared types, describe every array, and stamp the dataset."""
+    result = dataset.copy()
+    for name, array in declared.arrays().items():
+        if name not in result.variables:
+            continue
+        current = result[name]
+        target = current.dtype
+        if array.dtype == "string":
+            target = np.dtype(str)
+        elif array.dtype != "number":
+            target = np.dtype(array.dtype)
+        attrs = {**current.attrs, "long_name": current.attrs.get("long_name", array.long_name)}
+        if target.kind != current.dtype.kind or (target.kind != "U" and target != current.dtype):
+            result[name] = current.astype(target).assign_attrs(attrs)
+        else:
+            result[name].attrs.update(attrs)
+    result.attrs = {
+        **dataset.attrs,
+        "Conventions": CONVENTIONS,
+        "schema": declared.kind,
+        "schema_version": declared.version,
+    }
+    return result

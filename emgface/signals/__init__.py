@@ -1,0 +1,1 @@
+"""From sEMG to muscle activation, one stage per file."""

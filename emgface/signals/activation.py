@@ -1,0 +1,327 @@
+"""From a recording to the activations of the face model's twenty muscles.
+
+The order of the stages follows `mapping_stage`:
+
+========== =====================================================================
+signal     filter, Eqs 2-6, feature, Eq. 8 per muscle, strategy, resampling
+feature    filter, feature, Eqs 2-6, Eq. 8 per muscle, strategy, resampling
+activation filter, feature, Eq. 8 per channel, Eqs 2-6, strategy, resampling
+========== =====================================================================
+
+Where minimum and maximum of Eq. 8 are to come from more than the trial itself, `feature_range`
+computes them once over the session or the maximum-effort recordings, and every trial receives them.
+"""
+
+from collections.abc import Iterable
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import ActivationError, ConfigurationError, SchemaError, SignalError, UnitsError
+from emgface.muscles import CHANNELS
+from emgface.signals.envelope import muscle_activation
+from emgface.signals.features import feature_of
+from emgface.signals.filters import bandpass, constant_rows
+from emgface.signals.mapping import check_channels, map_channels
+from emgface.signals.normalisation import normalise
+from emgface.signals.parameters import SignalChain
+from emgface.signals.resampling import resample, simulation_times
+from emgface.signals.strategies import select_muscles
+
+
+def activation_of(
+    recording: xr.Dataset,
+    chain: SignalChain,
+    *,
+    strategy: str | None = None,
+    instruction: str | None = None,
+    session: xr.Dataset | None = None,
+    reference: xr.Dataset | None = None,
+) -> xr.Dataset:
+    """Compute the activation of every muscle from one recording.
+
+    Parameters
+    ----------
+    recording : Dataset
+        ``emg`` (channel, time_emg) [V] with the fourteen channels.
+    chain : SignalChain
+        All choices.
+    strategy : str, optional
+        Strategy, instead of the chain's.
+    instruction : str, optional
+        Instruction A to F, instead of the recording's attribute; needed by act_rel.
+    session : Dataset, optional
+        `feature_range` over all trials of the volunteer; needed where reach is ``"session"``.
+    reference : Dataset, optional
+        `feature_range` of the maximum-effort recordings; needed where reach is ``"reference"``.
+
+    Returns
+    -------
+    Dataset
+        ``activation`` (muscle, time) [1], 0-1, zero for muscles that are not selected. Time [s] is
+        that of the recording, from the first to the last instant at which the feature (and the
+        markers, where present) exist. Attrs: volunteer, instruction, repetition, origin, strategy,
+        ``selected`` (names without side), ``silent``, ``resting``, ``clipped_fraction``, what filter
+        and feature recorded, and ``parameters`` (JSON).
+
+    Raises
+    ------
+    SchemaError, UnitsError
+        If the recording has no sEMG, a channel is missing, or the unit is not V.
+    SignalError
+        If a signal cannot be processed: gap, constant, too short, rate too low.
+    ConfigurationError
+        If strategy, instruction or range do not fit the chain.
+    ActivationError
+        If an activation leaves 0-1 or is not finite.
+
+    Notes
+    -----
+    Source: Eskes et al. 2017, Methods, Eqs 2-8.
+    """
+    strategy = strategy or chain.strategy.name
+    instruction = instruction or recording.attrs.get("instruction")
+    feature, silent = feature_before_normalisation(recording, chain)
+    extent = _extent_for(recording, chain, feature, session, reference)
+    normalised = normalise(feature, extent, chain.normalisation)
+    if chain.feature.kind == "envelope":
+        normalised = muscle_activation(normalised, chain.feature.A)
+    if chain.mapping.mapping_stage == "activation":
+        normalised = map_channels(normalised, chain.mapping.oom)
+        feature = map_channels(feature, chain.mapping.oom)
+    selected = select_muscles(feature, strategy, instruction, chain.strategy)
+    on = [str(name).rsplit("_", 1)[0] in selected for name in normalised["muscle"].values]
+    activation = normalised * xr.DataArray(np.array(on, dtype=float), dims="muscle")
+    activation.attrs = {**normalised.attrs, "units": "1"}
+    times = simulation_times(*_common_interval(activation, recording), chain.resampling)
+    activation = resample(activation, times, bounded=True)
+    activation["muscle"].attrs.clear()
+    check_activation(activation)
+    recorded = _storable(activation.attrs)
+    activation.attrs = {"units": "1", "long_name": "muscle activation"}
+    attrs = {
+        **recorded,
+        **{k: v for k, v in recording.attrs.items() if k in _IDENTITY},
+        "strategy": strategy,
+        "selected": " ".join(selected),
+        "silent": " ".join(sorted({*silent, *recorded.get("silent", "").split()})),
+        "parameters": chain.model_dump_json(),
+    }
+    if instruction is not None:
+        attrs["instruction"] = instruction
+    return activation.rename("activation").to_dataset().assign_attrs(attrs)
+
+
+_IDENTITY = ("volunteer", "instruction", "repetition", "origin", "source", "source_digest")
+
+
+def feature_before_normalisation(
+    recording: xr.Dataset, chain: SignalChain
+) -> tuple[xr.DataArray, tuple[str, ...]]:
+    """Filter, map and compute the feature, up to the quantity that Eq. 8 normalises.
+
+    Parameters
+    ----------
+    recording : Dataset
+        ``emg`` (channel, time_emg) [V].
+    chain : SignalChain
+        All choices.
+
+    Returns
+    -------
+    feature : DataArray, dims (muscle, time), or (channel, time) where mapping_stage is "activation"
+        Feature.
+    silent : tuple of str
+        Channels that hold one value throughout (none, unless the policy tolerates them).
+
+    Raises
+    ------
+    SchemaError, UnitsError, SignalError
+        As `activation_of`.
+    """
+    emg = emg_of(recording)
+    check_channels(emg)
+    emg = emg.sel(channel=list(CHANNELS))
+    filtered = bandpass(emg, chain.filter)
+    silent = constant_rows(emg)
+    if silent and chain.normalisation.silent == "error":
+        raise SignalError(
+            f"{'channels' if len(silent) > 1 else 'channel'} {', '.join(silent)} "
+            f"{'hold' if len(silent) > 1 else 'holds'} one value "
+            "throughout, so Eq. 8 would be 0/0: check the electrode, or choose silent = 'zero' "
+            "for activation 0"
+        )
+    # The filter leaves rounding noise of a constant, which Eq. 8 would stretch to 0-1.
+    filtered = filtered.where(~filtered["channel"].isin(silent), 0.0)
+    oom, stage = chain.mapping.oom, chain.mapping.mapping_stage
+    if stage == "signal":
+        filtered = map_channels(filtered, oom)
+    feature = feature_of(filtered, chain.feature, phase=chain.filter.phase)
+    if stage == "feature":
+        feature = map_channels(feature, oom)
+    return feature, silent
+
+
+def emg_of(recording: xr.Dataset) -> xr.DataArray:
+    """Take the sEMG of a recording, in volts.
+
+    Parameters
+    ----------
+    recording : Dataset
+        Recording.
+
+    Returns
+    -------
+    DataArray, dims (channel, time_emg) [V]
+        The variable ``emg``.
+
+    Raises
+    ------
+    SchemaError
+        If there is no sEMG.
+    UnitsError
+        If its unit is not V.
+    """
+    if "emg" not in recording or "channel" not in recording["emg"].coords:
+        raise SchemaError(
+            f"recording holds {', '.join(map(str, recording.data_vars)) or 'no variable'}, expected"
+            " emg (channel, time_emg) with named channels: check the reader's mapping"
+        )
+    units = recording["emg"].attrs.get("units")
+    if units != "V":
+        raise UnitsError(
+            f"emg has units {units!r}, expected 'V': convert the recording when it is read"
+        )
+    return recording["emg"]
+
+
+def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Dataset:
+    """Compute minimum and maximum of the feature over a set of recordings, for Eq. 8.
+
+    Parameters
+    ----------
+    recordings : iterable of Dataset
+        All trials of a volunteer (reach "session") or maximum-effort recordings, which should
+        hold some rest as well (reach "reference"). Read one at a time.
+    chain : SignalChain
+        The chain the trials will be processed with.
+
+    Returns
+    -------
+    Dataset
+        ``minimum`` and ``maximum`` over muscle (over channel where mapping_stage is
+        "activation"), in the unit of the feature; attrs volunteer, recordings (their number),
+        parameters (JSON of the stages that shape the feature).
+
+    Raises
+    ------
+    SignalError, SchemaError, UnitsError
+        If a recording cannot be processed, or there is none.
+    ConfigurationError
+        If the recordings are of different volunteers.
+    """
+    low: xr.DataArray | None = None
+    high: xr.DataArray | None = None
+    volunteers: list[str] = []
+    for recording in recordings:
+        feature, _ = feature_before_normalisation(recording, chain)
+        lowest, highest = feature.min("time", keep_attrs=True), feature.max("time", keep_attrs=True)
+        # Same names in the same order: emg_of and map_channels see to it.
+        low = lowest if low is None else lowest.copy(data=np.fmin(low.values, lowest.values))
+        high = highest if high is None else highest.copy(data=np.fmax(high.values, highest.values))
+        volunteers.append(str(recording.attrs.get("volunteer", "")))
+    if low is None or high is None:
+        raise SignalError(
+            "no recording given to take minimum and maximum over, expected at least one: list the "
+            "session's trials or the reference recordings"
+        )
+    if len(set(volunteers)) > 1:
+        raise ConfigurationError(
+            f"recordings of several volunteers ({', '.join(sorted(set(volunteers)))}) cannot share "
+            "one normalisation: compute one range per volunteer"
+        )
+    units = {"units": low.attrs["units"]}
+    return xr.Dataset(
+        {"minimum": low.assign_attrs(units), "maximum": high.assign_attrs(units)},
+        attrs={
+            "volunteer": volunteers[0],
+            "recordings": len(volunteers),
+            "parameters": _feature_parameters(chain),
+        },
+    )
+
+
+def check_activation(activation: xr.DataArray) -> None:
+    """Require every activation to be finite and within 0-1.
+
+    Parameters
+    ----------
+    activation : DataArray, dims (muscle, time) [1]
+        Activation.
+
+    Raises
+    ------
+    ActivationError
+        Naming the first muscle and instant that fails.
+    """
+    a = activation.transpose("muscle", "time")
+    # Written so that NaN fails too.
+    bad = ~((a.values >= 0.0) & (a.values <= 1.0))
+    if bad.any():
+        k, j = np.argwhere(bad)[0]
+        raise ActivationError(
+            f"activation of muscle {a['muscle'].values[k]} is {a.values[k, j]:.6g} at t = "
+            f"{float(a['time'][j]):.6g} s, expected a finite value between 0 and 1: normalise or "
+            "clip it"
+        )
+
+
+def _extent_for(
+    recording: xr.Dataset,
+    chain: SignalChain,
+    feature: xr.DataArray,
+    session: xr.Dataset | None,
+    reference: xr.Dataset | None,
+) -> xr.Dataset | None:
+    """Choose the range that the chain's reach asks for, and check that it fits."""
+    reach: Literal["trial", "session", "reference"] = chain.normalisation.reach
+    if reach == "trial":
+        return None
+    extent = session if reach == "session" else reference
+    if extent is None:
+        raise ConfigurationError(
+            f"normalisation over the {reach} needs its minimum and maximum, found none: compute "
+            f"them with feature_range and pass them as {reach}="
+        )
+    if extent.attrs.get("parameters") != _feature_parameters(chain):
+        raise ConfigurationError(
+            f"range of the {reach} was computed with other filter, feature or mapping parameters "
+            "than this chain's: compute it again with feature_range"
+        )
+    volunteer = str(recording.attrs.get("volunteer", ""))
+    if extent.attrs.get("volunteer", "") != volunteer:
+        raise ConfigurationError(
+            f"range of the {reach} is of volunteer '{extent.attrs.get('volunteer', '')}', the "
+            f"recording of '{volunteer}': pass the range of the same volunteer"
+        )
+    return extent
+
+
+def _feature_parameters(chain: SignalChain) -> str:
+    """JSON of the stages that shape the feature before normalisation."""
+    return chain.model_dump_json(include={"filter", "feature", "mapping"})
+
+
+def _common_interval(activation: xr.DataArray, recording: xr.Dataset) -> tuple[float, float]:
+    """Interval over which activation and, where recorded, markers exist."""
+    start, stop = float(activation["time"][0]), float(activation["time"][-1])
+    if "time_marker" in recording.coords:
+        time = np.asarray(recording["time_marker"], dtype=float)
+        start, stop = max(start, float(time[0])), min(stop, float(time[-1]))
+    return start, stop
+
+
+def _storable(attrs: dict[Any, Any]) -> dict[str, Any]:
+    """Attributes of the chain without the unit of its last quantity."""
+    return {str(k): v for k, v in attrs.items() if k not in ("units", "long_name")}

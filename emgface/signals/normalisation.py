@@ -1,0 +1,87 @@
+"""Min-max normalisation of features to 0-1.
+
+Source: Eskes et al. 2017, Eq. 8.
+"""
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import ActivationError, SignalError
+from emgface.signals.parameters import NormalisationParameters
+
+
+def normalise(
+    feature: xr.DataArray, extent: xr.Dataset | None, parameters: NormalisationParameters
+) -> xr.DataArray:
+    """Min-max normalisation, (g - min g) / (max g - min g).
+
+    Parameters
+    ----------
+    feature : DataArray, dims (row, time)
+        Feature of muscles or channels.
+    extent : Dataset or None
+        `feature_range`; None takes minimum and maximum over the trial's own time.
+    parameters : NormalisationParameters
+        Policies for a constant feature (0/0), a muscle at rest, and values outside the range.
+
+    Returns
+    -------
+    DataArray, dims (row, time) [1]
+        Between 0 and 1; attrs ``clipped_fraction``, ``silent``, ``resting``.
+
+    Raises
+    ------
+    SignalError
+        If a feature is constant, naming it, or none reaches the Willison threshold.
+    ActivationError
+        If a trial leaves the range of the session or the reference.
+
+    Notes
+    -----
+    Source: Eskes et al. 2017, Eq. 8.
+    """
+    dim = str(next(d for d in feature.dims if d != "time"))
+    g = feature.transpose(dim, "time")
+    rows = [str(name) for name in g[dim].values]
+    if extent is None:
+        low, high = g.values.min(axis=1), g.values.max(axis=1)
+    else:
+        matched = extent.sel({dim: g[dim]})
+        low, high = matched["minimum"].values, matched["maximum"].values
+    flat = ~(high > low)
+    # No step over the threshold is rest; any other constant is a failed electrode or setting.
+    at_rest = flat & (high == 0.0) & (feature.attrs.get("feature") == "wamp")
+    resting = [name for name, rests in zip(rows, at_rest, strict=True) if rests]
+    silent = [name for name, is_flat in zip(rows, flat & ~at_rest, strict=True) if is_flat]
+    if len(resting) == len(rows) or (resting and parameters.resting == "error"):
+        raise SignalError(
+            f"no step of {dim} {', '.join(resting)} reaches the Willison threshold over the "
+            f"{parameters.reach}, so Eq. 8 is 0/0: lower the threshold (in volts), or give it as a "
+            "multiple of the baseline"
+        )
+    if silent and parameters.silent == "error":
+        raise SignalError(
+            f"feature of {dim} {', '.join(silent)} is constant over the {parameters.reach}, so "
+            "Eq. 8 is 0/0: check electrode and threshold, or choose silent = 'zero' for "
+            "activation 0"
+        )
+    scale = np.where(flat, 1.0, high - low)
+    values = np.where(flat[:, None], 0.0, (g.values - low[:, None]) / scale[:, None])
+    outside = (values < 0.0) | (values > 1.0)
+    if outside.any():
+        if parameters.outside == "error":
+            k, j = np.unravel_index(np.argmax(np.abs(values - 0.5)), values.shape)
+            raise ActivationError(
+                f"activation of {dim} {rows[k]} is {values[k, j]:.3g} at t = "
+                f"{float(g['time'][j]):.6g} s, outside 0-1: the trial exceeds the range of the "
+                f"{parameters.reach}; take a stronger reference, or choose outside = 'clip'"
+            )
+        values = np.clip(values, 0.0, 1.0)
+    result = g.copy(data=values)
+    result.attrs |= {
+        "units": "1",
+        "clipped_fraction": float(outside.mean()),
+        "silent": " ".join(silent),
+        "resting": " ".join(resting),
+    }
+    return result

@@ -1,0 +1,120 @@
+"""Generalised minimal residuals: the iteration that solves with one matrix by the factor of another."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.state import Array
+from sim.vectors import norm
+
+Operator = Callable[[Array], Array]
+PER_CYCLE = 1e-4  # a factor in single precision does not know its residual any better
+MAX_CYCLES = 6
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Where an iteration ended.
+
+    Attributes
+    ----------
+    x : (n,)
+    iterations : int
+        Solutions with the preconditioner.
+    reached : bool
+        Whether the error wanted was reached.
+    """
+
+    x: Array
+    iterations: int
+    reached: bool
+
+
+def gmres(
+    product: Operator, precondition: Operator, rhs: Array, start: Array, error: float, limit: int
+) -> Iterate:
+    """Solve A x = b by GMRES, preconditioned from the left by P^-1.
+
+    What it minimises is |P^-1 (b - A x)|: with P near A the error of x itself, in the units of x. A
+    need not be definite, and neither need P.
+
+    Parameters
+    ----------
+    product, precondition : callable
+        x -> A x and r -> P^-1 r.
+    rhs, start : (n,) b, and where to begin.
+    error : float
+        Largest component of P^-1 (b - A x) that is left.
+    limit : int
+        Solutions with P before it gives up.
+
+    Returns
+    -------
+    Iterate
+
+    Notes
+    -----
+    Saad and Schultz 1986, SIAM J. Sci. Stat. Comput. 7, p. 856; Gram and Schmidt's orthogonalisation
+    is done twice (Giraud et al. 2005). Restarts with a true residual after each gain of 1e4.
+    """
+    x, spent = start, 0
+    for _ in range(MAX_CYCLES):
+        if spent >= limit:
+            break
+        z = precondition(rhs - product(x))
+        spent += 1
+        size = float(np.abs(z).max())
+        if not math.isfinite(size):
+            break
+        if size <= error:
+            return Iterate(x + z, spent, True)
+        goal = max(error, PER_CYCLE * size)
+        change, left, more = _cycle(product, precondition, z, goal, limit - spent)
+        x, spent = x + change, spent + more
+        if left <= error:
+            return Iterate(x, spent, True)
+        if left > goal:
+            break
+    return Iterate(x, spent, False)
+
+
+def _cycle(
+    product: Operator, precondition: Operator, z: Array, goal: float, limit: int
+) -> tuple[Array, float, int]:
+    """Change of x, largest component of the preconditioned residual, solutions spent."""
+    basis = np.empty((limit + 1, len(z)))
+    beta = norm(z)
+    basis[0] = z / beta
+    H = np.zeros((limit + 1, limit))
+    target = np.zeros(limit + 1)
+    target[0] = beta
+    weights, residual = np.zeros(0), z
+    k = 0
+    while k < limit:
+        w = precondition(product(basis[k]))
+        own = basis[: k + 1]
+        for _ in range(2):
+            # einsum keeps the products out of a threaded BLAS, see sim.vectors
+            h = np.einsum("ij,j->i", own, w)
+            w = w - np.einsum("i,ij->j", h, own)
+            H[: k + 1, k] += h
+        H[k + 1, k] = norm(w)
+        k += 1
+        if not math.isfinite(H[k, k - 1]):
+            k -= 1
+            break
+        exhausted = H[k, k - 1] <= 1e-14 * beta
+        if not exhausted:
+            basis[k] = w / H[k, k - 1]
+        part = H[: k + 1, :k]
+        weights = np.linalg.lstsq(part, target[: k + 1], rcond=None)[0]
+        missed = target[: k + 1] - part @ weights
+        used = k if exhausted else k + 1
+        residual = np.einsum("i,ij->j", missed[:used], basis[:used])
+        if exhausted or float(np.abs(residual).max()) <= goal:
+            break
+    change = np.einsum("i,ij->j", weights[:k], basis[: len(weights[:k])])
+    # the preconditioned residual is the error left, but for the difference of the two matrices
+    return change + residual, float(np.abs(residual).max()), k

@@ -1,0 +1,207 @@
+"""Linear solvers that reuse factors: single precision, older factors, factors of a system nearby."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sim
+from sim.linear import (
+    ITERATIONS,
+    Pardiso,
+    SinglePardiso,
+    linear_solver,
+    pardiso_is_available,
+    symmetric_product,
+)
+from sim.linear.gmres import gmres
+from sim.linear.reused import PATIENCE
+from tests.bodies import boundary, crossed_muscles, grid
+
+needs_pardiso = pytest.mark.skipif(
+    not pardiso_is_available(), reason="pypardiso is not installed for this platform"
+)
+FAMILIES = [
+    pytest.param(name, marks=needs_pardiso) if "pardiso" in name else name for name in ITERATIONS
+]
+MESH = grid((4, 4, 4), distort=0.2)
+HELD = sim.Fixed(np.flatnonzero(MESH.X[:, 2] < 1e-9))
+
+
+def body(volume=None, sigma_max=50e3):
+    bulk = sim.LogarithmicBulk() if volume is None else sim.QuadraticBulk(0.0)
+    muscles = crossed_muscles(MESH, sim.Blemker(sigma_max))
+    solid = sim.Solid((sim.Material(bulk=bulk),), muscles=muscles)
+    terms = (solid,) if volume is None else (solid, volume)
+    return sim.compile_scene(sim.Scene(MESH, terms, (HELD,), sim.Rayleigh()))
+
+
+def step_matrix(system, q=None, activation=0.0, h=0.01):
+    q = system.scene.mesh.X if q is None else q
+    control = system.control(np.full(len(system.muscles), activation))
+    K = system.tangent(q, control)[1]
+    A = h * system.damping(q, control, K) + h * h * K
+    A[system.pattern.diagonal] += system.mass
+    return A
+
+
+def moved(amount, seed=0):
+    q = MESH.X.copy()
+    inner = np.setdiff1d(np.arange(MESH.n_nodes), boundary(MESH))
+    q[inner] += amount * np.random.default_rng(seed).normal(size=(len(inner), 3))
+    return q
+
+
+def dense(pattern, values):
+    return np.stack([symmetric_product(pattern, values, e) for e in np.eye(pattern.n)])
+
+
+@needs_pardiso
+def test_a_factor_in_single_precision_is_refined_to_double():
+    system = body()
+    A, rhs = step_matrix(system), np.random.default_rng(0).normal(size=system.pattern.n)
+    single, double = SinglePardiso(), Pardiso()
+    for solver in (single, double):
+        solver.analyse(system.pattern)
+        solver.factorise(A)
+    expected = double.solve(rhs)
+    size = np.abs(expected).max()
+    assert np.abs(single.solve(rhs) - expected).max() < 1e-12 * size
+    once = np.abs(single.approximate(rhs) - expected).max()
+    assert 1e-9 * size < once < 1e-3 * size  # it is in single precision indeed
+    assert single.factor_bytes * 2 == double.factor_bytes
+
+
+@needs_pardiso
+def test_what_single_precision_cannot_hold_is_factorised_in_double():
+    system = body()
+    A = np.zeros(system.pattern.nnz)
+    A[system.pattern.diagonal] = 1.0
+    first = slice(system.pattern.indptr[0], system.pattern.indptr[1])
+    A[first.start + 1] = 1.0 - 1e-9  # two unknowns, nearly the same: 1 - (1 - 1e-9)^2 is lost
+    solver = SinglePardiso()
+    solver.analyse(system.pattern)
+    solver.factorise(A)
+    rhs = np.zeros(system.pattern.n)
+    rhs[0] = 1.0
+    x = solver.solve(rhs)
+    np.testing.assert_allclose(x[0], 1.0 / (1.0 - (1.0 - 1e-9) ** 2), rtol=1e-6)
+    assert solver.factor_bytes % 8 == 0
+    with pytest.raises(sim.SingularSystem):
+        solver.factorise(-A)
+
+
+def test_gmres_solves_an_indefinite_system_by_a_definite_preconditioner():
+    rng = np.random.default_rng(3)
+    n = 60
+    Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    eigenvalues = rng.uniform(1.0, 2.0, n)
+    P = (Q * eigenvalues) @ Q.T
+    eigenvalues[:2] = -0.3
+    A = (Q * eigenvalues) @ Q.T
+    x = rng.normal(size=n)
+    found = gmres(A.__matmul__, lambda r: np.linalg.solve(P, r), A @ x, np.zeros(n), 1e-11, 60)
+    assert found.reached
+    # three distinct eigenvalues of P^-1 A: three solutions per cycle end it
+    assert found.iterations <= 12
+    assert np.abs(found.x - x).max() < 1e-9
+    stopped = gmres(A.__matmul__, lambda r: 0.1 * r, A @ x, np.zeros(n), 1e-14, 5)
+    assert not stopped.reached and stopped.iterations <= 5
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_an_older_factor_serves_until_renewing_it_pays(name):
+    system = body()
+    solver, rhs = linear_solver(name), np.random.default_rng(0).normal(size=system.pattern.n)
+    solver.analyse(system.pattern)
+    error = 1e-6
+    made, spent = [], []
+    for k in range(12):
+        A = step_matrix(system, moved(1e-5 * k), 0.01 * k)
+        solver.factorise(A)
+        expected = np.linalg.solve(dense(system.pattern, A), rhs)
+        size = np.abs(expected).max()
+        x = solver.solve(rhs, error=error * size)
+        assert np.abs(x - expected).max() < 5 * error * size
+        made.append(solver.factorisations)
+        spent.append(solver.iterations)
+    assert made[0] == 1 and made[1] == 0  # a factor that is nearly right is kept
+    assert spent[0] <= 3 < max(spent) <= 3 + PATIENCE + 3
+    assert 2 <= sum(made) <= 6
+    # and a matrix that has nothing to do with it is not
+    solver.factorise(step_matrix(system, moved(1e-3, seed=1), 1.0, h=1.0))
+    solver.solve(rhs, error=error * size)
+    solver.factorise(A)
+    x = solver.solve(rhs, error=error * size)
+    assert np.abs(x - expected).max() < 5 * error * size
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_matrix_that_is_not_definite_is_solved_as_it_stands(name):
+    system = body()
+    A = step_matrix(system)
+    A[system.pattern.diagonal[:2]] *= -1.0
+    rhs = np.ones(system.pattern.n)
+    solver = linear_solver(name)
+    solver.analyse(system.pattern)
+    for scale in (1.0, 1.001):  # the second by the factor of the first
+        solver.factorise(scale * A)
+        expected = np.linalg.solve(scale * dense(system.pattern, A), rhs)
+        assert not np.linalg.eigvalsh(dense(system.pattern, A)).min() > 0.0
+        size = np.abs(expected).max()
+        assert np.abs(solver.solve(rhs, error=1e-8 * size) - expected).max() < 1e-7 * size
+        # SuperLU does not tell
+        assert solver.definite == ("superlu" in name)
+    assert solver.factorisations == 0
+    with pytest.raises(sim.SingularSystem, match="NaN"):
+        solver.factorise(np.full_like(A, np.nan))
+
+
+def end_of(system, integrator, linear, steps=8):
+    ramp = sim.Activation(np.array([0.0, 0.05]), np.array([[0.0, 0.0], [0.5, 0.2]]))
+    trajectory, state = sim.simulate(
+        system,
+        ramp,
+        duration=0.01 * steps,
+        integrator=integrator,
+        probes=(sim.Iterations(),),
+        work=sim.Workspace(system, linear),
+    )
+    return state, trajectory
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("volume", [None, sim.NodalVolume(25e3)], ids=["pointwise", "nodal"])
+@pytest.mark.parametrize("cls", [sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal])
+def test_linearly_implicit_steps_by_an_older_factor_are_those_of_a_direct_solution(
+    cls, volume, name
+):
+    system = body(volume)
+    exact, _ = end_of(system, cls(), "superlu")
+    size = np.abs(exact.q - MESH.X).max()
+    for tolerance in (1e-6, 1e-9):
+        state, trajectory = end_of(system, cls(tolerance=tolerance), name)
+        # the errors of a few steps add up
+        assert np.abs(state.q - exact.q).max() < 5.0 * tolerance < size
+    assert trajectory.factorisations.sum() < 8
+    again, _ = end_of(system, cls(tolerance=tolerance), name)
+    np.testing.assert_array_equal(again.q, state.q)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_converged_steps_by_a_system_nearby_are_those_of_the_system(name):
+    system = body(sim.NodalVolume(25e3))
+    assert system.nearby is not None
+    assert system.nearby.pattern.nnz < system.pattern.nnz
+    integrator = sim.ConvergedEuler(tolerance=1e-9, residual_tolerance=1e-7)
+    exact, _ = end_of(system, integrator, "superlu")
+    state, trajectory = end_of(system, integrator, name)
+    assert np.abs(state.q - exact.q).max() < 5e-9
+    assert trajectory.factorisations.sum() < trajectory.iterations.sum() / 5
+
+
+def test_only_what_couples_many_nodes_has_a_system_nearby():
+    assert body().nearby is None
+    assert body(sim.ElementVolume(25e3)).nearby is None
+    hard = replace(body(sim.NodalVolume(25e3)).scene, constraints=(sim.HardElementVolume(),))
+    assert sim.compile_scene(hard).nearby is None
