@@ -6,7 +6,7 @@ import xarray as xr
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.lips import exposed, lining, lip_surface
 from emgface.face.parts import LIPS, MANDIBLE, arches_of
-from sim.contact import BarrierContact, NodeSurface, Pairing, RigidShell
+from sim.contact import BarrierContact, ConstraintContact, NodeSurface, Pairing, RigidShell
 from sim.scene import Term
 
 
@@ -23,8 +23,8 @@ def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pair
     Returns
     -------
     tuple of Pairing
-        Upper on lower lip, without what of their surfaces runs through the tissue; the lining of the
-        mouth on each bone.
+        Upper on lower lip, closed for 'constraint', which knows what is inside, and without what runs
+        through the tissue for 'barrier'; the lining of the mouth on each bone.
 
     Raises
     ------
@@ -36,7 +36,8 @@ def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pair
     pairings: list[Pairing] = []
     if "lips" in contact.between:
         lips = [lip_surface(face, lip) for lip in LIPS]
-        lips = [lip[exposed(face, lip)] for lip in lips]
+        if contact.method == "barrier":
+            lips = [lip[exposed(face, lip)] for lip in lips]
         upper, lower = (
             NodeSurface(lip, f"{name} lip") for name, lip in zip(LIPS, lips, strict=True)
         )
@@ -57,5 +58,5 @@ def contact_term(face: xr.Dataset, contact: ContactParameters) -> Term:
     return METHODS[contact.method](pairings, friction=contact.friction)
 
 
-METHODS = {"barrier": BarrierContact}
+METHODS = {"constraint": ConstraintContact, "barrier": BarrierContact}
 """Part of the scene by the name of the method."""

@@ -10,12 +10,13 @@ from emgface.choices import ESKES, OWN, STAVNESS, Parameters, choice, parameter
 class ContactParameters(Parameters):
     """Contact of the lips with each other, and of lips and cheeks with teeth and bone."""
 
-    method: Literal["none", "barrier"] = choice(
+    method: Literal["none", "constraint", "barrier"] = choice(
         "none",
+        "'constraint': nodes may not pass the surface opposite, held by forces that never pull; "
         "'barrier': a force that grows without bound as the gap closes, so that nothing ever passes "
         "through.",
-        source=f"{STAVNESS}, Contact handling; the barrier is of {OWN}",
-        note="'barrier' needs a solver that iterates",
+        source=f"{STAVNESS}, Contact handling (constraint); {OWN} (barrier)",
+        note="'barrier' needs a solver that iterates, and the package ipctk",
     )
     between: tuple[Literal["lips", "teeth"], ...] = choice(
         ("lips", "teeth"),
@@ -50,6 +51,7 @@ class ContactParameters(Parameters):
         rubbing = f"friction {self.friction:g}" if self.friction else "frictionless"
         how = {
             "none": "none",
+            "constraint": "node-to-face constraints",
             "barrier": "incremental potential contact",
         }
         where = " and ".join(pairs[name] for name in self.between)

@@ -69,7 +69,12 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         if self.contact.method == "barrier" and self.solver.startswith("linearly_implicit"):
             raise ValueError(
                 f"solver = '{self.solver}' cannot hold contact.method = 'barrier', which needs an "
-                "iteration: choose 'converged', 'trapezoidal' or 'sdirk2'"
+                "iteration: choose 'converged', 'trapezoidal' or 'sdirk2', or method = 'constraint'"
+            )
+        if self.contact.method == "constraint" and self.solver in ("trapezoidal", "sdirk2"):
+            raise ValueError(
+                f"solver = '{self.solver}' cannot hold contact.method = 'constraint': choose "
+                "'converged' or a linearly implicit solver, or method = 'barrier'"
             )
         if self.support > 0.0 and self.contact.method != "none" and "teeth" in self.contact.between:
             raise ValueError(

@@ -14,7 +14,7 @@ from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 
-METHODS = ("barrier",)
+METHODS = ("constraint", "barrier")
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +60,7 @@ def test_a_scene_has_contact_only_where_it_is_declared(face: xr.Dataset) -> None
         ({"contact": {"between": ["lips", "lips"]}}, "expected 'lips', 'teeth' or both"),
         ({"contact": {"friction": -0.1}}, "contact.friction"),
         ({"contact": {"method": "barrier"}, "solver": "linearly_implicit"}, "needs an iteration"),
+        ({"contact": {"method": "constraint"}, "solver": "sdirk2"}, "or method = 'barrier'"),
         ({"contact": {"method": "barrier"}, "support": 10.0}, "stands for the teeth"),
     ],
 )
