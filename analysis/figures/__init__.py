@@ -8,6 +8,7 @@ from analysis.figures.contact import opening_over_time
 from analysis.figures.cost import cost_of_parts
 from analysis.figures.emg import emg_with_features
 from analysis.figures.faces import rendered_faces
+from analysis.figures.fresh import first_results
 from analysis.figures.growth import growth
 from analysis.figures.stability import limits_table, stability_table
 from analysis.figures.style import save
@@ -19,6 +20,7 @@ __all__ = [
     "cost_of_parts",
     "emg_with_features",
     "feature_boxes",
+    "first_results",
     "growth",
     "limits_table",
     "marker_traces",

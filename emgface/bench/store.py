@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Final
 import pandas as pd
 import xarray as xr
 
-from analysis.figures import cost_of_parts, growth, opening_over_time, save, work_precision
+from analysis.figures import (
+    cost_of_parts,
+    first_results,
+    growth,
+    opening_over_time,
+    save,
+    work_precision,
+)
 from emgface.bench.contact import contact_table
+from emgface.bench.fresh import table as start_table
 from emgface.bench.stability.limits import limits
 from emgface.bench.stability.shown import limits_figure, stability_figure, stability_frame
 from emgface.bench.work_precision.table import table as work_precision_table
@@ -58,6 +66,7 @@ KINDS: Final[dict[str, tuple[Table, Draw]]] = {
     "cost": (cost_table, cost_of_parts),
     "scaling": (growth_table, growth),
     "contact": (contact_table, contact_figure),
+    "start": (start_table, first_results),
 }
 """Table and figure of every kind of measurement."""
 FURTHER: Final[dict[str, dict[str, tuple[Table, Draw]]]] = {

@@ -1,4 +1,4 @@
-"""``emgface bench``: error against run time, stability, cost and growth, on this machine."""
+"""``emgface bench``: error against run time, stability, cost, growth and start, on this machine."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -169,3 +169,23 @@ def contact(
             progress=bar.show,
         )
     _finish("contact", found, out_path)
+
+
+@app.command()
+def start(
+    out_path: OutOption = Path("bench"),
+    face_path: FaceOption = None,
+    volume: Annotated[
+        list[str] | None,
+        typer.Option(help="pointwise, element, nodal or hard; all four by default."),
+    ] = None,
+    repeats: Annotated[int, typer.Option(help="Processes per case; times are medians.")] = 3,
+) -> None:
+    """Time fresh processes until their first result, their imports and their memory."""
+    from emgface.bench.fresh import VOLUMES, measure
+
+    with progress("start") as bar:
+        found = measure(
+            face_path, volumes=tuple(volume or VOLUMES), repeats=repeats, progress=bar.working
+        )
+    _finish("start", found, out_path)
