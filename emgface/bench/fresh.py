@@ -4,6 +4,7 @@ Every measurement is a process of its own: it tells the end of each phase, and i
 time. Compiled kernels are on disk, since a first process that is not counted comes before.
 """
 
+import importlib
 import json
 import os
 import statistics
@@ -32,7 +33,9 @@ IMPORTED: Final = (
 )
 """Whose import time is taken; each but the first by name."""
 DURATION: Final = 0.1
-"""Simulated time after the first output, for the memory [s]."""
+"""Time simulated after the first output, for the memory [s]."""
+LEVEL: Final = 0.2
+"""Activation of all muscles at its end."""
 
 
 def import_seconds(what: str) -> float:
@@ -85,30 +88,30 @@ def first_result(face: Path | None, volume: str) -> tuple[dict[str, float], floa
 
 def work() -> None:
     """Simulate a face in this process, telling the end of every phase; the task is an argument."""
-    from emgface.bench.drives import SAMPLE, gesture
-    from emgface.bench.work_precision.models import parameters_for
-    from emgface.face.file import load_face
+    task: dict[str, Any] = json.loads(sys.argv[-1])
+    path, volume = task["face"], task["volume"]
+    name = "emgface.face.template" if path is None else "emgface.face.file"
+    source = importlib.import_module(name)  # a face from a file needs no template
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.simulation_parameters import SimulationParameters
-    from emgface.face.template import template_face
 
     print(PHASES[0])
-    task: dict[str, Any] = json.loads(sys.argv[-1])
-    path = task["face"]
-    face = template_face(resolution="coarse") if path is None else load_face(path)
+    face = source.template_face(resolution="coarse") if path is None else source.load_face(path)
     print(PHASES[1])
-    parameters = parameters_for(SimulationParameters(sigma_max=100e3), task["volume"])
+    parameters = SimulationParameters(
+        sigma_max=100e3,
+        incompressibility=volume,
+        bulk_potential="logarithmic" if volume == "pointwise" else "quadratic",
+    )
     settled = settle_face(face, parameters)
     print(PHASES[2])
-    muscles = tuple(map(str, face["muscle"].values))
-    drive = gesture("D", muscles, DURATION)
-    activation = xr.DataArray(
-        drive.values.T, {"muscle": list(muscles), "time": drive.time}, ("muscle", "time")
-    )
-    few = activation.isel(time=slice(None, round(parameters.step / SAMPLE) + 1))
-    simulate_face(face, few, parameters, settled=settled)
-    print(PHASES[3])
-    simulate_face(face, activation, parameters, settled=settled)
+    for end, duration in ((PHASES[3], parameters.step), ("", DURATION)):
+        muscles = face["muscle"].values
+        rise = np.outer(np.full(len(muscles), LEVEL), [0.0, duration / DURATION])
+        coords = {"muscle": muscles, "time": [0.0, duration]}
+        activation = xr.DataArray(rise, coords, ("muscle", "time"))
+        simulate_face(face, activation, parameters, settled=settled)
+        print(end)
     print(f"peak={peak_memory()}")
 
 
@@ -186,8 +189,9 @@ def measure(
 
 def table(found: xr.Dataset) -> pd.DataFrame:
     """One row per treatment of the volume, then one per imported module."""
-    rows = found["seconds"].to_pandas().add_suffix(" s")
-    rows["first result s"] = rows.sum(axis=1)
+    seconds = found["seconds"].transpose("volume", "phase").values
+    rows = pd.DataFrame(seconds, columns=[f"{phase} s" for phase in found["phase"].values])
+    rows["first result s"] = seconds.sum(axis=1)
     rows["peak MB"] = found["peak"].values / 1e6
     rows.insert(0, "process", [f"first output, {v}" for v in found["volume"].values])
     imports = pd.DataFrame(
@@ -196,4 +200,4 @@ def table(found: xr.Dataset) -> pd.DataFrame:
             "first result s": found["import_time"].values,
         }
     )
-    return pd.concat([rows.reset_index(drop=True), imports], ignore_index=True)
+    return pd.concat([rows, imports], ignore_index=True)

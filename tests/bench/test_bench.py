@@ -1,12 +1,14 @@
 """The measurements of the package itself, on small cases."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
 import sim
-from emgface.bench import cost, scaling, work_precision
+from emgface.bench import cost, fresh, scaling, work_precision
 from emgface.bench.drives import gesture
 from emgface.bench.scaling import slope
 from emgface.bench.stability import limits, run_battery
@@ -16,7 +18,7 @@ from emgface.bench.work_precision import Model, Setting, pareto
 from emgface.bench.work_precision.errors import errors, other_person
 from emgface.bench.work_precision.models import finest
 from emgface.cli import app
-from emgface.errors import ConfigurationError
+from emgface.errors import ConfigurationError, DataError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 
@@ -151,14 +153,26 @@ def test_a_sliver_has_the_scaled_jacobian_that_its_name_says():
         assert corner.sum() > 2.0 * SIZE / 3.0  # still on its own side
 
 
+def started():
+    return xr.Dataset(
+        {
+            "seconds": (("volume", "phase"), [[1.0, 0.5, 0.2, 0.1]], {"units": "s"}),
+            "peak": ("volume", [4e8], {"units": "B"}),
+            "import_time": ("module", [0.5], {"units": "s"}),
+        },
+        {"volume": ["pointwise"], "phase": list(fresh.PHASES), "module": ["sim"]},
+        {"origin": "simulated"},
+    )
+
+
 def test_what_is_measured_is_stored_with_table_and_figure(measured, face, tmp_path):
     small = scaling.measure([face], SimulationParameters(gravity=False), refine=False, repeats=1)
     battery = run_battery(rows=(5,))
     parts = cost.measure(face, rounds=2, only=("tissue alone", "+ element volume"))
     made = dict(
         zip(
-            ("work-precision", "stability", "cost", "scaling"),
-            (measured, battery, parts, small),
+            ("work-precision", "stability", "cost", "scaling", "start"),
+            (measured, battery, parts, small, started()),
             strict=True,
         )
     )
@@ -193,3 +207,12 @@ def test_the_command_writes_its_files(tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {
         f"stability{ending}" for ending in (".nc", ".csv", ".svg", ".png")
     }
+
+
+def test_a_fresh_process_tells_its_phases_and_its_memory():
+    seconds, peak = fresh.first_result(None, "pointwise")
+    assert list(seconds) == list(fresh.PHASES)
+    assert min(seconds.values()) > 0.0
+    assert 1e8 < peak < 1e9  # an interpreter with numba needs a tenth of a gigabyte
+    with pytest.raises(DataError, match="fresh process failed: .*nowhere"):
+        fresh.first_result(Path("nowhere.nc"), "pointwise")

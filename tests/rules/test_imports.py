@@ -1,0 +1,36 @@
+"""What an import does not bring with it, seen in a fresh process."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+PLOTTING_AND_CLI = {"matplotlib", "pyvista", "vtk", "rich", "typer", "click", "jinja2"}
+DATA = {
+    "ezc3d", "meshio", "pydantic", "pandera", "h5netcdf", "netCDF4", "h5py", "edfio", "dask",
+    "statsmodels", "scikit_learn", "sklearn",
+}  # fmt: skip
+
+
+def brought_by(what: str) -> set[str]:
+    code = f"import {what}, json, sys; print(json.dumps([m.split('.')[0] for m in sys.modules]))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(json.loads(done.stdout))
+
+
+def test_mechanics_bring_no_plotting_no_command_line_and_no_data_library():
+    found = brought_by("sim")
+    assert {"sim", "numba", "numpy", "scipy", "xarray"} <= found
+    assert not found & (PLOTTING_AND_CLI | DATA | {"emgface", "analysis"})
+
+
+@pytest.mark.parametrize(
+    "what", ["emgface.face.motion", "emgface.face.template", "emgface.face.file"]
+)
+def test_a_face_is_simulated_without_plotting_and_command_line(what):
+    assert not brought_by(what) & PLOTTING_AND_CLI
+
+
+def test_analysis_brings_neither_the_mechanics_nor_plotting():
+    assert not brought_by("analysis") & (PLOTTING_AND_CLI | {"sim", "numba", "emgface"})
