@@ -176,7 +176,7 @@ def test_what_is_measured_is_stored_with_table_and_figure(measured, face, tmp_pa
             strict=True,
         )
     )
-    assert set(made) == set(KINDS)
+    assert set(made) == set(KINDS) - {"contact"}  # stored in its own test
     for kind, found in made.items():
         table, paths = store(kind, found, tmp_path)
         assert len(table) > 0
