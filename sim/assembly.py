@@ -1,17 +1,16 @@
-"""From elements to nodes and to the matrix: slots, gradients at rest and the ordered sums.
+"""Elements laid out for the element loops: slots, natural derivatives, places in the matrix.
 
-Terms on element blocks share this layout. Every element has `NODES` slots; a slot that an element type
-does not use repeats the first node with zero gradients and takes part in no sum.
+Terms on elements share this layout. Every element has `NODES` slots; a slot that an element type does
+not use repeats the first node with zero derivatives and is left out of the matrix.
 """
-
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels import scatter
-from sim._kernels.solid import NODES, PAIRS
-from sim.mesh import Mesh
+from sim._kernels.element import NODES, PAIRS, Part, Places
+from sim._kernels.lanes import LANES
+from sim.chunks import coloured_chunks
+from sim.mesh import Block, Mesh
 from sim.pattern import SymmetricPattern
 from sim.state import Array
 
@@ -20,27 +19,8 @@ Index = NDArray[np.int64]
 _A, _B = np.triu_indices(NODES)  # slots of the stored node pairs, row by row
 
 
-@dataclass(frozen=True, eq=False)
-class BlockLayout:
-    """Elements of one type, laid out for the kernels.
-
-    Attributes
-    ----------
-    rows : slice
-        Their places among all elements.
-    nodes : (n, NODES) node of every slot.
-    gradient : (n, n_points, 3, NODES) material gradients [1/m].
-    volume : (n, n_points) rest volume of every quadrature point [m^3].
-    """
-
-    rows: slice
-    nodes: Index
-    gradient: Array
-    volume: Array
-
-
-def slots(mesh: Mesh, elements: Index | None = None) -> tuple[Index, NDArray[np.bool_]]:
-    """Node of every slot (n_elements, NODES), and which slots are used; of all elements or of some."""
+def slots(mesh: Mesh) -> tuple[Index, NDArray[np.bool_]]:
+    """Node of every slot (n_elements, NODES), and which slots are used."""
     nodes = np.empty((mesh.n_elements, NODES), dtype=np.int64)
     used = np.zeros_like(nodes, dtype=bool)
     first = 0
@@ -50,28 +30,7 @@ def slots(mesh: Mesh, elements: Index | None = None) -> tuple[Index, NDArray[np.
         nodes[first : first + n, :k] = block.nodes
         used[first : first + n, :k] = True
         first += n
-    return (nodes, used) if elements is None else (nodes[elements], used[elements])
-
-
-def block_layouts(mesh: Mesh, elements: Index | None = None) -> tuple[BlockLayout, ...]:
-    """Lay out every block of a mesh, or of some of its elements, which must ascend."""
-    nodes, _ = slots(mesh, elements)
-    layouts: list[BlockLayout] = []
-    first = passed = 0
-    for whole in mesh.blocks:
-        block = whole
-        if elements is not None:
-            own = elements[(elements >= passed) & (elements < passed + len(whole.nodes))] - passed
-            block = replace(whole, nodes=whole.nodes[own])
-        passed += len(whole.nodes)
-        gradient, det = block.gradients(mesh.X)
-        padded = np.zeros((*det.shape, 3, NODES))
-        padded[..., : block.kind.n_nodes] = gradient.transpose(0, 1, 3, 2)
-        rows = slice(first, first + len(det))
-        volume = np.ascontiguousarray(det * block.kind.weights)
-        layouts.append(BlockLayout(rows, np.ascontiguousarray(nodes[rows]), padded, volume))
-        first += len(det)
-    return tuple(layouts)
+    return nodes, used
 
 
 def element_pair_keys(mesh: Mesh) -> Index:
@@ -89,60 +48,92 @@ def grouped(keys: Index, n_groups: int) -> tuple[Index, Index]:
     return order.astype(np.int64), start.astype(np.int64)
 
 
-class NodeSum:
-    """Sum of contributions (n_elements, 3, NODES) of all or some elements at the nodes, in order."""
+def parts_of(
+    mesh: Mesh,
+    chosen: NDArray[np.bool_] | None = None,
+    *,
+    prestretch: Array | None = None,
+    point_per_node: bool = False,
+) -> tuple[Part, ...]:
+    """Lay out the chosen elements (n_elements,) of every block, by default all.
 
-    def __init__(self, mesh: Mesh, elements: Index | None = None) -> None:
-        nodes, used = slots(mesh, elements)
-        element, slot = np.nonzero(used)
-        order, self._start = grouped(nodes[element, slot], mesh.n_nodes)
-        self._element, self._slot = element[order], slot[order]
-
-    def add(self, element_force: Array, sign: float, f: Array) -> None:
-        """Add sign times the sum of the contributions to f (n_nodes, 3)."""
-        scatter.add_to_nodes(element_force, self._start, self._element, self._slot, sign, f)
-
-
-class MatrixSum:
-    """Sum of blocks (n_elements, PAIRS, 9) of all or some elements into the values of the pattern."""
-
-    def __init__(
-        self, mesh: Mesh, pattern: SymmetricPattern, elements: Index | None = None
-    ) -> None:
-        nodes, used = slots(mesh, elements)
-        a, b = nodes[:, _A], nodes[:, _B]
-        element, pair = np.nonzero(used[:, _A] & used[:, _B])
-        keys = np.minimum(a, b) * mesh.n_nodes + np.maximum(a, b)
-        own, group = np.unique(keys[element, pair], return_inverse=True)
-        order, self._start = grouped(group.astype(np.int64), len(own))
-        self._element, self._pair = element[order], pair[order]
-        self._transposed = (a > b)[self._element, self._pair]
-        self._target = np.ascontiguousarray(pattern.target[pattern.pair_index(own)])
-        self.shape = (len(nodes), PAIRS, 9)
-
-    def add(self, element_tangent: Array, K: Array) -> None:
-        """K += sum of the blocks."""
-        scatter.add_to_matrix(
-            element_tangent,
-            self._start,
-            self._element,
-            self._pair,
-            self._transposed,
-            self._target,
-            K,
-        )
-
-
-def prestretched(blocks: tuple[BlockLayout, ...], F0: Array) -> tuple[BlockLayout, ...]:
-    """Refer blocks to the state free of stress, from which F0 (n_elements, 3, 3) leads to the mesh.
-
-    With F = sum_a x_a g_a' of the mesh the whole deformation is F F0 = sum_a x_a (F0' g_a)', and the
-    volume free of stress is dV/det F0: the element loop needs nothing but other gradients and volumes.
+    Parameters
+    ----------
+    mesh : Mesh
+    chosen : (n_elements,) bool or None
+    prestretch : (n_elements, 3, 3) or None
+        F0 from the state free of stress to the mesh. With F = (dx/dxi) A of the mesh the whole
+        deformation is F F0 = (dx/dxi) (A F0), and the volume free of stress is dV/det F0.
+    point_per_node : bool
+        Divide the one point of an element among its nodes; other elements have a point per node.
     """
-    found: list[BlockLayout] = []
-    for block in blocks:
-        own = F0[block.rows]
-        gradient = np.einsum("eji,epja->epia", own, block.gradient)
-        volume = block.volume / np.linalg.det(own)[:, None]
-        found.append(replace(block, gradient=np.ascontiguousarray(gradient), volume=volume))
-    return tuple(found)
+    parts: list[Part] = []
+    first = 0
+    for block in mesh.blocks:
+        own = np.arange(len(block.nodes))
+        if chosen is not None:
+            own = np.flatnonzero(chosen[first : first + len(own)])
+        if len(own):
+            F0 = None if prestretch is None else prestretch[own + first]
+            parts.append(_part(mesh, block, own, first, F0, point_per_node))
+        first += len(block.nodes)
+    return tuple(parts)
+
+
+def _part(
+    mesh: Mesh, block: Block, own: Index, first: int, F0: Array | None, point_per_node: bool
+) -> Part:
+    centre: Array = mesh.X[block.nodes[own]].mean(axis=1)
+    order, chunk, colour = coloured_chunks(centre, block.nodes[own])
+    own = own[order]
+    dN, weights = block.kind.dN, block.kind.weights
+    if point_per_node and len(weights) == 1:
+        k = block.kind.n_nodes
+        dN, weights = np.repeat(dN, k, axis=0), np.repeat(weights / k, k)
+    n, points, k = len(own), len(weights), block.kind.n_nodes
+    slope = np.zeros((3 * points, NODES))
+    slope[:, :k] = dN.transpose(0, 2, 1).reshape(3 * points, k)
+    lane = np.append(np.arange(points), np.zeros(LANES - points, dtype=np.int64))
+    slope_at = np.zeros((3, NODES, LANES))
+    slope_at[:, :k] = dN.transpose(2, 1, 0)[:, :, lane]
+    jacobian: Array = np.einsum("eai,paj->epij", mesh.X[block.nodes[own]], dN)
+    det = np.linalg.det(jacobian)
+    inverse: Array = np.linalg.inv(jacobian).astype(np.float64)
+    if F0 is not None:
+        inverse = inverse @ F0[order][:, None]
+        det = det / np.linalg.det(F0[order])[:, None]
+    volume = np.zeros((n, LANES))
+    volume[:, :points] = det * weights
+    nodes = np.repeat(block.nodes[own, :1], NODES, axis=1)
+    nodes[:, :k] = block.nodes[own]
+    return Part(
+        element=own + first,
+        nodes=nodes,
+        slope=slope,
+        slope_at=slope_at.reshape(3 * NODES, LANES),
+        inverse=np.ascontiguousarray(inverse.transpose(0, 2, 3, 1)[..., lane]).reshape(-1, LANES),
+        volume=volume,
+        chunk=chunk,
+        colour=colour,
+    )
+
+
+def places_of(mesh: Mesh, part: Part, pattern: SymmetricPattern) -> Places:
+    """Find where the blocks of a part go among the values of the matrix."""
+    used = slots(mesh)[1][part.element]
+    order = np.argsort(np.where(used, part.nodes, mesh.n_nodes), axis=1, kind="stable")
+    ascending = np.take_along_axis(part.nodes, order, axis=1)
+    used = np.take_along_axis(used, order, axis=1)
+    pair = used[:, _A] & used[:, _B]
+    keys = np.where(pair, ascending[:, _A] * mesh.n_nodes + ascending[:, _B], 0)
+    target = np.full((len(keys), PAIRS, 9), -1, dtype=np.int32)
+    target[pair] = pattern.target[pattern.pair_index(keys[pair])]
+    free = np.zeros(3 * mesh.n_nodes, dtype=bool)
+    free[pattern.free] = True
+    count = free.reshape(-1, 3).sum(axis=1)
+    special = ((count > 0) & (count < 3))[part.nodes].any(axis=1)
+    special |= (pair & (_A != _B) & (ascending[:, _A] == ascending[:, _B])).any(axis=1)
+    row = np.where(special, np.cumsum(special) - 1, -1).astype(np.int32)
+    # of a pair that is stored whole the entries (i, i) exist also where the two nodes are one
+    start = np.where(target[..., ::4] < 0, -1, target[..., ::4] - np.arange(3, dtype=np.int32))
+    return Places(order.astype(np.int8), np.ascontiguousarray(start), row, target[special])

@@ -1,65 +1,91 @@
-"""Present volumes of all Gauss points and their derivatives."""
-
-from dataclasses import replace
+"""Volumes of elements and of quadrature points, and their derivatives by the positions."""
 
 import numpy as np
 
 from sim._kernels import volume as kernel
-from sim.assembly import BlockLayout, NodeSum, block_layouts
-from sim.mesh import Block, Mesh
+from sim._kernels.lanes import LANES
+from sim.assembly import Index, parts_of, places_of
+from sim.mesh import Mesh
+from sim.pattern import SymmetricPattern
 from sim.state import Array
 
 
-class PointVolumes:
-    """Volumes v and derivatives h = dv/dx of all Gauss points, in one rectangle for all blocks.
+class ElementVolumes:
+    """Present volumes of all elements.
 
     Attributes
     ----------
-    rest : (n_elements, n_points) rest volumes [m^3], zero where an element has no such point.
-    v : (n_elements, n_points) present volumes [m^3], one where an element has no such point.
-    h : (n_elements, n_points, 3, 8) derivatives [m^2].
+    rest : (n_elements,) rest volumes [m^3].
+    v : (n_elements,) present volumes [m^3].
+    h : (n_elements, 3, 8) dv/dx at every slot [m^2].
     """
 
-    def __init__(self, mesh: Mesh, *, point_per_node: bool = False) -> None:
-        self.blocks = block_layouts(mesh)
-        if point_per_node:
-            self.blocks = tuple(map(_with_point_per_node, self.blocks, mesh.blocks))
-        self.node_sum = NodeSum(mesh)
-        points = max((b.volume.shape[1] for b in self.blocks), default=1)
-        n = mesh.n_elements
-        # one rectangle for all blocks; the points that a block lacks stay zero
-        self.rest = np.zeros((n, points))
-        for b in self.blocks:
-            self.rest[b.rows, : b.volume.shape[1]] = b.volume
-        self.v = np.ones((n, points))
-        self.h = np.zeros((n, points, 3, 8))
-        self.force = np.zeros((n, 3, 8))
+    def __init__(self, mesh: Mesh) -> None:
+        self.parts = parts_of(mesh)
+        self.rest, self.v = mesh.volumes(), np.zeros(mesh.n_elements)
+        self.h = np.zeros((mesh.n_elements, 3, LANES))
 
     def evaluate(self, q: Array) -> None:
         """Fill v and h at positions q."""
-        for b in self.blocks:
-            v, h = self._views(b)
-            own_v, own_h = np.empty(v.shape), np.empty(h.shape)
-            kernel.volumes(q, b.nodes, b.gradient, b.volume, own_v, own_h)
-            v[...], h[...] = own_v, own_h
-
-    def _views(self, b: BlockLayout) -> tuple[Array, Array]:
-        k = b.volume.shape[1]
-        return self.v[b.rows, :k], self.h[b.rows, :k]
-
-    def add_force(self, p: Array, f: Array) -> None:
-        """Subtract the sum of p dv/dx, with the pressure p (element, point), from f."""
-        kernel.pressure_forces(p, self.h, self.force)
-        self.node_sum.add(self.force, -1.0, f)
+        for part in self.parts:
+            kernel.element_volumes(q, part, self.v, self.h.reshape(-1, LANES))
 
 
-def _with_point_per_node(layout: BlockLayout, block: Block) -> BlockLayout:
-    """Divide the one point of an element among its nodes; other elements have a point per node."""
-    k = block.kind.n_nodes
-    if layout.volume.shape[1] == k:
-        return layout
-    return replace(
-        layout,
-        gradient=np.repeat(layout.gradient, k, axis=1),
-        volume=np.repeat(layout.volume / k, k, axis=1),
-    )
+class PointVolumes:
+    """Present volumes of all quadrature points; a tetrahedron has one quarter per node.
+
+    Attributes
+    ----------
+    rest : (n_elements, 8) rest volumes [m^3], zero where an element has no such point.
+    v : (n_elements, 8) present volumes [m^3].
+    """
+
+    def __init__(self, mesh: Mesh, pattern: SymmetricPattern) -> None:
+        self._parts = parts_of(mesh, point_per_node=True)
+        self._places = [places_of(mesh, part, pattern) for part in self._parts]
+        n = mesh.n_elements
+        self.rest, self.v = np.zeros((n, LANES)), np.zeros((n, LANES))
+        self._n = np.zeros((n, LANES, 9))
+        self._kind = np.zeros(n, dtype=np.int64)
+        slopes = np.zeros((max(len(self._parts), 1), 3 * LANES, LANES))
+        for i, part in enumerate(self._parts):
+            self.rest[part.element] = part.volume
+            self._kind[part.element] = i
+            slopes[i, : len(part.slope)] = part.slope
+        self._slope = slopes.reshape(-1, LANES)
+
+    def evaluate(self, q: Array) -> None:
+        """Fill v, and what `gather` needs, at positions q."""
+        for part in self._parts:
+            kernel.point_volumes(q, part, self.v, self._n)
+
+    def gather(
+        self,
+        start: Index,
+        element: Index,
+        point: Index,
+        place: Index,
+        star_start: Index,
+        nodal_volume: Array,
+        g: Array,
+    ) -> None:
+        """Sum over the points of every node, as `sim._kernels.volume.gather_nodal`."""
+        kernel.gather_nodal(
+            self.v,
+            self._n,
+            self._slope,
+            self._kind,
+            start,
+            element,
+            point,
+            place,
+            star_start,
+            nodal_volume,
+            g,
+        )
+
+    def add_pressure(self, q: Array, p: Array, f: Array, K: Array | None = None) -> None:
+        """With a pressure p (n_elements, 8): f -= p dv/dx and, if given, K += p d2v/dx2."""
+        values = np.zeros(0) if K is None else K
+        for part, places in zip(self._parts, self._places, strict=True):
+            kernel.point_pressure(q, part, places, p, True, K is not None, f, values)

@@ -11,6 +11,8 @@ from sim._kernels.cache import kernel_cache
 with kernel_cache(Path(__file__).parent):
     from sim._kernels import (
         contact,
+        element,
+        lanes,
         laws,
         scatter,
         solid,
@@ -23,7 +25,9 @@ with kernel_cache(Path(__file__).parent):
 
 __all__ = [
     "contact",
+    "element",
     "kernel_cache",
+    "lanes",
     "laws",
     "scatter",
     "solid",

@@ -8,7 +8,9 @@ Every law of the invariant family is a function of one scalar, so a law is three
 
 The element loop turns them into stress and tangent by the chain rule. Laws are chosen by integer code
 because kernels built as closures over laws miss the disk cache in every process. A new law is one
-function and one line in its dispatcher; its class in `sim.laws` carries the code.
+function and one line in its dispatcher; its class in `sim.laws` carries the code. Isochoric and bulk
+laws also receive the eight points of an element at once (`sim._kernels.lanes`): they use arithmetic,
+sqrt, exp and log, and no branches on their argument.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false
@@ -67,7 +69,8 @@ def isochoric(code, p, I1bar):
 @nb.njit(cache=True, fastmath=FLAGS)
 def quadratic_bulk(kappa, J):
     """kappa/2 (J - 1)^2."""
-    return 0.5 * kappa * (J - 1.0) ** 2, kappa * (J - 1.0), kappa
+    x = J - 1.0
+    return 0.5 * kappa * x * x, kappa * x, kappa
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
@@ -168,3 +171,13 @@ def fibre(code, p, stretch, activation):
     if code == CONSTANT:
         return constant(p, stretch, activation)
     return math.nan, math.nan, math.nan
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def fibre_rests(code, p, longest, activation):
+    """Whether a fibre has neither energy nor force at any stretch up to the longest."""
+    if activation != 0.0:
+        return False
+    if code == BLEMKER:
+        return longest / p[1] <= 1.0 + KINK
+    return code == CONSTANT

@@ -1,112 +1,148 @@
-"""The element loop: deformation gradient once per Gauss point, all laws on it.
+"""The element loop: deformation gradient once per quadrature point, all laws on it.
 
-With g_a the material gradient of the shape function of node a, and
+With the natural derivatives d_a and A of `sim._kernels.element`, F = (dx/dxi) A, J = det F and
 
-    F = sum_a x_a g_a',   J = det F,   u_a = 2 F g_a,   h_a = cof(F) g_a,   t_a = 2 F a0 (a0 . g_a),
+    M = F A',   N = cof(F) A',   T = F a0 (A a0)'
 
-an energy W(I1, J, I4) of the invariants I1 = F:F, J, I4 = |F a0|^2 has the nodal force and stiffness
+an energy W(I1, J, I4) of the invariants I1 = F:F, J, I4 = |F a0|^2 has the stress and moduli
 
-    f_a  = W_1 u_a + W_J h_a + W_4 t_a
-    K_ab = (2 W_1 g_a.g_b + 2 W_4 (a0.g_a)(a0.g_b)) I + W_11 u_a u_b' + W_1J (u_a h_b' + h_a u_b')
-           + (W_JJ + W_J/J) h_a h_b' - W_J/J h_b h_a' + W_44 t_a t_b' + W_4J (t_a h_b' + h_a t_b')
+    Pn       = 2 W_1 M + W_J N + 2 W_4 T
+    An_ij,lm = d_ij (2 W_1 A A' + 2 W_4 (A a0) (A a0)')_lm + 4 W_11 M_il M_jm
+               + 2 W_1J (M_il N_jm + N_il M_jm) + (W_JJ + W_J/J) N_il N_jm - W_J/J N_im N_jl
+               + 4 W_44 T_il T_jm + 2 W_4J (T_il N_jm + N_il T_jm)
 
-(the term in W_J/J is the derivative of the cofactor). Every element has 8 node slots so that the
-innermost loops have a constant length; unused slots carry zero gradients.
+(the terms in W_J/J are the derivative of the cofactor). Laws are evaluated at the eight points at once.
 """
 
-# pyright: basic, reportAttributeAccessIssue=false
+# pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
 # numba compiles these functions; those called from Python carry types
 
 import math
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 
-from sim._kernels.laws import FLAGS, bulk, fibre, isochoric
+from sim._kernels.element import (
+    BLOCKS,
+    NODES,
+    Indices,
+    Part,
+    Places,
+    Reals,
+    add_to_matrix,
+    add_to_nodes,
+    clear,
+    cofactor,
+    deformation,
+    gather,
+    least,
+    natural,
+    nodal,
+    put,
+    stiffness_block,
+)
+from sim._kernels.lanes import LANES, load, rows, smallest, store, total
+from sim._kernels.laws import FLAGS, bulk, fibre, fibre_rests, isochoric
 
-Reals = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-NODES = 8
-PAIRS = 36  # (a, b) with a <= b, row by row
-CHUNKS = 64  # fixed, so that results do not depend on the number of threads
-
-
-@nb.njit(cache=True, fastmath=FLAGS)
-def _gradient(x, g, F, C):
-    """F (3, 3) and its cofactor C from nodal positions x (3, 8) and gradients g (3, 8); det F."""
-    for i in range(3):
-        for j in range(3):
-            s = 0.0
-            for a in range(NODES):
-                s += x[i, a] * g[j, a]
-            F[i, j] = s
-    C[0, 0] = F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1]
-    C[0, 1] = F[1, 2] * F[2, 0] - F[1, 0] * F[2, 2]
-    C[0, 2] = F[1, 0] * F[2, 1] - F[1, 1] * F[2, 0]
-    C[1, 0] = F[0, 2] * F[2, 1] - F[0, 1] * F[2, 2]
-    C[1, 1] = F[0, 0] * F[2, 2] - F[0, 2] * F[2, 0]
-    C[1, 2] = F[0, 1] * F[2, 0] - F[0, 0] * F[2, 1]
-    C[2, 0] = F[0, 1] * F[1, 2] - F[0, 2] * F[1, 1]
-    C[2, 1] = F[0, 2] * F[1, 0] - F[0, 0] * F[1, 2]
-    C[2, 2] = F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]
-    return F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
+# rows of the scratch array: stress, M, N and T, moduli, blocks, and what laws of fibres return
+_P, _M, _N, _T, _A, _K, _LAW = 0, 9, 18, 27, 36, 90, 138
+ROWS = 141
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def _add_rows(K, a, i, j, u, h, m, hm, c):
-    """K[a, i, j, b] += u_ia m_jb + h_ia hm_jb - c h_ja h_ib for all b.
+def inverse_cube_root(J):
+    """J^(-1/3), by two steps of fourth order where the volume changes by less than half."""
+    x = J - 1.0
+    if not (smallest(x) > -0.5 and smallest(-x) > -0.5):
+        return math.exp(math.log(J) * (-1.0 / 3.0))
+    y = 1.0 - x * (1.0 / 3.0 - x * (2.0 / 9.0))
+    for _ in range(2):
+        r = 1.0 - J * y * y * y
+        y *= 1.0 + r * (1.0 / 3.0 + r * (2.0 / 9.0 + r * (14.0 / 81.0)))
+    return y
 
-    Written out with every load before every store: the compiler cannot know that the arrays are
-    distinct, and would not use vector instructions otherwise.
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def _add(w, row, value, more):
+    """Write lanes into a row, added to those that fibres left there."""
+    store(w, row, value + load(w, row) if more else value)
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def _add_moduli(w, e_11, e_1J, e_JJ, c, p_1, inverse, e, more):
+    """Moduli of isochoric and bulk laws, from M and N in the scratch array.
+
+    e_11 = 4 W_11, e_1J = 2 W_1J, e_JJ = W_JJ, c = W_J/J, p_1 = 2 W_1, all times the volume.
     """
-    p, q, r = u[i, a], h[i, a], -c * h[j, a]
-    k0 = K[a, i, j, 0] + p * m[j, 0] + q * hm[j, 0] + r * h[i, 0]
-    k1 = K[a, i, j, 1] + p * m[j, 1] + q * hm[j, 1] + r * h[i, 1]
-    k2 = K[a, i, j, 2] + p * m[j, 2] + q * hm[j, 2] + r * h[i, 2]
-    k3 = K[a, i, j, 3] + p * m[j, 3] + q * hm[j, 3] + r * h[i, 3]
-    k4 = K[a, i, j, 4] + p * m[j, 4] + q * hm[j, 4] + r * h[i, 4]
-    k5 = K[a, i, j, 5] + p * m[j, 5] + q * hm[j, 5] + r * h[i, 5]
-    k6 = K[a, i, j, 6] + p * m[j, 6] + q * hm[j, 6] + r * h[i, 6]
-    k7 = K[a, i, j, 7] + p * m[j, 7] + q * hm[j, 7] + r * h[i, 7]
-    K[a, i, j, 0] = k0
-    K[a, i, j, 1] = k1
-    K[a, i, j, 2] = k2
-    K[a, i, j, 3] = k3
-    K[a, i, j, 4] = k4
-    K[a, i, j, 5] = k5
-    K[a, i, j, 6] = k6
-    K[a, i, j, 7] = k7
+    r = 9 * e
+    block = _A
+    for i in range(3):
+        for j in range(i, 3):
+            jM, jN = _M + 3 * j, _N + 3 * j
+            X0, X1, X2 = load(w, jM), load(w, jM + 1), load(w, jM + 2)
+            Y0, Y1, Y2 = load(w, jN), load(w, jN + 1), load(w, jN + 2)
+            m0, m1, m2 = e_11 * X0 + e_1J * Y0, e_11 * X1 + e_1J * Y1, e_11 * X2 + e_1J * Y2
+            n0, n1, n2 = e_1J * X0 + e_JJ * Y0, e_1J * X1 + e_JJ * Y1, e_1J * X2 + e_JJ * Y2
+            for n in range(3):
+                u, v = load(w, _M + 3 * i + n), load(w, _N + 3 * i + n)
+                a0, a1, a2 = u * m0 + v * n0, u * m1 + v * n1, u * m2 + v * n2
+                if i == j:
+                    g0 = p_1 * load(inverse, r + 3 * n)
+                    g1 = p_1 * load(inverse, r + 3 * n + 1)
+                    g2 = p_1 * load(inverse, r + 3 * n + 2)
+                    a0 += g0 * load(inverse, r) + g1 * load(inverse, r + 1)
+                    a1 += g0 * load(inverse, r + 3) + g1 * load(inverse, r + 4)
+                    a2 += g0 * load(inverse, r + 6) + g1 * load(inverse, r + 7)
+                    a0 += g2 * load(inverse, r + 2)
+                    a1 += g2 * load(inverse, r + 5)
+                    a2 += g2 * load(inverse, r + 8)
+                else:
+                    cv, y = c * v, c * load(w, jN + n)
+                    a0 += cv * Y0 - y * load(w, _N + 3 * i)
+                    a1 += cv * Y1 - y * load(w, _N + 3 * i + 1)
+                    a2 += cv * Y2 - y * load(w, _N + 3 * i + 2)
+                _add(w, block + 3 * n, a0, more)
+                _add(w, block + 3 * n + 1, a1, more)
+                _add(w, block + 3 * n + 2, a2, more)
+            block += 9
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
+    """Moduli of one fibre with T and N in the scratch array, and b = A a0."""
+    block = _A
+    for i in range(3):
+        for j in range(i, 3):
+            for n in range(3):
+                t = load(w, _T + 3 * i + n)
+                v = e_4J * load(w, _N + 3 * i + n)
+                g = p_4 * (b0 if n == 0 else b1 if n == 1 else b2)
+                for m in range(3):
+                    other = load(w, _T + 3 * j + m)
+                    value = t * (e_44 * other + e_4J * load(w, _N + 3 * j + m)) + v * other
+                    if i == j:
+                        value += g * (b0 if m == 0 else b1 if m == 1 else b2)
+                    _add(w, block + 3 * n + m, value, True)
+            block += 9
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def smallest_J(q: Reals, nodes: Indices, gradient: Reals, out: Reals) -> None:
-    """Smallest det F over the Gauss points of every element, into out (element,)."""
-    n = nodes.shape[0]
-    for chunk in nb.prange(CHUNKS):
-        x = np.empty((3, NODES))
-        F = np.empty((3, 3))
-        C = np.empty((3, 3))
-        for e in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            for a in range(NODES):
-                for i in range(3):
-                    x[i, a] = q[nodes[e, a], i]
-            least = math.inf
-            for k in range(gradient.shape[1]):
-                J = _gradient(x, gradient[e, k], F, C)
-                if not (J >= least):  # written so that a NaN wins
-                    least = J
-            out[e] = least
+def smallest_J(q: Reals, part: Part, out: Reals) -> None:
+    """Smallest det F over the points of every element, into out of all elements."""
+    for chunk in nb.prange(part.chunk.size - 1):
+        x = np.empty((NODES, 3))
+        for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
+            gather(q, part.nodes, e, x)
+            F = deformation(x, part.slope_at, part.inverse, e)
+            C = cofactor(F)
+            out[part.element[e]] = least(F[0] * C[0] + F[1] * C[1] + F[2] * C[2])
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
 def evaluate(
     q: Reals,
-    element: Indices,
-    nodes: Indices,
-    gradient: Reals,
-    volume: Reals,
+    part: Part,
+    places: Places,
     region: Indices,
     isochoric_code: Indices,
     isochoric_p: Reals,
@@ -119,160 +155,123 @@ def evaluate(
     muscle_code: Indices,
     muscle_p: Reals,
     activation: Reals,
+    weight: Reals,
     with_tangent: bool,
-    force: Reals,
+    f: Reals,
     energy: Reals,
     least_J: Reals,
-    tangent: Reals,
+    values: Reals,
 ) -> None:
-    """Nodal forces, energy, smallest det F and, if wanted, stiffness of some elements.
+    """Subtract dE/dx from the nodal forces f and, if wanted, add the stiffness to values.
 
-    q (node, 3). Row e of nodes (row, 8), gradient (row, point, 3, 8) and volume (row, point) belongs to
-    the element element[e]. Of all elements: region, row of the passive parameters; fibre_start, the
-    fibres of element n are rows fibre_start[n]..fibre_start[n + 1], each filling fibre_weight of it; and
-    the results force (element, 3, 8) = dE/dx, energy, least_J, tangent (element, 36, 9) for the node
-    pairs a <= b. An element with det F <= 0 contributes nothing; the caller reads least_J.
+    q, f (node, 3). Of all elements: region, row of the passive parameters; fibre_start, the fibres of
+    element n are rows fibre_start[n]..fibre_start[n + 1], each filling fibre_weight of it; weight, a
+    factor on the energy of every element, or empty; and the results energy and least_J. An element with
+    det F <= 0 contributes nothing, the caller reads least_J; one of weight zero is not looked at.
     """
-    n = nodes.shape[0]
-    for chunk in nb.prange(CHUNKS):
-        x = np.empty((3, NODES))
-        F = np.empty((3, 3))
-        C = np.empty((3, 3))
-        u = np.empty((3, NODES))
-        h = np.empty((3, NODES))
-        m = np.empty((3, NODES))
-        hm = np.empty((3, NODES))
-        t = np.empty((3, NODES))
-        ag = np.empty(NODES)
-        Fa = np.empty(3)
-        fe = np.empty((3, NODES))
-        s = np.empty((NODES, NODES))
-        K = np.empty((NODES, 3, 3, NODES))
-        for e in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            own = element[e]
-            for a in range(NODES):
-                for i in range(3):
-                    x[i, a] = q[nodes[e, a], i]
-            fe[:] = 0.0
-            if with_tangent:
-                K[:] = 0.0
-                s[:] = 0.0
-            total = 0.0
-            least = math.inf
-            row = region[own]
-            for k in range(gradient.shape[1]):
-                g = gradient[e, k]
-                dV = volume[e, k]
-                J = _gradient(x, g, F, C)
-                if not (J >= least):
-                    least = J
-                if not (J > 0.0):
+    for colour in range(part.colour.size - 1):
+        for chunk in nb.prange(part.colour[colour], part.colour[colour + 1]):
+            x = np.empty((NODES, 3))
+            w = rows(ROWS)
+            for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
+                own = part.element[e]
+                energy[own] = 0.0
+                if weight.size > 0 and weight[own] == 0.0:
+                    least_J[own] = math.inf
                     continue
-                I1 = 0.0
-                for i in range(3):
-                    for j in range(3):
-                        I1 += F[i, j] * F[i, j]
-                scale = J ** (-2.0 / 3.0)
-                # d(I1bar)/dJ = dJ_ * I1bar and so on, the same for every isochoric invariant
-                dJ = -2.0 / (3.0 * J)
-                ddJ = 10.0 / (9.0 * J * J)
+                gather(q, part.nodes, e, x)
+                F = deformation(x, part.slope_at, part.inverse, e)
+                C = cofactor(F)
+                J = F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
+                least_J[own] = least(J)
+                if not (least_J[own] > 0.0):
+                    continue
+                row = region[own]
+                dV = load(part.volume, e)
+                if weight.size > 0:
+                    dV = weight[own] * dV
+                I1 = F[0] * F[0] + F[1] * F[1] + F[2] * F[2] + F[3] * F[3] + F[4] * F[4]
+                I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
+                root = inverse_cube_root(J)
+                scale = root * root
+                # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
+                over = 1.0 / J
+                dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
                 I1bar = scale * I1
-                w, w1, w11 = isochoric(isochoric_code[row], isochoric_p[row], I1bar)
+                W, w1, w11 = isochoric(isochoric_code[row], isochoric_p[row], I1bar)
                 U, UJ, UJJ = bulk(bulk_code[row], kappa[row], J)
-                W = w + U
-                W_1 = dV * w1 * scale
-                W_J = UJ + w1 * dJ * I1bar
-                W_11 = dV * w11 * scale * scale
-                W_1J = dV * (w11 * I1bar + w1) * scale * dJ
-                W_JJ = UJJ + w11 * (dJ * I1bar) ** 2 + w1 * ddJ * I1bar
-                for i in range(3):
-                    for a in range(NODES):
-                        u[i, a] = 2.0 * (F[i, 0] * g[0, a] + F[i, 1] * g[1, a] + F[i, 2] * g[2, a])
-                        h[i, a] = C[i, 0] * g[0, a] + C[i, 1] * g[1, a] + C[i, 2] * g[2, a]
-                        hm[i, a] = W_1J * u[i, a]
-                for f in range(fibre_start[own], fibre_start[own + 1]):
-                    muscle = fibre_muscle[f]
-                    I4 = 0.0
-                    for i in range(3):
-                        Fa[i] = 0.0
-                        for j in range(3):
-                            Fa[i] += F[i, j] * fibre_direction[f, j]
-                        I4 += Fa[i] * Fa[i]
-                    I4bar = scale * I4
+                W = W + U
+                slope = dJ * I1bar
+                W_J = UJ + w1 * slope
+                W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
+                M, N = natural(F, part.inverse, e), natural(C, part.inverse, e)
+                put(w, _M, M)
+                put(w, _N, N)
+                driven = (
+                    False  # whether a fibre that does not rest has written into the scratch array
+                )
+                for fibre_row in range(fibre_start[own], fibre_start[own + 1]):
+                    muscle = fibre_muscle[fibre_row]
+                    drive = activation[muscle]
+                    d0 = fibre_direction[fibre_row, 0]
+                    d1 = fibre_direction[fibre_row, 1]
+                    d2 = fibre_direction[fibre_row, 2]
+                    a0 = F[0] * d0 + F[1] * d1 + F[2] * d2
+                    a1 = F[3] * d0 + F[4] * d1 + F[5] * d2
+                    a2 = F[6] * d0 + F[7] * d1 + F[8] * d2
+                    I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
                     stretch = math.sqrt(I4bar)
-                    w, wl, wll = fibre(
-                        muscle_code[muscle], muscle_p[muscle], stretch, activation[muscle]
-                    )
-                    w *= fibre_weight[f]
-                    wl *= fibre_weight[f]
-                    wll *= fibre_weight[f]
-                    W += w
-                    if wl == 0.0 and wll == 0.0:  # a resting fibre costs one law evaluation
+                    code, longest = muscle_code[muscle], -smallest(-stretch)
+                    if fibre_rests(code, muscle_p[muscle], longest, drive):
                         continue
+                    if not driven:
+                        driven = True
+                        clear(w, _P, 9)
+                        if with_tangent:
+                            clear(w, _A, 9 * BLOCKS)
+                    store(w, _LAW, stretch)
+                    for k in range(LANES):
+                        found = fibre(code, muscle_p[muscle], w[_LAW, k], drive)
+                        w[_LAW, k], w[_LAW + 1, k], w[_LAW + 2, k] = found
+                    share = fibre_weight[fibre_row]
+                    wl, wll = share * load(w, _LAW + 1), share * load(w, _LAW + 2)
+                    W = W + share * load(w, _LAW)
                     w4 = wl / (2.0 * stretch)
                     w44 = (wll - wl / stretch) / (4.0 * I4bar)
-                    W_4 = dV * w4 * scale
-                    W_J += w4 * dJ * I4bar
-                    W_JJ += w44 * (dJ * I4bar) ** 2 + w4 * ddJ * I4bar
-                    W_44 = dV * w44 * scale * scale
-                    W_4J = dV * (w44 * I4bar + w4) * scale * dJ
-                    for a in range(NODES):
-                        ag[a] = (
-                            fibre_direction[f, 0] * g[0, a]
-                            + fibre_direction[f, 1] * g[1, a]
-                            + fibre_direction[f, 2] * g[2, a]
-                        )
-                    for i in range(3):
-                        for a in range(NODES):
-                            t[i, a] = 2.0 * Fa[i] * ag[a]
-                            fe[i, a] += W_4 * t[i, a]
+                    slope = dJ * I4bar
+                    W_J = W_J + w4 * slope
+                    W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
+                    p_4 = 2.0 * dV * w4 * scale
+                    r = 9 * e
+                    inverse = part.inverse
+                    b0 = d0 * load(inverse, r) + d1 * load(inverse, r + 1)
+                    b1 = d0 * load(inverse, r + 3) + d1 * load(inverse, r + 4)
+                    b2 = d0 * load(inverse, r + 6) + d1 * load(inverse, r + 7)
+                    b0 = b0 + d2 * load(inverse, r + 2)
+                    b1 = b1 + d2 * load(inverse, r + 5)
+                    b2 = b2 + d2 * load(inverse, r + 8)
+                    first, second = (a0 * b0, a0 * b1, a0 * b2), (a1 * b0, a1 * b1, a1 * b2)
+                    put(w, _T, first + second + (a2 * b0, a2 * b1, a2 * b2))
+                    for n in range(9):
+                        _add(w, _P + n, p_4 * load(w, _T + n), True)
                     if with_tangent:
-                        for i in range(3):
-                            for a in range(NODES):
-                                hm[i, a] += W_4J * t[i, a]
-                                m[i, a] = W_44 * t[i, a] + W_4J * h[i, a]
-                        for a in range(NODES):
-                            for b in range(NODES):
-                                s[a, b] += 2.0 * W_4 * ag[a] * ag[b]
-                            for i in range(3):
-                                for j in range(i, 3):
-                                    for b in range(NODES):
-                                        K[a, i, j, b] += t[i, a] * m[j, b]
-                W_J *= dV
-                W_JJ *= dV
-                total += dV * W
-                for i in range(3):
-                    for a in range(NODES):
-                        fe[i, a] += W_1 * u[i, a] + W_J * h[i, a]
+                        e_44 = 4.0 * dV * w44 * scale * scale
+                        e_4J = 2.0 * dV * (w44 * I4bar + w4) * scale * dJ
+                        _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2)
+                energy[own] = total(dV * W)
+                p_1, p_J = 2.0 * dV * w1 * scale, dV * W_J
+                for n in range(9):
+                    value = p_1 * load(w, _M + n) + p_J * load(w, _N + n)
+                    _add(w, _P + n, value, driven)
+                f0, f1, f2 = nodal(w, _P, part.slope)
+                store(w, _P, f0)
+                store(w, _P + 1, f1)
+                store(w, _P + 2, f2)
+                add_to_nodes(w, _P, part.nodes, e, -1.0, f)
                 if with_tangent:
-                    c = W_J / J
-                    for i in range(3):
-                        for a in range(NODES):
-                            m[i, a] = W_11 * u[i, a] + W_1J * h[i, a]
-                            hm[i, a] += (W_JJ + c) * h[i, a]
-                    for a in range(NODES):
-                        for b in range(NODES):
-                            s[a, b] += (
-                                2.0
-                                * W_1
-                                * (g[0, a] * g[0, b] + g[1, a] * g[1, b] + g[2, a] * g[2, b])
-                            )
-                        for i in range(3):
-                            for j in range(i, 3):
-                                _add_rows(K, a, i, j, u, h, m, hm, c)
-            energy[own] = total
-            least_J[own] = least
-            for i in range(3):
-                for a in range(NODES):
-                    force[own, i, a] = fe[i, a]
-            if with_tangent:
-                p = 0
-                for a in range(NODES):
-                    for b in range(a, NODES):
-                        for i in range(3):
-                            for j in range(3):
-                                tangent[own, p, 3 * i + j] = (
-                                    K[a, i, j, b] if i <= j else K[b, j, i, a]
-                                )
-                            tangent[own, p, 4 * i] += s[a, b]
-                        p += 1
+                    e_11 = 4.0 * dV * w11 * scale * scale
+                    e_1J = 2.0 * dV * (w11 * I1bar + w1) * scale * dJ
+                    _add_moduli(w, e_11, e_1J, dV * W_JJ, p_J * over, p_1, part.inverse, e, driven)
+                    for block in range(BLOCKS):
+                        stiffness_block(w, _A + 9 * block, part.slope, _K + NODES * block)
+                    add_to_matrix(w, _K, part.nodes, places, e, values)

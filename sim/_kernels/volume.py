@@ -1,100 +1,199 @@
 """Volume of elements and of nodal regions, with their first and second derivatives.
 
-With h_a = dV cof(F) g_a at a Gauss point of rest volume dV, the present volume v = dV det F has
+With N = cof(F) A' in natural coordinates (`sim._kernels.element`) and h_a = dV N d_a at a point of rest
+volume dV, the present volume v = dV det F has
 
     dv/dx_a = h_a,      d2v/dx_a dx_b = (h_a h_b' - h_b h_a') / v.
 """
 
-# pyright: basic, reportAttributeAccessIssue=false
+# pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false
 # numba compiles these functions; those called from Python carry types
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.element import (
+    NODES,
+    Indices,
+    Part,
+    Places,
+    Reals,
+    add_to_matrix,
+    add_to_nodes,
+    clear,
+    cofactor,
+    deformation,
+    gather,
+    natural,
+    nodal,
+    put,
+    stiffness_block,
+)
+from sim._kernels.lanes import load, rows, store, total
 from sim._kernels.laws import FLAGS
-from sim._kernels.solid import CHUNKS, NODES, _gradient
 
-Reals = NDArray[np.float64]
-Indices = NDArray[np.int64]
+# rows of the scratch array: N, pressure or 1 times dV N, derivative of the volume, moduli, blocks
+_N, _P, _H, _A, _K = 0, 9, 18, 21, 48
+ROWS = 96
+CHUNKS = 64  # of nodes or of blocks
+_OFF_DIAGONAL = (1, 2, 4)  # of the six blocks; those of equal axes have no second derivative
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def _deform(w, q, part, e, x):
+    """Write N; det F."""
+    gather(q, part.nodes, e, x)
+    F = deformation(x, part.slope_at, part.inverse, e)
+    C = cofactor(F)
+    put(w, _N, natural(C, part.inverse, e))
+    return F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def _derivative(w, factor, slope):
+    """Write into rows _H the sum over points of factor N d."""
+    for r in range(9):
+        store(w, _P + r, factor * load(w, _N + r))
+    h0, h1, h2 = nodal(w, _P, slope)
+    store(w, _H, h0)
+    store(w, _H + 1, h1)
+    store(w, _H + 2, h2)
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def _curvature(w, c, slope):
+    """Write into rows _K the sum over points of c (N d_a (N d_b)' - N d_b (N d_a)')."""
+    row = _A
+    for i in range(3):
+        for j in range(i + 1, 3):
+            for n in range(3):
+                p, r = c * load(w, _N + 3 * i + n), c * load(w, _N + 3 * j + n)
+                for m in range(3):
+                    value = p * load(w, _N + 3 * j + m) - r * load(w, _N + 3 * i + m)
+                    store(w, row + 3 * n + m, value)
+            row += 9
+    for n, block in enumerate(_OFF_DIAGONAL):
+        stiffness_block(w, _A + 9 * n, slope, _K + NODES * block)
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def _add_square(w, stiffness):
+    """Add stiffness h h' to the blocks."""
+    block = _K
+    for i in range(3):
+        for j in range(i, 3):
+            h = stiffness * load(w, _H + j)
+            for a in range(NODES):
+                store(w, block + a, load(w, block + a) + w[_H + i, a] * h)
+            block += NODES
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def volumes(q: Reals, nodes: Indices, gradient: Reals, volume: Reals, v: Reals, h: Reals) -> None:
-    """Present volume v (element, point) of every Gauss point and dv/dx h (element, point, 3, 8)."""
-    n = nodes.shape[0]
-    for chunk in nb.prange(CHUNKS):
-        x = np.empty((3, NODES))
-        F = np.empty((3, 3))
-        C = np.empty((3, 3))
-        for e in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            for a in range(NODES):
-                for i in range(3):
-                    x[i, a] = q[nodes[e, a], i]
-            for k in range(gradient.shape[1]):
-                dV = volume[e, k]
-                g = gradient[e, k]
-                v[e, k] = dV * _gradient(x, g, F, C)
-                for i in range(3):
-                    for a in range(NODES):
-                        h[e, k, i, a] = dV * (
-                            C[i, 0] * g[0, a] + C[i, 1] * g[1, a] + C[i, 2] * g[2, a]
-                        )
+def element_pressure(
+    q: Reals,
+    part: Part,
+    places: Places,
+    kappa: Reals,
+    with_tangent: bool,
+    f: Reals,
+    energy: Reals,
+    values: Reals,
+) -> None:
+    """Potential kappa/2 V (v/V - 1)^2 of every element: subtract from f, add to values, into energy."""
+    for colour in range(part.colour.size - 1):
+        for chunk in nb.prange(part.colour[colour], part.colour[colour + 1]):
+            x = np.empty((NODES, 3))
+            w = rows(ROWS)
+            for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
+                own = part.element[e]
+                energy[own] = 0.0
+                if kappa[own] == 0.0:
+                    continue
+                J = _deform(w, q, part, e, x)
+                dV = load(part.volume, e)
+                rest = total(dV)
+                strain = total(dV * J) / rest - 1.0
+                pressure = kappa[own] * strain
+                energy[own] = 0.5 * pressure * strain * rest
+                _derivative(w, dV, part.slope)
+                add_to_nodes(w, _H, part.nodes, e, -pressure, f)
+                if with_tangent:
+                    clear(w, _K, 6 * NODES)
+                    _curvature(w, pressure * dV / J, part.slope)
+                    _add_square(w, kappa[own] / rest)
+                    add_to_matrix(w, _K, part.nodes, places, e, values)
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def pressure_forces(p: Reals, h: Reals, out: Reals) -> None:
-    """Element forces out (element, 3, 8) = sum over points of p dv/dx."""
-    for e in nb.prange(h.shape[0]):
-        for i in range(3):
-            for a in range(NODES):
-                s = 0.0
-                for k in range(h.shape[1]):
-                    s += p[e, k] * h[e, k, i, a]
-                out[e, i, a] = s
+def point_pressure(
+    q: Reals,
+    part: Part,
+    places: Places,
+    pressure: Reals,
+    with_force: bool,
+    with_tangent: bool,
+    f: Reals,
+    values: Reals,
+) -> None:
+    """With a pressure (element, 8) at every point: f -= p dv/dx, values += p d2v/dx2 at constant p."""
+    for colour in range(part.colour.size - 1):
+        for chunk in nb.prange(part.colour[colour], part.colour[colour + 1]):
+            x = np.empty((NODES, 3))
+            w = rows(ROWS)
+            for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
+                J = _deform(w, q, part, e, x)
+                p = load(part.volume, e) * load(pressure, part.element[e])
+                if with_force:
+                    _derivative(w, p, part.slope)
+                    add_to_nodes(w, _H, part.nodes, e, -1.0, f)
+                if with_tangent:
+                    clear(w, _K, 6 * NODES)
+                    _curvature(w, p / J, part.slope)
+                    add_to_matrix(w, _K, part.nodes, places, e, values)
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def pressure_stiffness(p: Reals, v: Reals, h: Reals, stiffness: Reals, out: Reals) -> None:
-    """Blocks out (element, 36, 9) of p d2v/dx2 + stiffness_e (sum_k h)(sum_k h)'.
+def element_volumes(q: Reals, part: Part, v: Reals, h: Reals) -> None:
+    """Present volume v (element,) of every element and its derivative h (3 * element, 8)."""
+    for chunk in nb.prange(part.chunk.size - 1):
+        x = np.empty((NODES, 3))
+        w = rows(ROWS)
+        for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
+            own = part.element[e]
+            J = _deform(w, q, part, e, x)
+            dV = load(part.volume, e)
+            v[own] = total(dV * J)
+            _derivative(w, dV, part.slope)
+            for i in range(3):
+                store(h, 3 * own + i, load(w, _H + i))
 
-    stiffness (element,) multiplies the product of the derivatives of the whole element's volume; it
-    is zero where the pressure does not depend on that volume alone.
-    """
-    n = h.shape[0]
-    for chunk in nb.prange(CHUNKS):
-        total = np.empty((3, NODES))
-        for e in range(chunk * n // CHUNKS, (chunk + 1) * n // CHUNKS):
-            total[:] = 0.0
-            for k in range(h.shape[1]):
-                for i in range(3):
-                    for a in range(NODES):
-                        total[i, a] += h[e, k, i, a]
-            pair = 0
-            for a in range(NODES):
-                for b in range(a, NODES):
-                    for i in range(3):
-                        for j in range(3):
-                            out[e, pair, 3 * i + j] = stiffness[e] * total[i, a] * total[j, b]
-                    pair += 1
-            for k in range(h.shape[1]):
-                c = p[e, k] / v[e, k]
-                pair = 0
-                for a in range(NODES):
-                    for b in range(a + 1, NODES):
-                        pair += 1
-                        for i in range(3):
-                            for j in range(3):
-                                out[e, pair, 3 * i + j] += c * (
-                                    h[e, k, i, a] * h[e, k, j, b] - h[e, k, i, b] * h[e, k, j, a]
-                                )
-                    pair += 1
+
+@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+def point_volumes(q: Reals, part: Part, v: Reals, n: Reals) -> None:
+    """Present volume v (element, 8) of every point and dV N into n (element, 8, 9)."""
+    for chunk in nb.prange(part.chunk.size - 1):
+        x = np.empty((NODES, 3))
+        w = rows(ROWS)
+        for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
+            own = part.element[e]
+            J = _deform(w, q, part, e, x)
+            dV = load(part.volume, e)
+            store(v, own, dV * J)
+            for r in range(9):
+                store(w, _P + r, dV * load(w, _N + r))
+            for k in range(part.slope.shape[0] // 3):
+                for r in range(9):
+                    n[own, k, r] = w[_P + r, k]
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
 def gather_nodal(
     v: Reals,
-    h: Reals,
+    n: Reals,
+    slope: Reals,
+    kind: Indices,
     start: Indices,
     element: Indices,
     point: Indices,
@@ -105,23 +204,33 @@ def gather_nodal(
 ) -> None:
     """Volume of every nodal region and its derivative.
 
-    The Gauss points (element[k], point[k]) for k in start[n]..start[n + 1] belong to node n;
-    place[k, a] is where the node of slot a stands in the star of n, negative for an unused slot.
+    The points (element[k], point[k]) for k in start[m]..start[m + 1] belong to node m; v and n are
+    those of `point_volumes`, and the natural derivatives at point p of element e are rows
+    24 kind[e] + 3 p and on of slope. place[k, a] is where the node of slot a stands in the star of m,
+    negative for an unused slot.
     Writes nodal_volume (node,) and g (star entries, 3) = d nodal_volume / dx.
     """
-    for n in nb.prange(start.size - 1):
-        total = 0.0
-        for s in range(star_start[n], star_start[n + 1]):
-            for i in range(3):
-                g[s, i] = 0.0
-        for k in range(start[n], start[n + 1]):
-            e, q = element[k], point[k]
-            total += v[e, q]
-            for a in range(NODES):
-                if place[k, a] >= 0:
-                    for i in range(3):
-                        g[place[k, a], i] += h[e, q, i, a]
-        nodal_volume[n] = total
+    count = start.size - 1
+    for chunk in nb.prange(CHUNKS):
+        h = np.empty((3, NODES))
+        for m in range(chunk * count // CHUNKS, (chunk + 1) * count // CHUNKS):
+            sum_v = 0.0
+            for s in range(star_start[m], star_start[m + 1]):
+                for i in range(3):
+                    g[s, i] = 0.0
+            for k in range(start[m], start[m + 1]):
+                e, p = element[k], point[k]
+                sum_v += v[e, p]
+                r = 24 * kind[e] + 3 * p
+                d0, d1, d2 = load(slope, r), load(slope, r + 1), load(slope, r + 2)
+                for i in range(3):
+                    j = 3 * i
+                    store(h, i, n[e, p, j] * d0 + n[e, p, j + 1] * d1 + n[e, p, j + 2] * d2)
+                for a in range(NODES):
+                    if place[k, a] >= 0:
+                        for i in range(3):
+                            g[place[k, a], i] += h[i, a]
+            nodal_volume[m] = sum_v
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
@@ -140,14 +249,20 @@ def add_products(
     Block p collects the nodes node[k], k in start[p]..start[p + 1], with the star entries first[k] and
     second[k] of its two nodes.
     """
-    for p in nb.prange(start.size - 1):
-        s = np.zeros(9)
-        for k in range(start[p], start[p + 1]):
-            c, a, b = stiffness[node[k]], first[k], second[k]
-            for i in range(3):
-                for j in range(3):
-                    s[3 * i + j] += c * g[a, i] * g[b, j]
-        for i in range(9):
-            where = target[p, i]
-            if where >= 0:
-                out[where] += s[i]
+    count = start.size - 1
+    for chunk in nb.prange(CHUNKS):
+        s = np.empty(9)
+        for p in range(chunk * count // CHUNKS, (chunk + 1) * count // CHUNKS):
+            s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
+            for k in range(start[p], start[p + 1]):
+                c, a, b = stiffness[node[k]], first[k], second[k]
+                b0, b1, b2 = g[b, 0], g[b, 1], g[b, 2]
+                a0, a1, a2 = c * g[a, 0], c * g[a, 1], c * g[a, 2]
+                s00, s01, s02 = s00 + a0 * b0, s01 + a0 * b1, s02 + a0 * b2
+                s10, s11, s12 = s10 + a1 * b0, s11 + a1 * b1, s12 + a1 * b2
+                s20, s21, s22 = s20 + a2 * b0, s21 + a2 * b1, s22 + a2 * b2
+            s[0], s[1], s[2], s[3], s[4] = s00, s01, s02, s10, s11
+            s[5], s[6], s[7], s[8] = s12, s20, s21, s22
+            for i in range(9):
+                if target[p, i] >= 0:
+                    out[target[p, i]] += s[i]

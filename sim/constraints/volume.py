@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim._kernels import volume as kernel
-from sim.assembly import MatrixSum, element_pair_keys, slots
+from sim._kernels.lanes import LANES
+from sim.assembly import element_pair_keys, places_of, slots
 from sim.mesh import Mesh
 from sim.scene import Index, Layout
 from sim.state import Array
-from sim.volumes import PointVolumes
+from sim.volumes import ElementVolumes
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,9 @@ class CompiledElementVolumes:
 
     def __init__(self, layout: Layout) -> None:
         mesh = layout.mesh
-        self._volumes = PointVolumes(mesh)
-        self._rest = self._volumes.rest.sum(axis=1)
-        self._is_point = self._volumes.rest > 0.0
-        self._matrix_sum = MatrixSum(mesh, layout.pattern)
-        self._blocks: Array | None = None
+        self._volumes = ElementVolumes(mesh)
+        self._places = [places_of(mesh, p, layout.pattern) for p in self._volumes.parts]
+        self._no_force = np.zeros((0, 3))
         nodes, used = slots(mesh)
         self._entry = np.repeat(used[:, None, :], 3, axis=1)  # element, axis, slot
         unknown = 3 * nodes[:, None, :] + np.arange(3)[:, None]
@@ -56,14 +55,10 @@ class CompiledElementVolumes:
     def evaluate(self, q: Array) -> tuple[Array, Array]:
         """Changes of volume (n_elements,) [m^3] and their derivatives [m^2]."""
         self._volumes.evaluate(q)
-        c = (self._volumes.v * self._is_point).sum(axis=1) - self._rest
-        return c, self._volumes.h.sum(axis=1)[self._entry]
+        return self._volumes.v - self._volumes.rest, self._volumes.h[self._entry]
 
     def add_curvature(self, q: Array, multiplier: Array, K: Array) -> None:
         """K += sum_e multiplier_e d2v_e/dx2."""
-        if self._blocks is None:
-            self._blocks = np.zeros(self._matrix_sum.shape)
-        weight = np.ascontiguousarray(multiplier[:, None] * self._is_point)
-        none = np.zeros(len(multiplier))
-        kernel.pressure_stiffness(weight, self._volumes.v, self._volumes.h, none, self._blocks)
-        self._matrix_sum.add(self._blocks, K)
+        pressure = np.repeat(multiplier[:, None], LANES, axis=1)
+        for part, places in zip(self._volumes.parts, self._places, strict=True):
+            kernel.point_pressure(q, part, places, pressure, False, True, self._no_force, K)

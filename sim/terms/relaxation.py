@@ -31,7 +31,7 @@ class Relaxation:
         self._prony = [m.relaxation for m in materials]
         self._times = max(len(p.tau) for p in self._prony if p is not None)
         self._rows = [region[e.part.element] for e in self.elements]
-        self._shapes = [e.part.volume.shape for e in self.elements]
+        self._shapes = [(len(e.part.element), e.n_points) for e in self.elements]
         self._g = np.zeros((len(materials), self._times))
         for row, p in zip(self._g, self._prony, strict=True):
             if p is not None:

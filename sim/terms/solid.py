@@ -4,15 +4,10 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim._kernels import solid as kernel
-from sim.assembly import (
-    MatrixSum,
-    NodeSum,
-    block_layouts,
-    element_pair_keys,
-    prestretched,
-)
+from sim.assembly import element_pair_keys, parts_of, places_of
 from sim.errors import SceneError
 from sim.laws.isochoric import N_ISOCHORIC
 from sim.mesh import Mesh
@@ -21,8 +16,7 @@ from sim.state import Array, Control
 from sim.terms.material import Material
 from sim.terms.muscles import FibreTable, Muscles
 from sim.terms.relaxation import Relaxation
-from sim.terms.tensor_elements import LawTable, TensorElements, parts_of, rotations
-from sim.vectors import dot
+from sim.terms.tensor_elements import LawTable, TensorElements, rotations
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,19 +95,19 @@ class Solid:
 class CompiledSolid:
     """A solid laid out for its scene; the buffers are scratch and carry nothing between calls.
 
-    With `elements`, which must ascend, only those take part; region is theirs, and there are no muscles.
+    With `chosen` (n_elements,) only those elements take part, and there are no muscles.
     """
 
     def __init__(
-        self, solid: Solid, layout: Layout, region: Index, elements: Index | None = None
+        self,
+        solid: Solid,
+        layout: Layout,
+        region: Index,
+        chosen: NDArray[np.bool_] | None = None,
     ) -> None:
         mesh, n = layout.mesh, len(region)
-        self._blocks = block_layouts(mesh, elements)
         self._prestretch = None if solid.prestretch is None else _checked(solid.prestretch, mesh)
-        if self._prestretch is not None:
-            own = self._prestretch if elements is None else self._prestretch[elements]
-            self._blocks = prestretched(self._blocks, own)
-        self._region, self._elements = region, elements
+        self._region = region
         materials = solid.materials
         self._isochoric_code = np.array([m.law.code for m in materials])
         self._isochoric_p = np.zeros((len(materials), N_ISOCHORIC))
@@ -122,37 +116,37 @@ class CompiledSolid:
                 row[: len(m.law.parameters())] = m.law.parameters()
         self._bulk_code = np.array([m.bulk_code for m in materials])
         self._kappa = np.array([m.kappa for m in materials], dtype=np.float64)
-        self._lay_out_parts(materials, _axes(solid, mesh, region, elements))
-        muscles = solid.muscles if elements is None else None
+        self._lay_out_parts(solid, layout, np.ones(n, dtype=bool) if chosen is None else chosen)
+        muscles = solid.muscles if chosen is None else None
         self._fibres = (
             FibreTable.none(n)
             if muscles is None
             else FibreTable.of(muscles, n, layout.muscles, self._prestretch)
         )
-
-        self._node_sum = NodeSum(mesh, elements)
-        self._matrix_sum = MatrixSum(mesh, layout.pattern, elements)
-        self._force = np.zeros((n, 3, kernel.NODES))
         self._energy = np.zeros(n)
-        self._least_J = np.zeros(n)
-        self._tangent: Array | None = None
-        self._no_tangent = np.zeros((1, 1, 1))
+        self._least_J = np.full(n, np.inf)
+        self._even, self._no_values = np.zeros(0), np.zeros(0)
 
-    def _lay_out_parts(self, materials: tuple[Material, ...], axes: Array | None) -> None:
+    def _lay_out_parts(self, solid: Solid, layout: Layout, chosen: NDArray[np.bool_]) -> None:
         """Divide the elements by the loop that their law needs; those that remember stay together."""
-        tensor = np.array([m.tensor_form is not None for m in materials])
-        remembers = np.array([m.relaxation is not None for m in materials])
-        self._scalar_parts = parts_of(self._blocks, ~tensor[self._region])
+        mesh, materials, region = layout.mesh, solid.materials, self._region
+        axes = _axes(solid, mesh, region, chosen)
+        tensor = np.array([m.tensor_form is not None for m in materials])[region]
+        remembers = np.array([m.relaxation is not None for m in materials])[region]
+        self._scalar_parts = parts_of(mesh, chosen & ~tensor, prestretch=self._prestretch)
+        self._scalar_places = [places_of(mesh, p, layout.pattern) for p in self._scalar_parts]
         table = LawTable.of(materials)
         self._elastic, self._relaxing = (
             tuple(
-                TensorElements(part, axes, self._region, table)
-                for part in parts_of(self._blocks, chosen[self._region])
+                TensorElements(part, places_of(mesh, part, layout.pattern), axes, region, table)
+                for part in parts_of(mesh, own, prestretch=self._prestretch)
             )
-            for chosen in (tensor & ~remembers, tensor & remembers)
+            for own in (chosen & tensor & ~remembers, chosen & tensor & remembers)
         )
 
-    def _evaluate(self, q: Array, control: Control, tangent: Array | None) -> Contribution:
+    def _add(
+        self, q: Array, control: Control, f: Array, K: Array | None, weight: Array | None = None
+    ) -> Contribution:
         rest = (
             self._fibres.start,
             self._fibres.muscle,
@@ -161,19 +155,18 @@ class CompiledSolid:
             self._fibres.code,
             self._fibres.p,
             control.activation,
-            tangent is not None,
-            self._force,
+            self._even if weight is None else weight,
+            K is not None,
+            f,
             self._energy,
             self._least_J,
-            self._no_tangent if tangent is None else tangent,
+            self._no_values if K is None else K,
         )
-        for part in self._scalar_parts:
+        for part, places in zip(self._scalar_parts, self._scalar_places, strict=True):
             kernel.evaluate(
                 q,
-                part.element,
-                part.nodes,
-                part.gradient,
-                part.volume,
+                part,
+                places,
                 self._region,
                 self._isochoric_code,
                 self._isochoric_p,
@@ -183,48 +176,35 @@ class CompiledSolid:
             )
         for elements in (*self._elastic, *self._relaxing):
             elements.evaluate(q, *rest)
-        worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
-        element = worst if self._elements is None else int(self._elements[worst])
-        return Contribution(float(self._energy.sum()), float(self._least_J[worst]), element)
+        return Contribution(float(self._energy.sum()), *self._smallest_J())
+
+    def _smallest_J(self) -> tuple[float, int]:
+        worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf, posinf=np.inf)))
+        return float(self._least_J[worst]), worst
 
     def add_weighted(
         self, weight: Array, q: Array, control: Control, f: Array, K: Array | None = None
     ) -> Contribution:
-        """F -= sum_e weight_e dE_e/dq and, if given, K += sum_e weight_e d2E_e/dq2."""
-        tangent = None if K is None else self._tangent_buffer()
-        found = self._evaluate(q, control, tangent)
-        self._force *= weight[:, None, None]
-        self._node_sum.add(self._force, -1.0, f)
-        if tangent is not None and K is not None:
-            tangent *= weight[:, None, None]
-            self._matrix_sum.add(tangent, K)
-        return Contribution(dot(weight, self._energy), found.smallest_J, found.element)
+        """F -= sum_e weight_e dE_e/dq and, if given, K += sum_e weight_e d2E_e/dq2.
 
-    def _tangent_buffer(self) -> Array:
-        if self._tangent is None:
-            self._tangent = np.zeros(self._matrix_sum.shape)
-        return self._tangent
+        weight (n_elements,) [1]; elements of weight zero are not looked at.
+        """
+        return self._add(q, control, f, K, weight)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """F -= dE/dq, shape (n_nodes, 3) [N]."""
-        contribution = self._evaluate(q, control, None)
-        self._node_sum.add(self._force, -1.0, f)
-        return contribution
+        return self._add(q, control, f, None)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """F -= dE/dq and K += d2E/dq2 in the values of the pattern."""
-        tangent = self._tangent_buffer()
-        contribution = self._evaluate(q, control, tangent)
-        self._node_sum.add(self._force, -1.0, f)
-        self._matrix_sum.add(tangent, K)
-        return contribution
+        return self._add(q, control, f, K)
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all Gauss points at positions q, and its element."""
-        for block in self._blocks:
-            kernel.smallest_J(q, block.nodes, block.gradient, self._least_J[block.rows])
-        worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf)))
-        return float(self._least_J[worst]), worst
+        tensor = (elements.part for elements in (*self._elastic, *self._relaxing))
+        for part in (*self._scalar_parts, *tensor):
+            kernel.smallest_J(q, part, self._least_J)
+        return self._smallest_J()
 
 
 class RelaxingSolid(CompiledSolid):
@@ -249,9 +229,9 @@ class RelaxingSolid(CompiledSolid):
         return self._relaxation.end(q)
 
 
-def _axes(solid: Solid, mesh: Mesh, region: Index, elements: Index | None) -> Array | None:
-    """Axes before the prestretch of the elements that take part; None if no law needs them."""
-    needs = np.flatnonzero(np.array([m.needs_axes for m in solid.materials])[region])
+def _axes(solid: Solid, mesh: Mesh, region: Index, chosen: NDArray[np.bool_]) -> Array | None:
+    """Axes before the prestretch (n_elements, 3, 3); None if no law of chosen elements needs them."""
+    needs = np.flatnonzero(np.array([m.needs_axes for m in solid.materials])[region] & chosen)
     if len(needs) == 0:
         return None
     shape = (mesh.n_elements, 3, 3)
@@ -260,11 +240,10 @@ def _axes(solid: Solid, mesh: Mesh, region: Index, elements: Index | None) -> Ar
         raise SceneError(
             f"material axes have shape {found}, expected {shape}: a law of the solid depends on them"
         )
-    own = slice(None) if elements is None else elements
-    axes = rotations(solid.axes[own], needs)
+    axes = rotations(solid.axes, needs)
     if solid.prestretch is None:
         return axes
-    U, _, Vt = np.linalg.svd(solid.prestretch[own])
+    U, _, Vt = np.linalg.svd(solid.prestretch)
     return (U @ Vt).transpose(0, 2, 1) @ axes
 
 

@@ -94,23 +94,25 @@ class CompiledStiffening:
                 f"some of {', '.join(layout.muscles)}"
             )
         scene_index = np.array([layout.muscles.index(name) for name in term.names], dtype=np.int64)
-        elements, self._row = np.unique(term.element, return_inverse=True)
-        self._muscle, self._n = scene_index[term.muscle], len(elements)
-        self._share = np.ones(len(self._row)) if term.weight is None else term.weight
-        region = term.tissue.regions(mesh)[elements]
-        used = [m for i, m in enumerate(term.tissue.materials) if i in region]
+        self._element, self._n = np.asarray(term.element, dtype=np.int64), mesh.n_elements
+        self._muscle = scene_index[term.muscle]
+        chosen = np.zeros(mesh.n_elements, dtype=bool)
+        chosen[self._element] = True
+        self._share = np.ones(len(self._element)) if term.weight is None else term.weight
+        region = term.tissue.regions(mesh)
+        used = [m for i, m in enumerate(term.tissue.materials) if i in region[chosen]]
         if any(material.relaxation is not None for material in used):
             raise SceneError(
                 "the tissue that stiffens is viscoelastic, expected elastic materials: give the term "
                 "a tissue without relaxation, and what it adds is elastic"
             )
-        self._solid = CompiledSolid(term.tissue, layout, region, elements)
+        self._solid = CompiledSolid(term.tissue, layout, region, chosen)
         self._factor = term.factor
 
     def weights(self, control: Control) -> Array:
-        """s_e - 1 of every element that belongs to a muscle (n,) [1]."""
+        """s_e - 1 of every element (n_elements,) [1], zero where no active muscle is."""
         drive = self._share * control.activation[self._muscle]
-        activation = np.bincount(self._row, drive, self._n)
+        activation = np.bincount(self._element, drive, self._n)
         return (self._factor - 1.0) * np.minimum(activation, 1.0)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:

@@ -5,45 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim._kernels import tensor_solid as kernel
-from sim.assembly import BlockLayout
+from sim._kernels.element import Part, Places
 from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array
 from sim.terms.material import Material
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Elements of one type and one family of laws.
-
-    Attributes
-    ----------
-    element : (n,) their places among all elements.
-    nodes, gradient, volume : their rows of a `sim.assembly.BlockLayout`.
-    """
-
-    element: Index
-    nodes: Index
-    gradient: Array
-    volume: Array
-
-
-def parts_of(blocks: Sequence[BlockLayout], chosen: NDArray[np.bool_]) -> tuple[Part, ...]:
-    """Chosen elements of every block, without copies where all of a block are."""
-    parts: list[Part] = []
-    for b in blocks:
-        own = np.flatnonzero(chosen[b.rows])
-        if len(own) == 0:
-            continue
-        element = own + b.rows.start
-        if len(own) == len(b.nodes):
-            parts.append(Part(element, b.nodes, b.gradient, b.volume))
-        else:
-            parts.append(Part(element, b.nodes[own], b.gradient[own], b.volume[own]))
-    return tuple(parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,15 +46,18 @@ class TensorElements:
     Parameters
     ----------
     part : Part
+    places : Places
     axes : (n_elements, 3, 3) or None
         Material axes of all elements in the columns.
     region : (n_elements,) index into the materials.
     table : LawTable
     """
 
-    def __init__(self, part: Part, axes: Array | None, region: Index, table: LawTable) -> None:
+    def __init__(
+        self, part: Part, places: Places, axes: Array | None, region: Index, table: LawTable
+    ) -> None:
         n = len(part.element)
-        self.part, self._region, self._table = part, region, table
+        self.part, self._places, self._region, self._table = part, places, region, table
         chosen = np.broadcast_to(np.eye(3), (n, 3, 3)) if axes is None else axes[part.element]
         self._axes = np.ascontiguousarray(chosen)
         self.scale = np.ones(n)
@@ -94,18 +65,21 @@ class TensorElements:
         self.history = np.zeros((0, 0, 0))
         """Stress that stays the same over a step (n, n_points, 6) [Pa], or no rows."""
 
-    def evaluate(self, q: Array, *rest: Any) -> None:
-        """Forces, energies and stiffness, into the arrays of all elements.
+    @property
+    def n_points(self) -> int:
+        """Quadrature points of an element."""
+        return len(self.part.slope) // 3
 
-        rest : fibre arrays, activation, whether the stiffness is wanted, and the four results.
+    def evaluate(self, q: Array, *rest: Any) -> None:
+        """Add forces and stiffness, and write energies into the array of all elements.
+
+        rest : fibre arrays, activation, weights, whether the stiffness is wanted, and the four results.
         """
         part, table = self.part, self._table
         kernel.evaluate(
             q,
-            part.element,
-            part.nodes,
-            part.gradient,
-            part.volume,
+            part,
+            self._places,
             self._axes,
             self.scale,
             self.history,
@@ -121,12 +95,10 @@ class TensorElements:
     def law_stress(self, q: Array) -> Array:
         """Elastic stress of the law alone at every Gauss point (n, n_points, 6) [Pa]."""
         part, table = self.part, self._table
-        out = np.empty((*part.volume.shape, 6))
+        out = np.empty((len(part.element), self.n_points, 6))
         kernel.law_stress(
             q,
-            part.element,
-            part.nodes,
-            part.gradient,
+            part,
             self._axes,
             self._region,
             table.measure,

@@ -9,12 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim._kernels import volume as kernel
-from sim.assembly import (
-    MatrixSum,
-    element_pair_keys,
-    grouped,
-    slots,
-)
+from sim.assembly import element_pair_keys, grouped, parts_of, places_of, slots
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
@@ -128,34 +123,26 @@ class CompiledElementVolume:
     """Element volumes laid out for a scene; the buffers carry nothing between calls."""
 
     def __init__(self, kappa: float | Array, layout: Layout) -> None:
-        self._kappa, self._volumes = _by_element(kappa, layout.mesh), PointVolumes(layout.mesh)
-        self._matrix_sum = MatrixSum(layout.mesh, layout.pattern)
-        self._rest = self._volumes.rest.sum(axis=1)
-        self._is_point = self._volumes.rest > 0.0
-        self._blocks = np.zeros(self._matrix_sum.shape)
+        self._kappa = np.ascontiguousarray(_by_element(kappa, layout.mesh))
+        self._parts = parts_of(layout.mesh)
+        self._places = [places_of(layout.mesh, part, layout.pattern) for part in self._parts]
+        self._energy, self._no_values = np.zeros(layout.mesh.n_elements), np.zeros(0)
 
-    def _pressure(self, q: Array) -> tuple[Array, float]:
-        self._volumes.evaluate(q)
-        strain = (self._volumes.v * self._is_point).sum(axis=1) / self._rest - 1.0
-        pressure = np.ascontiguousarray((self._kappa * strain)[:, None] * self._is_point)
-        return pressure, 0.5 * dot(self._kappa * self._rest, strain**2)
+    def _add(self, q: Array, f: Array, K: Array | None) -> Contribution:
+        values = self._no_values if K is None else K
+        for part, places in zip(self._parts, self._places, strict=True):
+            kernel.element_pressure(
+                q, part, places, self._kappa, K is not None, f, self._energy, values
+            )
+        return Contribution(float(self._energy.sum()))
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Subtract dE/dq from f."""
-        pressure, energy = self._pressure(q)
-        self._volumes.add_force(pressure, f)
-        return Contribution(energy)
+        return self._add(q, f, None)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """As `add_force`, and K += d2E/dq2."""
-        pressure, energy = self._pressure(q)
-        self._volumes.add_force(pressure, f)
-        stiffness = self._kappa / self._rest
-        kernel.pressure_stiffness(
-            pressure, self._volumes.v, self._volumes.h, stiffness, self._blocks
-        )
-        self._matrix_sum.add(self._blocks, K)
-        return Contribution(energy)
+        return self._add(q, f, K)
 
 
 class CompiledNodalVolume:
@@ -163,10 +150,7 @@ class CompiledNodalVolume:
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:
         mesh, pattern = layout.mesh, layout.pattern
-        self._volumes = PointVolumes(mesh, point_per_node=True)
-        self._matrix_sum = MatrixSum(mesh, pattern)
-        self._blocks = np.zeros(self._matrix_sum.shape)
-
+        self._volumes = PointVolumes(mesh, pattern)
         nodes, used = slots(mesh)
         element, point = np.nonzero(self._volumes.rest > 0.0)
         owner = nodes[element, point]  # quadrature point k lies in the corner of node k
@@ -204,9 +188,7 @@ class CompiledNodalVolume:
 
     def _pressure(self, q: Array) -> tuple[Array, float]:
         self._volumes.evaluate(q)
-        kernel.gather_nodal(
-            self._volumes.v,
-            self._volumes.h,
+        self._volumes.gather(
             self._start,
             self._element,
             self._point,
@@ -222,16 +204,13 @@ class CompiledNodalVolume:
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Subtract dE/dq from f."""
         pressure, energy = self._pressure(q)
-        self._volumes.add_force(pressure, f)
+        self._volumes.add_pressure(q, pressure, f)
         return Contribution(energy)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """As `add_force`, and K += d2E/dq2, which couples second neighbours."""
         pressure, energy = self._pressure(q)
-        self._volumes.add_force(pressure, f)
-        none = np.zeros(len(pressure))
-        kernel.pressure_stiffness(pressure, self._volumes.v, self._volumes.h, none, self._blocks)
-        self._matrix_sum.add(self._blocks, K)
+        self._volumes.add_pressure(q, pressure, f, K)
         kernel.add_products(
             self._counts * self._kappa / self._rest,
             self._g,

@@ -12,7 +12,6 @@ import pytest
 
 import sim
 from benchmarks.other_simulator import CASES, their_face
-from sim.assembly import block_layouts
 from tests.bodies import dense, grid, mean_stress, solid_system
 
 THEIR_HEX = [
@@ -140,14 +139,15 @@ def pointwise(system, kappa):
 def bulk_blocks(system, q, modulus):
     """Sum over Gauss points of modulus(J) v grad N grad N', dense over the free unknowns."""
     A = np.zeros((q.size, q.size))
-    for block in block_layouts(system.scene.mesh):
+    mesh = system.scene.mesh
+    for block in mesh.blocks:
+        gradient, det = block.gradients(mesh.X)
         for nodes, gradients, volumes in zip(
-            block.nodes, block.gradient, block.volume, strict=True
+            block.nodes, gradient.transpose(0, 1, 3, 2), det * block.kind.weights, strict=True
         ):
-            n = len(set(nodes))
-            unknowns = (3 * nodes[:n, None] + np.arange(3)).ravel()
-            for G, V in zip(gradients[:, :, :n], volumes, strict=True):
-                F = q[nodes[:n]].T @ G.T
+            unknowns = (3 * nodes[:, None] + np.arange(3)).ravel()
+            for G, V in zip(gradients, volumes, strict=True):
+                F = q[nodes].T @ G.T
                 J = np.linalg.det(F)
                 g = (np.linalg.inv(F).T @ G).T.ravel()
                 A[np.ix_(unknowns, unknowns)] += modulus(J) * J * V * np.outer(g, g)

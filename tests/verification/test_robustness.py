@@ -209,7 +209,9 @@ def test_trajectories_do_not_depend_on_the_linear_solver(name):
 def test_results_do_not_depend_on_the_number_of_threads():
     import numba
 
-    system = strong_block()
+    mesh = grid((9, 8, 6), (0.03, 0.02, 0.02), wedges=(4,))  # more than one chunk of elements
+    terms = sim.ElementVolume(), sim.NodalVolume()
+    system = solid_system(mesh, muscles=crossed_muscles(mesh), terms=terms)
     q = system.scene.mesh.X * 1.05
     control = system.control(np.array([0.2, 0.4]))
     before = numba.get_num_threads()

@@ -1,0 +1,189 @@
+"""Eight numbers at once: a vector type for kernels, so that they use vector instructions for certain.
+
+The eight quadrature points of an element, or its eight nodes, stand side by side in the rows of an
+array. The compiler can seldom prove that arrays are distinct, and leaves loops over them as they are; a
+value of this type is one register of the processor (or two, or four), and its arithmetic needs no proof.
+
+    x, y = load(rows, 0), load(rows, 1)
+    store(rows, 2, math.sqrt(x * x + y * y) + 1.0)
+
+Laws are written for one number and work on lanes as well.
+"""
+
+# pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportOptionalCall=false, reportPrivateImportUsage=false
+# numba calls these functions while it compiles; they carry the types that it wants
+
+import math
+import operator
+
+import numba as nb
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.imputils import lower_builtin, lower_cast
+from numba.core.typeconv import Conversion
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, models, overload, register_model
+
+LANES = 8
+_BYTES = 8 * LANES  # of a cache line, too
+_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_INT = ir.IntType(32)
+_UNDEFINED = ir.Constant(_VECTOR, ir.Undefined)
+
+
+class LanesType(types.Type):
+    """Type of eight float64 that are computed with together; a number becomes eight equal ones."""
+
+    def __init__(self):
+        super().__init__(name="Lanes")
+
+    def can_convert_from(self, typingctx, other):
+        """Let branches that return numbers and lanes meet."""
+        return Conversion.safe if isinstance(other, types.Float) else None
+
+
+lanes = LanesType()
+
+
+@register_model(LanesType)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, dmm, fe_type):
+        super().__init__(dmm, fe_type, _VECTOR)
+
+
+def _shuffled(builder, vector, order):
+    mask = ir.Constant(ir.VectorType(_INT, LANES), list(order))
+    return builder.shuffle_vector(vector, _UNDEFINED, mask)
+
+
+def _spread(builder, number):
+    return _shuffled(builder, builder.insert_element(_UNDEFINED, number, _INT(0)), [0] * LANES)
+
+
+@lower_cast(types.float64, lanes)
+def _number_to_lanes(context, builder, fromty, toty, value):
+    return _spread(builder, value)
+
+
+def _arithmetic(op, instruction):
+    @infer_global(op)
+    class _Operator(ConcreteTemplate):
+        cases = [
+            signature(lanes, lanes, lanes),
+            signature(lanes, lanes, types.float64),
+            signature(lanes, types.float64, lanes),
+        ]
+
+    def lower(context, builder, sig, args):
+        pair = (
+            x if t == lanes else _spread(builder, x) for t, x in zip(sig.args, args, strict=True)
+        )
+        return getattr(builder, instruction)(*pair)
+
+    for case in _Operator.cases:
+        lower_builtin(op, *case.args)(lower)
+
+
+for _name in ("add", "sub", "mul", "truediv"):
+    for _op in (getattr(operator, _name), getattr(operator, "i" + _name)):
+        _arithmetic(_op, "f" + _name.removeprefix("true"))
+
+
+@infer_global(operator.neg)
+class _Negation(ConcreteTemplate):
+    cases = [signature(lanes, lanes)]
+
+
+@lower_builtin(operator.neg, lanes)
+def _negate(context, builder, sig, args):
+    return builder.fneg(args[0])
+
+
+def _elementwise(function):
+    """Let a function of `math` accept lanes; what no instruction does is done lane by lane."""
+
+    @intrinsic
+    def call(typingctx, x):
+        def codegen(context, builder, sig, args):
+            kind = ir.FunctionType(_VECTOR, [_VECTOR])
+            name = f"llvm.{function.__name__}.v{LANES}f64"
+            return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
+
+        return lanes(lanes), codegen
+
+    @overload(function)
+    def on_lanes(x):
+        return (lambda x: call(x)) if isinstance(x, LanesType) else None
+
+
+for _function in (math.sqrt, math.exp, math.log):
+    _elementwise(_function)
+
+
+def _row(context, builder, array_type, array, row):
+    struct = cgutils.create_struct_proxy(array_type)(context, builder, value=array)
+    stride = cgutils.unpack_tuple(builder, struct.strides)[0]
+    start = builder.bitcast(struct.data, ir.IntType(8).as_pointer())
+    return builder.bitcast(builder.gep(start, [builder.mul(row, stride)]), _VECTOR.as_pointer())
+
+
+@intrinsic
+def load(typingctx, array, row):
+    """Lanes from a row of eight, array[row, :]."""
+
+    def codegen(context, builder, sig, args):
+        return builder.load(_row(context, builder, sig.args[0], *args), align=8)
+
+    return lanes(array, types.intp), codegen
+
+
+@intrinsic
+def store(typingctx, array, row, value):
+    """Write array[row, :] = value, lanes."""
+
+    def codegen(context, builder, sig, args):
+        builder.store(args[2], _row(context, builder, sig.args[0], *args[:2]), align=8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, lanes), codegen
+
+
+def _folded(builder, vector, join):
+    for half in (4, 2, 1):
+        other = _shuffled(builder, vector, [(i + half) % LANES for i in range(LANES)])
+        vector = join(vector, other)
+    return builder.extract_element(vector, _INT(0))
+
+
+@intrinsic
+def total(typingctx, x):
+    """Sum of the lanes, in an order that is always the same; NaN if one is."""
+
+    def codegen(context, builder, sig, args):
+        return _folded(builder, args[0], builder.fadd)
+
+    return types.float64(x), codegen
+
+
+@intrinsic
+def smallest(typingctx, x):
+    """Smallest of the lanes; without meaning if one is NaN."""
+
+    def codegen(context, builder, sig, args):
+        return _folded(
+            builder,
+            args[0],
+            lambda a, b: builder.select(builder.fcmp_ordered("<", a, b), a, b),
+        )
+
+    return types.float64(x), codegen
+
+
+@nb.njit(cache=True)
+def rows(n):
+    """Array of n rows of lanes that starts at a cache line: vectors across two lines take longer."""
+    whole = np.empty((n + 1) * LANES)
+    first = (-whole.ctypes.data % _BYTES) // 8
+    return whole[first : first + n * LANES].reshape((n, LANES))
