@@ -1,0 +1,150 @@
+"""Contact of lips with each other and with teeth: closing, gestures, support of the teeth, friction.
+
+    python benchmarks/lip_contact.py                             template face, tables and pictures
+    python benchmarks/lip_contact.py --face FACE.nc --out DIR    any other face
+    python benchmarks/lip_contact.py --part closing --part teeth some of the parts
+    python benchmarks/lip_contact.py --page                      the page alone, from the tables
+
+closing   both parts of orbicularis oris at full activation, held for 1 s, with and without contact
+gestures  the held gestures of the six instructions
+friction  closing with friction 0.3
+teeth     protrusion with and without teeth to rest on
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+import xarray as xr
+from PIL import Image
+
+from emgface.bench.contact import CLOSING, METHODS, measure
+from emgface.bench.store import store
+from emgface.face.file import load_face
+from emgface.face.show_displacement import draw_displacement
+from emgface.face.show_section import draw_sections
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.teeth_support import protrude_lips
+from emgface.face.template import template_face
+from emgface.face.template.gestures import GESTURES
+
+DOCS = Path(__file__).resolve().parent.parent / "docs" / "contact"
+RESOLUTION = "medium"
+SIGMA_MAX = 100e3
+
+
+def shrink(path: Path) -> None:
+    """Store a picture with 128 colours."""
+    with Image.open(path) as picture:
+        picture.convert("RGB").quantize(128).save(path, optimize=True)
+
+
+def held(
+    face: xr.Dataset,
+    out: Path,
+    name: str,
+    cases: Sequence[str],
+    methods: Sequence[str],
+    hold: float,
+    friction: float = 0.0,
+) -> xr.Dataset:
+    """Run cases side by side; table, figure and a section of every case."""
+
+    def progress(done: int, total: int) -> None:
+        print(f"\r{name}: {done} of {total}", end="", flush=True)
+
+    found = measure(
+        face,
+        methods=methods,
+        cases=cases,
+        friction=friction,
+        hold=hold,
+        parameters=SimulationParameters(sigma_max=SIGMA_MAX, gravity=False),
+        progress=progress,
+    )
+    table, paths = store("contact", found, out / "raw" / name)
+    table.round(6).to_csv(out / f"{name}.csv", index=False)
+    for path in paths:
+        if path.suffix == ".png":
+            shrink(path)
+            path.replace(out / f"{name}-opening.png")
+    for case in cases:
+        shown = {"rest": face["position"].values}
+        for method in methods:
+            label = "no contact" if method == "none" else method
+            shown[label] = found["node_position"].sel(case=case, contact=method).values
+        title = f"{face.attrs['name']}: {case}, section in the midline (simulated)"
+        path = draw_sections(face, shown, out / f"{name}-{case}.png", title=title, dpi=80)
+        shrink(path)
+    print(f"\n{table.round(4).to_string(index=False)}", flush=True)
+    return found
+
+
+def teeth(face: xr.Dataset, out: Path) -> None:
+    """Protrusion with and without teeth."""
+    table, motion = protrude_lips(face, stiffening=(1.0, 10.0), progress=print)
+    table.round(6).to_csv(out / "teeth.csv", index=False)
+    print(table.round(3).to_string(index=False), flush=True)
+    for factor in (1.0, 10.0):
+        shown = {"rest": face["position"].values} | {
+            f"touching {name}": found["node_position"].values[-1]
+            for (name, own), found in motion.items()
+            if own == factor
+        }
+        title = (
+            f"{face.attrs['name']}: orbicularis oris (peripheral) at 1, stiffening {factor:g} "
+            "(simulated)"
+        )
+        shrink(draw_sections(face, shown, out / f"teeth-{factor:g}.png", title=title, dpi=80))
+        shown.pop("rest")
+        columns = ("front", "left side")
+        path = out / f"teeth-{factor:g}-outside.png"
+        shrink(draw_displacement(face, shown, path, title=title, columns=columns, dpi=70))
+
+
+def markdown(table: pd.DataFrame, digits: int = 2) -> str:
+    """Format a table for a page."""
+
+    def cell(value: object) -> str:
+        return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
+
+    rows = [list(map(str, table.columns)), ["---"] * len(table.columns)]
+    rows += [[cell(value) for value in row] for row in table.itertuples(index=False)]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def main() -> None:
+    """Measure, draw and store."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--face", type=Path, help="face model; the template face by default")
+    parser.add_argument("--resolution", default=RESOLUTION, help="of the template face")
+    parser.add_argument("--out", type=Path, default=DOCS / "template")
+    parser.add_argument(
+        "--part", action="append", choices=["closing", "gestures", "friction", "teeth"]
+    )
+    parser.add_argument("--method", action="append", choices=METHODS)
+    parser.add_argument("--hold", type=float, default=1.0, help="of the closing lips [s]")
+    options = parser.parse_args()
+    face = (
+        template_face(resolution=options.resolution)
+        if options.face is None
+        else load_face(options.face)
+    )
+    options.out.mkdir(parents=True, exist_ok=True)
+    parts = options.part or ["closing", "gestures", "friction", "teeth"]
+    methods = tuple(options.method or METHODS)
+    if "closing" in parts:
+        held(face, options.out, "closing", (CLOSING,), methods, options.hold)
+    if "gestures" in parts:
+        held(face, options.out, "gestures", tuple(GESTURES), methods, 0.5)
+    if "friction" in parts:
+        held(face, options.out, "friction", (CLOSING,), methods, 0.5, friction=0.3)
+    if "teeth" in parts:
+        teeth(face, options.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""Protrusion of the lips with and without teeth to rest on, and with and without each other."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+import pandas as pd
+import xarray as xr
+
+from emgface.face.contact_parameters import ContactParameters
+from emgface.face.equilibria import equilibria
+from emgface.face.lip_rounding import SIGMA_MAX
+from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.face.penetration import Penetration
+from emgface.face.simulation_parameters import SimulationParameters
+
+LEVELS: Final = (0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0)
+BACKING: Final[Mapping[str, tuple[str, ...]]] = {
+    "nothing": (),
+    "lips alone": ("lips",),
+    "lips and teeth": ("lips", "teeth"),
+}
+"""What the lips may touch, by what it is called."""
+
+
+def protrude_lips(
+    face: xr.Dataset,
+    *,
+    backing: Mapping[str, tuple[str, ...]] = BACKING,
+    method: str = "constraint",
+    stiffening: Sequence[float] = (1.0,),
+    levels: Sequence[float] = LEVELS,
+    parameters: SimulationParameters | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[pd.DataFrame, dict[tuple[str, float], xr.Dataset]]:
+    """Activate the peripheral orbicularis oris in steps, with several things to touch.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with `lip_opening_node` and arches.
+    backing : mapping
+        Name to what may touch, "lips" or "teeth" or both; nothing is no contact.
+    method : str
+        Of contact, "constraint" or "barrier".
+    stiffening : sequence of float
+        Factors on the passive moduli of the muscle's elements at full activation.
+    levels : sequence of float
+        Activations.
+    parameters : SimulationParameters, optional
+        By default sigma_max = 100 kPa and no gravity; contact and stiffening are set here.
+    progress : callable, optional
+        Receives a sentence per run.
+
+    Returns
+    -------
+    table : DataFrame
+        One row per backing, stiffening and activation with the measures of
+        `emgface.face.lip_shape.lip_shape` in mm and mm^2, how deep lips stand in each other and in the
+        teeth [mm], and the smallest det F.
+    motion : dict
+        (backing, stiffening) to the Dataset of `emgface.face.equilibria.equilibria`.
+
+    Raises
+    ------
+    As `emgface.face.equilibria.equilibria` and `emgface.face.penetration.Penetration`.
+
+    Notes
+    -----
+    Source of the experiment: Stavness et al., Teeth support lip protrusion, Fig. 11.12, where contact
+    with the teeth is switched off.
+    """
+    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
+    rim, penetration = lip_rim(face), Penetration(face)
+    rows: list[dict[str, object]] = []
+    motion: dict[tuple[str, float], xr.Dataset] = {}
+    for name, between in backing.items():
+        values = {"method": method, "between": between} if between else {}
+        contact = ContactParameters.model_validate(values)
+        for factor in stiffening:
+            if progress is not None:
+                progress(f"lips may touch {name}, stiffening {factor:g}")
+            changed = base.model_copy(update={"contact": contact, "stiffening": factor})
+            found = equilibria(face, {"OOP_L": 1.0, "OOP_R": 1.0}, changed, levels=levels)
+            motion[name, factor] = found
+            for k, level in enumerate(levels):
+                q = found["node_position"].values[k]
+                shape = lip_shape(face, rim, q)
+                rows.append(
+                    {
+                        "touching": name,
+                        "stiffening": factor,
+                        "activation": level,
+                        "protrusion (mm)": 1e3 * shape["protrusion"],
+                        "margins forward (mm)": 1e3 * shape["margin_protrusion"],
+                        "width (mm)": 1e3 * shape["width"],
+                        "height (mm)": 1e3 * shape["height"],
+                        "area (mm2)": 1e6 * shape["area"],
+                        "lips over each other (mm2)": 1e6 * shape["overlap"],
+                        "roundness (1)": shape["roundness"],
+                        "lips in lips (mm)": 1e3 * penetration.lips(q),
+                        "lips in teeth (mm)": 1e3 * penetration.teeth(q),
+                        "smallest det F": float(found["smallest_J"].values[k]),
+                    }
+                )
+    return pd.DataFrame(rows), motion
