@@ -102,10 +102,6 @@ class Places:
     reach : float
         Declared reach, for the message [m].
 
-    Raises
-    ------
-    ContactFailure
-        Vertex and face are no pair of the pattern.
     """
 
     def __init__(
@@ -119,22 +115,31 @@ class Places:
             pattern.pair_index(keys.ravel()).reshape(keys.shape), len(pattern.pairs) - 1
         )
         lost = used & (pattern.pairs[place] != keys)
-        if lost.any():
-            row, which = np.argwhere(lost)[0]
-            one, other = int(a[row, which]), int(b[row, which])
-            name = names[int(rows.pairing[row])]
-            raise ContactFailure(
-                f"nodes {one} and {other} of pairing {name!r} touch, but lie farther apart at rest than "
-                f"the declared reach of {reach:g} m: give the contact a larger reach",
-                surface=name,
-                node=one,
-            )
-        self._row, self._entry = np.nonzero(used)
+        # a row may be near without ever pushing
+        self._lost = lost.any(axis=1)
+        self._rows, self._names, self._reach = rows, names, reach
+        self._row, self._entry = np.nonzero(used & ~lost)
         self._target = pattern.target[place[self._row, self._entry]]
         self._nnz = pattern.nnz
 
     def add(self, block: Array, scale: float, values: Array) -> None:
-        """Values += scale sum over rows of the blocks (k, 3, 3) between all nodes of a row."""
+        """Values += scale sum over rows of the blocks (k, 3, 3) between all nodes of a row.
+
+        Raises
+        ------
+        ContactFailure
+            The nodes of a row with a block are no pairs of the pattern.
+        """
+        lost = np.flatnonzero(self._lost & block.any(axis=(1, 2)))
+        if len(lost):
+            vertex, *face = self._rows.nodes[lost[0]].tolist()
+            name = self._names[int(self._rows.pairing[lost[0]])]
+            raise ContactFailure(
+                f"node {vertex} and the face of nodes {face} of pairing {name!r} touch, but lie farther "
+                f"apart at rest than the reach of {self._reach:g} m: give the contact a larger reach",
+                surface=name,
+                node=vertex,
+            )
         parts = (
             scale * self._product[self._row, self._entry, None] * block.reshape(-1, 9)[self._row]
         )
@@ -185,18 +190,23 @@ class Law:
         sticks = (size <= self.bound) & (self.bound > 0.0)
         share = np.where(sticks, 1.0, self.bound / np.where(size > 0.0, size, 1.0))
         friction = share[:, None] * tau
-        stuck, slid = 0.5 * size**2 / rho, self.bound * (size - 0.5 * self.bound) / rho
-        stored = np.where(sticks, stuck, slid)
+        stuck: Array = 0.5 * size**2 / rho
+        slid: Array = self.bound * (size - 0.5 * self.bound) / rho
+        stored: Array = np.where(sticks, stuck, slid)
         energy += dot(stored, np.ones(len(n)))
         slip = float(np.abs(across[sticks]).max()) if sticks.any() else 0.0
         turn = np.where(sticks, 0.0, share * rho)
         return Acting(gap, force, friction, sticks, turn, slip, energy)
 
-    def stiffness(self, acting: "Acting") -> Array:
-        """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m]."""
+    def stiffness(self, acting: "Acting", pushes: NDArray[np.bool_] | None = None) -> Array:
+        """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m].
+
+        With `pushes` (k,) these rows count as pushing, whether they do or not.
+        """
         n = self.rows.normal
         nn = n[:, :, None] * n[:, None, :]
-        block = np.where(acting.force > 0.0, self.rho, 0.0)[:, None, None] * nn
+        pushing = acting.force > 0.0 if pushes is None else pushes
+        block = np.where(pushing, self.rho, 0.0)[:, None, None] * nn
         if not (self.bound > 0.0).any():
             return block
         plane = np.eye(3) - nn
@@ -206,6 +216,10 @@ class Law:
         turn = plane - along[:, :, None] * along[:, None, :]
         block += np.where(acting.sticks, self.rho, 0.0)[:, None, None] * plane
         return block + acting.turn[:, None, None] * turn
+
+    def held(self, acting: "Acting", pushes: NDArray[np.bool_]) -> Array:
+        """Forces (k,) along the normals if these rows push, or pull, and no others [N]."""
+        return np.where(pushes, self.normal - self.rho * acting.gap, 0.0)
 
     def update(self, acting: "Acting") -> None:
         """Take the forces that act as the new multipliers."""
@@ -242,8 +256,15 @@ class Acting:
         """Whole forces (k, 3) on the vertices [N]."""
         return self.force[:, None] * rows.normal + self.friction
 
-    def miss(self, law: Law) -> float:
-        """Largest gap of a row that pushes, penetration of one that does not, or slip [m]."""
-        open_miss = np.where(law.released, 0.0, np.maximum(-self.gap, 0.0))
-        miss = np.where(self.force > 0.0, np.abs(self.gap), open_miss)
+    def miss(self, law: Law, pushes: NDArray[np.bool_] | None = None) -> float:
+        """Largest gap of a row that pushes, penetration of one that does not, or slip [m].
+
+        With `pushes` (k,) those rows count as pushing that are among them.
+        """
+        pushing = self.force > 0.0
+        if pushes is not None:
+            miss = np.where(pushes & pushing, np.abs(self.gap), 0.0)
+        else:
+            inside = np.where(law.released, 0.0, np.maximum(-self.gap, 0.0))
+            miss = np.where(pushing, np.abs(self.gap), inside)
         return max(float(miss.max(initial=0.0)), self.slip)

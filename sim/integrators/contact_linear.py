@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.contact.rows import Acting, Law, Rows
 from sim.contact.step import TOUCH, ContactStep, penalties
@@ -15,13 +16,16 @@ from sim.system import System
 from sim.vectors import dot, norm
 
 PENALTY = 300.0  # of the stiffness that a row meets
-SETTLED = 1e-7  # what gaps and slips are closed to [m]
+SETTLED = 1e-6  # what gaps and slips are closed to [m]
+INSIDE = 1e-5  # depth of a row that does not push that is left to the correction [m]
+PULL = 0.1  # of the mean force, what a row may pull before it lets go in the next step
 ROUGHLY = 1e-5  # what is accepted where the sets do not settle [m]
 FRICTION_SETTLED = 1e-4  # of the largest bound
 ENOUGH = 0.1  # of the slope at its start, where a move may end
 PASSES, ROUNDS, CORRECTIONS, HALVINGS = 60, 6, 4, 40
 MAX_FLIPS = 6  # a row that comes and goes more often is let go for the step
-CONSIDERABLE = 1e-4  # depth that is no matter of a correction [m]
+CONSIDERABLE = 1e-4  # depth of a row that pushes that is no matter of a correction [m]
+AT_ALL = 2e-5  # the same of one that does not [m]
 
 Solve = Callable[[Array], Array]
 
@@ -96,7 +100,7 @@ class LinearContact:
             law = self._law(law.rows.joined(missed), law)
         else:
             raise NotConverged((), self._state.t + h, "contact finds new rows in every round")
-        q = self._corrected(q, near, solve)
+        q = self._corrected(q, near, law.rows.slot[acting.force > 0.0], solve)
         return Touched(
             self._system.expand(x / h, self._state.v),
             q,
@@ -136,34 +140,43 @@ class LinearContact:
             return solve(self._b), law.at(self._displacement(x)), solve
         places = self._step.places(system.pattern, rows)
         acting = law.at(self._displacement(x))
-        solve, factored, last = None, acting, np.inf
-        flips, miss = np.zeros(len(rows), dtype=np.int64), np.inf
+        # rows that pushed in the step before, and those that the motion would bring inside
+        pushes = (law.normal > 0.0) | (acting.gap < -TOUCH)
+        factored, sticks, solve = pushes, acting.sticks, None
+        flips, miss, last = np.zeros(len(rows), dtype=np.int64), np.inf, np.inf
         for _ in range(PASSES):
-            pushed = rows.spread(acting.on_vertices(rows), n)
+            force = law.held(acting, pushes)[:, None] * rows.normal + acting.friction
             Ax = symmetric_product(system, self._A, x)
-            missing = self._b + self._scale * system.reduce(pushed) - Ax
+            missing = self._b + self._scale * system.reduce(rows.spread(force, n)) - Ax
             left = norm(missing)
+            same = np.array_equal(factored, pushes) and np.array_equal(sticks, acting.sticks)
             # the stiffness of a sliding contact turns with its way
-            stale = acting.turn.any() and left > 0.3 * last
-            if solve is None or stale or not _same(factored, acting):
+            if solve is None or not same or (acting.turn.any() and left > 0.3 * last):
                 A = self._A.copy()
-                places.add(law.stiffness(acting), self._scale, A)
-                solve, factored = self._solver(A), acting
-            move, before, last = solve(missing), acting, left
+                places.add(law.stiffness(acting, pushes), self._scale, A)
+                first = solve is None
+                solve, factored, sticks = self._solver(A), pushes, acting.sticks
+            else:
+                first = False
+            move, last = solve(missing), left
             self.solutions += 1
-            x, acting = self._along(law, x, move, Ax - self._b)
-            flips += (before.force > 0.0) != (acting.force > 0.0)
-            law.released |= flips > MAX_FLIPS
+            if first:
+                x, acting = x + move, law.at(self._displacement(x + move))
+            else:
+                x, acting = self._along(law, x, move, Ax - self._b)
             rough = float(np.abs(move).max()) if law.bound.any() else 0.0
-            if not _same(factored, acting) or rough > ROUGHLY:
+            settled = np.array_equal(sticks, acting.sticks) and rough <= ROUGHLY
+            if not (settled and self._stand(law, acting, pushes)):
+                now = acting.force > 0.0
+                flips += now != pushes
+                law.released |= flips > MAX_FLIPS
+                pushes = now & ~law.released
                 continue
-            miss, bound = acting.miss(law), law.bound
+            miss, bound = acting.miss(law, pushes), law.bound
             law.update(acting)
             change = np.abs(law.bound - bound).max(initial=0.0)
-            if (
-                max(miss, rough) <= SETTLED
-                and change <= FRICTION_SETTLED * law.bound.max(initial=0.0) + 1e-12
-            ):
+            small = FRICTION_SETTLED * law.bound.max(initial=0.0) + 1e-12
+            if max(miss, rough) <= SETTLED and change <= small:
                 return x, acting, solve
             acting, last = law.at(self._displacement(x)), np.inf
         if miss > ROUGHLY:
@@ -172,6 +185,16 @@ class LinearContact:
             )
         assert solve is not None  # the loop ran
         return x, acting, solve
+
+    def _stand(self, law: Law, acting: Acting, pushes: NDArray[np.bool_]) -> bool:
+        """Whether these rows may stay as they are for the step: nothing goes in, little is pulled."""
+        inside = float(-acting.gap[~pushes & ~law.released].min(initial=0.0))
+        if inside > INSIDE:
+            return False
+        force = law.held(acting, pushes)
+        pull = float(-force.min(initial=0.0))
+        pushing = force[force > 0.0]
+        return pull == 0.0 or (len(pushing) > 0 and pull <= PULL * float(pushing.mean()))
 
     def _along(self, law: Law, x: Array, move: Array, residual: Array) -> tuple[Array, Acting]:
         """Point of a move where the augmentation is lowest, its end if it falls till there.
@@ -207,9 +230,9 @@ class LinearContact:
         depth = -passed.gaps(q - self._state.q)
         held = np.isin(passed.slot, law.rows.slot[acting.force > 0.0])
         same = np.isin(_keys(passed), _keys(law.rows))
-        return passed.take(np.flatnonzero(~same & (~held | (depth > CONSIDERABLE))))
+        return passed.take(np.flatnonzero(~same & (depth > np.where(held, CONSIDERABLE, AT_ALL))))
 
-    def _corrected(self, q: Array, near: Rows, solve: Solve) -> Array:
+    def _corrected(self, q: Array, near: Rows, pushing: Index, solve: Solve) -> Array:
         """Positions with what has come to lie inside moved out, as the tissue gives way."""
         system, q0 = self._system, self._state.q
         stiffness = self._A[system.pattern.diagonal] / self._scale
@@ -219,7 +242,9 @@ class LinearContact:
             if not len(deep):
                 break
             rows, wanted = near.take(deep), -gap[deep]
-            rho = penalties(system.pattern, stiffness, rows, PENALTY)
+            # the matrix answers to rows that push by their penalty
+            factor = np.where(np.isin(rows.slot, pushing), PENALTY, 1.0)
+            rho = factor * penalties(system.pattern, stiffness, rows, 1.0)
             push = rows.spread((rho * wanted)[:, None] * rows.normal, len(q))
             move = self._displacement(solve(self._scale * system.reduce(push)))
             self.solutions += 1
@@ -240,11 +265,6 @@ class LinearContact:
         none = np.zeros(conditions.n)
         work.factorise_constrained(values, G)
         return lambda r: work.saddle.solve(r, none)[0]
-
-
-def _same(a: Acting, b: Acting) -> bool:
-    """Whether the same rows push, and the same stick."""
-    return bool(np.array_equal(a.force > 0.0, b.force > 0.0) and np.array_equal(a.sticks, b.sticks))
 
 
 def _keys(rows: Rows) -> Index:
