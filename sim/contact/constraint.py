@@ -25,7 +25,9 @@ MEMORY = "contact"
 SELF_DEPTH = (
     0.2  # of the approach: what may lie behind a face of its own surface and still touch it
 )
-ALLOWED, FORCE, FRICTION = 0, 1, slice(2, 5)  # columns of the memory
+BLUR = 0.2  # of the approach: how far edges are rounded in the directions of rows
+ALLOWED, FORCE, PUSH, FRICTION = 0, 1, slice(2, 5), slice(5, 8)
+COLUMNS = 8  # of the memory: depth allowed [m], normal force, its vector, friction [N]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,8 @@ class ConstraintContact:
     """Vertices that may not pass the faces opposite, held by multipliers.
 
     Every vertex of a surface of the mesh near the other surface of its pairing gets a row: the gap to
-    its nearest face, along the direction from that face, stays >= 0. Between two surfaces of the mesh
+    its nearest face, along the direction from that face, stays >= 0; in a groove it gets one for each
+    wall. Between two surfaces of the mesh
     both take the part of the vertices. Rows that would pull let go. What still has come to lie inside
     is moved out by a correction of the positions that leaves the velocities alone.
 
@@ -195,7 +198,7 @@ class CompiledContact:
         return count, np.where(gap < np.inf, gap, np.nan), force
 
     def remembered(self, memory: Mapping[str, Array], q: Array, t: float) -> Array:
-        """Memory of a state: per slot the depth that is allowed [m], force and friction [N].
+        """Memory of a state, (n_slots, COLUMNS).
 
         Parameters
         ----------
@@ -204,7 +207,7 @@ class CompiledContact:
         """
         if MEMORY in memory:
             return memory[MEMORY]
-        new = np.zeros((self._n_slots, 5))
+        new = np.zeros((self._n_slots, COLUMNS))
         for d in self._directions:
             if d.itself:
                 continue
@@ -278,14 +281,16 @@ class CompiledContact:
         nodes = d.vertices if of_mesh else np.full(len(d.vertices), -1)
         away = d.signs.normals(x)[1][d.vertices] if d.itself else NO_NORMALS
         found = nearest_faces(points, radius, x, d.faces.triangles, nodes=nodes, away=away)
-        gap, normal = d.signs.signed(points, found, x)
+        gap, normal = d.signs.signed(points, found, x, BLUR * self._approach)
+        beside, *more = d.signs.beside(points, found, x, BLUR * self._approach)
+        gap, normal = np.r_[gap, more[0]], np.r_[normal, more[1]]
+        found = found.joined(beside)
         deepest = -SELF_DEPTH * self._approach if d.itself else -np.inf
         good = np.flatnonzero((gap > deepest) & (gap + may[found.point] < radius[found.point]))
-        found = Found(*(getattr(found, name)[good] for name in found.__dataclass_fields__))
-        gap, normal = gap[good], normal[good]
+        found, gap, normal = found.take(good), gap[good], normal[good]
         if at_start and not d.faces.closed:
             # nothing that came through the front lies this deep: it came around a free edge
-            behind = gap + may[found.point] < -SELF_DEPTH * self._approach
+            behind = np.flatnonzero(gap + may[found.point] < -SELF_DEPTH * self._approach)
             may[found.point[behind]] = -gap[behind]
             allowed[d.slots] = may
         if at_start and isinstance(d.faces, RigidShell) and d.faces.motion is not None:

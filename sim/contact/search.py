@@ -15,6 +15,7 @@ from sim.scene import Index
 from sim.state import Array
 
 NO_NODES = np.empty(0, dtype=np.int64)
+CONCAVE = 0.1  # sine of the angle from which two faces make a groove
 NO_NORMALS = np.empty((0, 3))
 
 
@@ -36,6 +37,15 @@ class Found:
     weight: Array
     value: Array
     feature: Index
+
+    def take(self, which: Index) -> "Found":
+        """Some of the rows."""
+        return Found(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+
+    def joined(self, other: "Found") -> "Found":
+        """These rows, then the others."""
+        names = self.__dataclass_fields__
+        return Found(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +234,53 @@ class SignedFaces:
         kernel.normals(x, self.triangles, face, corner)
         return face, corner
 
-    def signed(self, points: Array, found: Found, x: Array) -> tuple[Array, Array]:
+    def beside(
+        self, points: Array, found: Found, x: Array, near: float
+    ) -> tuple[Found, Array, Array]:
+        """Faces that meet the nearest one at a concave edge, where a point is above both.
+
+        A point in a groove is held by both its walls.
+
+        Parameters
+        ----------
+        points : (n, 3) [m]
+        found : Found
+            Of `nearest_faces`.
+        x : (m, 3) positions that the triangles name [m].
+        near : float
+            A further face counts where the point is above it, or nearer to it than this [m].
+
+        Returns
+        -------
+        found : Found
+            The same points again, once per further face, with the distances from its plane.
+        gap : (k,) distance from the plane of the face, negative behind [m].
+        normal : (k, 3) its unit normal.
+        """
+        by_face, _ = self.normals(x)
+        across = self._across[found.face]
+        row, side = np.nonzero(across >= 0)
+        face, first = across[row, side], found.face[row]
+        opposite = x[self.triangles[face]] - x[self.triangles[first, side]][:, None]
+        height = np.einsum("kji,ki->kj", opposite, by_face[first]).max(axis=1)
+        reach = np.sqrt((opposite**2).sum(axis=2).max(axis=1))
+        keep = np.flatnonzero(height > CONCAVE * reach)
+        row, face = row[keep], face[keep]
+        at, k = found.point[row], len(row)
+        weight, squared = np.empty((k, 3)), np.empty(k)
+        feature = np.empty(k, dtype=np.int64)
+        kernel.closest(
+            np.ascontiguousarray(points[at]), x, self.triangles[face], weight, squared, feature
+        )
+        keep = np.flatnonzero((feature == 0) | (squared < near * near))
+        at, face, weight = at[keep], face[keep], weight[keep]
+        nearest = np.einsum("kj,kji->ki", weight, x[self.triangles[face]])
+        gap = np.einsum("ki,ki->k", points[at] - nearest, by_face[face])
+        return Found(at, face, weight, np.abs(gap), feature[keep]), gap, by_face[face]
+
+    def signed(
+        self, points: Array, found: Found, x: Array, blur: float = 0.0
+    ) -> tuple[Array, Array]:
         """Signed distances and their directions.
 
         Parameters
@@ -233,11 +289,15 @@ class SignedFaces:
         found : Found
             Of `nearest_faces`.
         x : (m, 3) positions that the triangles name [m].
+        blur : float
+            Nearer than about this to an edge or a vertex [m] the mean normal of its faces serves as
+            direction, since that of the distance turns within the distance itself; the gap is then
+            counted along it.
 
         Returns
         -------
         gap : (k,) distance, negative inside [m]; NaN at a free edge.
-        normal : (k, 3) unit vectors out of the surface, the gradient of the gap.
+        normal : (k, 3) unit vectors out of the surface, without blur the gradient of the gap.
         """
         by_face, by_corner = self.normals(x)
         f, what = found.face, found.feature
@@ -264,4 +324,11 @@ class SignedFaces:
         apart = (what > 0) & (found.value > 1e-6 * reach)
         length = np.where(found.value > 0.0, found.value, 1.0)
         normal = np.where(apart[:, None], (sign / length)[:, None] * way, outward)
+        if blur > 0.0:
+            share = found.value / (found.value + blur)
+            mixed = share[:, None] * normal + (1.0 - share)[:, None] * outward
+            mixed /= np.linalg.norm(mixed, axis=1, keepdims=True)
+            normal = np.where((what > 0)[:, None], mixed, normal)
+            along = np.einsum("ki,ki->k", way, normal)
+            gap = np.where((what > 0) & ~free, along, gap)
         return gap, normal

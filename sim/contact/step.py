@@ -4,13 +4,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sim.contact.constraint import ALLOWED, FORCE, FRICTION, MEMORY, CompiledContact
+from sim.contact.constraint import (
+    ALLOWED,
+    FORCE,
+    FRICTION,
+    MEMORY,
+    PUSH,
+    CompiledContact,
+)
 from sim.contact.rows import Acting, Law, Places, Rows
 from sim.pattern import SymmetricPattern
-from sim.scene import Index
 from sim.state import Array, State
 
 TOUCH = 1e-6  # what counts as passed [m]
+SHARING = 20  # sweeps that share a push among the walls of a groove
 
 
 class ContactStep:
@@ -54,12 +61,7 @@ class ContactStep:
 
     def law(self, rows: Rows, rho: Array) -> Law:
         """Rows with the multipliers that the state remembers of their vertices."""
-        _, first = np.unique(rows.slot, return_index=True)
-        normal, tangent = np.zeros(len(rows)), np.zeros((len(rows), 3))
-        normal[first] = self._memory[rows.slot[first], FORCE]
-        tangent[first] = self._memory[rows.slot[first], FRICTION]
-        tangent -= np.einsum("ki,ki->k", tangent, rows.normal)[:, None] * rows.normal
-        return Law(rows, rho, normal, tangent)
+        return _shared(rows, rho, self._memory[:, PUSH], self._memory[:, FRICTION])
 
     def places(self, pattern: SymmetricPattern, rows: Rows) -> Places:
         """Where the blocks of rows go."""
@@ -68,12 +70,13 @@ class ContactStep:
     def memory(self, q: Array, law: Law, acting: Acting) -> Mapping[str, Array]:
         """What the state at the end remembers, at positions q."""
         new = np.zeros_like(self._memory)
-        np.add.at(new[:, FORCE], law.rows.slot, acting.force)
-        for i in range(3):
-            np.add.at(new[:, FRICTION.start + i], law.rows.slot, acting.friction[:, i])
+        slot = law.rows.slot
+        np.add.at(new[:, FORCE], slot, acting.force)
+        np.add.at(new[:, PUSH], slot, acting.force[:, None] * law.rows.normal)
+        np.add.at(new[:, FRICTION], slot, acting.friction)
         near = self.at(q)
         depth = self._allowed[near.slot] - near.gaps(q - self.q0)
-        new[near.slot, ALLOWED] = np.clip(depth, 0.0, self._allowed[near.slot])
+        np.maximum.at(new[:, ALLOWED], near.slot, np.clip(depth, 0.0, self._allowed[near.slot]))
         return {MEMORY: new}
 
 
@@ -94,15 +97,32 @@ def penalties(pattern: SymmetricPattern, diagonal: Array, rows: Rows, factor: fl
 
 def carried_over(law: Law, rows: Rows, rho: Array) -> Law:
     """Other rows with the multipliers of the same vertices."""
-    order = np.argsort(law.rows.slot, kind="stable")
-    known: Index = law.rows.slot[order]
-    normal, tangent = np.zeros(len(rows)), np.zeros((len(rows), 3))
-    if len(known):
-        place = np.minimum(np.searchsorted(known, rows.slot), len(known) - 1)
-        same = np.flatnonzero(known[place] == rows.slot)
-        _, first = np.unique(rows.slot[same], return_index=True)
-        same = same[first]
-        normal[same] = law.normal[order[place[same]]]
-        tangent[same] = law.tangent[order[place[same]]]
-        tangent -= np.einsum("ki,ki->k", tangent, rows.normal)[:, None] * rows.normal
+    n = max(int(part.slot.max(initial=-1)) for part in (rows, law.rows)) + 1
+    push, friction = np.zeros((n, 3)), np.zeros((n, 3))
+    np.add.at(push, law.rows.slot, law.normal[:, None] * law.rows.normal)
+    np.add.at(friction, law.rows.slot, law.tangent)
+    return _shared(rows, rho, push, friction)
+
+
+def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Law:
+    """Rows that share what their vertices (slots) push and rub: the first the friction, all the push.
+
+    The multipliers are those >= 0 of which the sum along the normals is nearest to the push.
+    """
+    n = rows.normal
+    order = np.argsort(rows.slot, kind="stable")
+    first = np.searchsorted(rows.slot[order], rows.slot[order])
+    rank = np.empty(len(rows), dtype=np.int64)
+    rank[order] = np.arange(len(rows)) - first
+    left, normal = push.copy(), np.zeros(len(rows))
+    single = rank.max(initial=0) == 0
+    for _ in range(1 if single else SHARING):
+        for k in range(int(rank.max(initial=0)) + 1):
+            row = np.flatnonzero(rank == k)
+            more = np.einsum("ki,ki->k", left[rows.slot[row]], n[row])
+            more = np.maximum(more, -normal[row])
+            normal[row] += more
+            left[rows.slot[row]] -= more[:, None] * n[row]
+    tangent = np.where((rank == 0)[:, None], friction[rows.slot], 0.0)
+    tangent -= np.einsum("ki,ki->k", tangent, n)[:, None] * n
     return Law(rows, rho, normal, tangent)

@@ -24,6 +24,7 @@ FRICTION_SETTLED = 1e-4  # of the largest bound
 ENOUGH = 0.1  # of the slope at its start, where a move may end
 PASSES, ROUNDS, CORRECTIONS, HALVINGS = 60, 6, 4, 40
 MAX_FLIPS = 6  # a row that comes and goes more often is let go for the step
+NOTICED = 3e-6  # depth that is corrected [m]
 CONSIDERABLE = 1e-4  # depth of a row that pushes that is no matter of a correction [m]
 AT_ALL = 2e-5  # the same of one that does not [m]
 
@@ -238,7 +239,7 @@ class LinearContact:
         stiffness = self._A[system.pattern.diagonal] / self._scale
         for _ in range(CORRECTIONS):
             gap = near.gaps(q - q0)
-            deep = np.flatnonzero(gap < -TOUCH)
+            deep = np.flatnonzero(gap < -NOTICED)
             if not len(deep):
                 break
             rows, wanted = near.take(deep), -gap[deep]
