@@ -5,18 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.rows import Law, Places
-from sim.contact.step import ContactStep, carried_over, penalties
+from sim.contact.rows import Law, Places, Rows
+from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
 from sim.integrators.contract import Workspace
 from sim.integrators.newton import Iteration, Point
+from sim.scene import Index
 from sim.state import Array
 from sim.system import System
 
 PENALTY = 30.0  # of the stiffness that a row meets
 SETTLED = 1e-6  # what gaps and slips are closed to [m]
-DEEP = 3e-6  # depth at which rows are renewed [m]
+DEEP = 8e-6  # depth at which rows are renewed [m]
 FRICTION_SETTLED = 1e-3  # of the largest bound
 UPDATES, RENEWALS = 60, 8
 
@@ -116,6 +117,7 @@ def minimise_in_contact(
     rows = step.at_start(way)
     law = step.law(rows, penalties(pattern, stiffness[1], rows, PENALTY))
     places = step.places(pattern, rows)
+    contested = np.empty(0, dtype=np.int64)
     point, went, renewals, miss = start, None, 0, np.inf
     for _ in range(UPDATES):
         touching = Touching(potential, law, places, step.q0)
@@ -138,6 +140,19 @@ def minimise_in_contact(
             return Settled(point, went, step.memory(q, law, acting))
         renewals += 1
         new = near.joined(passed.take(np.flatnonzero(~np.isin(passed.slot, near.slot))))
+        contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
+        new = new.joined(_given_up(law.rows, new, contested))
         law = carried_over(law, new, penalties(pattern, stiffness[1], new, PENALTY))
         places = step.places(pattern, new)
     raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")
+
+
+def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:
+    """Those old rows that new ones would take turns with.
+
+    A vertex in the valley between two faces, held off the one, comes to lie in the other, and the other
+    way round for ever; vertices that came to lie inside (`contested` slots) keep both rows.
+    """
+    faces = 1 + max(int(rows.face.max(initial=0)) for rows in (old, new))
+    lost = ~np.isin(old.slot * faces + old.face, new.slot * faces + new.face)
+    return old.take(np.flatnonzero(lost & np.isin(old.slot, contested)))
