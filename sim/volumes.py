@@ -86,6 +86,7 @@ class PointVolumes:
 
     def add_pressure(self, q: Array, p: Array, f: Array, K: Array | None = None) -> None:
         """With a pressure p (n_elements, 8): f -= p dv/dx and, if given, K += p d2v/dx2."""
-        values = np.zeros(0) if K is None else K
+        none = np.zeros(0)
+        values = none if K is None else K
         for part, places in zip(self._parts, self._places, strict=True):
-            kernel.point_pressure(q, part, places, p, True, K is not None, f, values)
+            kernel.add_pressure(q, part, places, none, p, True, K is not None, f, none, values)

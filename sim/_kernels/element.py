@@ -27,7 +27,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.lanes import LANES, load, smallest, store, total
+from sim._kernels.lanes import LANES, fetch, load, smallest, store, total
 from sim._kernels.laws import FLAGS
 
 NODES = 8
@@ -280,6 +280,15 @@ def add_to_matrix(w, K, nodes, places, e, values):
                 values[u + 1] += w[K + 32 + b, a]
                 values[u + 2] += w[K + 40 + a, b]
             p += 1
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def fetch_matrix(places, e, values):
+    """Ask early for the lines that `add_to_matrix` will change, to compute while they arrive."""
+    for p in range(PAIRS):
+        if places.start[e, p, 0] >= 0:
+            for i in range(3):
+                fetch(values, places.start[e, p, i])
 
 
 @nb.njit(cache=True, fastmath=FLAGS)

@@ -150,6 +150,22 @@ def store(typingctx, array, row, value):
     return types.void(array, types.intp, lanes), codegen
 
 
+@intrinsic
+def fetch(typingctx, array, index):
+    """Ask for the cache line of array[index], soon to be written; array has one axis."""
+
+    def codegen(context, builder, sig, args):
+        struct = cgutils.create_struct_proxy(sig.args[0])(context, builder, value=args[0])
+        line = builder.bitcast(builder.gep(struct.data, [args[1]]), ir.IntType(8).as_pointer())
+        flag = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [line.type, flag, flag, flag])
+        call = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(call, [line, flag(1), flag(3), flag(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), codegen
+
+
 def _folded(builder, vector, join):
     for half in (4, 2, 1):
         other = _shuffled(builder, vector, [(i + half) % LANES for i in range(LANES)])

@@ -34,6 +34,7 @@ from sim._kernels.element import (
     clear,
     cofactor,
     deformation,
+    fetch_matrix,
     gather,
     least,
     natural,
@@ -180,6 +181,8 @@ def evaluate(
                     least_J[own] = math.inf
                     continue
                 gather(q, part.nodes, e, x)
+                if with_tangent:
+                    fetch_matrix(places, e, values)
                 F = deformation(x, part.slope_at, part.inverse, e)
                 C = cofactor(F)
                 J = F[0] * C[0] + F[1] * C[1] + F[2] * C[2]

@@ -29,6 +29,7 @@ from sim._kernels.element import (
     clear,
     cofactor,
     deformation,
+    fetch_matrix,
     gather,
     least,
     natural,
@@ -242,6 +243,8 @@ def evaluate(
                 least_J[own] = least(all_J)
                 if not (least_J[own] > 0.0):
                     continue
+                if with_tangent:
+                    fetch_matrix(places, e, values)
                 dV = load(part.volume, e)
                 if weight.size > 0:
                     dV = weight[own] * dV

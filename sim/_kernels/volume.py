@@ -25,6 +25,7 @@ from sim._kernels.element import (
     clear,
     cofactor,
     deformation,
+    fetch_matrix,
     gather,
     natural,
     nodal,
@@ -91,66 +92,57 @@ def _add_square(w, stiffness):
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def element_pressure(
+def add_pressure(
     q: Reals,
     part: Part,
     places: Places,
     kappa: Reals,
+    pressure: Reals,
+    with_force: bool,
     with_tangent: bool,
     f: Reals,
     energy: Reals,
     values: Reals,
 ) -> None:
-    """Potential kappa/2 V (v/V - 1)^2 of every element: subtract from f, add to values, into energy."""
+    """Pressure in the points of every element: f -= p dv/dx, values += p d2v/dx2 + dp/dx dv/dx.
+
+    With kappa (element,) the pressure is kappa (v/V - 1) of the volume of the whole element, and energy
+    receives kappa/2 V (v/V - 1)^2; elements of kappa 0 are not looked at. Else kappa is empty, and the
+    pressure (element, 8) is given and does not change with x.
+    """
+    by_element = kappa.size > 0
     for colour in range(part.colour.size - 1):
         for chunk in nb.prange(part.colour[colour], part.colour[colour + 1]):
             x = np.empty((NODES, 3))
             w = rows(ROWS)
             for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
                 own = part.element[e]
-                energy[own] = 0.0
-                if kappa[own] == 0.0:
-                    continue
+                if by_element:
+                    energy[own] = 0.0
+                    if kappa[own] == 0.0:
+                        continue
+                if with_tangent:
+                    fetch_matrix(places, e, values)
                 J = _deform(w, q, part, e, x)
                 dV = load(part.volume, e)
-                rest = total(dV)
-                strain = total(dV * J) / rest - 1.0
-                pressure = kappa[own] * strain
-                energy[own] = 0.5 * pressure * strain * rest
-                _derivative(w, dV, part.slope)
-                add_to_nodes(w, _H, part.nodes, e, -pressure, f)
-                if with_tangent:
-                    clear(w, _K, 6 * NODES)
-                    _curvature(w, pressure * dV / J, part.slope)
-                    _add_square(w, kappa[own] / rest)
-                    add_to_matrix(w, _K, part.nodes, places, e, values)
-
-
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
-def point_pressure(
-    q: Reals,
-    part: Part,
-    places: Places,
-    pressure: Reals,
-    with_force: bool,
-    with_tangent: bool,
-    f: Reals,
-    values: Reals,
-) -> None:
-    """With a pressure (element, 8) at every point: f -= p dv/dx, values += p d2v/dx2 at constant p."""
-    for colour in range(part.colour.size - 1):
-        for chunk in nb.prange(part.colour[colour], part.colour[colour + 1]):
-            x = np.empty((NODES, 3))
-            w = rows(ROWS)
-            for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
-                J = _deform(w, q, part, e, x)
-                p = load(part.volume, e) * load(pressure, part.element[e])
+                stiffness = 0.0
+                if by_element:
+                    rest = total(dV)
+                    strain = total(dV * J) / rest - 1.0
+                    stiffness = kappa[own] / rest
+                    energy[own] = 0.5 * kappa[own] * strain * strain * rest
+                    p = kappa[own] * strain * dV
+                else:
+                    p = load(pressure, own) * dV
                 if with_force:
                     _derivative(w, p, part.slope)
                     add_to_nodes(w, _H, part.nodes, e, -1.0, f)
                 if with_tangent:
                     clear(w, _K, 6 * NODES)
                     _curvature(w, p / J, part.slope)
+                    if by_element:
+                        _derivative(w, dV, part.slope)
+                        _add_square(w, stiffness)
                     add_to_matrix(w, _K, part.nodes, places, e, values)
 
 

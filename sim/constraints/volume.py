@@ -59,6 +59,8 @@ class CompiledElementVolumes:
 
     def add_curvature(self, q: Array, multiplier: Array, K: Array) -> None:
         """K += sum_e multiplier_e d2v_e/dx2."""
-        pressure = np.repeat(multiplier[:, None], LANES, axis=1)
+        pressure, none = np.repeat(multiplier[:, None], LANES, axis=1), np.zeros(0)
         for part, places in zip(self._volumes.parts, self._places, strict=True):
-            kernel.point_pressure(q, part, places, pressure, False, True, self._no_force, K)
+            kernel.add_pressure(
+                q, part, places, none, pressure, False, True, self._no_force, none, K
+            )

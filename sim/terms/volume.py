@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim._kernels import volume as kernel
+from sim._kernels.lanes import LANES
 from sim.assembly import element_pair_keys, grouped, parts_of, places_of, slots
 from sim.errors import SceneError
 from sim.mesh import Mesh
@@ -126,13 +127,23 @@ class CompiledElementVolume:
         self._kappa = np.ascontiguousarray(_by_element(kappa, layout.mesh))
         self._parts = parts_of(layout.mesh)
         self._places = [places_of(layout.mesh, part, layout.pattern) for part in self._parts]
-        self._energy, self._no_values = np.zeros(layout.mesh.n_elements), np.zeros(0)
+        self._energy = np.zeros(layout.mesh.n_elements)
+        self._no_values, self._no_pressure = np.zeros(0), np.zeros((0, LANES))
 
     def _add(self, q: Array, f: Array, K: Array | None) -> Contribution:
         values = self._no_values if K is None else K
         for part, places in zip(self._parts, self._places, strict=True):
-            kernel.element_pressure(
-                q, part, places, self._kappa, K is not None, f, self._energy, values
+            kernel.add_pressure(
+                q,
+                part,
+                places,
+                self._kappa,
+                self._no_pressure,
+                True,
+                K is not None,
+                f,
+                self._energy,
+                values,
             )
         return Contribution(float(self._energy.sum()))
 
