@@ -38,8 +38,9 @@ class BarrierContact:
         half and ``3 distance/d`` times at small gaps d. About Young's modulus of the softer body
         is a good choice; with less the gap becomes small under load, with more the iteration stiff.
     reach : float
-        Nodes of two surfaces of the mesh that are this far apart at rest may still come into contact
-        with each other [m]; more widens the matrix.
+        Nodes of two surfaces of the mesh have a place for their coupling in the matrix if they are not
+        further apart at rest [m]. More widens the matrix; less slows the iteration down where more
+        distant nodes meet, and changes no result.
     stick_speed : float
         Sliding speed up to which friction grows to its full value [m/s]: what sticks creeps slower than
         this.
@@ -49,8 +50,8 @@ class BarrierContact:
     SceneError
         A number is out of range; on compiling, the package ipctk is missing.
     ContactFailure
-        On compiling: a surface is unusable, or two surfaces of the mesh touch or cross at rest. During
-        a simulation: nodes further apart at rest than `reach` came into contact.
+        On compiling: a surface is unusable, or two surfaces of the mesh touch or cross at rest, or a
+        shell overlaps the tissue too far.
 
     Notes
     -----
@@ -114,8 +115,8 @@ class CompiledBarrier:
         barrier = Barrier(part.distance, part.stiffness, part.friction, part.stick_speed)
         self._part, self._pattern, self._n = part, layout.pattern, layout.mesh.n_nodes
         self.pairs = tuple(cleared(p, layout.mesh.X, barrier) for p in part.pairings)
-        self._free = np.zeros(3 * self._n, dtype=bool)
-        self._free[layout.pattern.free] = True
+        self._diagonal = np.full(3 * self._n, -1)
+        self._diagonal[layout.pattern.free] = layout.pattern.diagonal
         self._sliding: tuple[Sliding, ...] | None = None
 
     def starting(self, state: State, h: float) -> "CompiledBarrier":
@@ -141,13 +142,7 @@ class CompiledBarrier:
         return Contribution(energy)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and the stiffness, projected to positive semi-definite pair by pair.
-
-        Raises
-        ------
-        ContactFailure
-            Nodes beyond reach of each other came into contact.
-        """
+        """As `add_force`, and the stiffness, projected to positive semi-definite pair by pair."""
         found = self.add_force(q, control, f)
         for i, pair in enumerate(self.pairs):
             x = pair.vertices(q, control.t)
@@ -176,7 +171,7 @@ class CompiledBarrier:
         blocked = [p for p in self.pairs if p.moves and self._share(p, q, q, t, control.t) < 1.0]
         moved = q.copy() if blocked else q
         for pair in blocked:
-            pair.carry(moved, self._free, t, control.t)
+            pair.carry(moved, self._diagonal >= 0, t, control.t)
         if blocked and min(self._share(p, q, moved, t, control.t) for p in self.pairs) < 1.0:
             name = blocked[0].pairing.name
             raise NotConverged(
@@ -200,30 +195,27 @@ class CompiledBarrier:
         return pair.largest_step(pair.vertices(q0, t0), pair.vertices(q1, t1))
 
     def _spread(self, pair: CollisionPair, H: Hessian, K: Array) -> None:
-        """Add a second derivative over vertices to the values of the pattern."""
+        """Add a second derivative over vertices to the values of the pattern.
+
+        What couples nodes beyond reach has no place there. Its size is put on the diagonal instead,
+        which keeps the matrix positive semi-definite and not below the true one.
+        """
         if len(H.value) == 0:
             return
-        a, i = np.divmod(H.row, 3)
-        b, j = np.divmod(H.column, 3)
-        a, b = pair.node[a], pair.node[b]
-        upper = (a >= 0) & (b >= 0) & (3 * a + i <= 3 * b + j)
-        a, b, i, j, value = a[upper], b[upper], i[upper], j[upper], H.value[upper]
-        keys = a * self._n + b
+        row, column = (3 * pair.node[part // 3] + part % 3 for part in (H.row, H.column))
+        upper = (row >= 0) & (column >= row)
+        row, column, value = row[upper], column[upper], H.value[upper]
+        keys = row // 3 * self._n + column // 3
         place = np.minimum(self._pattern.pair_index(keys), len(self._pattern.pairs) - 1)
         known = self._pattern.pairs[place] == keys
-        if not known.all():
-            self._beyond_reach(pair, int(a[np.argmin(known)]), int(b[np.argmin(known)]))
-        target = self._pattern.target[place, 3 * i + j]
-        stored = target >= 0
+        target = self._pattern.target[place, 3 * (row % 3) + column % 3]
+        stored = known & (target >= 0)
         K[target[stored]] += value[stored]
-
-    def _beyond_reach(self, pair: CollisionPair, a: int, b: int) -> None:
-        raise ContactFailure(
-            f"nodes {a} and {b} of pairing {pair.pairing.name!r} came into contact, but are further "
-            f"apart at rest than reach = {self._part.reach:g} m: declare a larger reach",
-            surface=pair.pairing.name,
-            node=a,
-        )
+        if not known.all():
+            own = np.concatenate([row[~known], column[~known]])
+            size = np.tile(np.abs(value[~known]), 2)
+            free = self._diagonal[own] >= 0
+            np.add.at(K, self._diagonal[own[free]], size[free])
 
 
 def _within(X: Array, a: Index, b: Index, reach: float) -> Index:

@@ -1,5 +1,6 @@
 """Shells made clear of the tissue that starts inside or too near them."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ from sim.contact.ipc import Barrier, CollisionPair, toolkit
 from sim.contact.search import Found, SignedFaces, nearest_faces
 from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
 from sim.errors import ContactFailure
+from sim.scene import Index
 from sim.state import Array
 
 DEEPEST = 5e-3
@@ -21,11 +23,11 @@ ROUNDS = 200
 
 
 def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
-    """Pairing whose surfaces start apart: its shells are dented where tissue is in the way.
+    """Pairing whose surfaces start apart: its shell is dented where tissue is in the way.
 
-    A vertex of a shell recedes along the mean normal of its triangles, against the outside, until
-    everything is clear by the distance of the barrier. The dents move with the shell and stay. An
-    overlap is measured along the normal of the nearest triangle, hence needs no closed shell.
+    Vertices of the shell give way until everything is clear by the distance of the barrier. The dents
+    move with the shell and stay. An overlap is measured along the normal of the nearest triangle, hence
+    needs no closed shell.
 
     Parameters
     ----------
@@ -36,7 +38,7 @@ def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
     Raises
     ------
     ContactFailure
-        Surfaces of the mesh touch or cross at rest, or a shell would have to recede by more than
+        Surfaces of the mesh touch or cross at rest, or a shell would have to give way by more than
         DEEPEST.
     """
     shells = [s for s in pairing.surfaces if isinstance(s, RigidShell)]
@@ -45,91 +47,146 @@ def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
         _require_apart(pair, X)
         return pair
     (shell,) = shells  # a pairing has at least one surface of the mesh
-    recede = _recession(pair, shell, X, barrier.distance)
-    if not recede.any():
+    move = _Dents(pair, shell, X, barrier.distance).find()
+    if not move.any():
         return pair
-    dented = replace(
-        shell, vertices=shell.vertices - recede[:, None] * _normals(shell, shell.vertices)
-    )
+    dented = replace(shell, vertices=shell.vertices + move @ _rotation(shell))
     return CollisionPair(pairing, [dented], X, barrier)
 
 
-def _recession(pair: CollisionPair, shell: RigidShell, X: Array, distance: float) -> Array:
-    """How far each vertex of the shell recedes (k,) [m]."""
-    (tissue,) = (s for s in pair.pairing.surfaces if isinstance(s, NodeSurface))
-    outward, behind = SignedFaces(shell), SignedFaces(tissue)
-    x, first = pair.vertices(X, 0.0), pair.n_soft
-    normals = _normals(shell, x[first:])
-    recede = np.zeros(len(shell.vertices))
-    y = x.copy(order="F")
-    for _ in range(ROUNDS):
-        y[first:] = x[first:] - recede[:, None] * normals
-        here = np.ascontiguousarray(y[first:])
-        need = np.zeros(len(shell.vertices))
-        found, lacking = _lacking(outward, here, X[tissue.nodes], distance)
-        at = shell.triangles[found.face]
-        np.maximum.at(need, at, np.broadcast_to(lacking[:, None], at.shape))
-        found, lacking = _lacking(behind, X, here[shell.nodes], distance)
-        np.maximum.at(need, shell.nodes[found.point], lacking)
-        np.maximum(need, _lacking_edges(pair, y, distance)[first:], out=need)
-        if not (need > 1e-3 * distance).any():
-            break
-        recede += np.where(need > 0.0, need + 1e-3 * distance, 0.0)
-        if recede.max() > DEEPEST:
-            break
-    if recede.max() > DEEPEST or toolkit().has_intersections(pair.mesh, y):
-        at = int(np.argmax(recede))
-        near = int(tissue.nodes[np.argmin(((X[tissue.nodes] - x[first + at]) ** 2).sum(axis=1))])
+class _Dents:
+    """Search for the displacements of a shell's vertices that clear it, in the shape of small moves.
+
+    Every violated distance asks the vertices of the shell that it depends on to move along its
+    gradient, as little as possible; each vertex obeys the greatest demand.
+    """
+
+    def __init__(self, pair: CollisionPair, shell: RigidShell, X: Array, distance: float) -> None:
+        (tissue,) = (s for s in pair.pairing.surfaces if isinstance(s, NodeSurface))
+        self._pair, self._shell, self._tissue, self._X = pair, shell, tissue, X
+        self._distance, self._ipc = distance, toolkit()
+        self._outward, self._skin = SignedFaces(shell), SignedFaces(tissue)
+        self._edges, self._faces = np.asarray(pair.mesh.edges), np.asarray(pair.mesh.faces)
+        self._x, self._first = pair.vertices(X, 0.0), pair.n_soft
+        self._demand = np.zeros((len(shell.vertices), 3))
+
+    def find(self) -> Array:
+        """Displacements (k, 3) [m].
+
+        Raises
+        ------
+        ContactFailure
+            There are none within DEEPEST.
+        """
+        moved, x = np.zeros_like(self._demand), self._x.copy(order="F")
+        for _ in range(ROUNDS):
+            self._demand[:] = 0.0
+            self._behind(x)
+            if self._crossing(x) == 0:
+                self._near(x)
+            if not self._demand.any():
+                return moved
+            moved += self._demand
+            if np.linalg.norm(moved, axis=1).max() > DEEPEST:
+                break
+            x[self._first :] = self._x[self._first :] + moved
+        worst = int(np.argmax(np.linalg.norm(moved, axis=1)))
+        away = self._X[self._tissue.nodes] - self._x[self._first + worst]
+        near = int(self._tissue.nodes[np.argmin((away**2).sum(axis=1))])
+        name, shell = self._pair.pairing.name, self._shell.name
         raise ContactFailure(
-            f"pairing {pair.pairing.name!r} starts tangled: shell {shell.name!r} would have to recede "
-            f"by more than {DEEPEST * 1e3:g} mm near node {near}, expected surfaces that start apart or "
-            "overlap less: move the shell, or turn its triangles to be seen counter-clockwise from "
-            "the side of the tissue",
-            surface=pair.pairing.name,
+            f"pairing {name!r} starts tangled: shell {shell!r} would have to give way by more than "
+            f"{DEEPEST * 1e3:g} mm near node {near}, expected surfaces that start apart or nearly so: "
+            "move the shell, or turn its triangles to be seen counter-clockwise from the tissue",
+            surface=name,
             node=near,
         )
-    return recede
+
+    def _ask(self, vertices: Index, moves: Array) -> None:
+        """Vertices (n,) of the shell, numbered in itself, ought to move by `moves` (n, 3)."""
+        size, order = (moves**2).sum(axis=1), np.argsort((moves**2).sum(axis=1), kind="stable")
+        own = (self._demand**2).sum(axis=1)
+        last = np.zeros(len(own), dtype=np.int64)
+        last[vertices[order]] = order  # the greatest is written last
+        named = np.unique(vertices)
+        greater = named[size[last[named]] > own[named]]
+        self._demand[greater] = moves[last[greater]]
+
+    def _behind(self, x: Array) -> None:
+        """Tissue behind or close before the shell, and vertices of the shell within the tissue."""
+        shell, tissue = np.ascontiguousarray(x[self._first :]), self._tissue
+        found, lacking, normal = self._lacking(self._outward, shell, self._X[tissue.nodes])
+        share = found.weight / (found.weight**2).sum(axis=1, keepdims=True)
+        moves = -(share * lacking[:, None])[:, :, None] * normal[:, None, :]
+        self._ask(self._shell.triangles[found.face].ravel(), moves.reshape(-1, 3))
+        found, lacking, normal = self._lacking(self._skin, self._X, shell[self._shell.nodes])
+        self._ask(self._shell.nodes[found.point], lacking[:, None] * normal)
+
+    def _lacking(self, faces: SignedFaces, x: Array, points: Array) -> tuple[Found, Array, Array]:
+        """Nearest faces of points, by how much each point is too near or behind, outward normals."""
+        found = nearest_faces(points, DEEPEST, x, faces.triangles)
+        gap, normal = faces.signed(points, found, x)
+        lacking = np.where(gap < self._distance, self._distance - gap + self._margin, 0.0)
+        return found, np.where(np.isnan(gap), 0.0, lacking), normal
+
+    @property
+    def _margin(self) -> float:
+        return 1e-3 * self._distance
+
+    def _crossing(self, x: Array) -> int:
+        """Edges that still pass through triangles; returns their number."""
+        crossings = 0
+        normals = self._pair.mesh.face_normals(x)
+        for edge, face in crossed(self._pair, x):
+            crossings += 1
+            into_tissue = self._faces[face][0] < self._first
+            own = self._edges[edge] if into_tissue else self._faces[face]
+            move = (1.0 if into_tissue else -1.0) * self._distance * normals[face]
+            self._ask(own.astype(np.int64) - self._first, np.tile(move, (len(own), 1)))
+        return crossings
+
+    def _near(self, x: Array) -> None:
+        """Pairs, edges included, that are nearer than the distance."""
+        found = self._ipc.NormalCollisions()
+        found.build(self._pair.mesh, x, self._distance)
+        for k in range(len(found)):
+            ids = np.array([v for v in found[k].vertex_ids(self._edges, self._faces) if v >= 0])
+            away, weight = found[k].compute_distance_vector_with_coefficients(x[ids].ravel())
+            gap = float(np.linalg.norm(away))
+            own = ids >= self._first
+            w = np.asarray(weight)[own]
+            lacking = self._distance - gap + self._margin
+            if gap > 0.0 and (w**2).sum() > 0.0:
+                moves = np.outer(w, np.asarray(away) * (lacking / gap / (w**2).sum()))
+                self._ask(ids[own] - self._first, moves)
 
 
-def _lacking(faces: SignedFaces, x: Array, points: Array, distance: float) -> tuple[Found, Array]:
-    """Nearest faces of points, and by how much each point is too near or behind, >= 0 [m]."""
-    found = nearest_faces(points, DEEPEST, x, faces.triangles)
-    gap, _ = faces.signed(points, found, x)
-    gap = np.where(np.isnan(gap), found.value, gap)  # beyond a free edge nothing is behind
-    return found, np.maximum(distance - gap, 0.0)
-
-
-def _lacking_edges(pair: CollisionPair, y: Array, distance: float) -> Array:
-    """By how much each vertex is too near to something on the other surface, edges included (k,)."""
-    found = toolkit().NormalCollisions()
-    found.build(pair.mesh, y, distance)
+def crossed(pair: CollisionPair, x: Array) -> Iterator[tuple[int, int]]:
+    """Edges and triangles of the collision mesh that pass through each other at x."""
+    ipctk = toolkit()
+    if not ipctk.has_intersections(pair.mesh, x):
+        return
     edges, faces = np.asarray(pair.mesh.edges), np.asarray(pair.mesh.faces)
-    need = np.zeros(len(y))
-    for k in range(len(found)):
-        ids = [v for v in found[k].vertex_ids(edges, faces) if v >= 0]
-        lacking = distance - np.sqrt(found[k].compute_distance(y, edges, faces))
-        need[ids] = np.maximum(need[ids], lacking)
-    return need
+    search = ipctk.LBVH()
+    search.can_vertices_collide = pair.mesh.can_collide
+    search.build(x, pair.mesh.edges, pair.mesh.faces)
+    for found in search.detect_edge_face_candidates():
+        corners = x[edges[found.edge_id]], x[faces[found.face_id]]
+        if ipctk.is_edge_intersecting_triangle(*corners[0], *corners[1]):
+            yield int(found.edge_id), int(found.face_id)
 
 
-def _normals(shell: RigidShell, x: Array) -> Array:
-    """Unit normals (k, 3) of the vertices of a shell at x."""
-    return SignedFaces(shell).normals(np.ascontiguousarray(x))[1]
+def _rotation(shell: RigidShell) -> Array:
+    """Rotation of the shell at the start."""
+    return np.eye(3) if shell.motion is None else np.asarray(shell.motion(0.0)[0], np.float64)
 
 
 def _require_apart(pair: CollisionPair, X: Array) -> None:
     """Refuse surfaces of the mesh that touch or cross at rest."""
     x = pair.vertices(X, 0.0)
-    ipctk = toolkit()
     edges, faces = np.asarray(pair.mesh.edges), np.asarray(pair.mesh.faces)
-    if ipctk.has_intersections(pair.mesh, x):
-        search = ipctk.LBVH()
-        search.can_vertices_collide = pair.mesh.can_collide
-        search.build(x, pair.mesh.edges, pair.mesh.faces)
-        for candidate in search.detect_edge_face_candidates():
-            edge, face = edges[candidate.edge_id], faces[candidate.face_id]
-            if ipctk.is_edge_intersecting_triangle(*x[edge], *x[face]):
-                _refuse(pair, edge, face, "cross")
+    for edge, face in crossed(pair, x):
+        _refuse(pair, edges[edge], faces[face], "cross")
     found = pair.collisions(x)
     for k in range(len(found)):
         if found[k].compute_distance(x, edges, faces) < TOUCHING**2:

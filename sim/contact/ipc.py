@@ -19,7 +19,7 @@ from sim.state import Array
 CLOSEST = 0.1
 """Share of a gap that is left when a move is stopped."""
 
-SLACK = 5e-4
+SLACK = 2e-4
 """How far vertices move before pairs are searched anew, at least [m]."""
 
 FAR = 2e-3
