@@ -8,9 +8,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sim.contact.clearance import cleared
-from sim.contact.ipc import Barrier, CollisionPair, Hessian, Sliding
+from sim.contact.ipc import Barrier, CollisionPair, Sliding
+from sim.contact.places import Places
 from sim.contact.surfaces import NodeSurface, Pairing
-from sim.errors import ContactFailure, NotConverged, SceneError
+from sim.errors import NotConverged, SceneError
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
@@ -113,10 +114,8 @@ class CompiledBarrier:
 
     def __init__(self, part: BarrierContact, layout: Layout) -> None:
         barrier = Barrier(part.distance, part.stiffness, part.friction, part.stick_speed)
-        self._part, self._pattern, self._n = part, layout.pattern, layout.mesh.n_nodes
+        self._part, self._places = part, Places(layout.pattern)
         self.pairs = tuple(cleared(p, layout.mesh.X, barrier) for p in part.pairings)
-        self._diagonal = np.full(3 * self._n, -1)
-        self._diagonal[layout.pattern.free] = layout.pattern.diagonal
         self._sliding: tuple[Sliding, ...] | None = None
 
     def starting(self, state: State, h: float) -> "CompiledBarrier":
@@ -142,12 +141,13 @@ class CompiledBarrier:
         return Contribution(energy)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and the stiffness, projected to positive semi-definite pair by pair."""
+        """As `add_force`, and a stiffness that leaves out how normals turn, positive semi-definite."""
         found = self.add_force(q, control, f)
         for i, pair in enumerate(self.pairs):
             x = pair.vertices(q, control.t)
-            for potential in self._of(i):
-                self._spread(pair, potential.hessian(x), K)
+            self._places.add_normal(pair.node, pair.stiffness(x), K)
+            if self._sliding is not None:
+                self._places.add(pair.node, self._sliding[i].hessian(x), K)
         return found
 
     def _of(self, i: int) -> tuple[CollisionPair | Sliding, ...]:
@@ -171,7 +171,7 @@ class CompiledBarrier:
         blocked = [p for p in self.pairs if p.moves and self._share(p, q, q, t, control.t) < 1.0]
         moved = q.copy() if blocked else q
         for pair in blocked:
-            pair.carry(moved, self._diagonal >= 0, t, control.t)
+            pair.carry(moved, self._places.free, t, control.t)
         if blocked and min(self._share(p, q, moved, t, control.t) for p in self.pairs) < 1.0:
             name = blocked[0].pairing.name
             raise NotConverged(
@@ -193,29 +193,6 @@ class CompiledBarrier:
     @staticmethod
     def _share(pair: CollisionPair, q0: Array, q1: Array, t0: float, t1: float) -> float:
         return pair.largest_step(pair.vertices(q0, t0), pair.vertices(q1, t1))
-
-    def _spread(self, pair: CollisionPair, H: Hessian, K: Array) -> None:
-        """Add a second derivative over vertices to the values of the pattern.
-
-        What couples nodes beyond reach has no place there. Its size is put on the diagonal instead,
-        which keeps the matrix positive semi-definite and not below the true one.
-        """
-        if len(H.value) == 0:
-            return
-        row, column = (3 * pair.node[part // 3] + part % 3 for part in (H.row, H.column))
-        upper = (row >= 0) & (column >= row)
-        row, column, value = row[upper], column[upper], H.value[upper]
-        keys = row // 3 * self._n + column // 3
-        place = np.minimum(self._pattern.pair_index(keys), len(self._pattern.pairs) - 1)
-        known = self._pattern.pairs[place] == keys
-        target = self._pattern.target[place, 3 * (row % 3) + column % 3]
-        stored = known & (target >= 0)
-        K[target[stored]] += value[stored]
-        if not known.all():
-            own = np.concatenate([row[~known], column[~known]])
-            size = np.tile(np.abs(value[~known]), 2)
-            free = self._diagonal[own] >= 0
-            np.add.at(K, self._diagonal[own[free]], size[free])
 
 
 def _within(X: Array, a: Index, b: Index, reach: float) -> Index:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.contact.curvature import NormalStiffness, normal_stiffness
 from sim.contact.search import nearest_faces
 from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
 from sim.errors import SceneError
@@ -57,7 +58,7 @@ class Barrier:
 
 @dataclass(frozen=True)
 class Hessian:
-    """Second derivative over the coordinates of the vertices of a pairing, each entry once."""
+    """Entries over the coordinates of the vertices of a pairing, each once."""
 
     row: Index
     column: Index
@@ -210,11 +211,10 @@ class CollisionPair:
         gradient = self._potential.gradient(found, self.mesh, x)
         return self._potential(found, self.mesh, x), gradient.reshape(-1, 3)
 
-    def hessian(self, x: Array) -> Hessian:
-        """Second derivative of the energy, each pair projected to positive semi-definite [N/m]."""
-        found = self.collisions(x)
-        clamp = self._ipc.PSDProjectionMethod.CLAMP
-        return _entries(self._potential.hessian(found, self.mesh, x, clamp), len(found))
+    def stiffness(self, x: Array) -> NormalStiffness:
+        """Stiffness [N/m]: the second derivative without the turning of normals."""
+        b = self._barrier
+        return normal_stiffness(self.collisions(x), self.mesh, x, b.distance, b.stiffness)
 
     def largest_step(self, x0: Array, x1: Array) -> float:
         """Share of the move from x0 to x1 that leaves every pair apart, in (0, 1]."""
