@@ -35,13 +35,14 @@ class BarrierContact:
     distance : float
         Gap at which contact begins to be felt [m]. Bodies at rest on each other keep a gap below it.
     stiffness : float
-        Scale of the pressure [Pa]: the pressure is about 0.3 of it at a gap of 0.9 distance, 6 times at
-        half and ``3 distance/d`` times at small gaps d. About Young's modulus of the softer body
-        is a good choice; with less the gap becomes small under load, with more the iteration stiff.
+        Scale of the pressure [Pa]: the pressure is about 0.2 of it at a gap of 0.9 distance, 4 times at
+        half, ``2 distance/d`` times at small gaps d, and up to three times that where the triangles
+        of both surfaces are equally small. About Young's modulus of the softer body is a good choice;
+        with less the gap becomes small under load, with more the iteration stiff.
     reach : float
-        Nodes of two surfaces of the mesh have a place for their coupling in the matrix if they are not
-        further apart at rest [m]. More widens the matrix; less slows the iteration down where more
-        distant nodes meet, and changes no result.
+        Triangles of two surfaces of the mesh have a place for their coupling in the matrix if they are
+        not further apart at rest [m]. More widens the matrix. Where more distant ones meet, the
+        iteration becomes much slower; no result changes.
     stick_speed : float
         Sliding speed up to which friction grows to its full value [m/s]: what sticks creeps slower than
         this.
@@ -72,7 +73,7 @@ class BarrierContact:
     friction: float = 0.0
     distance: float = 1e-4
     stiffness: float = 2e4
-    reach: float = 0.02
+    reach: float = 5e-3
     stick_speed: float = 1e-4
 
     def __post_init__(self) -> None:
@@ -94,9 +95,9 @@ class BarrierContact:
         keys = [np.empty(0, dtype=np.int64)]
         for pairing in self.pairings:
             pairing.check(mesh)
-            soft = [s.nodes for s in pairing.surfaces if isinstance(s, NodeSurface)]
+            soft = [s for s in pairing.surfaces if isinstance(s, NodeSurface)]
             if len(soft) == 2 or pairing.itself:
-                keys.append(_within(mesh.X, soft[0], soft[-1], self.reach))
+                keys.append(_within(mesh, soft[0], soft[-1], self.reach))
         return np.concatenate(keys)
 
     def compile(self, layout: Layout) -> "CompiledBarrier":
@@ -195,10 +196,26 @@ class CompiledBarrier:
         return pair.largest_step(pair.vertices(q0, t0), pair.vertices(q1, t1))
 
 
-def _within(X: Array, a: Index, b: Index, reach: float) -> Index:
-    """Keys ``i * n + j``, i <= j, of the pairs of two sets of nodes that are within reach."""
-    near = cKDTree(X[a]).query_ball_tree(cKDTree(X[b]), reach)
+def _within(mesh: Mesh, a: NodeSurface, b: NodeSurface, reach: float) -> Index:
+    """Keys ``i * n + j``, i <= j, of nodes whose triangles may be within reach of each other."""
+    X = mesh.X
+    widest = [_widest(X, surface) for surface in (a, b)]
+    tree = cKDTree(X[b.nodes])
+    near = tree.query_ball_point(X[a.nodes], reach + widest[0] + widest[1].max())
     counts = [len(row) for row in near]
-    i = np.repeat(a, counts)
-    j = b[np.concatenate([np.asarray(row, dtype=np.int64) for row in near])]
-    return np.unique(np.minimum(i, j) * len(X) + np.maximum(i, j))
+    i = np.repeat(np.arange(len(a.nodes)), counts)
+    j = np.concatenate([np.asarray(row, dtype=np.int64) for row in near])
+    apart = np.linalg.norm(X[a.nodes[i]] - X[b.nodes[j]], axis=1)
+    within = apart <= reach + widest[0][i] + widest[1][j]
+    i, j = a.nodes[i[within]], b.nodes[j[within]]
+    return np.unique(np.minimum(i, j) * mesh.n_nodes + np.maximum(i, j))
+
+
+def _widest(X: Array, surface: NodeSurface) -> Array:
+    """Longest edge at every node of a surface [m]."""
+    start, end = surface.edges.T
+    length = np.linalg.norm(X[start] - X[end], axis=1)
+    widest = np.zeros(len(X))
+    for nodes in (start, end):
+        np.maximum.at(widest, nodes, length)
+    return widest[surface.nodes]

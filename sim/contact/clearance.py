@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.contact.curvature import pairs_of
 from sim.contact.ipc import Barrier, CollisionPair, toolkit
 from sim.contact.search import Found, SignedFaces, nearest_faces
 from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
@@ -149,9 +150,9 @@ class _Dents:
         """Pairs, edges included, that are nearer than the distance."""
         found = self._ipc.NormalCollisions()
         found.build(self._pair.mesh, x, self._distance)
-        for k in range(len(found)):
-            ids = np.array([v for v in found[k].vertex_ids(self._edges, self._faces) if v >= 0])
-            away, weight = found[k].compute_distance_vector_with_coefficients(x[ids].ravel())
+        for pair in pairs_of(found):
+            ids = np.array([v for v in pair.vertex_ids(self._edges, self._faces) if v >= 0])
+            away, weight = pair.compute_distance_vector_with_coefficients(x[ids].ravel())
             gap = float(np.linalg.norm(away))
             own = ids >= self._first
             w = np.asarray(weight)[own]
@@ -188,9 +189,9 @@ def _require_apart(pair: CollisionPair, X: Array) -> None:
     for edge, face in crossed(pair, x):
         _refuse(pair, edges[edge], faces[face], "cross")
     found = pair.collisions(x)
-    for k in range(len(found)):
-        if found[k].compute_distance(x, edges, faces) < TOUCHING**2:
-            ids = [v for v in found[k].vertex_ids(edges, faces) if v >= 0]
+    for near in pairs_of(found):
+        if near.compute_distance(x, edges, faces) < TOUCHING**2:
+            ids = [v for v in near.vertex_ids(edges, faces) if v >= 0]
             _refuse(pair, ids[:1], ids[1:], "touch")
 
 

@@ -41,6 +41,12 @@ class NormalStiffness:
         return np.einsum("ka,ki,kj->kaij", weight, self.normal, self.normal)
 
 
+def pairs_of(found: Any) -> list[Any]:
+    """All pairs of a set of collisions, as copies: ``found[k]`` does not keep its set alive."""
+    kinds = found.vv_collisions, found.ev_collisions, found.ee_collisions, found.fv_collisions
+    return [pair for kind in kinds for pair in kind]
+
+
 def normal_stiffness(
     found: Any, mesh: Any, x: Array, distance: float, stiffness: float
 ) -> NormalStiffness:
@@ -64,14 +70,14 @@ def normal_stiffness(
         Positive semi-definite.
     """
     edges, faces = np.asarray(mesh.edges), np.asarray(mesh.faces)
-    n = len(found)
+    pairs = pairs_of(found)
+    n = len(pairs)
     if n == 0:
         none = np.empty((0, 4))
         return NormalStiffness(none.astype(np.int64), none, none[:, :3], none[:, 0])
     vertex, share = np.full((n, 4), -1), np.zeros((n, 4))
     scale = np.empty(n)
-    for k in range(n):
-        pair = found[k]
+    for k, pair in enumerate(pairs):
         ids = [v for v in pair.vertex_ids(edges, faces) if v >= 0]
         here = x[ids].ravel()
         coefficients = pair.compute_coefficients(here)

@@ -17,6 +17,8 @@ from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array
 
+Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
+
 CLOSEST = 0.1
 """Share of a gap that is left when a move is stopped."""
 
@@ -121,7 +123,7 @@ class CollisionPair:
         """Whether a shell moves."""
         return any(shell.motion is not None for shell in self._shells)
 
-    def carry(self, q: Array, free: Index, t0: float, t1: float) -> None:
+    def carry(self, q: Array, free: Flags, t0: float, t1: float) -> None:
         """Move the free nodes near a shell, in q (n_nodes, 3), with its motion from t0 to t1."""
         for shell in self._shells:
             if shell.motion is None:
