@@ -200,12 +200,10 @@ def _within(mesh: Mesh, a: NodeSurface, b: NodeSurface, reach: float) -> Index:
     """Keys ``i * n + j``, i <= j, of nodes whose triangles may be within reach of each other."""
     X = mesh.X
     widest = [_widest(X, surface) for surface in (a, b)]
-    tree = cKDTree(X[b.nodes])
-    near = tree.query_ball_point(X[a.nodes], reach + widest[0] + widest[1].max())
-    counts = [len(row) for row in near]
-    i = np.repeat(np.arange(len(a.nodes)), counts)
-    j = np.concatenate([np.asarray(row, dtype=np.int64) for row in near])
-    apart = np.linalg.norm(X[a.nodes[i]] - X[b.nodes[j]], axis=1)
+    near = cKDTree(X[a.nodes]).sparse_distance_matrix(
+        cKDTree(X[b.nodes]), reach + widest[0].max() + widest[1].max(), output_type="ndarray"
+    )
+    i, j, apart = (np.asarray(near[name]) for name in ("i", "j", "v"))
     within = apart <= reach + widest[0][i] + widest[1][j]
     i, j = a.nodes[i[within]], b.nodes[j[within]]
     return np.unique(np.minimum(i, j) * mesh.n_nodes + np.maximum(i, j))

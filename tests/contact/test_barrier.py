@@ -264,7 +264,7 @@ def test_what_lies_beyond_reach_is_bounded_from_above_on_the_diagonal():
     (energy, f, full), (same, g, bound) = matrices
     assert energy == same and energy > 0.0
     np.testing.assert_array_equal(f, g)
-    assert np.abs(bound - full).max() > 0.1 * np.abs(full).max()
+    assert np.abs(bound - full).max() > 0.01 * np.abs(full).max()
     values = np.linalg.eigvalsh(bound - full)
     assert values[0] > -1e-9 * values[-1]
 
