@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.contact.constraint import (
     ALLOWED,
@@ -51,12 +52,14 @@ class ContactStep:
         """Rows of the vertices that have passed a face on their way to positions q.
 
         Of those of `near` the ones inside, and of the others those that came in through a face and are
-        behind it, as where a thin sheet was crossed.
+        behind it, as where a thin sheet was crossed; not where a vertex slid round a ridge and lies
+        outside of a face that looks the same way.
         """
         u = q - self.q0
         inside = near.take(np.flatnonzero(near.gaps(u) < -TOUCH))
         entered = self.contact.entered(q, self.q0, self._t0, self._t1)
         behind = (entered.gaps(u) < -TOUCH) & ~np.isin(entered.slot, inside.slot)
+        behind &= ~_beside(entered, near)
         return inside.joined(entered.take(np.flatnonzero(behind)))
 
     def law(self, rows: Rows, rho: Array) -> Law:
@@ -78,6 +81,20 @@ class ContactStep:
         depth = self._allowed[near.slot] - near.gaps(q - self.q0)
         np.maximum.at(new[:, ALLOWED], near.slot, np.clip(depth, 0.0, self._allowed[near.slot]))
         return {MEMORY: new}
+
+
+def _beside(entered: Rows, near: Rows) -> NDArray[np.bool_]:
+    """Whether a nearest face of the vertex of each entered row looks the same way as the entered one."""
+    order = np.argsort(near.slot, kind="stable")
+    low, high = (
+        np.searchsorted(near.slot[order], entered.slot, side) for side in ("left", "right")
+    )
+    found = np.zeros(len(entered), dtype=bool)
+    for k in range(int((high - low).max(initial=0))):
+        has = np.flatnonzero(low + k < high)
+        other = near.normal[order[low[has] + k]]
+        found[has] |= np.einsum("ki,ki->k", entered.normal[has], other) > 0.0
+    return found
 
 
 def penalties(pattern: SymmetricPattern, diagonal: Array, rows: Rows, factor: float) -> Array:
