@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from sim._kernels import barrier as kernel
 from sim.scene import Index
 from sim.state import Array
 
@@ -43,8 +44,7 @@ class NormalStiffness:
 
 def pairs_of(found: Any) -> list[Any]:
     """All pairs of a set of collisions, as copies: ``found[k]`` does not keep its set alive."""
-    kinds = found.vv_collisions, found.ev_collisions, found.ee_collisions, found.fv_collisions
-    return [pair for kind in kinds for pair in kind]
+    return [pair for kind in _kinds(found) for pair in kind]
 
 
 def normal_stiffness(
@@ -69,22 +69,13 @@ def normal_stiffness(
     NormalStiffness
         Positive semi-definite.
     """
-    edges, faces = np.asarray(mesh.edges), np.asarray(mesh.faces)
-    pairs = pairs_of(found)
-    n = len(pairs)
-    if n == 0:
+    kind, vertex, scale = _read(found, mesh, x)
+    if len(kind) == 0:
         none = np.empty((0, 4))
         return NormalStiffness(none.astype(np.int64), none, none[:, :3], none[:, 0])
-    vertex, share = np.full((n, 4), -1), np.zeros((n, 4))
-    scale = np.empty(n)
-    for k, pair in enumerate(pairs):
-        ids = [v for v in pair.vertex_ids(edges, faces) if v >= 0]
-        here = x[ids].ravel()
-        coefficients = pair.compute_coefficients(here)
-        vertex[k, : len(ids)] = ids
-        share[k, : len(ids)] = coefficients
-        vertex[k, np.abs(share[k]) < 1e-12] = -1  # not where the distance is
-        scale[k] = pair.weight * (pair.mollifier(here) if pair.is_mollified() else 1.0)
+    share = np.empty((len(kind), 4))
+    kernel.shares(kind, vertex, np.ascontiguousarray(x), share)
+    vertex[share == 0.0] = -1  # where the distance does not depend on it
     order = np.argsort(-vertex, axis=1)
     vertex, share = (np.take_along_axis(part, order, axis=1) for part in (vertex, share))
     vertex, first, which = np.unique(vertex, axis=0, return_index=True, return_inverse=True)
@@ -97,3 +88,31 @@ def normal_stiffness(
     bend = -(12.0 * y2 - 4.0) * np.log(y2) - 16.0 * (y2 - 1.0) + 2.0 * (y2 - 1.0) ** 2 / y2
     scale *= stiffness / distance * np.where(y2 < 1.0, bend, 0.0)
     return NormalStiffness(vertex, share, away / gap[:, None], scale)
+
+
+def _read(found: Any, mesh: Any, x: Array) -> tuple[Index, Index, Array]:
+    """Kinds (n,), vertices (n, 4) and weights (n,) of all pairs, as the kernel takes them."""
+    edges, faces = np.asarray(mesh.edges), np.asarray(mesh.faces)
+    vv, ev, ee, fv = (list(part) for part in _kinds(found))
+    rows = [
+        np.array([(p.vertex0_id, p.vertex1_id) for p in vv], np.int64).reshape(-1, 2),
+        np.array([(p.vertex_id, p.edge_id) for p in ev], np.int64).reshape(-1, 2),
+        np.array([(p.edge0_id, p.edge1_id) for p in ee], np.int64).reshape(-1, 2),
+        np.array([(p.vertex_id, p.face_id) for p in fv], np.int64).reshape(-1, 2),
+    ]
+    kind = np.repeat(np.arange(4), [len(part) for part in rows])
+    vertex = np.zeros((len(kind), 4), dtype=np.int64)
+    vertex[kind == kernel.VERTICES, :2] = rows[0]
+    vertex[kind == kernel.EDGE_VERTEX, :3] = np.c_[rows[1][:, :1], edges[rows[1][:, 1]]]
+    vertex[kind == kernel.EDGES] = np.c_[edges[rows[2][:, 0]], edges[rows[2][:, 1]]]
+    vertex[kind == kernel.FACE_VERTEX] = np.c_[rows[3][:, :1], faces[rows[3][:, 1]]]
+    weight = np.array([p.weight for part in (vv, ev, ee, fv) for p in part])
+    first = len(vv) + len(ev)
+    for k, p in enumerate(ee):
+        if p.is_mollified():
+            weight[first + k] *= p.mollifier(x[vertex[first + k]].ravel())
+    return kind, vertex, weight
+
+
+def _kinds(found: Any) -> tuple[Any, Any, Any, Any]:
+    return found.vv_collisions, found.ev_collisions, found.ee_collisions, found.fv_collisions
