@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.rows import Acting, Law, Rows
+from sim.contact.rows import Acting, Law, Places, Rows
 from sim.contact.step import TOUCH, ContactStep, penalties
 from sim.errors import NotConverged
 from sim.integrators.contract import Workspace, symmetric_product
+from sim.linear import ReusedFactor
 from sim.scene import Index
 from sim.state import Array, State
 from sim.system import System
@@ -19,6 +21,7 @@ PENALTY = 300.0  # of the stiffness that a row meets
 SETTLED = 1e-6  # what gaps and slips are closed to [m]
 INSIDE = 1e-5  # depth of a row that does not push that is left to the correction [m]
 PULL = 0.1  # of the mean force, what a row may pull before it lets go in the next step
+LINEAR_ERROR = 1e-7  # that an iterative solution leaves [m]
 ROUGHLY = 1e-5  # what is accepted where the sets do not settle [m]
 FRICTION_SETTLED = 1e-4  # of the largest bound
 ENOUGH = 0.1  # of the slope at its start, where a move may end
@@ -43,6 +46,30 @@ class Touched:
     definite: bool
 
 
+class Equation(Protocol):
+    """The equation of a linearly implicit step, A v1 = rhs."""
+
+    @property
+    def A(self) -> Array:
+        """Matrix for the velocities, (pattern.nnz,)."""
+        ...
+
+    @property
+    def rhs(self) -> Array:
+        """Right-hand side (n_free,) [N s]."""
+        ...
+
+    @property
+    def moves(self) -> float:
+        """Share of the new velocity in the motion."""
+        ...
+
+    @property
+    def near(self) -> Callable[[], Array]:
+        """A of the system that `Workspace.near` gives."""
+        ...
+
+
 class LinearContact:
     """The equation A x = b + scale N'f of x = h v1 with the forces f of the rows.
 
@@ -51,11 +78,9 @@ class LinearContact:
     system : System
         With a contact.
     state : State
-    A : (pattern.nnz,) matrix for the velocities.
-    rhs : (n_free,) right-hand side [N s].
+    equation : Equation
+        Matrix and right-hand side for the velocities.
     h : float
-    moves : float
-        Share of the new velocity in the motion.
     work : Workspace
     """
 
@@ -63,15 +88,14 @@ class LinearContact:
         self,
         system: System,
         state: State,
-        A: Array,
-        rhs: Array,
+        equation: Equation,
         h: float,
-        moves: float,
         work: Workspace,
     ) -> None:
         assert system.contact is not None  # callers choose this by it
-        self._system, self._state, self._A, self._work = system, state, A, work
-        self._h, self._moves, self._b, self._scale = h, moves, h * rhs, h * h
+        self._system, self._state, self._work = system, state, work
+        self._A, self._near, self._moves = equation.A, equation.near, equation.moves
+        self._h, self._b, self._scale = h, h * equation.rhs, h * h
         self._v0 = system.reduce(state.v)
         self._step = ContactStep(system.contact, state, state.t + h)
         self.solutions = self.factorisations = 0
@@ -136,9 +160,12 @@ class LinearContact:
         system, rows = self._system, law.rows
         n = self._state.q.shape[0]
         if not len(rows):
-            solve = self._solver(self._A)
-            self.solutions += 1
-            return solve(self._b), law.at(self._displacement(x)), solve
+            solve = self._solver(None, rows, np.empty((0, 3, 3)))
+            return (
+                x + solve(self._b - symmetric_product(system, self._A, x)),
+                law.at(self._displacement(x)),
+                solve,
+            )
         places = self._step.places(system.pattern, rows)
         acting = law.at(self._displacement(x))
         # rows that pushed in the step before, and those that the motion would bring inside
@@ -153,14 +180,12 @@ class LinearContact:
             same = np.array_equal(factored, pushes) and np.array_equal(sticks, acting.sticks)
             # the stiffness of a sliding contact turns with its way
             if solve is None or not same or (acting.turn.any() and left > 0.3 * last):
-                A = self._A.copy()
-                places.add(law.stiffness(acting, pushes), self._scale, A)
                 first = solve is None
-                solve, factored, sticks = self._solver(A), pushes, acting.sticks
+                solve = self._solver(places, rows, law.stiffness(acting, pushes))
+                factored, sticks = pushes, acting.sticks
             else:
                 first = False
             move, last = solve(missing), left
-            self.solutions += 1
             if first:
                 x, acting = x + move, law.at(self._displacement(x + move))
             else:
@@ -248,24 +273,49 @@ class LinearContact:
             rho = factor * penalties(system.pattern, stiffness, rows, 1.0)
             push = rows.spread((rho * wanted)[:, None] * rows.normal, len(q))
             move = self._displacement(solve(self._scale * system.reduce(push)))
-            self.solutions += 1
             moved = rows.gaps(move) - rows.gaps(0.0 * move)
             share = float(moved @ wanted) / max(float(moved @ moved), 1e-300)
             q = q + min(max(share, 0.0), 2.0) * move
         return q
 
-    def _solver(self, values: Array) -> Solve:
-        """Solver for one matrix, under the conditions of the scene."""
-        self.factorisations += 1
-        conditions, work = self._system.constraints, self._work
-        if conditions is None:
-            solve, definite = work.solver_of(values)
+    def _solver(self, places: Places | None, rows: Rows, block: Array) -> Solve:
+        """Solver for the matrix with the stiffness of rows, under the conditions of the scene."""
+        system, work = self._system, self._work
+        A = self._A.copy()
+        if places is not None:
+            places.add(block, self._scale, A)
+        if system.constraints is not None:
+            _, G = system.constraints.evaluate(self._state.q)
+            none = np.zeros(system.constraints.n)
+            work.factorise_constrained(A, G)
+            self.factorisations += 1
+            return lambda r: self._counted(work.saddle.solve(r, none)[0])
+        if not isinstance(work.linear, ReusedFactor):
+            direct, definite = work.solver_of(A)
+            self.factorisations += 1
             self.definite &= definite
-            return solve
-        _, G = conditions.evaluate(self._state.q)
-        none = np.zeros(conditions.n)
-        work.factorise_constrained(values, G)
-        return lambda r: work.saddle.solve(r, none)[0]
+            return lambda r: self._counted(direct(r))
+
+        def near() -> Array:
+            nearby = work.near(system)
+            if nearby is system:
+                return A
+            values = self._near()
+            if places is not None:
+                self._step.places(nearby.pattern, rows).add(block, self._scale, values)
+            return values
+
+        def solve(r: Array) -> Array:
+            found = work.solve_any(A, r, np.zeros(len(r)), LINEAR_ERROR, near)
+            self.factorisations += found.factorisations
+            self.definite &= found.definite
+            return self._counted(found.x, found.iterations)
+
+        return solve
+
+    def _counted(self, x: Array, solutions: int = 1) -> Array:
+        self.solutions += solutions
+        return x
 
 
 def _keys(rows: Rows) -> Index:

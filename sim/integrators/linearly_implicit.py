@@ -59,7 +59,7 @@ def linear_step(
     A, rhs, moves = equation.A, equation.rhs, equation.moves
     conditions, touched = system.constraints, None
     if system.contact is not None:
-        touched = LinearContact(system, state, A, rhs, h, moves, work).solve()
+        touched = LinearContact(system, state, equation, h, work).solve()
         v1, q1 = system.reduce(touched.v), touched.q
         found = Solution(v1, touched.solutions, touched.factorisations, touched.definite)
     elif conditions is None:
