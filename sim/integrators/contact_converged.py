@@ -15,20 +15,26 @@ from sim.scene import Index
 from sim.state import Array
 from sim.system import System
 
-PENALTY = 30.0  # of the stiffness that a row meets
-SETTLED = 1e-6  # what gaps and slips are closed to [m]
-DEEP = 8e-6  # depth at which rows are renewed [m]
+PENALTY = 10.0  # of the stiffness that a row meets
+SETTLED = 2e-6  # what gaps and slips are closed to [m]
+NOTICED = 3e-6  # depth that is corrected [m]
+CONSIDERABLE = 1e-4  # depth of a row that pushes at which rows are renewed [m]
+AT_ALL = 2e-5  # the same of one that does not [m]
 FRICTION_SETTLED = 1e-3  # of the largest bound
-UPDATES, RENEWALS = 60, 8
+UPDATES, RENEWALS, CORRECTIONS = 60, 4, 4
 
 Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
 
 
 @dataclass(frozen=True)
 class Settled:
-    """End of an iteration with contact: the point of the potential itself, and the memory."""
+    """End of an iteration with contact: the point of the potential itself, positions, and memory.
+
+    Positions differ from those of the point by what had come to lie inside and was moved out.
+    """
 
     point: Point
+    q: Array
     went: Iteration
     memory: Mapping[str, Array]
 
@@ -135,9 +141,12 @@ def minimise_in_contact(
         q = potential.positions(end.d)
         near = step.at(q)
         passed = step.passed(q, near)
-        deepest = -float(passed.gaps(u).min(initial=0.0))
-        if deepest <= DEEP or renewals == RENEWALS:
-            return Settled(point, went, step.memory(q, law, acting))
+        pushing = law.rows.slot[acting.force > 0.0]
+        held = np.isin(passed.slot, pushing)
+        depth = -passed.gaps(u)
+        if (depth <= np.where(held, CONSIDERABLE, AT_ALL)).all() or renewals == RENEWALS:
+            q = _corrected(potential, step, q, near, pushing, stiffness[1], work)
+            return Settled(point, q, went, step.memory(q, law, acting))
         renewals += 1
         new = near.joined(passed.take(np.flatnonzero(~np.isin(passed.slot, near.slot))))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
@@ -145,6 +154,37 @@ def minimise_in_contact(
         law = carried_over(law, new, penalties(pattern, stiffness[1], new, PENALTY))
         places = step.places(pattern, new)
     raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")
+
+
+def _corrected(
+    potential: Placed,
+    step: ContactStep,
+    q: Array,
+    near: Rows,
+    pushing: Index,
+    stiffness: Array,
+    work: Workspace,
+) -> Array:
+    """Positions with what has come to lie inside moved out, as the tissue gives way.
+
+    The factor at hand serves; it answers to rows that push by their penalty.
+    """
+    system, none = potential.system, np.zeros_like(q)
+    pattern = work.near(system).pattern
+    for _ in range(CORRECTIONS):
+        gap = near.gaps(q - step.q0)
+        deep = np.flatnonzero(gap < -NOTICED)
+        if not len(deep):
+            break
+        rows, wanted = near.take(deep), -gap[deep]
+        factor = np.where(np.isin(rows.slot, pushing), PENALTY, 1.0)
+        rho = factor * penalties(pattern, stiffness, rows, 1.0)
+        push = rows.spread((rho * wanted)[:, None] * rows.normal, len(q))
+        move = system.expand(work.solve(potential.scale * system.reduce(push)), none)
+        moved = rows.gaps(move) - rows.gaps(none)
+        share = float(moved @ wanted) / max(float(moved @ moved), 1e-300)
+        q = q + min(max(share, 0.0), 2.0) * move
+    return q
 
 
 def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:

@@ -17,11 +17,12 @@ from sim.state import Array, State
 from sim.system import System
 from sim.vectors import dot, norm
 
-PENALTY = 300.0  # of the stiffness that a row meets
+PENALTY = 30.0  # of the stiffness that a row meets
 SETTLED = 1e-6  # what gaps and slips are closed to [m]
 INSIDE = 1e-5  # depth of a row that does not push that is left to the correction [m]
 PULL = 0.1  # of the mean force, what a row may pull before it lets go in the next step
-LINEAR_ERROR = 1e-7  # that an iterative solution leaves [m]
+LINEAR_ERROR = 3e-7  # that an iterative solution leaves [m]
+SHARE = 0.1  # of a correction that its solution may miss
 ROUGHLY = 1e-5  # what is accepted where the sets do not settle [m]
 FRICTION_SETTLED = 1e-4  # of the largest bound
 ENOUGH = 0.1  # of the slope at its start, where a move may end
@@ -31,7 +32,8 @@ NOTICED = 3e-6  # depth that is corrected [m]
 CONSIDERABLE = 1e-4  # depth of a row that pushes that is no matter of a correction [m]
 AT_ALL = 2e-5  # the same of one that does not [m]
 
-Solve = Callable[[Array], Array]
+Solve = Callable[[Array, float], Array]
+"""Solution for a right-hand side, and the largest error that an iterative one may leave [m]."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,9 @@ class LinearContact:
             A matrix could not be factorised.
         """
         step, h = self._step, self._h
+        if isinstance(self._work.linear, ReusedFactor):
+            # rows turn from step to step, which the factor of an older step would not know
+            self._work.linear.forget()
         speed = np.sqrt((self._state.v**2).sum(axis=1))
         law = self._law(step.at_start(1.5 * h * speed))
         x = h * self._v0
@@ -161,11 +166,8 @@ class LinearContact:
         n = self._state.q.shape[0]
         if not len(rows):
             solve = self._solver(None, rows, np.empty((0, 3, 3)))
-            return (
-                x + solve(self._b - symmetric_product(system, self._A, x)),
-                law.at(self._displacement(x)),
-                solve,
-            )
+            move = solve(self._b - symmetric_product(system, self._A, x), LINEAR_ERROR)
+            return x + move, law.at(self._displacement(x + move)), solve
         places = self._step.places(system.pattern, rows)
         acting = law.at(self._displacement(x))
         # rows that pushed in the step before, and those that the motion would bring inside
@@ -185,7 +187,7 @@ class LinearContact:
                 factored, sticks = pushes, acting.sticks
             else:
                 first = False
-            move, last = solve(missing), left
+            move, last = solve(missing, LINEAR_ERROR), left
             if first:
                 x, acting = x + move, law.at(self._displacement(x + move))
             else:
@@ -272,7 +274,8 @@ class LinearContact:
             factor = np.where(np.isin(rows.slot, pushing), PENALTY, 1.0)
             rho = factor * penalties(system.pattern, stiffness, rows, 1.0)
             push = rows.spread((rho * wanted)[:, None] * rows.normal, len(q))
-            move = self._displacement(solve(self._scale * system.reduce(push)))
+            f, error = self._scale * system.reduce(push), SHARE * float(wanted.max())
+            move = self._displacement(solve(f, error))
             moved = rows.gaps(move) - rows.gaps(0.0 * move)
             share = float(moved @ wanted) / max(float(moved @ moved), 1e-300)
             q = q + min(max(share, 0.0), 2.0) * move
@@ -289,12 +292,12 @@ class LinearContact:
             none = np.zeros(system.constraints.n)
             work.factorise_constrained(A, G)
             self.factorisations += 1
-            return lambda r: self._counted(work.saddle.solve(r, none)[0])
+            return lambda r, _: self._counted(work.saddle.solve(r, none)[0])
         if not isinstance(work.linear, ReusedFactor):
             direct, definite = work.solver_of(A)
             self.factorisations += 1
             self.definite &= definite
-            return lambda r: self._counted(direct(r))
+            return lambda r, _: self._counted(direct(r))
 
         def near() -> Array:
             nearby = work.near(system)
@@ -305,8 +308,8 @@ class LinearContact:
                 self._step.places(nearby.pattern, rows).add(block, self._scale, values)
             return values
 
-        def solve(r: Array) -> Array:
-            found = work.solve_any(A, r, np.zeros(len(r)), LINEAR_ERROR, near)
+        def solve(r: Array, error: float) -> Array:
+            found = work.solve_any(A, r, np.zeros(len(r)), error, near)
             self.factorisations += found.factorisations
             self.definite &= found.definite
             return self._counted(found.x, found.iterations)

@@ -24,6 +24,7 @@ from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
 NEARBY_PATIENCE = 30
+CONTACT_PATIENCE = 6
 
 
 @dataclass(frozen=True)
@@ -137,8 +138,11 @@ class Workspace:
     def patience(self) -> int:
         """Iterations that a factor serves before it is renewed for being slow.
 
-        A factor of a system nearby never makes Newton's method; it needs the secants of some moves.
+        A factor of a system nearby never makes Newton's method; it needs the secants of some moves. With
+        contact they learn the rows that come and go.
         """
+        if self._system.contact is not None:
+            return CONTACT_PATIENCE
         return 1 if self._factored is self._pattern else NEARBY_PATIENCE
 
     def solve_any(

@@ -103,8 +103,7 @@ class Converged:
         way = stage.s * np.sqrt((stage.v**2).sum(axis=1))
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t)
         end = found.point
-        q, v = phi.positions(end.d), phi.velocities(end.d)
-        return Solved(q, v, end.here, found.went, found.memory)
+        return Solved(found.q, phi.velocities(end.d), end.here, found.went, found.memory)
 
 
 def middle_damping(system: System, state: State, control: ControlAt, h: float) -> Array:

@@ -71,13 +71,14 @@ class Static:
                 return minimise(potential, point, work, key, tolerances, until)
             return minimise_constrained(potential, point, work, tolerances, until)
 
+        moved: Array | None = None
         if system.contact is None:
             end, went = settle(energy, start)
         else:
             contact, way = ContactStep(system.contact, state, until), np.zeros(len(state.q))
             found = minimise_in_contact(energy, start, contact, way, key, work, settle, until)
-            end, went, memory = found.point, found.went, dict(found.memory)
-        q1 = energy.positions(end.d)
+            end, went, moved, memory = found.point, found.went, found.q, dict(found.memory)
+        q1 = energy.positions(end.d) if moved is None else moved
         new = State(until, q1, np.zeros_like(q1), {**system.remember(q1), **memory})
         return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))
 
