@@ -110,9 +110,16 @@ class Iteration:
 
 
 def search(
-    evaluate: Callable[[Array], Point], start: Point, direction: Array, longest: float = 1.0
+    evaluate: Callable[[Array], Point],
+    start: Point,
+    direction: Array,
+    longest: float = 1.0,
+    negligible: float = 0.0,
 ) -> tuple[float, Point] | None:
     """Longest tried step with det F > 0 everywhere and sufficient decrease.
+
+    Where less than `negligible` [J] is at stake, rounding of the potential may hide the decrease; there
+    half the residual will do.
 
     Returns
     -------
@@ -132,6 +139,8 @@ def search(
             if change <= ARMIJO * length * slope:
                 return length, trial
             if change <= rounding and abs(dot(trial.g, direction)) <= 0.9 * abs(slope):
+                return length, trial
+            if -slope <= negligible and trial.residual <= 0.5 * start.residual:
                 return length, trial
         length *= 0.5
     return None
@@ -177,6 +186,7 @@ def minimise(
         work.factor_of = key
         factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0
 
+    negligible = tolerances.position * tolerances.residual
     made_here = not work.has_factor_for(*key)
     if made_here:
         renew()
@@ -184,23 +194,13 @@ def minimise(
     for iteration in range(1, tolerances.max_iterations + 1):
         direction = work.secants.direction(point.g, lambda r: work.solve(potential.scale * r))
         longest = potential.largest_step(point.d, direction)
-        found = search(potential.point, point, direction, longest)
+        found = search(potential.point, point, direction, longest, negligible)
         contraction, age = np.inf, age + 1
         if found is None:
-            largest = float(np.abs(direction).max())
-            if (
-                made_here
-                and largest <= tolerances.position
-                and point.residual <= tolerances.residual
-            ):
-                # nothing descends because nothing is left but rounding: a step from rest to rest
-                return point, Iteration(
-                    iteration, factorisations, point.residual, largest, shortest, shifts
-                )
             if made_here:
                 left = float(np.abs(direction).max())
                 if left <= tolerances.position and point.residual <= tolerances.residual:
-                    # at the minimum already, but for rounding
+                    # nothing descends because nothing is left but rounding: a step from rest to rest
                     return point, Iteration(
                         iteration, factorisations, point.residual, left, shortest, shifts
                     )
