@@ -1,80 +1,88 @@
-"""Step time of a face, split into its phases, in milliseconds and in units U.
+"""Step time of a face by bulk law and integrator, split into phases, in milliseconds and in units U.
 
-U is one numerical factorisation plus one solution of the face's matrix, measured in the same run with
-the same threads, so that figures from different machines compare.
+U is one numerical factorisation plus one solution in double precision of the face's matrix with
+pointwise bulk, measured in every round with the same threads, so that figures from different machines
+and times compare. The rounds go through all configurations in turn, so that a drift of the machine hits
+all alike; medians are printed. Damping follows the current tangent for the linearly implicit steps, as
+the published simulator's does, and that at rest for the converged ones, which leave at most 1e-3 mm.
 
     python benchmarks/step_time.py FACE.nc [--steps 40] [--repeats 5] [--muscle OOP] [--peak 0.5]
+        [--bulk nodal] [--linear pardiso]
 """
 
 import argparse
+import os
+import resource
 import statistics
 import time
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 import sim
+from emgface.bench.unit import unit_seconds
 from emgface.face.file import load_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 
 PHASES = ("force", "tangent", "factorisation", "solution")
+BULK = {
+    "pointwise": {},
+    "element": {"incompressibility": "element", "bulk_potential": "quadratic"},
+    "nodal": {"incompressibility": "nodal", "bulk_potential": "quadratic"},
+}
+INTEGRATORS = {
+    "linearly implicit": (sim.LinearlyImplicitEuler(), sim.Rayleigh()),
+    "converged": (sim.ConvergedEuler(), sim.RestRayleigh()),
+}
 
 
-def seconds(function, repeats):
-    """Median wall time of a call."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
+@dataclass
+class Case:
+    """One configuration and what its rounds have measured."""
+
+    name: str
+    system: sim.System
+    integrator: sim.integrators.TimeIntegrator
+    rows: list[dict[str, float]] = field(default_factory=list)
 
 
-def pieces(system, repeats):
-    """Median milliseconds of every piece of a step, and U."""
-    control = system.control(np.zeros(len(system.muscles)))
-    q, h = system.scene.mesh.X, 0.01
-    work = sim.Workspace(system)
-    K = system.tangent(q, control)[1]
-    A = h * system.damping(q, control, K) + h * h * K
-    A[system.pattern.diagonal] += system.mass
-    work.linear.factorise(A)
-    rhs = np.ones(system.pattern.n)
-    found = {
-        "force": seconds(lambda: system.force(q, control), repeats),
-        "tangent and assembly": seconds(lambda: system.tangent(q, control), repeats),
-        "smallest J": seconds(lambda: system.smallest_J(q), repeats),
-        "factorisation": seconds(lambda: work.linear.factorise(A), repeats),
-        "solution": seconds(lambda: work.linear.solve(rhs), repeats),
-    }
-    return found, found["factorisation"] + found["solution"], work.linear.name
-
-
-def run(system, integrator, activation, steps):
+def run(case, activation, steps, linear):
     """Milliseconds per step in all and by phase, with the counts per step."""
-    work = sim.Workspace(system)
+    work = sim.Workspace(case.system, linear)
     start = time.perf_counter()
     trajectory, _ = sim.simulate(
-        system,
+        case.system,
         activation,
         duration=steps * 0.01,
-        integrator=integrator,
+        integrator=case.integrator,
         steps=sim.FixedStep(0.01),
         probes=(sim.SmallestJ(), sim.Iterations()),
         work=work,
     )
-    wall = (time.perf_counter() - start) / steps
-    split = {name: work.seconds.get(name, 0.0) / steps for name in PHASES}
-    counts = {
-        name: float(trajectory[name].sum()) / steps for name in ("iterations", "factorisations")
-    }
-    return wall, split, counts, float(trajectory.smallest_J.min())
+    row = {"step": 1e3 * (time.perf_counter() - start) / steps}
+    row |= {name: 1e3 * work.seconds.get(name, 0.0) / steps for name in PHASES}
+    for name in ("iterations", "factorisations", "indefinite"):
+        row[name] = float(trajectory[name].sum()) / steps
+    return row | {"smallest J": float(trajectory.smallest_J.min())}
+
+
+def cases(face, bulks, integrators, sigma_max):
+    """Every configuration, compiled."""
+    found = []
+    for bulk in bulks:
+        parameters = SimulationParameters(sigma_max=sigma_max, gravity=False, **BULK[bulk])
+        scene = compose_scene(face, parameters)
+        for name in integrators:
+            integrator, damping = INTEGRATORS[name]
+            system = sim.compile_scene(replace(scene, damping=damping))
+            found.append(Case(f"{name}, {bulk}", system, integrator))
+    return found
 
 
 def main():
-    """Print the two tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("face", type=Path)
     parser.add_argument("--steps", type=int, default=40)
@@ -82,45 +90,42 @@ def main():
     parser.add_argument("--muscle", default="ZYG")
     parser.add_argument("--peak", type=float, default=0.5)
     parser.add_argument("--sigma-max", type=float, default=100e3)
+    parser.add_argument("--bulk", action="append", choices=BULK)
+    parser.add_argument("--integrator", action="append", choices=INTEGRATORS)
+    parser.add_argument("--linear", default="auto", help="name of the linear solver")
     options = parser.parse_args()
 
-    parameters = SimulationParameters(sigma_max=options.sigma_max, gravity=False)
-    scene = compose_scene(load_face(options.face), parameters)
-    systems = {
-        sim.LinearlyImplicitEuler: sim.compile_scene(replace(scene, damping=sim.Rayleigh())),
-        sim.ConvergedEuler: sim.compile_scene(replace(scene, damping=sim.RestRayleigh())),
-    }
-    system = systems[sim.LinearlyImplicitEuler]
-    found, U, solver = pieces(system, 3 * options.repeats)
-    print(f"{system.pattern.n} unknowns, {system.scene.mesh.n_elements} elements, {solver}")
-    for name, value in found.items():
-        print(f"  {name:22s}{1e3 * value:8.1f} ms {value / U:6.2f} U")
-    print(f"  U = {1e3 * U:.1f} ms")
-
-    peak = np.array([options.peak * m.startswith(options.muscle) for m in system.muscles])
+    face = load_face(options.face)
+    bulks, integrators = options.bulk or [*BULK], options.integrator or [*INTEGRATORS]
+    alone = cases(face, ["pointwise"], ["linearly implicit"], options.sigma_max)[0].system
+    chosen = cases(face, bulks, integrators, options.sigma_max)
+    peak = np.array([options.peak * m.startswith(options.muscle) for m in alone.muscles])
     activation = sim.Activation(np.array([0.0, 0.1]), np.array([0.0 * peak, peak]))
-    results = {cls: [] for cls in systems}
-    for _ in range(options.repeats):  # alternating, so that a drift of the machine hits both
-        for cls, own in systems.items():
+    units = []
+    for _ in range(options.repeats):
+        units.append(1e3 * unit_seconds(alone))
+        for case in chosen:
             try:
-                results[cls].append(run(own, cls(), activation, options.steps))
+                row = run(case, activation, options.steps, options.linear)
+                case.rows.append(row | {"U": row["step"] / units[-1]})
             except sim.SimulationError as error:
-                print(f"  {cls.__name__:22s}{error}")
+                print(f"  {case.name}: {error}")
     print(
-        f"{options.muscle} to {options.peak:g} in 0.1 s, {options.steps} steps of 10 ms, medians:"
+        f"{alone.pattern.n} unknowns, {alone.scene.mesh.n_elements} elements, {os.cpu_count()} cores, "
+        f"linear solver {options.linear}; U = {statistics.median(units):.1f} ms "
+        f"({min(units):.1f} to {max(units):.1f})"
     )
-    for cls, rows in results.items():
-        if not rows:
-            continue
-        wall = statistics.median(row[0] for row in rows)
-        split = {name: statistics.median(row[1][name] for row in rows) for name in PHASES}
-        counts, least = rows[0][2], rows[0][3]
-        print(
-            f"  {cls.__name__:22s}{1e3 * wall:8.1f} ms {wall / U:6.2f} U  "
-            + "  ".join(f"{name} {1e3 * value:.1f}" for name, value in split.items())
-            + f"  ({counts['iterations']:.2f} iterations, {counts['factorisations']:.2f} "
-            f"factorisations per step, smallest J {least:.3f})"
-        )
+    print(
+        f"{options.muscle} to {options.peak:g} in 0.1 s, {options.steps} steps of 10 ms, medians of "
+        f"{options.repeats} rounds, ms per step:"
+    )
+    columns = ("step", "U", *PHASES, "iterations", "factorisations", "indefinite", "smallest J")
+    print(f"{'':28s}" + "".join(f"{name:>15s}" for name in columns))
+    for case in (c for c in chosen if c.rows):
+        middle = [statistics.median(row[name] for row in case.rows) for name in columns]
+        print(f"{case.name:28s}" + "".join(f"{value:15.2f}" for value in middle))
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"largest memory of the process, with all configurations compiled: {used:.0f} MB")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ stress out of K and `RestRayleigh` takes K at rest, which is always positive sem
 In all three K is taken at the start of a step, which keeps the step the minimiser of a potential.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,6 +56,18 @@ class _Coefficients:
         return D
 
 
+@dataclass(frozen=True, eq=False)
+class _Compiled:
+    """A law laid out for one scene; `rest` are the positions of a stiffness formed once."""
+
+    beta: float
+    matrix: Callable[[Array, Control, Array | None], Array]
+    rest: Array | None = None
+
+    def __call__(self, q: Array, control: Control, K: Array | None = None) -> Array:
+        return self.matrix(q, control, K)
+
+
 @dataclass(frozen=True)
 class Rayleigh(_Coefficients):
     """K is the tangent at the current positions and activation, as in the published simulator."""
@@ -65,7 +78,7 @@ class Rayleigh(_Coefficients):
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return self.combine(layout, stiffness(q, control) if K is None else K)
 
-        return matrix
+        return _Compiled(self.beta, matrix)
 
 
 @dataclass(frozen=True)
@@ -79,7 +92,7 @@ class PassiveRayleigh(_Coefficients):
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return self.combine(layout, stiffness(q, at_rest))
 
-        return matrix
+        return _Compiled(self.beta, matrix)
 
 
 @dataclass(frozen=True)
@@ -96,7 +109,7 @@ class RestRayleigh(_Coefficients):
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return D
 
-        return matrix
+        return _Compiled(self.beta, matrix, layout.mesh.X)
 
 
 DAMPING_LAWS = (Rayleigh, PassiveRayleigh, RestRayleigh)

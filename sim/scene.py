@@ -11,6 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.matrix import Product
 from sim.mesh import Mesh
 from sim.pattern import SymmetricPattern
 from sim.state import Array, Control, State
@@ -88,14 +89,24 @@ class HasMuscles(Protocol):
 
 
 @runtime_checkable
-class HasNearby(Protocol):
-    """A term that couples many nodes, and knows of one that couples fewer with much the same stiffness.
+class HasSparse(Protocol):
+    """A term that couples many nodes by products, and can leave them unassembled."""
 
-    The latter's stiffness is factorised to precondition the former's.
-    """
+    def sparse(self) -> Term:
+        """Term with the same forces that `HasProduct` when compiled."""
+        ...
 
-    def nearby(self) -> Term:
-        """Term that stands in for this one where a factor is made."""
+
+@runtime_checkable
+class HasProduct(CompiledTerm, Protocol):
+    """A compiled term of which the stiffness is what `add_tangent` adds, and a product beside it."""
+
+    def product(self, q: Array) -> Product:
+        """The product at positions q."""
+        ...
+
+    def add_stand_in(self, q: Array, K: Array) -> None:
+        """K += a stiffness on the pattern near that of the product, which a factor can hold."""
         ...
 
 
@@ -177,6 +188,16 @@ Stiffness = Callable[[Array, Control], Array]
 
 class CompiledDamping(Protocol):
     """A damping law laid out for one scene."""
+
+    @property
+    def beta(self) -> float:
+        """Share of the stiffness in it [s]."""
+        ...
+
+    @property
+    def rest(self) -> Array | None:
+        """Positions (n_nodes, 3) of a stiffness formed once; None where it is formed anew."""
+        ...
 
     def __call__(self, q: Array, control: Control, K: Array | None = None) -> Array:
         """Values of D = -df/dv on the pattern [N s/m]; K is the stiffness there, if at hand."""

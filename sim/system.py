@@ -9,6 +9,7 @@ import numpy as np
 from sim.constraints.union import Constraints, unite
 from sim.contact.constraint import CompiledContact, ConstraintContact
 from sim.errors import ControlError, SceneError
+from sim.matrix import Matrix, Product, merged
 from sim.pattern import SymmetricPattern, symmetric_pattern
 from sim.scene import (
     CompiledDamping,
@@ -17,7 +18,8 @@ from sim.scene import (
     Deforms,
     HasMass,
     HasMuscles,
-    HasNearby,
+    HasProduct,
+    HasSparse,
     Index,
     Layout,
     Remembering,
@@ -41,9 +43,8 @@ class System:
     muscles : names, the order of every activation
     constraints : Constraints or None
         All conditions of the scene on its free unknowns.
-    nearby : System or None
-        The same unknowns with a stiffness of fewer entries that is near enough to precondition, if
-        a term knows of one.
+    sparse : System or None
+        The same mechanics with a part of the tangents as `products`, if a term can leave them so.
     """
 
     scene: Scene
@@ -52,7 +53,7 @@ class System:
     terms: tuple[CompiledTerm, ...]
     muscles: tuple[str, ...]
     constraints: Constraints | None = None
-    nearby: "System | None" = None
+    sparse: "System | None" = None
     _damping: CompiledDamping | None = None
     _in_step: bool = False
 
@@ -82,8 +83,7 @@ class System:
             return self
         names = self._memory_names()
         terms = tuple(_over(*row, state, h) for row in zip(self.terms, names, strict=True))
-        nearby = None if self.nearby is None else self.nearby.during(state, h)
-        return replace(self, terms=terms, nearby=nearby, _in_step=True)
+        return replace(self, terms=terms, sparse=None, _in_step=True)
 
     @cached_property
     def stops(self) -> tuple[StopsMoves, ...]:
@@ -176,6 +176,55 @@ class System:
         # a matrix of the step depends on its length; damping takes the relaxed stiffness always
         return self._damping(q, control, None if self._in_step else K)
 
+    def products(self, q: Array) -> tuple[Product, ...]:
+        """What belongs to the stiffness at q besides the values of `tangent`."""
+        return tuple(term.product(q) for term in self.terms if isinstance(term, HasProduct))
+
+    def stand_in(self, q: Array) -> Array:
+        """Values near the products at q, to be added where a factor is made."""
+        K = np.zeros(self.pattern.nnz)
+        for term in self.terms:
+            if isinstance(term, HasProduct):
+                term.add_stand_in(q, K)
+        return K
+
+    def damping_matrix(self, q: Array, control: Control, K: Array | None = None) -> Matrix:
+        """The damping matrix with its products; arguments as of `damping`."""
+        values, law = self.damping(q, control, K), self._damping
+        if law is None:
+            return Matrix(self.pattern, values)
+        products = self.products(q) if law.rest is None else self._products_at_rest
+        return Matrix(self.pattern, values, tuple(part.scaled(law.beta) for part in products))
+
+    @cached_property
+    def _products_at_rest(self) -> tuple[Product, ...]:
+        return self.products(self.scene.mesh.X)
+
+    def implicit_matrix(
+        self, q: Array, K: Array, D: Matrix, by_damping: float, by_stiffness: float
+    ) -> Matrix:
+        """M + by_damping D + by_stiffness K; the values K of the stiffness at q are used up."""
+        values = by_damping * D.values
+        np.multiply(K, by_stiffness, out=K)
+        np.add(values, K, out=values)
+        values[self.pattern.diagonal] += self.mass
+        here = self.products(q)
+        if not here:
+            return Matrix(self.pattern, values)
+        beta = 0.0 if self._damping is None else self._damping.beta
+        share = by_damping * beta + by_stiffness
+        return Matrix(
+            self.pattern,
+            values,
+            merged(
+                [
+                    *(part.scaled(by_stiffness) for part in here),
+                    *(part.scaled(by_damping) for part in D.products),
+                ]
+            ),
+            lambda: share * self.stand_in(q),
+        )
+
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all terms that deform (inf if none does), and its element."""
         found = [term.smallest_J(q) for term in self.terms if isinstance(term, Deforms)]
@@ -264,8 +313,8 @@ def compile_scene(scene: Scene) -> System:
     layout = Layout(mesh, mass, pattern, tuple(names))
     terms = tuple(term.compile(layout) for term in scene.terms)
     conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
-    nearby = _nearby(scene, terms)
-    system = System(scene, mass, pattern, terms, layout.muscles, conditions, nearby)
+    sparse = _sparse(scene, terms)
+    system = System(scene, mass, pattern, terms, layout.muscles, conditions, sparse)
     if scene.damping is None:
         return system
     # a barrier is stiff only where it is touched: a damping by it would hold surfaces together
@@ -274,13 +323,13 @@ def compile_scene(scene: Scene) -> System:
     return replace(system, _damping=damping)
 
 
-def _nearby(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:
-    """Compile the scene with every term replaced by the one nearby that it knows of.
+def _sparse(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:
+    """Compile the scene with every term that can leave products unassembled doing so.
 
-    Not with a barrier, whose stiffness a search of its own could not repeat, nor with conditions.
+    Not with a barrier, which must not be searched twice, nor with conditions, which are solved whole.
     """
     alone = scene.constraints or any(isinstance(term, StopsMoves) for term in compiled)
-    if alone or not any(isinstance(term, HasNearby) for term in scene.terms):
+    if alone or not any(isinstance(term, HasSparse) for term in scene.terms):
         return None
-    terms = tuple(t.nearby() if isinstance(t, HasNearby) else t for t in scene.terms)
+    terms = tuple(t.sparse() if isinstance(t, HasSparse) else t for t in scene.terms)
     return compile_scene(replace(scene, terms=terms))

@@ -81,7 +81,7 @@ def _lagrangian_matrix(potential: Placed, d: Array, multiplier: Array) -> Array:
     curvature, q = np.zeros(potential.system.pattern.nnz), potential.positions(d)
     conditions.evaluate(q)
     conditions.add_curvature(q, multiplier, curvature)
-    return potential.matrix(d) + potential.scale * curvature
+    return potential.matrix(d).values + potential.scale * curvature
 
 
 def _newton_step(

@@ -11,6 +11,7 @@ from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
 from sim.integrators.contract import Workspace
 from sim.integrators.newton import Iteration, Point
+from sim.matrix import Matrix
 from sim.scene import Index
 from sim.state import Array
 from sim.system import System
@@ -67,12 +68,12 @@ class Touching:
         """As of the potential."""
         return self._potential.largest_step(d, direction)
 
-    def matrix(self, d: Array) -> Array:
-        """Values of scale times the second derivative of both."""
+    def matrix(self, d: Array) -> Matrix:
+        """Scale times the second derivative of both."""
         A = self._potential.matrix(d)
         self.shift = self._potential.shift
         acting = self._law.at(self.positions(d) - self._q0)
-        self._places.add(self._law.stiffness(acting), self.scale, A)
+        self._places.add(self._law.stiffness(acting), self.scale, A.values)
         return A
 
 
@@ -114,10 +115,10 @@ def minimise_in_contact(
     SingularSystem
         A matrix could not be factorised.
     """
-    pattern, n_nodes = work.near(potential.system).pattern, len(step.q0)
+    pattern, n_nodes = potential.system.pattern, len(step.q0)
     stiffness = work.contact_stiffness
     if stiffness is None or stiffness[0] != key:
-        diagonal = potential.matrix(start.d)[pattern.diagonal] / potential.scale
+        diagonal = potential.matrix(start.d).to_factorise()[pattern.diagonal] / potential.scale
         # where a muscle makes the tangent negative its size still tells the stiffness
         stiffness = work.contact_stiffness = (key, np.abs(diagonal))
     rows = step.at_start(way)
@@ -170,7 +171,7 @@ def _corrected(
     The factor at hand serves; it answers to rows that push by their penalty.
     """
     system, none = potential.system, np.zeros_like(q)
-    pattern = work.near(system).pattern
+    pattern = system.pattern
     for _ in range(CORRECTIONS):
         gap = near.gaps(q - step.q0)
         deep = np.flatnonzero(gap < -NOTICED)

@@ -1,7 +1,7 @@
 """A linearly implicit step with contact: one linear system per set of rows that touch."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from sim.contact.rows import Acting, Law, Places, Rows
 from sim.contact.step import TOUCH, ContactStep, penalties
 from sim.errors import NotConverged
-from sim.integrators.contract import Workspace, symmetric_product
+from sim.integrators.contract import Workspace
 from sim.linear import ReusedFactor
+from sim.matrix import Matrix
 from sim.scene import Index
 from sim.state import Array, State
 from sim.system import System
@@ -52,8 +53,8 @@ class Equation(Protocol):
     """The equation of a linearly implicit step, A v1 = rhs."""
 
     @property
-    def A(self) -> Array:
-        """Matrix for the velocities, (pattern.nnz,)."""
+    def A(self) -> Matrix:
+        """Matrix for the velocities."""
         ...
 
     @property
@@ -64,11 +65,6 @@ class Equation(Protocol):
     @property
     def moves(self) -> float:
         """Share of the new velocity in the motion."""
-        ...
-
-    @property
-    def near(self) -> Callable[[], Array]:
-        """A of the system that `Workspace.near` gives."""
         ...
 
 
@@ -96,7 +92,8 @@ class LinearContact:
     ) -> None:
         assert system.contact is not None  # callers choose this by it
         self._system, self._state, self._work = system, state, work
-        self._A, self._near, self._moves = equation.A, equation.near, equation.moves
+        self._A, self._moves = equation.A, equation.moves
+        self._diagonal = equation.A.to_factorise()[system.pattern.diagonal]
         self._h, self._b, self._scale = h, h * equation.rhs, h * h
         self._v0 = system.reduce(state.v)
         self._step = ContactStep(system.contact, state, state.t + h)
@@ -143,7 +140,7 @@ class LinearContact:
     def _law(self, rows: Rows, before: Law | None = None) -> Law:
         """Rows that allow no way in, with their multipliers."""
         pattern = self._system.pattern
-        stiffness = self._A[pattern.diagonal] / self._scale
+        stiffness = self._diagonal / self._scale
         law = self._step.law(rows.outside_gap(), penalties(pattern, stiffness, rows, PENALTY))
         if before is not None:
             k = len(before.rows)
@@ -166,7 +163,7 @@ class LinearContact:
         n = self._state.q.shape[0]
         if not len(rows):
             solve = self._solver(None, rows, np.empty((0, 3, 3)))
-            move = solve(self._b - symmetric_product(system, self._A, x), LINEAR_ERROR)
+            move = solve(self._b - self._A.times(x), LINEAR_ERROR)
             return x + move, law.at(self._displacement(x + move)), solve
         places = self._step.places(system.pattern, rows)
         acting = law.at(self._displacement(x))
@@ -176,7 +173,7 @@ class LinearContact:
         flips, miss, last = np.zeros(len(rows), dtype=np.int64), np.inf, np.inf
         for _ in range(PASSES):
             force = law.held(acting, pushes)[:, None] * rows.normal + acting.friction
-            Ax = symmetric_product(system, self._A, x)
+            Ax = self._A.times(x)
             missing = self._b + self._scale * system.reduce(rows.spread(force, n)) - Ax
             left = norm(missing)
             same = np.array_equal(factored, pushes) and np.array_equal(sticks, acting.sticks)
@@ -232,7 +229,7 @@ class LinearContact:
         start = law.rows.displacement(self._displacement(x))
         way = law.rows.displacement(self._displacement(x + move)) - start
         straight = dot(residual, move)
-        bent = dot(move, symmetric_product(self._system, self._A, move))
+        bent = dot(move, self._A.times(move))
 
         def slope(length: float) -> tuple[float, Acting]:
             acting = law.at_relative(start + length * way)
@@ -263,7 +260,7 @@ class LinearContact:
     def _corrected(self, q: Array, near: Rows, pushing: Index, solve: Solve) -> Array:
         """Positions with what has come to lie inside moved out, as the tissue gives way."""
         system, q0 = self._system, self._state.q
-        stiffness = self._A[system.pattern.diagonal] / self._scale
+        stiffness = self._diagonal / self._scale
         for _ in range(CORRECTIONS):
             gap = near.gaps(q - q0)
             deep = np.flatnonzero(gap < -NOTICED)
@@ -284,32 +281,23 @@ class LinearContact:
     def _solver(self, places: Places | None, rows: Rows, block: Array) -> Solve:
         """Solver for the matrix with the stiffness of rows, under the conditions of the scene."""
         system, work = self._system, self._work
-        A = self._A.copy()
+        A = replace(self._A, values=self._A.values.copy())
         if places is not None:
-            places.add(block, self._scale, A)
+            places.add(block, self._scale, A.values)
         if system.constraints is not None:
             _, G = system.constraints.evaluate(self._state.q)
             none = np.zeros(system.constraints.n)
-            work.factorise_constrained(A, G)
+            work.factorise_constrained(A.values, G)
             self.factorisations += 1
             return lambda r, _: self._counted(work.saddle.solve(r, none)[0])
         if not isinstance(work.linear, ReusedFactor):
-            direct, definite = work.solver_of(A)
+            direct, definite = work.solver_of(A.values)
             self.factorisations += 1
             self.definite &= definite
             return lambda r, _: self._counted(direct(r))
 
-        def near() -> Array:
-            nearby = work.near(system)
-            if nearby is system:
-                return A
-            values = self._near()
-            if places is not None:
-                self._step.places(nearby.pattern, rows).add(block, self._scale, values)
-            return values
-
         def solve(r: Array, error: float) -> Array:
-            found = work.solve_any(A, r, np.zeros(len(r)), error, near)
+            found = work.solve_any(A, r, np.zeros(len(r)), error)
             self.factorisations += found.factorisations
             self.definite &= found.definite
             return self._counted(found.x, found.iterations)

@@ -4,9 +4,11 @@ import math
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol, runtime_checkable
+
+import numpy as np
 
 from sim.errors import InvertedElement, SceneError
 from sim.integrators.secant import SecantMemory
@@ -19,12 +21,14 @@ from sim.linear import (
     solver_of_steps,
 )
 from sim.linear import symmetric_product as product_on_pattern
+from sim.linear.gmres import gmres
 from sim.linear.saddle import Saddle
+from sim.matrix import Matrix
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
-NEARBY_PATIENCE = 30
 CONTACT_PATIENCE = 6
+ROUGHLY = 0.1
 
 
 @dataclass(frozen=True)
@@ -67,17 +71,15 @@ class Workspace:
 
     def __init__(self, system: System, linear: str = "auto") -> None:
         self.linear = solver_of_steps(linear, system.pattern.n)
+        self._system, self._form = system, self.form(system)
+        self._pattern, self._factored = system.pattern, self._form.pattern
+        self.linear.analyse(self._factored)
         if isinstance(self.linear, ReusedFactor):
-            factored = self.near(system).pattern
-            self.linear.analyse(system.pattern, None if factored is system.pattern else factored)
             self.linear.timed = self.timed
             self.factor: Factor = self.linear.factor
         else:
-            factored = system.pattern
-            self.linear.analyse(factored)
             self.factor = self.linear
-        self._pattern, self._factored = system.pattern, factored
-        self._system = system
+        self._beside: Matrix | None = None
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
         self.factor_of: tuple[type, float] | None = None
@@ -87,6 +89,8 @@ class Workspace:
         """Halvings of the latest step of an error control, where the next interval starts."""
         self.multipliers: Array | None = None
         """Multipliers of the latest constrained step, where the next one starts."""
+        self.velocities: tuple[float, float, Array] | None = None
+        """Start and end of the latest linearly implicit step, and the velocities at its start."""
         self.contact_stiffness: tuple[tuple[type, float], Array] | None = None
         """Integrator and step, and the diagonal of their stiffness that penalties of contact follow."""
         self.seconds: dict[str, float] = {}
@@ -102,7 +106,7 @@ class Workspace:
             self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - start
             self.calls[phase] = self.calls.get(phase, 0) + 1
 
-    def factorise(self, values: Array, shift: Array, max_shifts: int = 12) -> int:
+    def factorise(self, A: Matrix, shift: Array, max_shifts: int = 12) -> int:
         """Factorise; while the matrix is not positive definite, add growing multiples of a diagonal.
 
         Added to the matrix of a time step, multiples of the mass act as a shorter step would. Returns
@@ -113,83 +117,88 @@ class Workspace:
         NotPositiveDefinite
             Not even the largest shift helped.
         """
-        shifted, tau = values, 1.0
+        values, tau = A.to_factorise(), 0.0
+        shifted = values
         self._forget()
         for shifts in range(max_shifts + 1):
             try:
                 with self.timed("factorisation"):
                     self.factor.factorise(shifted)
-                return shifts
             except NotPositiveDefinite:
                 if shifts == max_shifts:
                     raise
+                tau = 4.0**shifts
                 shifted = values.copy()
-                shifted[self._factored.diagonal] += tau * shift
-                tau *= 4.0
+                shifted[A.pattern.diagonal] += tau * shift
+                continue
+            if A.products:
+                own = A.values.copy()
+                own[A.pattern.diagonal] += tau * shift
+                self._beside = replace(A, values=own)
+            return shifts
         raise AssertionError("unreachable: the loop returns or raises")
 
-    def near(self, system: System) -> System:
-        """System of which the matrices are factorised: this one, or one nearby with fewer entries."""
-        if isinstance(self.linear, ReusedFactor) and system.nearby is not None:
-            return system.nearby
+    def form(self, system: System) -> System:
+        """Return the system in the form that the solver works with: products apart, or all entries."""
+        if isinstance(self.linear, ReusedFactor) and system.sparse is not None:
+            return system.sparse
         return system
 
     @property
     def patience(self) -> int:
         """Iterations that a factor serves before it is renewed for being slow.
 
-        A factor of a system nearby never makes Newton's method; it needs the secants of some moves. With
-        contact they learn the rows that come and go.
+        With contact the secants learn the rows that come and go.
         """
-        if self._system.contact is not None:
-            return CONTACT_PATIENCE
-        return 1 if self._factored is self._pattern else NEARBY_PATIENCE
+        return 1 if self._system.contact is None else CONTACT_PATIENCE
 
-    def solve_any(
-        self, values: Array, rhs: Array, start: Array, error: float, near: Callable[[], Array]
-    ) -> Solution:
+    def solve_any(self, A: Matrix, rhs: Array, start: Array, error: float) -> Solution:
         """Solve with a matrix that need not be positive definite.
 
         Parameters
         ----------
-        values : (pattern.nnz,) matrix.
+        A : Matrix
+            Of the system, or of its `form`.
         rhs : (n_free,)
         start : (n_free,) where an iterative solver begins.
         error : float
             Largest error that it leaves, in the units of the solution.
-        near : callable
-            Values of the same matrix of the system `near`, for an iterative solver's factor.
 
         Raises
         ------
+        NotReached
+            The iteration failed; A is of a form with products.
         SingularSystem
             The matrix is singular or holds NaN.
         """
-        self.factor_of = None
-        self.secants.clear()
-        if isinstance(self.linear, ReusedFactor):
-            self.linear.factorise(values, None if self._factored is self._pattern else near)
+        if isinstance(self.linear, ReusedFactor) and A.pattern is self._factored:
+            self.factor_of = None
+            self.secants.clear()
+            if A.products:
+                self.linear.factorise(A.values, A.times, A.to_factorise)
+            else:
+                self.linear.factorise(A.values)
             x = self.linear.solve(rhs, start, error)
             done = self.linear
             return Solution(x, done.iterations, done.factorisations, done.definite)
-        try:
-            with self.timed("factorisation"):
-                self.linear.factorise(values)
-            with self.timed("solution"):
-                return Solution(self.linear.solve(rhs))
-        except NotPositiveDefinite:
-            if self._indefinite is None:
-                self._indefinite = linear_solver(indefinite=True)
-                self._indefinite.analyse(self._pattern)
-            with self.timed("factorisation"):
-                self._indefinite.factorise(values)
-            with self.timed("solution"):
-                return Solution(self._indefinite.solve(rhs), 1, 2, definite=False)
+        solve, definite = self.solver_of(A.values)
+        return Solution(solve(rhs), 1, 1 if definite else 2, definite)
+
+    def extrapolated(self, t: float, h: float, v: Array) -> Array:
+        """Velocities where an iteration for those at t + h may begin, from those at t.
+
+        Remembers them for the next step.
+        """
+        before, self.velocities = self.velocities, (t, t + h, v)
+        if before is None or not math.isclose(before[1], t, rel_tol=1e-12, abs_tol=1e-12):
+            return v
+        return v + h / (before[1] - before[0]) * (v - before[2])
 
     def _forget(self) -> None:
         """Drop what belongs to the latest factor."""
         self.factor_of = None
         self.secants.clear()
+        self._beside = None
         if isinstance(self.linear, ReusedFactor):
             self.linear.forget()
 
@@ -259,9 +268,16 @@ class Workspace:
         return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
 
     def solve(self, rhs: Array) -> Array:
-        """Solve with the latest factor, in its own precision."""
+        """Solve with the latest factor, in its own precision; with products roughly.
+
+        A direction for Newton's method needs no more.
+        """
         with self.timed("solution"):
-            return self.factor.approximate(rhs)
+            x = self.factor.approximate(rhs)
+            if self._beside is None:
+                return x
+            error = ROUGHLY * float(np.abs(x).max())
+            return gmres(self._beside.times, self.factor.approximate, rhs, x, error, 12).x
 
 
 class Integrator(Protocol):

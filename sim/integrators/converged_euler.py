@@ -41,14 +41,14 @@ class ConvergedEuler(Converged):
         SingularSystem
             The matrix could not be factorised.
         """
-        system = system.during(state, h)
+        system = work.form(system).during(state, h)
         t1 = state.t + h
         at_end = control(t1)
         with work.timed("force"):
             here = system.force(state.q, at_end)
         require_upright(here.element, here.smallest_J, state.t)
         with work.timed("tangent"):
-            D = system.damping(state.q, at_end)
+            D = system.damping_matrix(state.q, at_end)
         stage = Stage(t1, state.q, state.v, h, at_end, D)
         end = self._solve(system, stage, state, work, here)
         memory = {**system.remember(end.q), **end.memory}

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from sim.integrators.contract import Workspace, symmetric_product
+from sim.integrators.contract import Workspace
 from sim.integrators.newton import Point
+from sim.matrix import Matrix
 from sim.state import Array, Control, Evaluation
 from sim.system import System
 from sim.vectors import dot
@@ -24,7 +25,8 @@ class IncrementalPotential:
         At the instant of the stage.
     s : float
         Implicit part of the step [s].
-    D : (pattern.nnz,) damping, constant within the stage [N s/m].
+    D : Matrix
+        Damping, constant within the stage [N s/m].
     work : Workspace
         For its run times.
     """
@@ -36,7 +38,7 @@ class IncrementalPotential:
         v: Array,
         control: Control,
         s: float,
-        D: Array,
+        D: Matrix,
         work: Workspace,
     ) -> None:
         self.system, self.scale, self.shift = system, s * s, system.mass
@@ -59,7 +61,7 @@ class IncrementalPotential:
         if here is None:
             with self._work.timed("force"):
                 here = self.system.force(self.positions(d), self._control)
-        product = symmetric_product(self.system, self._D, d)
+        product = self._D.times(d)
         product /= self._s
         product += self.shift * d / self.scale
         g = product - self._momentum - self.system.reduce(here.f)
@@ -73,15 +75,11 @@ class IncrementalPotential:
         ends = self.positions(d), self.positions(d + direction)
         return self.system.largest_step(*ends, self._control)
 
-    def matrix(self, d: Array) -> Array:
-        """s^2 times the second derivative at d, M + s D + s^2 K, of the system to be factorised."""
-        system = self._work.near(self.system)
+    def matrix(self, d: Array) -> Matrix:
+        """s^2 times the second derivative at d, M + s D + s^2 K."""
         q = self.positions(d)
-        K = system.tangent(q, self._control)[1]
-        D = self._D if system is self.system else system.damping(self._q, self._control)
-        A = self._s * D + self.scale * K
-        A[system.pattern.diagonal] += self.shift
-        return A
+        K = self.system.tangent(q, self._control)[1]
+        return self.system.implicit_matrix(q, K, self._D, self._s, self.scale)
 
     def start(self, state_q: Array, at_state: Evaluation | None = None) -> Point:
         """Begin at the inertial guess d = s v where it is feasible and better, else at the state."""

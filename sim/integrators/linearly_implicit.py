@@ -7,6 +7,8 @@ import numpy as np
 
 from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import Solution, Workspace, require_upright
+from sim.linear import NotReached
+from sim.matrix import Matrix
 from sim.state import Array, State, StepReport
 from sim.system import System
 
@@ -17,25 +19,53 @@ class LinearStep:
 
     Attributes
     ----------
-    A : (pattern.nnz,) matrix for the velocities.
+    A : Matrix
+        For the velocities.
     rhs : (n_free,) right-hand side [N s].
     moves : float
         Share of the new velocity in the motion.
-    error : float
-        Largest error of a position that an iterative solution leaves [m].
-    near : callable
-        A of the system that `Workspace.near` gives.
     """
 
-    A: Array
+    A: Matrix
     rhs: Array
     moves: float
-    error: float
-    near: Callable[[], Array]
+
+
+Equation = Callable[[System], LinearStep]
+"""The equation of a step, of a system over it; raises InvertedElement."""
+
+
+def step_of(
+    equation: Equation, system: System, state: State, h: float, error: float, work: Workspace
+) -> tuple[State, StepReport]:
+    """Solve the equation of a step in the form that the linear solver works with.
+
+    Parameters
+    ----------
+    equation : callable
+    system : System
+    state : State
+    h : float
+    error : float
+        Largest error of a position that an iterative solution leaves [m].
+    work : Workspace
+
+    Raises
+    ------
+    InvertedElement, NotConverged, SingularSystem, SceneError
+        As `linear_step`.
+    """
+    form = work.form(system).during(state, h)
+    try:
+        return linear_step(form, state, equation(form), h, error, work)
+    except NotReached:
+        pass  # the matrix is then assembled whole and factorised
+    system = system.during(state, h)
+    return linear_step(system, state, equation(system), h, error, work)
 
 
 def linear_step(
-    system: System, state: State, equation: LinearStep, h: float, work: Workspace
+    system: System, state: State, equation: LinearStep, h: float, error: float, work: Workspace
 ) -> tuple[State, StepReport]:
     """State at t + h with A v1 = rhs and q1 = q0 + h ((1 - moves) v0 + moves v1).
 
@@ -63,12 +93,13 @@ def linear_step(
         v1, q1 = system.reduce(touched.v), touched.q
         found = Solution(v1, touched.solutions, touched.factorisations, touched.definite)
     elif conditions is None:
-        found = work.solve_any(A, rhs, v0, equation.error / (moves * h), equation.near)
+        start = work.extrapolated(state.t, h, v0)
+        found = work.solve_any(A, rhs, start, error / (moves * h))
         v1 = found.x
         q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
     else:
         _, G = conditions.evaluate(state.q)
-        v1, _ = work.solve_constrained(A, G, rhs, np.zeros(conditions.n))
+        v1, _ = work.solve_constrained(A.values, G, rhs, np.zeros(conditions.n))
         q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
         found = Solution(v1)
     if conditions is not None:
@@ -82,14 +113,14 @@ def linear_step(
     remembered = {**system.remember(q1), **(touched.memory if touched else {})}
     new = State(t1, q1, system.expand(v1, state.v), remembered)
     # the leading error of implicit Euler, h^2/2 dv/dt
-    error = 0.5 * h * (new.v - state.v) if moves == 1.0 else None
+    local_error = 0.5 * h * (new.v - state.v) if moves == 1.0 else None
     return new, StepReport(
         h=h,
         smallest_J=least,
         iterations=found.iterations,
         factorisations=found.factorisations,
         indefinite=int(not found.definite),
-        local_error=error,
+        local_error=local_error,
     )
 
 

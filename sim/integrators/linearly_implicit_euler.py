@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from sim.integrators.contract import Workspace, require_upright
-from sim.integrators.linearly_implicit import LinearStep, linear_step
-from sim.state import Array, ControlAt, Evaluation, State, StepReport
+from sim.integrators.linearly_implicit import LinearStep, step_of
+from sim.state import ControlAt, State, StepReport
 from sim.system import System
 
 
@@ -46,20 +44,15 @@ class LinearlyImplicitEuler:
         SingularSystem
             The matrix could not be factorised.
         """
-        system = system.during(state, h)
         at_end = control(state.t + h)
 
-        def matrix(system: System) -> tuple[Evaluation, Array]:
+        def equation(system: System) -> LinearStep:
             with work.timed("tangent"):
                 here, K = system.tangent(state.q, at_end)
-                A = h * system.damping(state.q, at_end, K)
-                np.multiply(K, h * h, out=K)
-                np.add(A, K, out=A)
-                A[system.pattern.diagonal] += system.mass
-            return here, A
+                D = system.damping_matrix(state.q, at_end, K)
+                A = system.implicit_matrix(state.q, K, D, h, h * h)
+            require_upright(here.element, here.smallest_J, state.t)
+            rhs = system.mass * system.reduce(state.v) + h * system.reduce(here.f)
+            return LinearStep(A, rhs, 1.0)
 
-        here, A = matrix(system)
-        require_upright(here.element, here.smallest_J, state.t)
-        rhs = system.mass * system.reduce(state.v) + h * system.reduce(here.f)
-        equation = LinearStep(A, rhs, 1.0, self.tolerance, lambda: matrix(work.near(system))[1])
-        return linear_step(system, state, equation, h, work)
+        return step_of(equation, system, state, h, self.tolerance, work)

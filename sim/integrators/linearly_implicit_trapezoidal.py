@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from sim.integrators.contract import Workspace, require_upright, symmetric_product
-from sim.integrators.linearly_implicit import LinearStep, linear_step
-from sim.state import Array, ControlAt, Evaluation, State, StepReport
+from sim.integrators.contract import Workspace, require_upright
+from sim.integrators.linearly_implicit import LinearStep, step_of
+from sim.state import ControlAt, State, StepReport
 from sim.system import System
 
 
@@ -39,27 +37,17 @@ class LinearlyImplicitTrapezoidal:
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `LinearlyImplicitEuler.step`."""
-        system = system.during(state, h)
         at_end = control(state.t + h)
 
-        def implicit(system: System) -> tuple[Evaluation, Array]:
+        def equation(system: System) -> LinearStep:
             with work.timed("tangent"):
                 here, K = system.tangent(state.q, at_end)
-                A = 0.5 * h * system.damping(state.q, at_end, K)
-                np.multiply(K, 0.25 * h * h, out=K)
-                np.add(A, K, out=A)
-            return here, A
+                D = system.damping_matrix(state.q, at_end, K)
+                A = system.implicit_matrix(state.q, K, D, 0.5 * h, 0.25 * h * h)
+            require_upright(here.element, here.smallest_J, state.t)
+            v0 = system.reduce(state.v)
+            # (M - h/2 D - h^2/4 K) v0 is twice the mass less the matrix
+            rhs = 2.0 * system.mass * v0 - A.times(v0) + h * system.reduce(here.f)
+            return LinearStep(A, rhs, 0.5)
 
-        def near() -> Array:
-            nearby = work.near(system)
-            matrix = implicit(nearby)[1]
-            matrix[nearby.pattern.diagonal] += nearby.mass
-            return matrix
-
-        here, A = implicit(system)
-        require_upright(here.element, here.smallest_J, state.t)
-        v0 = system.reduce(state.v)
-        rhs = system.mass * v0 + h * system.reduce(here.f)
-        rhs -= symmetric_product(system, A, v0)
-        A[system.pattern.diagonal] += system.mass
-        return linear_step(system, state, LinearStep(A, rhs, 0.5, self.tolerance, near), h, work)
+        return step_of(equation, system, state, h, self.tolerance, work)

@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.errors import NotConverged
 from sim.integrators.contract import Workspace
+from sim.matrix import Matrix
 from sim.state import Array, Evaluation
 from sim.vectors import dot
 
@@ -60,8 +61,8 @@ class Potential(Protocol):
         """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
         ...
 
-    def matrix(self, d: Array) -> Array:
-        """Values of scale times the second derivative at d."""
+    def matrix(self, d: Array) -> Matrix:
+        """Scale times the second derivative at d."""
         ...
 
 

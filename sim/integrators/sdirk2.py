@@ -47,6 +47,7 @@ class Sdirk2(Converged):
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `ConvergedEuler.step`, and SceneError with ConstraintContact."""
         system.require_no_contact("Sdirk2")
+        system = work.form(system)
         s, t1 = GAMMA * h, state.t + h
         part, whole = system.during(state, s), system.during(state, h)
         inner = control(state.t + s)

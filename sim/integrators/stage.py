@@ -12,6 +12,7 @@ from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.contract import Workspace
 from sim.integrators.incremental import IncrementalPotential
 from sim.integrators.newton import Iteration, Point, Tolerances, minimise
+from sim.matrix import Matrix
 from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
 from sim.system import System
 
@@ -28,7 +29,8 @@ class Stage:
     s : float
         Implicit part of the step [s].
     control : Control
-    D : (pattern.nnz,) damping [N s/m].
+    D : Matrix
+        Damping [N s/m].
     """
 
     t: float
@@ -36,7 +38,7 @@ class Stage:
     v: Array
     s: float
     control: Control
-    D: Array
+    D: Matrix
 
 
 @dataclass(frozen=True)
@@ -106,14 +108,14 @@ class Converged:
         return Solved(found.q, phi.velocities(end.d), end.here, found.went, found.memory)
 
 
-def middle_damping(system: System, state: State, control: ControlAt, h: float) -> Array:
+def middle_damping(system: System, state: State, control: ControlAt, h: float) -> Matrix:
     """Damping at the predicted middle of a step, where the predictor does not invert.
 
     Held over the step, it keeps the second order of a method: its change is odd about the middle.
     """
     q, middle = state.q + 0.5 * h * state.v, control(state.t + 0.5 * h)
     upright = system.smallest_J(q)[0] > 0.0
-    return system.damping(q if upright else state.q, middle)
+    return system.damping_matrix(q if upright else state.q, middle)
 
 
 def report_of(h: float, stages: list[Solved], local_error: Array) -> StepReport:

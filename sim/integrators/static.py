@@ -10,6 +10,7 @@ from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.contract import Workspace, require_upright
 from sim.integrators.newton import Iteration, Point, Tolerances, minimise
+from sim.matrix import Matrix
 from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
 from sim.system import System
 
@@ -56,7 +57,7 @@ class Static:
         SingularSystem
             The matrix could not be factorised.
         """
-        system = system.during(state, math.inf)
+        system = work.form(system).during(state, math.inf)
         energy = _Energy(system, state, control(state.t + h), work)
         q0 = system.carried(state, control(state.t + h))
         start = energy.point(system.reduce(q0) - system.reduce(state.q))
@@ -109,10 +110,12 @@ class _Energy:
         ends = self.positions(d), self.positions(d + direction)
         return self.system.largest_step(*ends, self._control)
 
-    def matrix(self, d: Array) -> Array:
-        """Values of the second derivative K at d, of the system to be factorised."""
-        system = self._work.near(self.system)
-        K = system.tangent(self.positions(d), self._control)[1]
+    def matrix(self, d: Array) -> Matrix:
+        """Second derivative K at d."""
+        system, q = self.system, self.positions(d)
+        values = system.tangent(q, self._control)[1]
         # a shift by 1 % of the typical stiffness is felt and not overwhelming
-        self.shift = np.full(len(d), 0.01 * np.abs(K[system.pattern.diagonal]).mean())
-        return K
+        self.shift = np.full(len(d), 0.01 * np.abs(values[system.pattern.diagonal]).mean())
+        products = system.products(q)
+        stand_in = (lambda: system.stand_in(q)) if products else None
+        return Matrix(system.pattern, values, products, stand_in)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.integrators.contract import Workspace, require_upright, symmetric_product
+from sim.integrators.contract import Workspace, require_upright
 from sim.integrators.stage import Converged, Stage, middle_damping, report_of
 from sim.state import ControlAt, State, StepReport
 from sim.system import System
@@ -31,6 +31,7 @@ class Trapezoidal(Converged):
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `ConvergedEuler.step`, and SceneError with ConstraintContact."""
         system.require_no_contact("Trapezoidal")
+        system = work.form(system)
         t1, half, over = state.t + h, 0.5 * h, system.during(state, h)
         with work.timed("force"):
             here = system.during(state, 0.0).force(state.q, control(state.t))
@@ -38,7 +39,7 @@ class Trapezoidal(Converged):
         with work.timed("tangent"):
             D = middle_damping(over, state, control, h)
         v0 = system.reduce(state.v)
-        f0 = system.reduce(here.f) - symmetric_product(system, D, v0)
+        f0 = system.reduce(here.f) - D.times(v0)
         base_q = system.expand(system.reduce(state.q) + half * v0, state.q)
         base_v = system.expand(v0 + half * f0 / system.mass, state.v)
         stage = Stage(t1, base_q, base_v, half, control(t1), D)

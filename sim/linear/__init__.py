@@ -8,7 +8,7 @@ import numpy as np
 from sim.errors import SceneError
 from sim.linear.contract import Factor, LinearSolver, NotPositiveDefinite, symmetric_product
 from sim.linear.pardiso import Pardiso, PardisoLDLt, pardiso_is_available
-from sim.linear.reused import ReusedFactor
+from sim.linear.reused import NotReached, ReusedFactor
 from sim.linear.single import SinglePardiso
 from sim.linear.superlu import PivotingSuperLU, SuperLU
 
@@ -97,6 +97,7 @@ __all__ = [
     "Factor",
     "LinearSolver",
     "NotPositiveDefinite",
+    "NotReached",
     "Pardiso",
     "PardisoLDLt",
     "PivotingSuperLU",

@@ -16,6 +16,13 @@ LIMIT = 60  # solutions with a new factor, before the matrix itself is factorise
 RELATIVE = 1e-12  # accuracy where no error is asked for
 
 
+Product = Callable[[Array], Array]
+
+
+class NotReached(SingularSystem):
+    """The iteration missed its tolerance, and the matrix is not at hand whole."""
+
+
 class ReusedFactor:
     """GMRES on the matrix at hand, preconditioned by a factor that serves as long as it pays.
 
@@ -64,23 +71,30 @@ class ReusedFactor:
         """Name of the iteration and of the direct solver that preconditions it."""
         return f"gmres_{self.factor.name}"
 
-    def analyse(self, pattern: Sparsity, nearby: Sparsity | None = None) -> None:
-        """Analyse the pattern of the factors: the matrix's, or one nearby with fewer entries."""
-        self._pattern, self._nearby = pattern, nearby
-        self.factor.analyse(nearby or pattern)
+    def analyse(self, pattern: Sparsity) -> None:
+        """Order and analyse the sparsity, once."""
+        self._pattern = pattern
+        self.factor.analyse(pattern)
 
     def forget(self) -> None:
         """Drop the factor, as when it was made for something else."""
         self._active = None
 
-    def factorise(self, values: Array, near: Callable[[], Array] | None = None) -> None:
+    def factorise(
+        self,
+        values: Array,
+        product: Product | None = None,
+        to_factorise: Callable[[], Array] | None = None,
+    ) -> None:
         """Take the matrix to solve with; a factor is made when a solution needs one.
 
         Parameters
         ----------
         values : (nnz,) of the pattern.
-        near : callable, optional
-            Values of the nearby matrix, asked for when a factor is made.
+        product : callable, optional
+            x -> A x, where the matrix is more than its values.
+        to_factorise : callable, optional
+            Values to factorise then, near the matrix; asked for when a factor is made.
 
         Raises
         ------
@@ -89,10 +103,7 @@ class ReusedFactor:
         """
         if not np.isfinite(values).all():
             raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
-        self._values = values
-        self._near = near or (lambda: values)
-        # without values for its pattern a nearby factor cannot be made, and the matrix has its own
-        self._is_direct = near is None and self._nearby is not None
+        self._values, self._product, self._to_factorise = values, product, to_factorise
 
     def solve(self, rhs: Array, start: Array | None = None, error: float | None = None) -> Array:
         """Solve with the matrix at hand.
@@ -107,12 +118,12 @@ class ReusedFactor:
 
         Raises
         ------
+        NotReached
+            The iteration failed, and the matrix is more than its values.
         SingularSystem
             The matrix is singular.
         """
         self.iterations = self.factorisations = 0
-        if self._is_direct:
-            return self._solve_whole(rhs)
         x = np.zeros(len(rhs)) if start is None else start
         if self._active is None or self._excess >= self._active.solutions_per_factorisation:
             self._renew()
@@ -131,9 +142,10 @@ class ReusedFactor:
         assert self._active is not None  # callers have made a factor
         factor = self._active
 
-        def product(x: Array) -> Array:
+        def entries(x: Array) -> Array:
             return symmetric_product(self._pattern, self._values, x)
 
+        product = self._product or entries
         with self.timed("solution"):
             if error is None:
                 error = RELATIVE * float(np.abs(factor.approximate(rhs)).max())
@@ -143,22 +155,34 @@ class ReusedFactor:
 
     def _renew(self) -> None:
         """Factorise the matrix at hand, or the one nearby."""
-        values, self._fresh, self._excess = self._near(), None, 0
+        values = self._values if self._to_factorise is None else self._to_factorise()
+        self._fresh, self._excess = None, 0
         with self.timed("factorisation"):
             self.factorisations += 1
+            if not self.definite and self._indefinite is not None:
+                # active muscles keep a matrix indefinite for many steps
+                self._indefinite.factorise(values)
+                self._active = self._indefinite
+                self.definite = getattr(self._indefinite, "negative_pivots", 0) == 0
+                return
             try:
                 self.factor.factorise(values)
                 self._active, self.definite = self.factor, True
             except NotPositiveDefinite:
                 if self._indefinite is None:
                     self._indefinite = self._new_indefinite()
-                    self._indefinite.analyse(self._nearby or self._pattern)
+                    self._indefinite.analyse(self._pattern)
                 self._indefinite.factorise(values)
                 self.factorisations += 1
                 self._active, self.definite = self._indefinite, False
 
     def _solve_whole(self, rhs: Array) -> Array:
         """Solve by a factor of the matrix itself."""
+        if self._product is not None:
+            raise NotReached(
+                f"the linear iteration did not reach its tolerance in {self.iterations} solutions, "
+                "expected a matrix nearer to its preconditioner: choose a direct solver"
+            )
         if self._whole is None:
             self._whole = self._new_whole()
             self._whole.analyse(self._pattern)

@@ -6,10 +6,11 @@ from sim.terms.line_muscle import LineFibre, LineMuscles
 from sim.terms.load import NodeLoad
 from sim.terms.material import Material
 from sim.terms.muscles import Muscles
+from sim.terms.nodal_volume import NodalVolume
 from sim.terms.solid import Solid
 from sim.terms.stiffening import Stiffening
 from sim.terms.support import Support
-from sim.terms.volume import ElementVolume, NodalVolume
+from sim.terms.volume import ElementVolume
 
 TERMS: tuple[type[Term], ...] = (
     Solid,

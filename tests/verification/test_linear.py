@@ -191,8 +191,8 @@ def test_linearly_implicit_steps_by_an_older_factor_are_those_of_a_direct_soluti
 @pytest.mark.parametrize("name", FAMILIES)
 def test_converged_steps_by_a_system_nearby_are_those_of_the_system(name):
     system = body(sim.NodalVolume(25e3))
-    assert system.nearby is not None
-    assert system.nearby.pattern.nnz < system.pattern.nnz
+    assert system.sparse is not None
+    assert system.sparse.pattern.nnz < system.pattern.nnz
     integrator = sim.ConvergedEuler(tolerance=1e-9, residual_tolerance=1e-7)
     exact, _ = end_of(system, integrator, "superlu")
     state, trajectory = end_of(system, integrator, name)
@@ -201,7 +201,7 @@ def test_converged_steps_by_a_system_nearby_are_those_of_the_system(name):
 
 
 def test_only_what_couples_many_nodes_has_a_system_nearby():
-    assert body().nearby is None
-    assert body(sim.ElementVolume(25e3)).nearby is None
+    assert body().sparse is None
+    assert body(sim.ElementVolume(25e3)).sparse is None
     hard = replace(body(sim.NodalVolume(25e3)).scene, constraints=(sim.HardElementVolume(),))
-    assert sim.compile_scene(hard).nearby is None
+    assert sim.compile_scene(hard).sparse is None

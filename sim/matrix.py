@@ -1,0 +1,78 @@
+"""Symmetric matrices of which a part is a product of a sparse one with itself.
+
+A pressure that acts on many nodes at once couples them all. Its stiffness k g g', with the derivative
+g of a volume, has few numbers as a product and many as entries of a matrix.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from scipy.sparse import csr_array
+
+from sim.linear.contract import symmetric_product
+from sim.pattern import Sparsity
+from sim.state import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Product:
+    """The matrix G' diag(k) G.
+
+    Attributes
+    ----------
+    G : (m, n_free) sparse.
+    k : (m,)
+    """
+
+    G: csr_array
+    k: Array
+
+    def times(self, x: Array) -> Array:
+        """Product with a vector (n_free,)."""
+        return self.G.T @ (self.k * (self.G @ x))
+
+    def scaled(self, factor: float) -> "Product":
+        """The same matrix times a number."""
+        return replace(self, k=factor * self.k)
+
+
+@dataclass(frozen=True, eq=False)
+class Matrix:
+    """A symmetric matrix: entries on a pattern, and products beside them.
+
+    Attributes
+    ----------
+    pattern : Sparsity
+    values : (pattern.nnz,)
+    products : tuple of Product
+    stand_in : callable or None
+        Values to be added on the pattern, in place of the products, where a factor is made.
+    """
+
+    pattern: Sparsity
+    values: Array
+    products: tuple[Product, ...] = ()
+    stand_in: Callable[[], Array] | None = None
+
+    def times(self, x: Array) -> Array:
+        """Product with a vector (n,)."""
+        y = symmetric_product(self.pattern, self.values, x)
+        for part in self.products:
+            y += part.times(x)
+        return y
+
+    def to_factorise(self) -> Array:
+        """Values of the matrix that is factorised for this one."""
+        return self.values if self.stand_in is None else self.values + self.stand_in()
+
+
+def merged(products: Sequence[Product]) -> tuple[Product, ...]:
+    """Sum of products, as one where they share their G."""
+    found: list[Product] = []
+    for part in products:
+        same = [i for i, other in enumerate(found) if other.G is part.G]
+        if same:
+            found[same[0]] = Product(part.G, found[same[0]].k + part.k)
+        else:
+            found.append(part)
+    return tuple(found)
