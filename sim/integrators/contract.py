@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol, runtime_checkable
 
-import numpy as np
-
 from sim.errors import InvertedElement, SceneError
 from sim.integrators.secant import SecantMemory
 from sim.linear import (
@@ -21,14 +19,14 @@ from sim.linear import (
     solver_of_steps,
 )
 from sim.linear import symmetric_product as product_on_pattern
-from sim.linear.gmres import gmres
+from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.linear.saddle import Saddle
 from sim.matrix import Matrix
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
 CONTACT_PATIENCE = 6
-ROUGHLY = 0.1
+ROUGHLY, MOST = 0.1, 12  # how well, and in how many solutions at most, a direction is found
 
 
 @dataclass(frozen=True)
@@ -273,11 +271,10 @@ class Workspace:
         A direction for Newton's method needs no more.
         """
         with self.timed("solution"):
-            x = self.factor.approximate(rhs)
             if self._beside is None:
-                return x
-            error = ROUGHLY * float(np.abs(x).max())
-            return gmres(self._beside.times, self.factor.approximate, rhs, x, error, 12).x
+                return self.factor.approximate(rhs)
+            times, precondition = self._beside.times, self.factor.approximate
+            return conjugate_gradients(times, precondition, rhs, ROUGHLY, MOST)
 
 
 class Integrator(Protocol):
