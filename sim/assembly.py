@@ -83,8 +83,7 @@ def parts_of(
 def _part(
     mesh: Mesh, block: Block, own: Index, first: int, F0: Array | None, point_per_node: bool
 ) -> Part:
-    centre: Array = mesh.X[block.nodes[own]].mean(axis=1)
-    order, chunk, colour = coloured_chunks(centre, block.nodes[own])
+    order, chunk, colour = coloured_chunks(block.nodes[own])
     own = own[order]
     dN, weights = block.kind.dN, block.kind.weights
     if point_per_node and len(weights) == 1:

@@ -1,60 +1,82 @@
-"""Chunks of neighbouring elements, and colours of chunks without a common node.
+"""Chunks of neighbouring elements, in two colours: those of one colour have no node in common.
 
 An element loop runs the chunks of one colour in parallel, and each adds to nodes and matrix directly.
-The division depends on the mesh alone, hence the order of every sum does, too.
+Two colours are two waits for all threads; a division in blocks needs seven, which costs much where other
+programs run. The division depends on the mesh alone, hence the order of every sum does, too.
 """
+
+from typing import Any
 
 import numpy as np
 import scipy.sparse
+import scipy.sparse.csgraph
+from numpy.typing import NDArray
 
-from sim.scene import Index
-from sim.state import Array
+Index = NDArray[np.int64]
 
-ELEMENTS_PER_CHUNK = (
-    96  # what a chunk adds to fits a cache; there are chunks enough for the threads
-)
-
-
-def bisected(points: Array, size: int) -> list[Index]:
-    """Divide points (n, 3) at the median of their longest extent until no group exceeds the size."""
-    groups = [np.arange(len(points))]
-    while len(groups[0]) > size:
-        halves: list[Index] = []
-        for group in groups:
-            own = points[group]
-            along = own[:, np.argmax(np.ptp(own, axis=0))]
-            order = group[np.argsort(along, kind="stable")]
-            middle = (len(order) + 1) // 2  # the first group stays the largest
-            halves += [np.sort(order[:middle]), np.sort(order[middle:])]
-        groups = halves
-    return groups
+ELEMENTS_PER_CHUNK = 96  # at least, where levels are smaller; what a chunk adds to fits a cache
 
 
-def colours(groups: list[Index], nodes: Index) -> Index:
-    """Smallest colour of every group, in their order, that no earlier group with a common node has."""
-    owner = np.repeat(np.arange(len(groups)), [nodes[group].size for group in groups])
-    node = np.concatenate([nodes[group].ravel() for group in groups])
-    touches = scipy.sparse.coo_array((np.ones(len(node)), (owner, node))).tocsr()
-    neighbours = (touches @ touches.T).tocsr()
-    found = np.full(len(groups), -1, dtype=np.int64)
-    for i in range(len(groups)):
-        near = neighbours.indices[neighbours.indptr[i] : neighbours.indptr[i + 1]]
-        taken = found[near]
-        found[i] = np.setdiff1d(np.arange(len(near) + 1), taken)[0]
-    return found
+def levels(nodes: Index) -> Index:
+    """Fewest steps from element to element with a common node, from one far end of every component.
+
+    Elements with a common node differ by one level at most.
+    """
+    n = len(nodes)
+    owner = np.repeat(np.arange(n), nodes.shape[1])
+    pairs = np.ones(nodes.size, dtype=np.int32), (owner, nodes.ravel())
+    touches: Any = scipy.sparse.coo_array(pairs).tocsr()
+    _, component = scipy.sparse.csgraph.connected_components(touches @ touches.T, directed=False)
+    back = touches.T.tocsr()
+    _, start = np.unique(component, return_index=True)
+    level = np.zeros(n, dtype=np.int64)
+    for _ in range(2):  # the second time from the ends that the first one found
+        level[:] = -1
+        front: NDArray[np.int32] = np.zeros(n, dtype=np.int32)
+        front[start] = 1
+        step = 0
+        while front.any():
+            level[front > 0] = step
+            reached: NDArray[np.int32] = touches @ (back @ front)
+            front = ((reached > 0) & (level < 0)).astype(np.int32)
+            step += 1
+        order = np.lexsort((-level, component))
+        start = order[np.unique(component[order], return_index=True)[1]]
+    return level
 
 
-def coloured_chunks(centre: Array, nodes: Index) -> tuple[Index, Index, Index]:
+def _folded(size: Index) -> Index:
+    """Order that alternates large and small, so that equal shares of it are equal work."""
+    order = np.argsort(-size, kind="stable")
+    folded = np.empty_like(order)
+    half = (len(order) + 1) // 2
+    folded[::2], folded[1::2] = order[:half], order[half:][::-1]
+    return folded
+
+
+def coloured_chunks(nodes: Index) -> tuple[Index, Index, Index]:
     """Order of elements by colour and chunk, first element of every chunk, first chunk of every colour.
 
     Parameters
     ----------
-    centre : (n, 3) a point of every element.
-    nodes : (n, k) their nodes.
+    nodes : (n, k) nodes of the elements.
     """
-    groups = bisected(centre, ELEMENTS_PER_CHUNK)
-    colour = colours(groups, nodes)
-    by_colour: list[Index] = [groups[i] for i in np.argsort(colour, kind="stable")]
-    chunk = np.concatenate([[0], np.cumsum([len(group) for group in by_colour])])
-    start = np.concatenate([[0], np.cumsum(np.bincount(colour))])
-    return np.concatenate(by_colour), chunk.astype(np.int64), start.astype(np.int64)
+    level = levels(nodes)
+    filled = np.bincount(level)
+    chunk_of_level = np.zeros(len(filled), dtype=np.int64)
+    chunk = held = 0
+    for i, count in enumerate(filled):
+        if held >= ELEMENTS_PER_CHUNK:
+            chunk, held = chunk + 1, 0
+        chunk_of_level[i] = chunk
+        held += count
+    chunk_of = chunk_of_level[level]
+    groups = [np.flatnonzero(chunk_of == i) for i in range(chunk + 1)]
+    ordered: list[Index] = []
+    first_of_colour = [0]
+    for colour in (groups[::2], groups[1::2]):
+        if colour:
+            ordered += [colour[i] for i in _folded(np.array([len(group) for group in colour]))]
+            first_of_colour.append(len(ordered))
+    first = np.concatenate([[0], np.cumsum([len(group) for group in ordered])])
+    return np.concatenate(ordered), first.astype(np.int64), np.array(first_of_colour)

@@ -197,6 +197,8 @@ def evaluate(
                 I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
                 root = inverse_cube_root(J)
                 scale = root * root
+                # one more step: line searches near the minimum live on the last digits of the energy
+                scale += scale * ((1.0 - J * J * scale * scale * scale) * (1.0 / 3.0))
                 # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
                 over = 1.0 / J
                 dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over

@@ -5,17 +5,21 @@ import pytest
 
 import sim
 from sim.assembly import parts_of
-from sim.chunks import ELEMENTS_PER_CHUNK
 from tests.bodies import crossed_muscles, dense, grid, solid_system
 from tests.derivatives.test_terms import deformed, derivatives_agree
 
 MESH = grid((9, 8, 6), (0.09, 0.08, 0.06), wedges=(3, 4, 20), distort=0.1)
 
 
-def test_chunks_of_a_colour_have_no_node_in_common_and_hold_every_element_once():
-    parts = parts_of(MESH)
+@pytest.mark.parametrize("apart", [False, True])
+def test_chunks_of_a_colour_have_no_node_in_common_and_hold_every_element_once(apart):
+    mesh = MESH
+    if apart:  # two bodies
+        X = np.concatenate([mesh.X, mesh.X + 1.0])
+        both = [np.concatenate([b.nodes, b.nodes + len(mesh.X)]) for b in mesh.blocks]
+        mesh = sim.mesh_from_arrays(X, hex8=both[0], wedge6=both[1])
+    parts = parts_of(mesh)
     for part in parts:
-        assert np.diff(part.chunk).max() <= ELEMENTS_PER_CHUNK
         assert part.chunk[-1] == len(part.element)
         assert part.colour[-1] == len(part.chunk) - 1
         for first, last in zip(part.colour[:-1], part.colour[1:], strict=True):
@@ -23,9 +27,10 @@ def test_chunks_of_a_colour_have_no_node_in_common_and_hold_every_element_once()
                 np.unique(part.nodes[part.chunk[c] : part.chunk[c + 1]]) for c in range(first, last)
             ]
             assert len(np.unique(np.concatenate(chunks))) == sum(map(len, chunks))
-    assert len(parts[0].colour) > 2  # more than one colour, else nothing was tested
+    assert len(parts[0].colour) == 3  # two colours, else nothing was tested
+    assert len(parts[0].chunk) > 3
     found = np.sort(np.concatenate([part.element for part in parts]))
-    np.testing.assert_array_equal(found, np.arange(MESH.n_elements))
+    np.testing.assert_array_equal(found, np.arange(mesh.n_elements))
 
 
 @pytest.mark.parametrize("volume", [None, sim.ElementVolume, sim.NodalVolume])
