@@ -102,7 +102,7 @@ def probe_skin(
         control = system.control(np.zeros(len(system.muscles)))
         work = Workspace(system, parameters.linear_solver)
         state, _ = Static().step(system, system.rest_state(), control, 1.0, work)
-        work.linear.factorise(system.tangent(state.q, control)[1])
+        solve, _ = work.solver_of(system.tangent(state.q, control)[1])
         found: dict[str, float] = {"element": int(own[k])}
         for name, axis in (("along (N/m)", 0), ("across (N/m)", 1)):
             load = np.zeros_like(position)
@@ -112,6 +112,6 @@ def probe_skin(
                 patch = skin[away <= max(radius, float(away.min()) + 1e-9)]
                 load[patch] += sign * axes[k, axis] / len(patch)
             rhs = system.reduce(load)
-            found[name] = 1.0 / float(rhs @ work.linear.solve(rhs))
+            found[name] = 1.0 / float(rhs @ solve(rhs))
         rows.append(found)
     return pd.DataFrame(rows)

@@ -53,9 +53,13 @@ class TimeStepping(Parameters):
         source=f"{ESKES}, Discussion (each instruction was normalised to 160 time steps)",
         note="'normalised' changes the speed of a movement of a trial that is not samples x output long",
     )
-    linear_solver: Literal["auto", "pardiso", "superlu"] = choice(
+    linear_solver: Literal[
+        "auto", "pardiso", "pardiso_single", "superlu", "gmres_pardiso", "gmres_superlu"
+    ] = choice(
         "auto",
-        "Factorisation: PARDISO where it is installed, else SciPy's SuperLU.",
+        "Direct by PARDISO, in double or single precision, or by SciPy's SuperLU; or iterative, "
+        "'gmres', with factors of theirs that serve many steps.",
+        note="'auto' takes PARDISO where it is installed, and reuses factors of large faces",
     )
 
     @model_validator(mode="before")
