@@ -12,13 +12,14 @@ from analysis.figures.fresh import first_results
 from analysis.figures.growth import growth
 from analysis.figures.stability import limits_table, stability_table
 from analysis.figures.style import save
-from analysis.figures.work_precision import work_precision
+from analysis.figures.work_precision import error_control, work_precision
 
 __all__ = [
     "activation_heat_map",
     "box_plots",
     "cost_of_parts",
     "emg_with_features",
+    "error_control",
     "feature_boxes",
     "first_results",
     "growth",

@@ -88,6 +88,56 @@ def work_precision(found: xr.Dataset, *, title: str = "") -> "Figure":
     return figure
 
 
+@styled
+def error_control(found: xr.Dataset, *, title: str = "") -> "Figure":
+    """Draw the error achieved against the error requested.
+
+    Parameters
+    ----------
+    found : xarray.Dataset
+        ``error_max`` (setting, instruction) [m] and the coords ``requested`` [m], NaN for settings
+        without error control, and ``model_of``.
+    title : str
+        Names the face.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One line per instruction and model; what lies below the diagonal holds what was requested.
+
+    Raises
+    ------
+    FigureError
+        No setting has error control.
+    """
+    requested = 1e3 * found["requested"].values
+    errors = found["error_max"].transpose("setting", "instruction").values
+    chosen = np.isfinite(requested)
+    if not chosen.any():
+        raise FigureError("no setting has error control: there is nothing to draw")
+    figure = blank(5.6, 4.6)
+    panel = grid(figure)[0][0]
+    models = found["model_of"].values.astype(str)
+    handles: list[Any] = []
+    for i, model in enumerate(dict.fromkeys(models[chosen].tolist())):
+        here = np.flatnonzero(chosen & (models == model))
+        here = here[np.argsort(requested[here])]
+        for k, instruction in enumerate(found["instruction"].values):
+            error = 1e3 * errors[here, k]
+            handles += panel.plot(
+                requested[here], error, color=INKS[k % 7], linestyle=LINES[i % 4], marker=MARKS[k % 7],
+                label=f"{instruction}, {model}",
+            )  # fmt: skip
+    ends = [requested[chosen].min(), requested[chosen].max()]
+    panel.plot(ends, ends, color="0.5", linewidth=0.8)
+    panel.annotate("as requested", (ends[0], ends[0]), color="0.4", fontsize="x-small", va="bottom")
+    _axes(panel, "error control holds what lies below the line", "largest error of a marker [mm]")
+    panel.set_xlabel("error requested [mm]")
+    legend(figure, handles)
+    cast(Any, figure).suptitle(f"{title or 'error control'} (simulated)")
+    return figure
+
+
 def _lines(
     panel: Any,
     time: NDArray[np.float64],

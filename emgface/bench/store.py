@@ -9,6 +9,7 @@ import xarray as xr
 
 from analysis.figures import (
     cost_of_parts,
+    error_control,
     first_results,
     growth,
     opening_over_time,
@@ -19,6 +20,7 @@ from emgface.bench.contact import contact_table
 from emgface.bench.fresh import table as start_table
 from emgface.bench.stability.limits import limits
 from emgface.bench.stability.shown import limits_figure, stability_figure, stability_frame
+from emgface.bench.work_precision.table import requested_and_achieved
 from emgface.bench.work_precision.table import table as work_precision_table
 
 if TYPE_CHECKING:
@@ -33,6 +35,11 @@ def work_precision_figure(found: xr.Dataset) -> "Figure":
 def contact_figure(found: xr.Dataset) -> "Figure":
     """Opening of the lips over time."""
     return opening_over_time(found, title=f"{found.attrs['face']} (simulated)")
+
+
+def error_control_figure(found: xr.Dataset) -> "Figure":
+    """Error achieved against error requested."""
+    return error_control(found, title=found.attrs["face"])
 
 
 def growth_table(found: xr.Dataset) -> pd.DataFrame:
@@ -70,7 +77,8 @@ KINDS: Final[dict[str, tuple[Table, Draw]]] = {
 }
 """Table and figure of every kind of measurement."""
 FURTHER: Final[dict[str, dict[str, tuple[Table, Draw]]]] = {
-    "stability": {"stability-limits": (limits, limits_figure)}
+    "work-precision": {"error-control": (requested_and_achieved, error_control_figure)},
+    "stability": {"stability-limits": (limits, limits_figure)},
 }
 """What more is told of a kind, by the name of its files."""
 
@@ -97,7 +105,7 @@ def store(kind: str, found: xr.Dataset, folder: Path) -> tuple[pd.DataFrame, lis
     found.to_netcdf(paths[0])
     for name, (make_table, draw) in {kind: KINDS[kind], **FURTHER.get(kind, {})}.items():
         table = make_table(found)
-        if table.empty:  # rows without a sweep have no limits
+        if table.empty:  # no sweep has no limits, no error control no request
             continue
         own = [folder / f"{name}{ending}" for ending in (".csv", ".svg", ".png")]
         table.to_csv(own[0], index=False)

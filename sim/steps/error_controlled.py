@@ -18,8 +18,9 @@ FAILURES = (InvertedElement, NotConverged, SingularSystem)
 class ErrorControlledStep:
     """Steps h/2^k within every interval h, k by the estimated error at watched nodes.
 
-    A step is accepted if its estimated error is at most tolerance * step/horizon: the errors made
-    within one horizon, the time over which the tissue forgets, then sum to the tolerance. The
+    A step is accepted if its estimated error is at most tolerance * step/horizon, and the tolerance
+    where it is longer than the horizon: the errors made within one horizon, the time over which the
+    tissue forgets, then sum to the tolerance. The
     estimate is that of the integrator, which costs nothing; without one the step is repeated in two
     halves.
     Steps never cross the end of an interval, where the activation may bend.
@@ -95,7 +96,7 @@ class ErrorControlledStep:
             size = finest >> level
             last = done + size == finest
             h = (until if last else start + total * (done + size) / finest) - state.t
-            allowed = self.tolerance * h / self.horizon
+            allowed = self.tolerance * min(h / self.horizon, 1.0)
             try:
                 new, report, error = self._attempt(integrator, system, state, control, h, work)
             except FAILURES:

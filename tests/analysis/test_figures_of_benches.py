@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from analysis.errors import FigureError
-from analysis.figures import limits_table, stability_table, work_precision
+from analysis.figures import error_control, limits_table, stability_table, work_precision
 
 
 def runs() -> xr.Dataset:
@@ -57,6 +57,17 @@ def test_time_errors_and_model_differences_are_told_apart() -> None:
     assert labels == ["Euler (1 failed)", "SDIRK2"]
     assert panels["b"].get_xscale() == panels["b"].get_yscale() == "log"
     assert figure.get_suptitle().startswith("smile (simulated)")
+
+
+def test_achieved_errors_stand_against_those_requested() -> None:
+    requested = ("setting", [np.nan, 1e-4, 5e-4, np.nan, 1e-3], {"units": "m"})
+    figure = error_control(runs().assign_coords(requested=requested))
+    lines = [line for line in figure.axes[0].get_lines() if line.get_label()[0] in "AD"]
+    np.testing.assert_allclose(lines[0].get_xdata(), [0.1, 0.5])  # the first model, sorted
+    np.testing.assert_allclose(lines[1].get_ydata(), [0.25, np.nan])
+    np.testing.assert_allclose(lines[2].get_ydata(), [0.3])
+    with pytest.raises(FigureError, match="no setting has error control"):
+        error_control(runs().assign_coords(requested=requested).isel(setting=[0]))
 
 
 def test_measurements_that_cannot_be_drawn() -> None:

@@ -17,6 +17,7 @@ from emgface.bench.store import KINDS, store
 from emgface.bench.work_precision import Model, Setting, pareto
 from emgface.bench.work_precision.errors import errors, other_person
 from emgface.bench.work_precision.models import finest
+from emgface.bench.work_precision.table import requested_and_achieved
 from emgface.cli import app
 from emgface.errors import ConfigurationError, DataError
 from emgface.face.simulation_parameters import SimulationParameters
@@ -36,6 +37,7 @@ def measured(face):
         Setting("SDIRK2", "20 ms", sim.Sdirk2(), sim.HalvingStep(0.02)),
         Setting("stubborn", "10 ms", sim.ConvergedEuler(max_iterations=1), sim.FixedStep(0.01)),
         Setting("SDIRK2", "20 ms", sim.Sdirk2(), sim.HalvingStep(0.02), Model(0, "element")),
+        Setting("control", "0.5 mm", sim.Sdirk2(), sim.ErrorControlledStep(5e-4, 0.02)),
     ]
     return work_precision.measure(
         face,
@@ -48,7 +50,7 @@ def measured(face):
 
 
 def test_errors_fall_with_step_and_order_and_failures_are_named(measured):
-    euler20, euler10, sdirk20, failed, _ = measured["error_max"].values[:, 0]
+    euler20, euler10, sdirk20, failed = measured["error_max"].values[:4, 0]
     assert euler10 < 0.8 * euler20
     assert sdirk20 < 0.4 * euler20
     assert np.isnan(failed)
@@ -59,6 +61,13 @@ def test_errors_fall_with_step_and_order_and_failures_are_named(measured):
     assert 0.0 < sdirk20 < euler10 < euler20 < 0.5
     found = work_precision.pareto(measured)
     assert found[4], "another model is no rival"
+
+
+def test_error_control_is_tabled_per_instruction(measured):
+    table = requested_and_achieved(measured)
+    assert table["requested mm"].tolist() == [0.5]
+    assert 0.0 < table["achieved / requested"][0] <= 1.0
+    assert table["instruction"].tolist() == ["D"]
 
 
 def test_models_are_compared_with_the_finest(measured):

@@ -18,6 +18,7 @@ from emgface.bench.work_precision.settings import Setting, settings_of
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import (
     Activation,
+    ErrorControlledStep,
     HalvingStep,
     Iterations,
     Markers,
@@ -88,8 +89,8 @@ def measure(
         same model in steps of a quarter of the smallest compared with it; ``run_time`` [s per
         simulated second], ``steps``, ``rejected``, ``iterations``, ``factorisations``,
         ``smallest_J``, ``status`` ("ok" or the name of the failure). Coords ``family``, ``label``,
-        ``model``; ``pareto(setting)`` marks settings that none of the same model beats in both time and
-        error.
+        ``model_of``, ``requested`` [m] of error control; ``pareto(setting)`` marks settings that none
+        of the same model beats in both time and error.
 
         Of every ``model`` the error of its *discretisation*: ``difference_rms``, ``difference_max``
         [m] and ``difference_rho`` of its reference from that of the finest model, attrs ``finest``;
@@ -162,6 +163,7 @@ def measure(
             "family": ("setting", [s.family for s in chosen]),
             "label": ("setting", [s.label for s in chosen]),
             "model_of": ("setting", [s.model.name for s in chosen]),
+            "requested": ("setting", [_requested(s) for s in chosen], {"units": "m"}),
             "model": [m.name for m in present],
             "instruction": list(instructions),
         },
@@ -177,6 +179,12 @@ def measure(
     )
     found["pareto"] = ("setting", pareto(found))
     return found
+
+
+def _requested(setting: Setting) -> float:
+    """Error that the steps are chosen by [m]; NaN without such a choice."""
+    steps = setting.steps
+    return steps.tolerance if isinstance(steps, ErrorControlledStep) else float("nan")
 
 
 def _reference(model: Model, step: float) -> Setting:

@@ -142,6 +142,10 @@ def _linear(model: Model) -> list[Setting]:
         return []
     names = [n for n in LINEAR_SOLVERS if pardiso_is_available() or "pardiso" not in n]
     return [
-        Setting("SDIRK2 20 ms, solver", name, Sdirk2(), HalvingStep(0.02), model, name)
+        Setting(f"{family}, solver", name, integrator, steps, model, name)
+        for family, integrator, steps in (
+            ("linearly implicit Euler 10 ms", LinearlyImplicitEuler(), FixedStep(0.01)),
+            ("SDIRK2 20 ms", Sdirk2(), HalvingStep(0.02)),
+        )
         for name in names
     ]

@@ -49,3 +49,26 @@ def table(found: xr.Dataset) -> pd.DataFrame:
 
 def _status(row: np.ndarray, good: bool) -> str:
     return "ok" if good else ", ".join(sorted({str(s) for s in row} - {"ok"}))
+
+
+def requested_and_achieved(found: xr.Dataset) -> pd.DataFrame:
+    """One row per error wanted, model and instruction: what error control made of it."""
+    rows: list[dict[str, object]] = []
+    for i in np.flatnonzero(np.isfinite(found["requested"].values)):
+        for instruction in found["instruction"].values:
+            one = found.isel(setting=int(i)).sel(instruction=instruction)
+            requested, achieved = float(one["requested"]), float(one["error_max"])
+            rows.append(
+                {
+                    "model": str(one["model_of"].values),
+                    "instruction": str(instruction),
+                    "requested mm": 1e3 * requested,
+                    "achieved mm": 1e3 * achieved,
+                    "achieved / requested": achieved / requested,
+                    "steps": float(one["steps"]),
+                    "rejected": float(one["rejected"]),
+                    "run time s/s": float(one["run_time"]),
+                    "status": str(one["status"].values),
+                }
+            )
+    return pd.DataFrame(rows)
