@@ -65,15 +65,16 @@ def work_precision(found: xr.Dataset, *, title: str = "") -> "Figure":
         handles = _lines(panel, time, values, families, first, order)
         _ring(panel, time, values, labels, first & best)
     others: list[Any] = []
+    clock = str(found.attrs.get("clock", "run"))
     for i, model in enumerate(models[1:]):
         own = of == model
         ink = {"color": INKS[i % 7], "linestyle": LINES[i % 4]}
         others += _lines(panels[1][0], time, error, families, own, order, name=model, **ink)[:1]
         _ring(panels[1][0], time, error, labels, own & best)
-    _axes(panels[0][0], f"a. time steps: {models[0]}", "largest error of a marker [mm]")
-    _axes(panels[0][1], f"b. time steps: {models[0]}", "largest change of rho [1]")
+    _axes(panels[0][0], f"a. time steps: {models[0]}", "largest error of a marker [mm]", clock)
+    _axes(panels[0][1], f"b. time steps: {models[0]}", "largest change of rho [1]", clock)
     if others:
-        _axes(panels[1][0], "c. time steps: other models", "largest error of a marker [mm]")
+        _axes(panels[1][0], "c. time steps: other models", "largest error of a marker [mm]", clock)
         panels[1][0].legend(handles=others, fontsize="x-small", loc="best")
     else:
         panels[1][0].set_axis_off()
@@ -188,7 +189,7 @@ def _plain(value: float, place: int | None = None) -> str:
     return f"{value:g}"
 
 
-def _axes(panel: Any, title: str, what: str) -> None:
+def _axes(panel: Any, title: str, what: str, clock: str = "run") -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis, scale in ((panel.xaxis, panel.set_xscale), (panel.yaxis, panel.set_yscale)):
@@ -198,7 +199,7 @@ def _axes(panel: Any, title: str, what: str) -> None:
         axis.set_minor_formatter(NullFormatter())
     panel.margins(0.12)
     panel.set_title(title, loc="left")
-    panel.set_xlabel("run time [s per simulated s]")
+    panel.set_xlabel(f"{clock} time [s per simulated s]")
     panel.set_ylabel(what)
     panel.grid(which="major", color="0.9", linewidth=0.6)
 

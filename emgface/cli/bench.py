@@ -54,6 +54,12 @@ def work_precision(
             "refined:pointwise, refined:element by default."
         ),
     ] = None,
+    processor: Annotated[
+        bool,
+        typer.Option(
+            "--processor", help="Take processor time: for a machine that does other work."
+        ),
+    ] = False,
     full: Annotated[
         bool, typer.Option("--full", help="Measure every model as widely as the first; hours.")
     ] = False,
@@ -70,6 +76,7 @@ def work_precision(
             instructions=tuple(instruction or "ADE"),
             models=tuple(map(Model.named, model)) if model else MODELS,
             full=full,
+            processor=processor,
             duration=duration,
             repeats=repeats,
             progress=bar.working,
@@ -165,7 +172,7 @@ def contact(
             cases=tuple(case or (CLOSING, *GESTURES)),
             friction=friction,
             hold=hold,
-            parameters=SimulationParameters(sigma_max=sigma_max, gravity=False),
+            parameters=SimulationParameters(sigma_max=sigma_max, gravity=False, step=0.01),
             progress=bar.show,
         )
     _finish("contact", found, out_path)

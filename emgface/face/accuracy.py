@@ -6,11 +6,18 @@ from typing import Any, Final
 from emgface.schema.units import DIVISORS, spelling
 
 PRESETS: Final[dict[str, dict[str, Any]]] = {
-    "draft": {"solver": "sdirk2", "step": 0.02},
-    "study": {"solver": "sdirk2", "step": 0.01},
-    "reference": {"solver": "sdirk2", "step": 0.0025},
+    "draft": {"solver": "sdirk2", "step": 0.04, "iteration_tolerance": 1e-4},
+    "study": {"solver": "sdirk2", "step": 0.02, "iteration_tolerance": 1e-5},
+    "reference": {"solver": "sdirk2", "step": 0.005, "iteration_tolerance": 1e-6},
+    "published": {"solver": "linearly_implicit", "step": 0.01},
 }
-"""Solver and step [s] of each preset; `docs/accuracy.md` gives the measured error and time of each."""
+"""Solver, step [s] and tolerance of the iteration [m] of each preset.
+
+`docs/accuracy.md` gives the measured error and time of each. "published" steps as the simulator of the
+publication does (Eskes et al. 2017: backward Euler, one linear solution per 10 ms).
+"""
+SET_BY_ACCURACY: Final = ("solver", "step", "iteration_tolerance", "error_tolerance")
+"""Parameters that an accuracy sets where they are not given."""
 
 _LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
 
@@ -21,13 +28,13 @@ def accuracy_settings(accuracy: str) -> dict[str, Any]:
     Parameters
     ----------
     accuracy : str
-        "draft", "study", "reference", or a length such as "0.1 mm": the error of the lip markers that
-        the steps are chosen by.
+        "draft", "study", "reference", "published", or a length such as "0.1 mm": the error of the lip
+        markers that the steps are chosen by.
 
     Returns
     -------
     dict
-        Values of ``solver``, ``step`` [s] and ``error_tolerance`` [m].
+        Values of ``solver``, ``step`` [s], ``iteration_tolerance`` and ``error_tolerance`` [m].
 
     Raises
     ------
@@ -47,4 +54,9 @@ def accuracy_settings(accuracy: str) -> dict[str, Any]:
             f"accuracy = {accuracy!r}, expected one of {', '.join(PRESETS)} or an error such as "
             "'0.1 mm'"
         )
-    return {"solver": "sdirk2", "step": 0.01, "error_tolerance": length}
+    return {
+        "solver": "sdirk2",
+        "step": 0.02,
+        "iteration_tolerance": min(1e-5, 0.02 * length),
+        "error_tolerance": length,
+    }

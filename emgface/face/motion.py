@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import ActivationError
+from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.numerical_error import numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
@@ -40,6 +41,7 @@ from sim import (
     simulate,
 )
 from sim.integrators import Integrator
+from sim.integrators.stage import Converged
 from sim.probes import Probe
 from sim.steps import StepControl
 
@@ -49,7 +51,7 @@ SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 """Step [s], time between checks [s], longest time [s] and speed [m/s] that counts as rest."""
 
 NOT_OF_REST: Final = frozenset(
-    {"accuracy", "solver", "step", "output", "error_tolerance", "timing", "sigma_max_policy"}
+    {*SET_BY_ACCURACY, "accuracy", "output", "timing", "sigma_max_policy"}
 )
 """Parameters that the rest of a face does not depend on."""
 
@@ -185,7 +187,7 @@ def simulate_face(
             system,
             control,
             duration=duration,
-            integrator=INTEGRATORS[parameters.solver],
+            integrator=integrator_of(parameters),
             steps=_steps(face, parameters),
             every=parameters.output,
             probes=(*_probes(face), *further),
@@ -220,10 +222,24 @@ INTEGRATORS: dict[str, Integrator] = {
 """Integrator by the name of the parameter `solver`."""
 
 
+RESIDUAL: Final = 20.0
+"""Largest residual force that goes with a tolerance of the positions [N/m]."""
+
+
+def integrator_of(parameters: SimulationParameters) -> Integrator:
+    """Integrator of the parameter `solver`, iterated to `iteration_tolerance`."""
+    made = INTEGRATORS[parameters.solver]
+    if not isinstance(made, Converged):
+        return made
+    tolerance = parameters.iteration_tolerance
+    return replace(made, tolerance=tolerance, residual_tolerance=RESIDUAL * tolerance)
+
+
 def _steps(face: xr.Dataset, parameters: SimulationParameters) -> StepControl:
     if parameters.error_tolerance is not None:
         nodes = face["marker_node"].values.astype(np.int64)
-        return ErrorControlledStep(parameters.error_tolerance, parameters.step, nodes)
+        horizon = parameters.beta or ErrorControlledStep.horizon
+        return ErrorControlledStep(parameters.error_tolerance, parameters.step, nodes, horizon)
     if parameters.solver.startswith("linearly_implicit"):
         return FixedStep(parameters.step)
     return HalvingStep(parameters.step)

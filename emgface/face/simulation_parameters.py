@@ -3,6 +3,7 @@
 from pydantic import Field, model_validator
 
 from emgface.choices import ESKES, OWN, STAVNESS, choice, configure, parameter
+from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.muscle_parameters import MuscleParameters, SigmaMaxPolicy
 from emgface.face.time_stepping import TimeStepping
@@ -94,7 +95,7 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         Parameters
         ----------
         accuracy : str
-            "draft", "study", "reference", or an error such as "0.1 mm".
+            "draft", "study", "reference", "published", or an error such as "0.1 mm".
 
         Returns
         -------
@@ -105,5 +106,5 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         ConfigurationError
             It is neither.
         """
-        values = self.model_dump(exclude={"solver", "step", "error_tolerance"})
+        values = self.model_dump(exclude=set(SET_BY_ACCURACY))
         return configure(SimulationParameters, values | {"accuracy": accuracy}, where="simulation")

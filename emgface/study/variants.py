@@ -7,6 +7,7 @@ from typing import Any
 
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
+from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.study.axes import CUBE_NAMES, Label, Value
 from emgface.study.configuration import StudyConfiguration
 
@@ -120,8 +121,8 @@ def _variant(study: StudyConfiguration, index: tuple[int, ...], where: str) -> V
         for name, value in zip(axis.parameters, axis.values()[level], strict=True):
             _set(values, name.split("."), value)
             if name == "simulation.accuracy":
-                # It sets these three where they are not given; here they are merely its own result.
-                for follows in ("solver", "step", "error_tolerance"):
+                # It sets these where they are not given; here they are merely its own result.
+                for follows in SET_BY_ACCURACY:
                     values["simulation"].pop(follows)
     place = f"{where}: " if where else ""
     words = ", ".join(

@@ -7,9 +7,10 @@ import xarray as xr
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.face.accuracy import PRESETS
-from emgface.face.motion import INTEGRATORS, simulate_face
+from emgface.face.motion import INTEGRATORS, integrator_of, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
+from sim import Sdirk2
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +38,34 @@ def test_a_preset_sets_what_is_not_given():
 def test_the_accuracy_of_given_parameters_is_changed():
     given = SimulationParameters(solver="linearly_implicit", step=0.002, sigma_max=80e3)
     chosen = given.as_accurate("draft")
-    assert (chosen.solver, chosen.step, chosen.sigma_max) == ("sdirk2", 0.02, 80e3)
+    assert (chosen.solver, chosen.step, chosen.sigma_max) == ("sdirk2", 0.04, 80e3)
     assert given.as_accurate("1 mm").error_tolerance == 1e-3
+
+
+def test_what_is_not_asked_for_is_solved_as_a_study():
+    plain = SimulationParameters().model_dump()
+    assert {name: plain[name] for name in PRESETS["study"]} == PRESETS["study"]
+    assert integrator_of(SimulationParameters()) == Sdirk2(1e-5, 2e-4)
+    published = configure(SimulationParameters, {"accuracy": "published"})
+    assert (published.solver, published.step) == ("linearly_implicit", 0.01)
+    assert integrator_of(published) == INTEGRATORS["linearly_implicit"]
+
+
+def test_outputs_do_not_depend_on_the_accuracy(face):
+    base = {"gravity": False, "sigma_max": 30e3}
+    times = [
+        simulate_face(
+            face, activation(face, 0.07), configure(SimulationParameters, base | {"accuracy": name})
+        )["time"].values
+        for name in ("draft", "study", "reference", "published", "0.1 mm")
+    ]
+    for found in times:
+        np.testing.assert_allclose(found, 0.01 * np.arange(8), atol=1e-15)
+
+
+def test_steps_and_outputs_must_fit():
+    with pytest.raises(ConfigurationError, match="step = 0.004 s and output = 0.01 s"):
+        configure(SimulationParameters, {"step": 0.004})
 
 
 def test_an_error_wanted_is_read_with_its_unit():

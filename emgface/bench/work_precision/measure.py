@@ -30,6 +30,7 @@ from sim import (
 )
 
 Progress = Callable[[str], None]
+Clock = Callable[[], float]
 
 COUNTS: Final = ("steps", "rejected", "iterations", "factorisations")
 MEASURED: Final = {
@@ -56,6 +57,7 @@ def measure(
     duration: float = 0.4,
     repeats: int = 3,
     full: bool = False,
+    processor: bool = False,
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Run every setting of every model on every instruction.
@@ -78,6 +80,9 @@ def measure(
         Runs per setting, interleaved; times are medians.
     full : bool
         Whether every model is measured as widely as the first.
+    processor : bool
+        Whether the time of the processor is taken in place of that of the wall clock: fairer on a
+        machine that does other work, too high with several threads.
     progress : callable, optional
         Told what is being run.
 
@@ -99,6 +104,7 @@ def measure(
         attrs: ``unit_s``, the time of one factorisation and solution of the first model.
     """
     tell = progress or (lambda _: None)
+    clock = time.process_time if processor else time.perf_counter
     nodes = face["marker_node"].values.astype(np.int64)
     if settings is None:
         chosen = [
@@ -120,7 +126,7 @@ def measure(
         sizes.append((case.elements, case.system.pattern.n))
         own = [s for s in chosen if s.model == model]
         if not goals:
-            unit = unit_seconds(case.system)
+            unit = unit_seconds(case.system, clock=clock)
             for i in instructions:
                 drive = other_person(i, case.system.muscles, duration)
                 goals[i] = _run(case, _reference(model, 0.01), drive, duration)[0]
@@ -136,7 +142,7 @@ def measure(
                 tell(f"{setting.name}, {repeat + 1} of {repeats}")
                 for i, drive in drives.items():
                     runs[setting][i].append(
-                        _row(case, setting, drive, duration, exact[model][i], goals[i])
+                        _row(case, setting, drive, duration, exact[model][i], goals[i], clock)
                     )
         rows |= {s: [_median(r) for r in of.values()] for s, of in runs.items()}
     data = {
@@ -175,6 +181,7 @@ def measure(
             "reference": f"SDIRK2 of the same model, 1/{FINER} of the smallest step, 1e-5 mm",
             "duration_s": duration,
             "repeats": repeats,
+            "clock": "processor" if processor else "wall",
         },
     )
     found["pareto"] = ("setting", pareto(found))
@@ -208,10 +215,14 @@ def _differences(gaps: dict[Model, list[Errors]]) -> dict[str, tuple[object, ...
 
 
 def _run(
-    case: Case, setting: Setting, drive: Activation, duration: float
+    case: Case,
+    setting: Setting,
+    drive: Activation,
+    duration: float,
+    clock: Clock = time.perf_counter,
 ) -> tuple[xr.Dataset, float]:
     work = Workspace(case.system, setting.linear)
-    start = time.perf_counter()
+    start = clock()
     trajectory, _ = simulate(
         case.system,
         drive,
@@ -223,7 +234,7 @@ def _run(
         initial=case.start,
         work=work,
     )
-    return trajectory, (time.perf_counter() - start) / duration
+    return trajectory, (clock() - start) / duration
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,9 +250,10 @@ def _row(
     duration: float,
     exact: xr.Dataset,
     goal: xr.Dataset,
+    clock: Clock,
 ) -> _Row:
     try:
-        trajectory, seconds = _run(case, setting, drive, duration)
+        trajectory, seconds = _run(case, setting, drive, duration, clock)
     except SimulationError as error:
         return _Row(dict.fromkeys(MEASURED, float("nan")), type(error).__name__)
     gap = errors(trajectory, exact, goal)
