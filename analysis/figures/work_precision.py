@@ -36,8 +36,8 @@ def work_precision(found: xr.Dataset, *, title: str = "") -> "Figure":
     -------
     matplotlib.figure.Figure
         Above, of the first model: largest error of a marker and largest change of rho that the time
-        steps cause. Below left the same error for the other models; below right how far the models
-        themselves, solved exactly in time, lie from the finest.
+        steps cause. Below, where there are several models, left the same error for the others, right how
+        far the models themselves, solved exactly in time, lie from the finest.
 
     Raises
     ------
@@ -58,27 +58,26 @@ def work_precision(found: xr.Dataset, *, title: str = "") -> "Figure":
     order = {name: k for k, name in enumerate(dict.fromkeys(families.tolist()))}
     if not np.isfinite(error[first]).any():
         raise FigureError("no run of the first model succeeded: there is nothing to draw")
-    figure = blank(10.0, 8.6)
-    panels = grid(figure, 2, 2)
+    several = len(models) > 1
+    figure = blank(10.0, 8.6 if several else 5.0)
+    panels = grid(figure, 2 if several else 1, 2)
     handles: list[Any] = []
     for panel, values in ((panels[0][0], error), (panels[0][1], rho)):
         handles = _lines(panel, time, values, families, first, order)
         _ring(panel, time, values, labels, first & best)
-    others: list[Any] = []
     clock = str(found.attrs.get("clock", "run"))
+    _axes(panels[0][0], f"a. time steps: {models[0]}", "largest error of a marker [mm]", clock)
+    _axes(panels[0][1], f"b. time steps: {models[0]}", "largest change of rho [1]", clock)
+    others: list[Any] = []
     for i, model in enumerate(models[1:]):
         own = of == model
         ink = {"color": INKS[i % 7], "linestyle": LINES[i % 4]}
         others += _lines(panels[1][0], time, error, families, own, order, name=model, **ink)[:1]
         _ring(panels[1][0], time, error, labels, own & best)
-    _axes(panels[0][0], f"a. time steps: {models[0]}", "largest error of a marker [mm]", clock)
-    _axes(panels[0][1], f"b. time steps: {models[0]}", "largest change of rho [1]", clock)
-    if others:
+    if several:
         _axes(panels[1][0], "c. time steps: other models", "largest error of a marker [mm]", clock)
         panels[1][0].legend(handles=others, fontsize="x-small", loc="best")
-    else:
-        panels[1][0].set_axis_off()
-    _bars(panels[1][1], found, models)
+        _bars(panels[1][1], found, models)
     legend(figure, handles, most=3)
     heading = title or "error against run time"
     cast(Any, figure).suptitle(
@@ -178,10 +177,16 @@ def _ring(
         time[which], values[which], linestyle="", marker="o", markersize=11, color="black",
         markerfacecolor="none", markeredgewidth=0.8,
     )  # fmt: skip
-    for k in np.flatnonzero(which):
+    named = np.flatnonzero(which & np.isfinite(time) & np.isfinite(values))
+    for i, k in enumerate(named[np.argsort(time[named])]):
+        side: dict[str, Any] = (
+            {"xytext": (-5, -6), "ha": "right", "va": "top"}
+            if i % 2 == 0
+            else {"xytext": (5, 6), "ha": "left", "va": "bottom"}
+        )
         panel.annotate(
-            labels[k], (time[k], values[k]), xytext=(-5, -6), textcoords="offset points",
-            fontsize="x-small", ha="right", va="top", color="0.2",
+            labels[k], (time[k], values[k]), textcoords="offset points", fontsize="x-small",
+            color="0.2", **side,
         )  # fmt: skip
 
 
