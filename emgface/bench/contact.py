@@ -168,7 +168,9 @@ def measure(
     FaceError, ContactFailure, SceneError
         The face has no surfaces that fit; a failure during a run is its ``status``.
     """
-    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
+    base = parameters or SimulationParameters(
+        sigma_max=SIGMA_MAX, gravity=False, solver="converged", step=0.01
+    )
     penetration, rim = Penetration(face), lip_rim(face)
     outputs = round((RISE + hold) / base.step)
     systems = {m: _compiled(face, base, m, between, friction) for m in methods}

@@ -172,7 +172,9 @@ def contact(
             cases=tuple(case or (CLOSING, *GESTURES)),
             friction=friction,
             hold=hold,
-            parameters=SimulationParameters(sigma_max=sigma_max, gravity=False, step=0.01),
+            parameters=SimulationParameters(
+                sigma_max=sigma_max, gravity=False, solver="converged", step=0.01
+            ),
             progress=bar.show,
         )
     _finish("contact", found, out_path)

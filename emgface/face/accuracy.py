@@ -16,13 +16,20 @@ PRESETS: Final[dict[str, dict[str, Any]]] = {
 `docs/accuracy.md` gives the measured error and time of each. "published" steps as the simulator of the
 publication does (Eskes et al. 2017: backward Euler, one linear solution per 10 ms).
 """
+CONSTRAINED: Final[dict[str, dict[str, Any]]] = {
+    "draft": {"solver": "converged", "step": 0.02, "iteration_tolerance": 1e-6},
+    "study": {"solver": "converged", "step": 0.01, "iteration_tolerance": 1e-6},
+    "reference": {"solver": "converged", "step": 0.0025, "iteration_tolerance": 1e-6},
+    "published": PRESETS["published"],
+}
+"""The same where contact is held by constraints, which methods of second order do not take."""
 SET_BY_ACCURACY: Final = ("solver", "step", "iteration_tolerance", "error_tolerance")
 """Parameters that an accuracy sets where they are not given."""
 
 _LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
 
 
-def accuracy_settings(accuracy: str) -> dict[str, Any]:
+def accuracy_settings(accuracy: str, *, constrained: bool = False) -> dict[str, Any]:
     """Settings of a preset, or of an error wanted.
 
     Parameters
@@ -30,6 +37,8 @@ def accuracy_settings(accuracy: str) -> dict[str, Any]:
     accuracy : str
         "draft", "study", "reference", "published", or a length such as "0.1 mm": the error of the lip
         markers that the steps are chosen by.
+    constrained : bool
+        Whether contact is held by constraints.
 
     Returns
     -------
@@ -42,7 +51,7 @@ def accuracy_settings(accuracy: str) -> dict[str, Any]:
         Neither a preset nor a length above zero.
     """
     if accuracy in PRESETS:
-        return dict(PRESETS[accuracy])
+        return dict((CONSTRAINED if constrained else PRESETS)[accuracy])
     found = _LENGTH.fullmatch(accuracy)
     unit = spelling(found[2]) if found else ""
     try:
@@ -55,8 +64,8 @@ def accuracy_settings(accuracy: str) -> dict[str, Any]:
             "'0.1 mm'"
         )
     return {
-        "solver": "sdirk2",
-        "step": 0.02,
+        "solver": "converged" if constrained else "sdirk2",
+        "step": 0.01 if constrained else 0.02,
         "iteration_tolerance": min(1e-5, 0.02 * length),
         "error_tolerance": length,
     }

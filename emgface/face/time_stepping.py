@@ -16,7 +16,8 @@ class TimeStepping(Parameters):
         "'draft', 'study', 'reference', 'published', or the error wanted such as '0.1 mm'; sets solver, "
         "step, iteration_tolerance and error_tolerance where they are not given.",
         source=f"{OWN}: points measured by `emgface bench work-precision`",
-        note="the defaults are those of 'study'",
+        note="the defaults are those of 'study'; with contact.method = 'constraint' these are implicit "
+        "Euler in steps of 10 ms",
     )
     solver: Literal[
         "converged",
@@ -72,8 +73,13 @@ class TimeStepping(Parameters):
     @model_validator(mode="before")
     @classmethod
     def _as_accurate(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("accuracy") is not None:
-            return accuracy_settings(str(data["accuracy"])) | data
+        if not isinstance(data, dict):
+            return data
+        contact = data.get("contact") or {}
+        method = contact.get("method") if isinstance(contact, dict) else contact.method
+        if data.get("accuracy") is not None or (method == "constraint" and "solver" not in data):
+            wanted = str(data.get("accuracy") or "study")
+            return accuracy_settings(wanted, constrained=method == "constraint") | data
         return data
 
     @model_validator(mode="after")

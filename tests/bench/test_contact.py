@@ -18,7 +18,7 @@ from emgface.face.template import template_face
 
 @pytest.fixture(scope="module")
 def closed() -> xr.Dataset:
-    parameters = SimulationParameters(gravity=False, sigma_max=100e3, step=0.02)
+    parameters = SimulationParameters(gravity=False, sigma_max=100e3, solver="converged", step=0.02)
     face = template_face(resolution="coarse")
     return measure(face, cases=(CLOSING,), hold=0.1, parameters=parameters)
 

@@ -51,6 +51,18 @@ def test_what_is_not_asked_for_is_solved_as_a_study():
     assert integrator_of(published) == INTEGRATORS["linearly_implicit"]
 
 
+def test_contact_by_constraints_is_solved_by_a_method_that_takes_it():
+    touching = {"contact": {"method": "constraint"}}
+    plain = configure(SimulationParameters, touching)
+    assert (plain.solver, plain.step) == ("converged", 0.01)
+    assert plain.as_accurate("draft").solver == "converged"
+    fine = configure(SimulationParameters, touching | {"accuracy": "0.1 mm"})
+    assert (fine.solver, fine.error_tolerance) == ("converged", 1e-4)
+    assert SimulationParameters.model_validate(plain.model_dump()) == plain
+    barrier = configure(SimulationParameters, {"contact": {"method": "barrier"}})
+    assert barrier.solver == "sdirk2"
+
+
 def test_outputs_do_not_depend_on_the_accuracy(face):
     base = {"gravity": False, "sigma_max": 30e3}
     times = [

@@ -7,6 +7,10 @@ import xarray as xr
 
 import sim
 from emgface.bench.stability.trial import IMPLICIT, STATIC, Trial
+from emgface.errors import FaceError
+from emgface.face.lips import lip_surface
+from emgface.face.parts import LIPS, arches_of
+from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 
@@ -15,6 +19,12 @@ WALL = 1000.0
 """Stiffness of the walls behind the lips [N/m]."""
 OVERLAP = 5e-4
 """How deep the inner nodes start behind their walls [m]."""
+
+
+TOUCHING = ("linearly implicit Euler", "Euler")
+"""Integrators that hold contact by constraints."""
+DEPTH = 1e-4
+"""How deep a node may stand in what it touches [m]."""
 
 
 def _system(face: xr.Dataset, **changes: object) -> Callable[[], sim.System]:
@@ -70,12 +80,43 @@ def _pressed(face: xr.Dataset) -> Iterator[Trial]:
                 _system(face, sigma_max=kilo * 1e3, support=support), ring, 0.3, STEP,
                 IMPLICIT | STATIC, f"sigma_max [kPa], {behind}", kilo,
             )  # fmt: skip
+    for kilo in (30, 100, 300) if (between := _surfaces(face)) else ():
+        contact = {"method": "constraint", "between": between}
+        yield Trial(
+            9, title, f"OOP + OOM to 1 in 0.1 s, {kilo} kPa, contact of {' and '.join(between)}",
+            _system(face, sigma_max=kilo * 1e3, contact=contact), ring, 0.3, STEP,
+            {name: IMPLICIT[name] for name in TOUCHING},
+            f"sigma_max [kPa], contact of {' and '.join(between)}", kilo, judge=_apart(face, between),
+        )  # fmt: skip
     for support in (WALL, 100.0 * WALL):
         yield Trial(
             9, title, f"start {1e3 * OVERLAP:g} mm inside walls of {support:g} N/m",
             _system(face, support=support), _all(0.0, 0.1), 0.3, STEP, IMPLICIT | STATIC,
             "stiffness of walls [N/m], start inside", support, _inside,
         )  # fmt: skip
+
+
+def _surfaces(face: xr.Dataset) -> tuple[str, ...]:
+    """What of a face can touch: its lips, and its teeth where it has them."""
+    try:
+        for lip in LIPS:
+            lip_surface(face, lip)
+    except FaceError:
+        return ()
+    return ("lips", "teeth") if arches_of(face) else ("lips",)
+
+
+def _apart(
+    face: xr.Dataset, between: tuple[str, ...]
+) -> Callable[[sim.System, sim.State, sim.State, np.ndarray], str]:
+    """Judge that nothing has passed into what it touches."""
+
+    def judge(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
+        into = Penetration(face)
+        depth = max(into.lips(end.q), into.teeth(end.q) if "teeth" in between else 0.0)
+        return "" if depth < DEPTH else f"surfaces pass by {1e3 * depth:.2g} mm"
+
+    return judge
 
 
 def _inside(system: sim.System) -> sim.State:
