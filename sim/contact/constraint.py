@@ -135,6 +135,7 @@ class _Direction:
     friction: float
     vertices: Index
     slots: Index
+    own: SignedFaces
     faces: Surface
     signs: SignedFaces
     itself: bool
@@ -167,6 +168,7 @@ class CompiledContact:
                         contact.frictions[i],
                         vertices,
                         slots,
+                        SignedFaces(a),
                         b,
                         SignedFaces(b),
                         pairing.itself,
@@ -281,7 +283,8 @@ class CompiledContact:
         nodes = d.vertices if of_mesh else np.full(len(d.vertices), -1)
         away = d.signs.normals(x)[1][d.vertices] if d.itself else NO_NORMALS
         found = nearest_faces(points, radius, x, d.faces.triangles, nodes=nodes, away=away)
-        gap, normal = d.signs.signed(points, found, x, BLUR * self._approach)
+        mine = d.own.normals(q)[1][d.vertices]
+        gap, normal = d.signs.signed(points, found, x, BLUR * self._approach, mine)
         beside, *more = d.signs.beside(points, found, x, BLUR * self._approach)
         gap, normal = np.r_[gap, more[0]], np.r_[normal, more[1]]
         found = found.joined(beside)

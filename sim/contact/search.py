@@ -15,6 +15,8 @@ from sim.scene import Index
 from sim.state import Array
 
 NO_NODES = np.empty(0, dtype=np.int64)
+OPPOSED = 0.5  # length of the difference of two normals from which they face each other
+FLAT = 0.95  # cosine of the angle between a face and a mean normal, below which an edge is sharp
 CONCAVE = 0.1  # sine of the angle from which two faces make a groove
 NO_NORMALS = np.empty((0, 3))
 
@@ -279,7 +281,12 @@ class SignedFaces:
         return Found(at, face, weight, np.abs(gap), feature[keep]), gap, by_face[face]
 
     def signed(
-        self, points: Array, found: Found, x: Array, blur: float = 0.0
+        self,
+        points: Array,
+        found: Found,
+        x: Array,
+        blur: float = 0.0,
+        against: Array = NO_NORMALS,
     ) -> tuple[Array, Array]:
         """Signed distances and their directions.
 
@@ -293,6 +300,9 @@ class SignedFaces:
             Nearer than about this to an edge or a vertex [m] the mean normal of its faces serves as
             direction, since that of the distance turns within the distance itself; the gap is then
             counted along it.
+        against : (n, 3), optional
+            Outward normals of the points, which share in that mean: two rims that meet push each other
+            straight, not along their diagonals.
 
         Returns
         -------
@@ -325,6 +335,12 @@ class SignedFaces:
         length = np.where(found.value > 0.0, found.value, 1.0)
         normal = np.where(apart[:, None], (sign / length)[:, None] * way, outward)
         if blur > 0.0:
+            if len(against):
+                between = outward - against[found.point]
+                size = np.linalg.norm(between, axis=1, keepdims=True)
+                sharp = np.einsum("ki,ki->k", outward, by_face[f]) < FLAT
+                use = (size > OPPOSED) & sharp[:, None]
+                outward = np.where(use, between / np.maximum(size, OPPOSED), outward)
             share = found.value / (found.value + blur)
             mixed = share[:, None] * normal + (1.0 - share)[:, None] * outward
             mixed /= np.linalg.norm(mixed, axis=1, keepdims=True)

@@ -86,6 +86,7 @@ def minimise_in_contact(
     work: Workspace,
     minimise: Minimise,
     until: float,
+    grip: bool = False,
 ) -> Settled:
     """Minimum of a potential under the rows of a contact.
 
@@ -107,6 +108,9 @@ def minimise_in_contact(
         Minimum of a potential from a point.
     until : float
         Time that the step leads to, for messages [s].
+    grip : bool
+        Whether rows that touch push from the start, as equilibrium needs of a body that nothing else
+        holds.
 
     Raises
     ------
@@ -123,6 +127,8 @@ def minimise_in_contact(
         stiffness = work.contact_stiffness = (key, np.abs(diagonal))
     rows = step.at_start(way)
     law = step.law(rows, penalties(pattern, stiffness[1], rows, PENALTY))
+    if grip:
+        law.normal = np.maximum(law.normal, law.rho * (TOUCH - rows.gap))
     places = step.places(pattern, rows)
     contested = np.empty(0, dtype=np.int64)
     point, went, renewals, miss = start, None, 0, np.inf

@@ -77,7 +77,9 @@ class Static:
             end, went = settle(energy, start)
         else:
             contact, way = ContactStep(system.contact, state, until), np.zeros(len(state.q))
-            found = minimise_in_contact(energy, start, contact, way, key, work, settle, until)
+            found = minimise_in_contact(
+                energy, start, contact, way, key, work, settle, until, grip=True
+            )
             end, went, moved, memory = found.point, found.went, found.q, dict(found.memory)
         q1 = energy.positions(end.d) if moved is None else moved
         new = State(until, q1, np.zeros_like(q1), {**system.remember(q1), **memory})

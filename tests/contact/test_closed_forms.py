@@ -1,5 +1,7 @@
 """Every method of contact, with every integrator that holds it, against closed forms."""
 
+import importlib.util
+
 import numpy as np
 import pytest
 
@@ -152,3 +154,19 @@ def test_a_frictionless_impact_keeps_momentum(method, integrator):
     np.testing.assert_allclose(after, before, rtol=0, atol=tolerance)
     energy = (record.kinetic_energy + record.potential_energy).values
     assert energy[-1] < energy[0] and np.diff(energy).max() < 1e-3 * energy[0]
+
+
+@pytest.mark.parametrize("method", CONTACTS)
+def test_a_sphere_follows_hertz(root, method):
+    """Coarse meshes of `benchmarks/hertz.py`, where finer ones stay within 1.5 %."""
+    if method is sim.BarrierContact:
+        pytest.importorskip("ipctk")
+    spec = importlib.util.spec_from_file_location("hertz", root / "benchmarks" / "hertz.py")
+    assert spec is not None and spec.loader is not None
+    hertz = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hertz)
+    errors = []
+    for cells in (6, 12):
+        rise, force = hertz.pressed(cells, 4e-4, method, steps=1)
+        errors.append(abs(force[-1] / hertz.hertz(rise[-1]) - 1.0))
+    assert errors[0] > errors[1] and errors[1] < 0.05

@@ -1,0 +1,249 @@
+"""Contact by constraints: what it must catch, tolerate and refuse."""
+
+import numpy as np
+import pytest
+
+import sim
+from tests.bodies import grid, rotation
+
+IMPLICIT = (sim.LinearlyImplicitEuler, sim.ConvergedEuler)
+DAMPING = sim.RestRayleigh(alpha=0.0, beta=0.005)
+
+
+def shell(low, high, name="shell", motion=None):
+    mesh = grid((1, 1, 1), np.subtract(high, low))
+    return sim.RigidShell(mesh.X + low, sim.boundary_surface(mesh).triangles, name, motion)
+
+
+def square(height=0.0, half=0.1, motion=None):
+    """Open square seen from above."""
+    corners = half * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    return sim.RigidShell(
+        corners + [0, 0, height], np.array([[0, 1, 2], [0, 2, 3]]), "square", motion
+    )
+
+
+def stacked(lower, upper, shift):
+    """One mesh of two bodies, and the surface of each."""
+    n, X = len(lower.X), np.vstack([lower.X, upper.X + shift])
+    cells = np.vstack([lower.blocks[0].nodes, upper.blocks[0].nodes + n])
+    mesh = sim.mesh_from_arrays(X, hex8=cells)
+    triangles = sim.boundary_surface(mesh).triangles
+    first = (triangles < n).all(axis=1)
+    return (
+        mesh,
+        sim.NodeSurface(triangles[first], "lower"),
+        sim.NodeSurface(triangles[~first], "upper"),
+    )
+
+
+def moved(system, integrator, steps, h=0.01, v=None, initial=None):
+    """States of some steps."""
+    state = initial or system.rest_state()
+    if v is not None:
+        state = sim.State(0.0, state.q, v)
+    work, control = sim.Workspace(system), system.control(np.zeros(0))
+    states = [state]
+    for _ in range(steps):
+        states.append(integrator.step(system, states[-1], control, h, work)[0])
+    return states
+
+
+def system_of(mesh, *terms, reductions=()):
+    return sim.compile_scene(sim.Scene(mesh, (sim.Solid(), *terms), reductions, DAMPING))
+
+
+@pytest.mark.parametrize("cells", [(2, 2, 1), (3, 3, 1)], ids=["matching", "not matching"])
+def test_two_pressed_blocks_transmit_the_stress_of_the_patch_test(cells):
+    """Rollers on three sides, uniform pressure on top: every point moves as in one homogeneous body.
+
+    Where the meshes do not match, forces at vertices cannot be uniform to the end: the largest
+    displacement, 0.4 mm, is then met to 10 %.
+    """
+    size, pressure = (0.02, 0.02, 0.01), 200.0
+    mesh, lower, upper = stacked(grid((2, 2, 1), size), grid(cells, size), [0, 0, 0.01])
+    X = mesh.X
+    top = np.flatnonzero(np.isclose(X[:, 2], 0.02))
+    share = 0.02**2 / cells[0] ** 2
+    edges = np.isclose(X[top, :2], 0.0) | np.isclose(X[top, :2], 0.02)
+    area = share * 0.5 ** edges.sum(axis=1)
+    held = tuple(sim.Fixed(np.flatnonzero(np.isclose(X[:, i], 0.0)), (i,)) for i in range(3))
+    law = sim.Material(sim.LinearElastic(1e4, 0.3))
+    load = sim.NodeLoad(top, np.outer(area, [0.0, 0.0, -pressure]))
+    contact = sim.ConstraintContact((sim.Pairing(lower, upper),))
+    scene = sim.Scene(mesh, (sim.Solid((law,)), load, contact), held)
+    system = sim.compile_scene(scene)
+    integrator = sim.Static(tolerance=1e-10, residual_tolerance=1e-10)
+    end = moved(system, integrator, 1)[-1]
+    strain = pressure / 1e4 * np.array([0.3, 0.3, -1.0])
+    atol = 2e-6 if cells == (2, 2, 1) else 4e-5
+    np.testing.assert_allclose(end.q, X * (1.0 + strain), rtol=0, atol=atol)
+    force = sim.Contacts().record(system, end, system.control(np.zeros(0)), None)[2]
+    np.testing.assert_allclose(force, pressure * 0.02**2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+@pytest.mark.parametrize("closed", [True, False], ids=["plate", "sheet"])
+def test_a_thin_sheet_crossed_in_one_step_is_caught(integrator, closed):
+    """A block thrown at 3 m/s through a plate of 0.2 mm, 30 mm in a step of 10 ms."""
+    mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
+    thin = shell([-0.1, -0.1, -0.0052], [0.1, 0.1, -0.005]) if closed else square(-0.005)
+    contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), thin),))
+    v = np.zeros_like(mesh.X)
+    v[:, 2] = -3.0
+    system = system_of(mesh, contact)
+    end = moved(system, integrator(), 5, v=v)[-1]
+    assert end.q[:, 2].min() > -0.005 - 1e-5
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_what_starts_inside_stays_as_deep_without_a_jump_and_never_goes_back(integrator):
+    mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
+    floor = shell([-0.1, -0.1, -0.1], [0.1, 0.1, 0.002], "bone")
+    contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), floor),))
+    resting = system_of(mesh, contact, sim.Gravity((0.0, 0.0, -9.81)))
+    states = moved(resting, integrator(), 20)
+    assert min(state.q[:, 2].min() for state in states) > -1e-5
+    # lifted by 1 mm and dropped it comes to rest where it last was deepest on its way out
+    lifting = np.zeros_like(mesh.X)
+    lifting[:, 2] = 0.15
+    states = moved(resting, integrator(), 40, v=lifting)
+    lowest = np.array([state.q[:, 2].min() for state in states])
+    assert lowest.max() > 5e-4
+    assert lowest[-1] >= lowest[: np.argmax(lowest) + 1].min() - 1e-5
+    gap = sim.Contacts().record(resting, states[-1], resting.control(np.zeros(0)), None)[1]
+    assert gap[0] > -1e-5
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_surfaces_that_share_nodes_and_touch_exactly_feel_nothing_at_rest(integrator):
+    """A block cut in two: the halves share the cut; a third touches the second exactly."""
+    mesh, first, last = stacked(
+        grid((2, 1, 1), (0.02, 0.01, 0.01)), grid((1, 1, 1), (0.01, 0.01, 0.01)), [0.02, 0, 0]
+    )
+    whole = first.triangles
+    x = mesh.X[whole, 0]
+    left = sim.NodeSurface(whole[(x < 0.011).all(axis=1)], "left")
+    right = sim.NodeSurface(whole[(x > 0.009).all(axis=1)], "right")
+    contact = sim.ConstraintContact((sim.Pairing(left, right), sim.Pairing(right, last)))
+    end = moved(system_of(mesh, contact), integrator(), 3)[-1]
+    np.testing.assert_allclose(end.q, mesh.X, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_a_moving_shell_pushes_and_drags(integrator):
+    """A plate that rises and runs along carries a block; with friction it takes it along."""
+    mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
+
+    def motion(t):
+        return np.eye(3), np.array([0.05 * t, 0.0, 0.1 * t])
+
+    plate = shell([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0], "plate", motion)
+    ends = {}
+    for friction in (0.0, 1.0):
+        contact = sim.ConstraintContact(
+            (sim.Pairing(sim.boundary_surface(mesh), plate),), friction=friction
+        )
+        system = system_of(mesh, contact, sim.Gravity((0.0, 0.0, -9.81)))
+        end = moved(system, integrator(), 30)[-1]
+        ends[friction] = end
+        assert end.q[:, 2].min() == pytest.approx(0.1 * 0.3, abs=1e-5)
+        assert end.v[:, 2] == pytest.approx(np.full(8, 0.1), rel=1e-3)
+    assert ends[0.0].q[:, 0].mean() == pytest.approx(0.005, abs=1e-6)
+    assert ends[1.0].v[:, 0] == pytest.approx(np.full(8, 0.05), rel=1e-3)
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+def test_a_strip_folded_on_itself_does_not_pass_through_itself(integrator):
+    """The arms of a U, one shorter and narrower, are pressed together: its tip rests on the other."""
+    low = grid((5, 1, 1), (0.05, 0.01, 0.004))
+    X = low.X.copy()
+    # bend the strip into a U: two arms on a half circle
+    s, out = X[:, 0] - 0.02, X[:, 2].copy()
+    angle = np.clip(s / 0.008, -1.0, 1.0) * np.pi / 2
+    radius = 0.0011 + out
+    arm = np.maximum(np.abs(s) - 0.008, 0.0)
+    X[:, 0], X[:, 2] = arm - radius * np.cos(angle), radius * np.sin(angle)
+    X[s < -0.001, 1] = 0.005 + 0.6 * (X[s < -0.001, 1] - 0.005)
+    mesh = sim.Mesh(X, low.blocks)
+    contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh, "strip")),))
+    ends = np.flatnonzero((np.abs(np.abs(s) - 0.02) < 1e-9) & (out > 0.0))
+    load = sim.NodeLoad(ends, np.outer(-0.003 * np.sign(s[ends]), [0.0, 0.0, 1.0]))
+    crown = sim.Fixed(np.flatnonzero(np.abs(s) < 1e-9))
+    tip = (np.abs(s + 0.02) < 1e-9) & (out == 0.0)
+    over = {}
+    for terms in ((load,), (load, contact)):
+        system = system_of(mesh, *terms, reductions=(crown,))
+        end = moved(system, integrator(), 30)[-1]
+        # the longer arm is straight from 0.002 to 0.012 m at its inner side, and on to its tip
+        inner = np.flatnonzero((s > 0.0) & (out == 0.0))
+        line = inner[np.argsort(end.q[inner, 0])]
+        height = np.interp(end.q[tip, 0], end.q[line, 0], end.q[line, 2])
+        over[len(terms)] = height - end.q[tip, 2]
+    assert over[1].max() < -5e-4  # without contact the arms pass through each other
+    _, gap, force = sim.Contacts().record(system, end, system.control(np.zeros(0)), None)
+    assert -1e-5 < gap[0] < 1e-5 and force[0] > 1e-3
+    assert over[2] == pytest.approx(np.zeros(2), abs=2e-5)
+
+
+def test_a_pair_beyond_reach_is_named():
+    mesh, lower, upper = stacked(grid((1, 1, 1)), grid((1, 1, 1)), [0.0, 0.0, 0.03])
+    contact = sim.ConstraintContact((sim.Pairing(lower, upper),), reach=0.005)
+    v = np.zeros_like(mesh.X)
+    v[upper.nodes, 2] = -1.0
+    with pytest.raises(sim.ContactFailure, match="reach of 0.005 m.*larger reach") as found:
+        moved(system_of(mesh, contact), sim.LinearlyImplicitEuler(), 3, v=v)
+    assert found.value.surface == "lower on upper"
+
+
+def test_declarations_that_cannot_work_are_refused():
+    mesh = grid((1, 1, 1))
+    pairing = sim.Pairing(sim.boundary_surface(mesh), square())
+    for options, text in (
+        ({"friction": -0.1}, "friction = -0.1"),
+        ({"friction": (0.1, 0.2)}, "friction has 2 values for 1 pairings"),
+        ({"reach": np.inf}, "reach = inf"),
+        ({"approach": 0.0}, "approach = 0.0"),
+    ):
+        with pytest.raises(sim.SceneError, match=text):
+            sim.ConstraintContact((pairing,), **options)
+    with pytest.raises(sim.SceneError, match="no pairings"):
+        sim.ConstraintContact(())
+    contact = sim.ConstraintContact((pairing,))
+    with pytest.raises(sim.SceneError, match="two ConstraintContact"):
+        system_of(mesh, contact, contact)
+    with pytest.raises(sim.ContactFailure, match="names node 9"):
+        bad = sim.NodeSurface(np.array([[0, 1, 9]]))
+        system_of(mesh, sim.ConstraintContact((sim.Pairing(bad, square()),)))
+    with pytest.raises(sim.SceneError, match="found no contact"):
+        free = system_of(mesh)
+        sim.Contacts().record(free, free.rest_state(), free.control(np.zeros(0)), None)
+    for integrator in (sim.Trapezoidal, sim.Sdirk2, sim.SymplecticEuler, sim.RungeKutta4):
+        with pytest.raises(sim.SceneError, match="constraints of a contact"):
+            moved(system_of(mesh, contact), integrator(), 1)
+
+
+def test_a_restarted_simulation_goes_on_as_if_never_stopped():
+    mesh = grid((2, 2, 1), (0.02, 0.02, 0.01))
+    pairing = sim.Pairing(sim.boundary_surface(mesh), square())
+    contact = sim.ConstraintContact((pairing,), friction=0.4)
+    system = system_of(mesh, contact, sim.Gravity((3.0, 0.0, -9.0)))
+    whole = moved(system, sim.LinearlyImplicitEuler(), 12)
+    again = moved(system, sim.LinearlyImplicitEuler(), 6, initial=whole[6])
+    np.testing.assert_array_equal(again[-1].q, whole[-1].q)
+    np.testing.assert_array_equal(again[-1].memory["contact"], whole[-1].memory["contact"])
+
+
+def test_turned_with_everything_it_does_the_same():
+    """Frame indifference: block, sheet and gravity turned together."""
+    R, mesh = rotation(5), grid((1, 1, 1), (0.01, 0.01, 0.01))
+    ends = []
+    for Q in (np.eye(3), R):
+        body = sim.Mesh(mesh.X @ Q.T, mesh.blocks)
+        flat = square()
+        floor = sim.RigidShell(flat.vertices @ Q.T, flat.triangles)
+        contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(body), floor),), 0.3)
+        g = Q @ np.array([2.0, 1.0, -9.0])
+        system = system_of(body, contact, sim.Gravity(tuple(g)))
+        ends.append(moved(system, sim.LinearlyImplicitEuler(), 10)[-1].q @ Q)
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7)
