@@ -3,7 +3,6 @@
     python benchmarks/lip_contact.py                             template face, tables and pictures
     python benchmarks/lip_contact.py --face FACE.nc --out DIR    any other face
     python benchmarks/lip_contact.py --part closing --part teeth some of the parts
-    python benchmarks/lip_contact.py --page                      the page alone, from the tables
 
 closing   both parts of orbicularis oris at full activation, held for 1 s, with and without contact
 gestures  the held gestures of the six instructions
@@ -15,7 +14,6 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
 import xarray as xr
 from PIL import Image
 
@@ -101,17 +99,6 @@ def teeth(face: xr.Dataset, out: Path) -> None:
         columns = ("front", "left side")
         path = out / f"teeth-{factor:g}-outside.png"
         shrink(draw_displacement(face, shown, path, title=title, columns=columns, dpi=70))
-
-
-def markdown(table: pd.DataFrame, digits: int = 2) -> str:
-    """Format a table for a page."""
-
-    def cell(value: object) -> str:
-        return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
-
-    rows = [list(map(str, table.columns)), ["---"] * len(table.columns)]
-    rows += [[cell(value) for value in row] for row in table.itertuples(index=False)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
 def main() -> None:
