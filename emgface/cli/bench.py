@@ -41,7 +41,7 @@ def work_precision(
     out_path: OutOption = Path("bench"),
     face_path: FaceOption = None,
     sigma_max: SigmaOption = 100e3,
-    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 0.4,
+    duration: Annotated[float, typer.Option(help="Simulated seconds.")] = 0.4,
     repeats: Annotated[int, typer.Option(help="Runs per setting; times are medians.")] = 2,
     instruction: Annotated[
         list[str] | None, typer.Option(help="Gesture, A to F; A, D and E by default.")
@@ -157,7 +157,7 @@ def contact(
     ] = None,
     friction: Annotated[float, typer.Option(help="Coulomb coefficient.")] = 0.0,
     sigma_max: SigmaOption = 100e3,
-    hold: Annotated[float, typer.Option(help="Time that the activation is held [s].")] = 1.0,
+    hold: Annotated[float, typer.Option(help="Seconds that the activation is held.")] = 1.0,
 ) -> None:
     """Close the lips with and without contact: penetration, steadiness, iterations, time per step."""
     from emgface.bench.contact import CLOSING, METHODS, measure
