@@ -30,6 +30,7 @@ from emgface.face.template.gestures import GESTURES
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "contact"
 RESOLUTION = "medium"
 SIGMA_MAX = 100e3
+STEP = 0.01  # of implicit Euler, for all methods alike [s]
 
 
 def shrink(path: Path) -> None:
@@ -58,7 +59,9 @@ def held(
         cases=cases,
         friction=friction,
         hold=hold,
-        parameters=SimulationParameters(sigma_max=SIGMA_MAX, gravity=False),
+        parameters=SimulationParameters(
+            sigma_max=SIGMA_MAX, gravity=False, solver="converged", step=STEP
+        ),
         progress=progress,
     )
     table, paths = store("contact", found, out / "raw" / name)

@@ -23,10 +23,10 @@ CLOSEST = 0.1
 """Share of a gap that is left when a move is stopped."""
 
 SLACK = 2e-4
-"""How far vertices move before pairs are searched anew, at least [m]."""
+"""How far vertices move before pairs are searched anew [m]; a longer move is searched on its own.
 
-FAR = 2e-3
-"""A move by more than this is searched on its own [m]."""
+More would keep pairs by the hundred thousand, all of which every evaluation looks at.
+"""
 
 
 def toolkit() -> Any:
@@ -111,7 +111,6 @@ class CollisionPair:
         self._stop = self._ipc.AdditiveCCD(conservative_rescaling=1.0 - CLOSEST)
         self._candidates = self._ipc.Candidates()
         self._reference: Array | None = None
-        self._slack = SLACK
 
     def vertices(self, q: Array, t: float) -> Array:
         """Positions (k, 3) of all vertices at time t [m], column-major as the toolkit takes them."""
@@ -179,17 +178,14 @@ class CollisionPair:
 
     def _near(self, *x: Array) -> Any:
         """Pairs that may come within the distance on the way through these positions."""
-        if self._reference is not None:
-            if all(_farthest(p, self._reference) <= self._slack for p in x):
-                return self._candidates
-        move = max(_farthest(p, x[0]) for p in x)
+        if self._reference is not None and all(_farthest(p, self._reference) <= SLACK for p in x):
+            return self._candidates
         half = 0.5 * self._barrier.distance
-        if move > FAR:
+        if max(_farthest(p, x[0]) for p in x) > SLACK:
             swept = self._ipc.Candidates()
             swept.build(self.mesh, x[0], x[-1], half)
             return swept
-        self._slack = max(SLACK, 1.5 * move)
-        self._candidates.build(self.mesh, x[0], half + self._slack)
+        self._candidates.build(self.mesh, x[0], half + SLACK)
         self._reference = x[0].copy(order="F")
         return self._candidates
 
