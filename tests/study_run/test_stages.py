@@ -17,6 +17,7 @@ PASSIVE = {
     "emgface.choices",  # values, which are in the digest as parameters
     "emgface.signals.parameters",
     "emgface.face.simulation_parameters",
+    "emgface.face.accuracy",
     "emgface.face.contact_parameters",
     "sim._kernels.cache",  # where compiled kernels lie, not what they compute
 }
