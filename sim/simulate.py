@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sim.errors import ControlError
+from sim.errors import ControlError, SceneError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.outputs import Between, intervals
 from sim.probes import Probe, SmallestJ
@@ -111,12 +111,15 @@ def simulate(
     ControlError
         The activation leaves 0-1, is not finite or does not fit the muscles; steps, outputs and
         duration do not fit each other.
+    SceneError
+        The initial state is not finite.
     InvertedElement, NotConverged, SingularSystem
         A step failed and the step control could not help.
     """
     integrator = ConvergedEuler() if integrator is None else integrator
     steps = FixedStep() if steps is None else steps
     state = initial or system.rest_state()
+    _require_finite(state)
     work = work or Workspace(system)
     every = steps.h if every is None else every
     plan = intervals(state.t, duration, steps.h, every)
@@ -156,6 +159,17 @@ def simulate(
         "n_unknowns": system.pattern.n,
     }
     return _dataset(probes, times, records, attrs), state
+
+
+def _require_finite(state: State) -> None:
+    for name, values in (("position", state.q), ("velocity", state.v)):
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            node = int(np.argmin(finite))
+            raise SceneError(
+                f"{name} of node {node} in the initial state is not finite ({values[node].tolist()}), "
+                "expected numbers: repair it, or start from rest"
+            )
 
 
 def _record(

@@ -127,6 +127,8 @@ class LinearContact:
             law = self._law(law.rows.joined(missed), law)
         else:
             raise NotConverged((), self._state.t + h, "contact finds new rows in every round")
+        if self._moves < 1.0:
+            near = near.joined(self._through(law.rows, q, near))
         q = self._corrected(q, near, law.rows.slot[acting.force > 0.0], solve)
         return Touched(
             self._system.expand(x / h, self._state.v),
@@ -256,6 +258,16 @@ class LinearContact:
         held = np.isin(passed.slot, law.rows.slot[acting.force > 0.0])
         same = np.isin(_keys(passed), _keys(law.rows))
         return passed.take(np.flatnonzero(~same & (depth > np.where(held, CONSIDERABLE, AT_ALL))))
+
+    def _through(self, rows: Rows, q: Array, near: Rows) -> Rows:
+        """Rows that are broken where no face is near any more.
+
+        The old velocities, which no row bears on, may carry a vertex through a thin sheet.
+        """
+        rows = rows.joined(self._step.passed(q, near))
+        broken = rows.gaps(q - self._state.q) < -TOUCH
+        rows = rows.take(np.flatnonzero(broken & ~np.isin(rows.slot, near.slot)))
+        return rows.take(np.unique(_keys(rows), return_index=True)[1])
 
     def _corrected(self, q: Array, near: Rows, pushing: Index, solve: Solve) -> Array:
         """Positions with what has come to lie inside moved out, as the tissue gives way."""

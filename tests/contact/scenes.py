@@ -1,0 +1,83 @@
+"""Scenes of contact for every registered method."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+import sim
+from sim.contact import CONTACTS
+from tests.bodies import grid
+
+DISTANCE = 2e-5
+"""Gap that a method with a `distance` keeps at most [m]."""
+
+ALSO_HELD_BY = {
+    sim.ConstraintContact: (sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal),
+    sim.BarrierContact: (sim.Sdirk2,),
+}
+"""Integrators that hold a method, beside `ConvergedEuler`, which holds every one."""
+
+CASES = [
+    pytest.param(method, integrator, id=f"{method.__name__}-{integrator.__name__}")
+    for method in CONTACTS
+    for integrator in (sim.ConvergedEuler, *ALSO_HELD_BY.get(method, ()))
+]
+DAMPING = sim.RestRayleigh(alpha=0.0, beta=0.01)
+
+
+def keeps_gap(method) -> bool:
+    return any(field.name == "distance" for field in fields(method))
+
+
+def contact_of(method, pairings, friction=0.0):
+    if method is sim.BarrierContact:
+        pytest.importorskip("ipctk")
+    more = {"distance": DISTANCE} if keeps_gap(method) else {}
+    return method(pairings, friction=friction, **more)
+
+
+def clearance_of(method) -> float:
+    """How far apart bodies start: what keeps a gap cannot start touching."""
+    return DISTANCE if keeps_gap(method) else 0.0
+
+
+def box(low, high, name="floor", motion=None) -> sim.RigidShell:
+    mesh = grid((1, 1, 1), np.subtract(high, low))
+    return sim.RigidShell(mesh.X + low, sim.boundary_surface(mesh).triangles, name, motion)
+
+
+def square(height=0.0, half=0.1, motion=None, name="square") -> sim.RigidShell:
+    """Open square seen from above."""
+    corners = half * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    return sim.RigidShell(corners + [0, 0, height], np.array([[0, 1, 2], [0, 2, 3]]), name, motion)
+
+
+def two_bodies(first, second, shift):
+    """One mesh of two, and the surface of each."""
+    n, X = len(first.X), np.vstack([first.X, second.X + shift])
+    cells = np.vstack([first.blocks[0].nodes, second.blocks[0].nodes + n])
+    mesh = sim.mesh_from_arrays(X, hex8=cells)
+    triangles = sim.boundary_surface(mesh).triangles
+    lower = (triangles < n).all(axis=1)
+    return (
+        mesh,
+        sim.NodeSurface(triangles[lower], "first"),
+        sim.NodeSurface(triangles[~lower], "second"),
+    )
+
+
+def system_of(mesh, *terms, reductions=(), damping=DAMPING, solid=None) -> sim.System:
+    return sim.compile_scene(sim.Scene(mesh, (solid or sim.Solid(), *terms), reductions, damping))
+
+
+def moved(system, integrator, steps, h=0.01, v=None, initial=None):
+    """States of some steps."""
+    state = initial or system.rest_state()
+    if v is not None:
+        state = sim.State(0.0, state.q, v)
+    work, control = sim.Workspace(system), system.control(np.zeros(0))
+    states = [state]
+    for _ in range(steps):
+        states.append(integrator.step(system, states[-1], control, h, work)[0])
+    return states
