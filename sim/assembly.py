@@ -7,8 +7,9 @@ not use repeats the first node with zero derivatives and is left out of the matr
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.element import NODES, PAIRS, Part, Places
+from sim._kernels.element import NODES, Part
 from sim._kernels.lanes import LANES
+from sim._kernels.scatter import PAIRS, Places
 from sim.chunks import coloured_chunks
 from sim.mesh import Block, Mesh
 from sim.pattern import SymmetricPattern

@@ -10,13 +10,16 @@ from sim._kernels.cache import kernel_cache
 
 with kernel_cache(Path(__file__).parent):
     from sim._kernels import (
+        barrier,
         contact,
         element,
         lanes,
         laws,
+        matrix,
         scatter,
         solid,
         symmetric,
+        tensor_element,
         tensor_laws,
         tensor_point,
         tensor_solid,
@@ -24,14 +27,17 @@ with kernel_cache(Path(__file__).parent):
     )
 
 __all__ = [
+    "barrier",
     "contact",
     "element",
     "kernel_cache",
     "lanes",
     "laws",
+    "matrix",
     "scatter",
     "solid",
     "symmetric",
+    "tensor_element",
     "tensor_laws",
     "tensor_point",
     "tensor_solid",

@@ -1,4 +1,4 @@
-"""What every element loop does: deformation at the points, sums over points and over elements.
+"""What every element loop does: deformation at the points, sums over the points.
 
 With the natural derivatives d_a = dN_a/dxi, the material ones are g_a = A' d_a with A = (dX/dxi)^-1, so
 that a stress P and moduli A_ij (3 x 3 for every pair of axes) act at the nodes as
@@ -6,14 +6,9 @@ that a stress P and moduli A_ij (3 x 3 for every pair of axes) act at the nodes 
     f_ia = sum_l Pn_il d_la,            Pn = P A',
     K_ia,jb = sum_lm d_la An_ij,lm d_mb,    An_ij = A A_ij A'
 
-summed over the points. Only A and the volumes of the points differ from element to element; d is that of
+summed over the points. Only A and the volumes of the points differ from element to element, d belongs to
 the type. Quantities of the eight points are lanes; a type with fewer points repeats its first one with
 volume zero. Tensors are tuples of nine lanes, row by row.
-
-A `Part` of the elements comes in chunks of neighbours, and these in colours: chunks of one colour
-have no node in common. The colours follow one another, the chunks of one run in parallel, and each adds
-to the nodes and the matrix directly: every entry receives its summands in an order that does not depend
-on the number of threads.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
@@ -27,15 +22,17 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.lanes import LANES, fetch, load, smallest, store, total
+from sim._kernels.lanes import LANES, load, smallest, store, total
 from sim._kernels.laws import FLAGS
 
 NODES = 8
-PAIRS = 36  # (a, b) with a <= b, row by row
 BLOCKS = 6  # axes (i, j) with i <= j, row by row
 
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+# Small functions of tensors are inlined by numba: LLVM leaves some as calls, which pass nine vectors
+# through memory and cost some 5 % of the loop.
 
 
 class Part(NamedTuple):
@@ -63,25 +60,6 @@ class Part(NamedTuple):
     colour: Indices
 
 
-class Places(NamedTuple):
-    """Where the blocks of the elements of a part go among the values of the matrix.
-
-    Attributes
-    ----------
-    order : (n, 8) slots by ascending node, those not used last.
-    start : (n, 36, 3) for the pairs of slots in this order, where row i of the block begins, had it an
-        entry in each column; negative where the pair is not stored.
-    special : (n,) row of target for elements with a node that is free in some directions only, or that
-        stands in two slots; else -1.
-    target : (m, 36, 9) place of every entry of their blocks, negative where it is not stored.
-    """
-
-    order: NDArray[np.int8]
-    start: NDArray[np.int32]
-    special: NDArray[np.int32]
-    target: NDArray[np.int32]
-
-
 @nb.njit(cache=True, fastmath=FLAGS)
 def gather(q, nodes, e, x):
     """Positions x (8, 3) of the nodes of element e, seen from its first one, which spares rounding."""
@@ -103,27 +81,48 @@ def _column(x, slope_at, n):
     return c0, c1, c2
 
 
+@nb.njit(cache=True, fastmath=FLAGS, inline="always")
+def take(w, row):
+    """Nine lanes of a tensor from rows, as `put` writes them."""
+    first = load(w, row), load(w, row + 1), load(w, row + 2)
+    second = load(w, row + 3), load(w, row + 4), load(w, row + 5)
+    return first + second + (load(w, row + 6), load(w, row + 7), load(w, row + 8))
+
+
+@nb.njit(cache=True, fastmath=FLAGS, inline="always")
+def product(S, T):
+    """S T of two tensors."""
+    return (
+        S[0] * T[0] + S[1] * T[3] + S[2] * T[6],
+        S[0] * T[1] + S[1] * T[4] + S[2] * T[7],
+        S[0] * T[2] + S[1] * T[5] + S[2] * T[8],
+        S[3] * T[0] + S[4] * T[3] + S[5] * T[6],
+        S[3] * T[1] + S[4] * T[4] + S[5] * T[7],
+        S[3] * T[2] + S[4] * T[5] + S[5] * T[8],
+        S[6] * T[0] + S[7] * T[3] + S[8] * T[6],
+        S[6] * T[1] + S[7] * T[4] + S[8] * T[7],
+        S[6] * T[2] + S[7] * T[5] + S[8] * T[8],
+    )
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def along(T, direction, row):
+    """T a of a tensor and a direction a, direction[row], the same at all points."""
+    a0, a1, a2 = direction[row, 0], direction[row, 1], direction[row, 2]
+    return (
+        T[0] * a0 + T[1] * a1 + T[2] * a2,
+        T[3] * a0 + T[4] * a1 + T[5] * a2,
+        T[6] * a0 + T[7] * a1 + T[8] * a2,
+    )
+
+
 @nb.njit(cache=True, fastmath=FLAGS)
 def deformation(x, slope_at, inverse, e):
     """F = (dx/dxi) A of element e, from derivatives slope_at (3 * 8 nodes, point)."""
     a0, b0, c0 = _column(x, slope_at, 0)
     a1, b1, c1 = _column(x, slope_at, 1)
     a2, b2, c2 = _column(x, slope_at, 2)
-    r = 9 * e
-    A00, A10, A20 = load(inverse, r), load(inverse, r + 3), load(inverse, r + 6)
-    A01, A11, A21 = load(inverse, r + 1), load(inverse, r + 4), load(inverse, r + 7)
-    A02, A12, A22 = load(inverse, r + 2), load(inverse, r + 5), load(inverse, r + 8)
-    return (
-        a0 * A00 + a1 * A10 + a2 * A20,
-        a0 * A01 + a1 * A11 + a2 * A21,
-        a0 * A02 + a1 * A12 + a2 * A22,
-        b0 * A00 + b1 * A10 + b2 * A20,
-        b0 * A01 + b1 * A11 + b2 * A21,
-        b0 * A02 + b1 * A12 + b2 * A22,
-        c0 * A00 + c1 * A10 + c2 * A20,
-        c0 * A01 + c1 * A11 + c2 * A21,
-        c0 * A02 + c1 * A12 + c2 * A22,
-    )
+    return product((a0, a1, a2, b0, b1, b2, c0, c1, c2), take(inverse, 9 * e))
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
@@ -142,6 +141,12 @@ def cofactor(F):
     )
 
 
+@nb.njit(cache=True, fastmath=FLAGS, inline="always")
+def determinant(F, C):
+    """Det F, from F and its cofactor."""
+    return F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
+
+
 @nb.njit(cache=True, fastmath=FLAGS)
 def least(J):
     """Smallest of the lanes, NaN if one is."""
@@ -151,21 +156,8 @@ def least(J):
 @nb.njit(cache=True, fastmath=FLAGS)
 def natural(B, inverse, e):
     """B A' of a tensor B whose second index is material."""
-    r = 9 * e
-    A00, A10, A20 = load(inverse, r), load(inverse, r + 3), load(inverse, r + 6)
-    A01, A11, A21 = load(inverse, r + 1), load(inverse, r + 4), load(inverse, r + 7)
-    A02, A12, A22 = load(inverse, r + 2), load(inverse, r + 5), load(inverse, r + 8)
-    return (
-        B[0] * A00 + B[1] * A01 + B[2] * A02,
-        B[0] * A10 + B[1] * A11 + B[2] * A12,
-        B[0] * A20 + B[1] * A21 + B[2] * A22,
-        B[3] * A00 + B[4] * A01 + B[5] * A02,
-        B[3] * A10 + B[4] * A11 + B[5] * A12,
-        B[3] * A20 + B[4] * A21 + B[5] * A22,
-        B[6] * A00 + B[7] * A01 + B[8] * A02,
-        B[6] * A10 + B[7] * A11 + B[8] * A12,
-        B[6] * A20 + B[7] * A21 + B[8] * A22,
-    )
+    A = take(inverse, 9 * e)
+    return product(B, (A[0], A[3], A[6], A[1], A[4], A[7], A[2], A[5], A[8]))
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
@@ -191,8 +183,8 @@ def clear(w, first, n):
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
-def nodal(w, P, slope):
-    """Rows f_0, f_1, f_2 over the nodes, from nine rows P over the points.
+def nodal(w, P, slope, f):
+    """Write rows f..f + 2 over the nodes: sum over points of P_il d_la, from nine rows P of points.
 
     slope (3 * points, node) holds d of point k in rows 3 k..3 k + 2.
     """
@@ -204,7 +196,9 @@ def nodal(w, P, slope):
         f0 += w[P + n, k] * d
         f1 += w[P + 3 + n, k] * d
         f2 += w[P + 6 + n, k] * d
-    return f0, f1, f2
+    store(w, f, f0)
+    store(w, f + 1, f1)
+    store(w, f + 2, f2)
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
@@ -239,75 +233,8 @@ def stiffness_block(w, A, slope, K):
     store(w, K + 7, c7)
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
-def add_to_nodes(w, row, nodes, e, sign, f):
-    """f[node, i] += sign * w[row + i, slot] of all slots; one that is not used holds zero."""
-    for a in range(NODES):
-        for i in range(3):
-            f[nodes[e, a], i] += sign * w[row + i, a]
-
-
-@nb.njit(cache=True, fastmath=FLAGS)
-def add_to_matrix(w, K, nodes, places, e, values):
-    """Add the six blocks in rows K to the values of the matrix, the upper triangle alone."""
-    if places.special[e] >= 0:
-        _add_some(w, K, nodes, places.order, e, places.target, places.special[e], values)
-        return
-    order, start = places.order, places.start
-    p = 0
-    for i in range(NODES):
-        a = order[e, i]
-        s, t, u = start[e, p, 0], start[e, p, 1], start[e, p, 2]
-        if s >= 0:
-            values[s] += w[K + a, a]
-            values[s + 1] += w[K + 8 + a, a]
-            values[s + 2] += w[K + 16 + a, a]
-            values[t + 1] += w[K + 24 + a, a]
-            values[t + 2] += w[K + 32 + a, a]
-            values[u + 2] += w[K + 40 + a, a]
-        p += 1
-        for j in range(i + 1, NODES):
-            b = order[e, j]
-            s, t, u = start[e, p, 0], start[e, p, 1], start[e, p, 2]
-            if s >= 0:
-                values[s] += w[K + a, b]
-                values[s + 1] += w[K + 8 + a, b]
-                values[s + 2] += w[K + 16 + a, b]
-                values[t] += w[K + 8 + b, a]
-                values[t + 1] += w[K + 24 + a, b]
-                values[t + 2] += w[K + 32 + a, b]
-                values[u] += w[K + 16 + b, a]
-                values[u + 1] += w[K + 32 + b, a]
-                values[u + 2] += w[K + 40 + a, b]
-            p += 1
-
-
-@nb.njit(cache=True, fastmath=FLAGS)
-def fetch_matrix(places, e, values):
-    """Ask early for the lines that `add_to_matrix` will change, to compute while they arrive."""
-    for p in range(PAIRS):
-        if places.start[e, p, 0] >= 0:
-            for i in range(3):
-                fetch(values, places.start[e, p, i])
-
-
-@nb.njit(cache=True, fastmath=FLAGS)
-def _add_some(w, K, nodes, order, e, target, row, values):
-    """Add those entries of the blocks that have a place."""
-    p = 0
-    for n in range(NODES):
-        for m in range(n, NODES):
-            a, b = order[e, n], order[e, m]
-            twice = n < m and nodes[e, a] == nodes[e, b]  # the pair stands for (b, a), too
-            block = K
-            for i in range(3):
-                for j in range(i, 3):
-                    above, below = target[row, p, 3 * i + j], target[row, p, 3 * j + i]
-                    if above >= 0:
-                        values[above] += w[block + a, b]
-                    if above >= 0 and twice:
-                        values[above] += w[block + b, a]
-                    if i < j and below >= 0:
-                        values[below] += w[block + b, a]
-                    block += NODES
-            p += 1
+@nb.njit(cache=True, fastmath=FLAGS, inline="always")
+def stiffness_blocks(w, A, slope, K):
+    """The six blocks in rows K..K + 47, from the moduli in rows A..A + 53."""
+    for block in range(BLOCKS):
+        stiffness_block(w, A + 9 * block, slope, K + NODES * block)

@@ -1,29 +1,115 @@
-"""The product of a symmetric matrix, of which the upper triangle is stored, with a vector."""
+"""Where the sums of an element go: the nodes, and the values of the matrix.
 
-# pyright: basic, reportAttributeAccessIssue=false
+A `Part` of the elements comes in chunks of neighbours, and these in colours: chunks of one colour
+have no node in common. The colours follow one another, the chunks of one run in parallel, and each adds
+to the nodes and the matrix directly: every entry receives its summands in an order that does not depend
+on the number of threads.
+"""
+
+# pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
 # numba compiles these functions; those called from Python carry types
+
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.element import NODES
+from sim._kernels.lanes import fetch
 from sim._kernels.laws import FLAGS
 
-Reals = NDArray[np.float64]
+PAIRS = 36  # (a, b) with a <= b, row by row
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
-def symmetric_product(
-    indptr: NDArray[np.int32], indices: NDArray[np.int32], values: Reals, x: Reals, out: Reals
-) -> None:
-    """Out = A x for a symmetric A of which the rows hold the upper triangle, diagonal first."""
-    out[:] = 0.0
-    for i in range(indptr.size - 1):
-        first = indptr[i]
-        s = values[first] * x[i]
-        xi = x[i]
-        for k in range(first + 1, indptr[i + 1]):
-            j = indices[k]
-            s += values[k] * x[j]
-            out[j] += values[k] * xi
-        out[i] += s
+class Places(NamedTuple):
+    """Where the blocks of the elements of a part go among the values of the matrix.
+
+    Attributes
+    ----------
+    order : (n, 8) slots by ascending node, those not used last.
+    start : (n, 36, 3) for the pairs of slots in this order, where row i of the block begins, had it an
+        entry in each column; negative where the pair is not stored.
+    special : (n,) row of target for elements with a node that is free in some directions only, or that
+        stands in two slots; else -1.
+    target : (m, 36, 9) place of every entry of their blocks, negative where it is not stored.
+    """
+
+    order: NDArray[np.int8]
+    start: NDArray[np.int32]
+    special: NDArray[np.int32]
+    target: NDArray[np.int32]
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def subtract_from_nodes(w, row, nodes, e, f):
+    """f[node, i] -= w[row + i, slot] of all slots; one that is not used holds zero."""
+    for a in range(NODES):
+        for i in range(3):
+            f[nodes[e, a], i] -= w[row + i, a]
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def add_to_matrix(w, K, nodes, places, e, values):
+    """Add the six blocks in rows K to the values of the matrix, the upper triangle alone."""
+    if places.special[e] >= 0:
+        _add_some(w, K, nodes, places.order, e, places.target, places.special[e], values)
+        return
+    order, start = places.order, places.start
+    p = 0
+    for i in range(NODES):
+        a = order[e, i]
+        s, t, u = start[e, p, 0], start[e, p, 1], start[e, p, 2]
+        if s >= 0:
+            values[s] += w[K + a, a]
+            values[s + 1] += w[K + 8 + a, a]
+            values[s + 2] += w[K + 16 + a, a]
+            values[t + 1] += w[K + 24 + a, a]
+            values[t + 2] += w[K + 32 + a, a]
+            values[u + 2] += w[K + 40 + a, a]
+        p += 1
+        for j in range(i + 1, NODES):
+            b = order[e, j]
+            s, t, u = start[e, p, 0], start[e, p, 1], start[e, p, 2]
+            if s >= 0:
+                values[s] += w[K + a, b]
+                values[s + 1] += w[K + 8 + a, b]
+                values[s + 2] += w[K + 16 + a, b]
+                values[t] += w[K + 8 + b, a]
+                values[t + 1] += w[K + 24 + a, b]
+                values[t + 2] += w[K + 32 + a, b]
+                values[u] += w[K + 16 + b, a]
+                values[u + 1] += w[K + 32 + b, a]
+                values[u + 2] += w[K + 40 + a, b]
+            p += 1
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def fetch_matrix(places, e, values):
+    """Ask early for the lines that `add_to_matrix` will change, to compute while they arrive."""
+    for p in range(PAIRS):
+        if places.start[e, p, 0] >= 0:
+            for i in range(3):
+                fetch(values, places.start[e, p, i])
+
+
+@nb.njit(cache=True, fastmath=FLAGS)
+def _add_some(w, K, nodes, order, e, target, row, values):
+    """Add those entries of the blocks that have a place."""
+    p = 0
+    for n in range(NODES):
+        for m in range(n, NODES):
+            a, b = order[e, n], order[e, m]
+            twice = n < m and nodes[e, a] == nodes[e, b]  # the pair stands for (b, a), too
+            block = K
+            for i in range(3):
+                for j in range(i, 3):
+                    above, below = target[row, p, 3 * i + j], target[row, p, 3 * j + i]
+                    if above >= 0:
+                        values[above] += w[block + a, b]
+                    if above >= 0 and twice:
+                        values[above] += w[block + b, a]
+                    if i < j and below >= 0:
+                        values[below] += w[block + b, a]
+                    block += NODES
+            p += 1

@@ -27,23 +27,23 @@ from sim._kernels.element import (
     NODES,
     Indices,
     Part,
-    Places,
     Reals,
-    add_to_matrix,
-    add_to_nodes,
+    along,
     clear,
     cofactor,
     deformation,
-    fetch_matrix,
+    determinant,
     gather,
     least,
     natural,
     nodal,
     put,
-    stiffness_block,
+    stiffness_blocks,
+    take,
 )
 from sim._kernels.lanes import LANES, load, rows, smallest, store, total
 from sim._kernels.laws import FLAGS, bulk, fibre, fibre_rests, isochoric
+from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: stress, M, N and T, moduli, blocks, and what laws of fibres return
 _P, _M, _N, _T, _A, _K, _LAW = 0, 9, 18, 27, 36, 90, 138
@@ -127,6 +127,15 @@ def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
             block += 9
 
 
+@nb.njit(cache=True, fastmath=FLAGS)
+def _fibre_at_points(w, code, p, stretch, drive):
+    """Energy, slope and curvature of a law of fibres, point by point."""
+    store(w, _LAW, stretch)
+    for k in range(LANES):
+        w[_LAW, k], w[_LAW + 1, k], w[_LAW + 2, k] = fibre(code, p, w[_LAW, k], drive)
+    return load(w, _LAW), load(w, _LAW + 1), load(w, _LAW + 2)
+
+
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
 def smallest_J(q: Reals, part: Part, out: Reals) -> None:
     """Smallest det F over the points of every element, into out of all elements."""
@@ -135,8 +144,7 @@ def smallest_J(q: Reals, part: Part, out: Reals) -> None:
         for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
             gather(q, part.nodes, e, x)
             F = deformation(x, part.slope_at, part.inverse, e)
-            C = cofactor(F)
-            out[part.element[e]] = least(F[0] * C[0] + F[1] * C[1] + F[2] * C[2])
+            out[part.element[e]] = least(determinant(F, cofactor(F)))
 
 
 @nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
@@ -185,7 +193,7 @@ def evaluate(
                     fetch_matrix(places, e, values)
                 F = deformation(x, part.slope_at, part.inverse, e)
                 C = cofactor(F)
-                J = F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
+                J = determinant(F, C)
                 least_J[own] = least(J)
                 if not (least_J[own] > 0.0):
                     continue
@@ -212,18 +220,11 @@ def evaluate(
                 M, N = natural(F, part.inverse, e), natural(C, part.inverse, e)
                 put(w, _M, M)
                 put(w, _N, N)
-                driven = (
-                    False  # whether a fibre that does not rest has written into the scratch array
-                )
+                driven = False  # a fibre that does not rest has written into the scratch array
                 for fibre_row in range(fibre_start[own], fibre_start[own + 1]):
                     muscle = fibre_muscle[fibre_row]
                     drive = activation[muscle]
-                    d0 = fibre_direction[fibre_row, 0]
-                    d1 = fibre_direction[fibre_row, 1]
-                    d2 = fibre_direction[fibre_row, 2]
-                    a0 = F[0] * d0 + F[1] * d1 + F[2] * d2
-                    a1 = F[3] * d0 + F[4] * d1 + F[5] * d2
-                    a2 = F[6] * d0 + F[7] * d1 + F[8] * d2
+                    a0, a1, a2 = along(F, fibre_direction, fibre_row)
                     I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
                     stretch = math.sqrt(I4bar)
                     code, longest = muscle_code[muscle], -smallest(-stretch)
@@ -234,27 +235,18 @@ def evaluate(
                         clear(w, _P, 9)
                         if with_tangent:
                             clear(w, _A, 9 * BLOCKS)
-                    store(w, _LAW, stretch)
-                    for k in range(LANES):
-                        found = fibre(code, muscle_p[muscle], w[_LAW, k], drive)
-                        w[_LAW, k], w[_LAW + 1, k], w[_LAW + 2, k] = found
+                    own_W, wl, wll = _fibre_at_points(w, code, muscle_p[muscle], stretch, drive)
                     share = fibre_weight[fibre_row]
-                    wl, wll = share * load(w, _LAW + 1), share * load(w, _LAW + 2)
-                    W = W + share * load(w, _LAW)
+                    wl, wll = share * wl, share * wll
+                    W = W + share * own_W
                     w4 = wl / (2.0 * stretch)
                     w44 = (wll - wl / stretch) / (4.0 * I4bar)
                     slope = dJ * I4bar
                     W_J = W_J + w4 * slope
                     W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
                     p_4 = 2.0 * dV * w4 * scale
-                    r = 9 * e
-                    inverse = part.inverse
-                    b0 = d0 * load(inverse, r) + d1 * load(inverse, r + 1)
-                    b1 = d0 * load(inverse, r + 3) + d1 * load(inverse, r + 4)
-                    b2 = d0 * load(inverse, r + 6) + d1 * load(inverse, r + 7)
-                    b0 = b0 + d2 * load(inverse, r + 2)
-                    b1 = b1 + d2 * load(inverse, r + 5)
-                    b2 = b2 + d2 * load(inverse, r + 8)
+                    A = take(part.inverse, 9 * e)
+                    b0, b1, b2 = along(A, fibre_direction, fibre_row)
                     first, second = (a0 * b0, a0 * b1, a0 * b2), (a1 * b0, a1 * b1, a1 * b2)
                     put(w, _T, first + second + (a2 * b0, a2 * b1, a2 * b2))
                     for n in range(9):
@@ -268,15 +260,11 @@ def evaluate(
                 for n in range(9):
                     value = p_1 * load(w, _M + n) + p_J * load(w, _N + n)
                     _add(w, _P + n, value, driven)
-                f0, f1, f2 = nodal(w, _P, part.slope)
-                store(w, _P, f0)
-                store(w, _P + 1, f1)
-                store(w, _P + 2, f2)
-                add_to_nodes(w, _P, part.nodes, e, -1.0, f)
+                nodal(w, _P, part.slope, _P)
+                subtract_from_nodes(w, _P, part.nodes, e, f)
                 if with_tangent:
                     e_11 = 4.0 * dV * w11 * scale * scale
                     e_1J = 2.0 * dV * (w11 * I1bar + w1) * scale * dJ
                     _add_moduli(w, e_11, e_1J, dV * W_JJ, p_J * over, p_1, part.inverse, e, driven)
-                    for block in range(BLOCKS):
-                        stiffness_block(w, _A + 9 * block, part.slope, _K + NODES * block)
+                    stiffness_blocks(w, _A, part.slope, _K)
                     add_to_matrix(w, _K, part.nodes, places, e, values)

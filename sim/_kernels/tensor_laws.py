@@ -164,11 +164,7 @@ def fung(p, C, axes, S, D, with_tangent, work):
                 s[a] += 0.5 * p[4 + PLACE[i, k]] * E[k]
     Q = contract(s, E) / (2.0 * p[0])
     e = math.exp(Q)
-    R, M, T = (
-        work[1],
-        work[2],
-        work[3],
-    )  # R: from tensor components along the axes to those of space
+    R, M, T = work[1], work[2], work[3]  # R turns components along the axes into those of space
     for a in range(6):
         k, m = ROW[a], COLUMN[a]
         for b in range(6):

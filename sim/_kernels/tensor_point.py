@@ -1,4 +1,4 @@
-"""What the second element loop does at one Gauss point: strains, laws, projection, moduli."""
+"""What the second element loop does at one Gauss point: strains, laws, projection."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -117,28 +117,3 @@ def add_fibre(law_code, p, activation, weight, a0, J, C, Sb, Db, with_tangent):
             for b in range(6):
                 Db[a, b] += 4.0 * w44 * dyad_a * a0[ROW[b]] * a0[COLUMN[b]]
     return weight * w
-
-
-@nb.njit(cache=True, fastmath=FLAGS)
-def moduli(F, S, D, A, T):
-    """A = d_ik S_JL + F_iI F_kK D_IJKL, (9, 9); T (9, 6) is scratch."""
-    for i in range(3):
-        for j in range(3):
-            for b in range(6):
-                T[3 * i + j, b] = (
-                    F[i, 0] * D[PLACE[0, j], b]
-                    + F[i, 1] * D[PLACE[1, j], b]
-                    + F[i, 2] * D[PLACE[2, j], b]
-                )
-    for r in range(9):
-        for k in range(3):
-            for m in range(3):
-                A[r, 3 * k + m] = (
-                    T[r, PLACE[0, m]] * F[k, 0]
-                    + T[r, PLACE[1, m]] * F[k, 1]
-                    + T[r, PLACE[2, m]] * F[k, 2]
-                )
-    for i in range(3):
-        for j in range(3):
-            for m in range(3):
-                A[3 * i + j, 3 * i + m] += S[PLACE[j, m]]

@@ -15,17 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.element import (
+    BLOCKS,
     NODES,
     Indices,
     Part,
-    Places,
     Reals,
-    add_to_matrix,
-    add_to_nodes,
     clear,
     cofactor,
     deformation,
-    fetch_matrix,
+    determinant,
     gather,
     natural,
     nodal,
@@ -34,6 +32,7 @@ from sim._kernels.element import (
 )
 from sim._kernels.lanes import load, rows, store, total
 from sim._kernels.laws import FLAGS
+from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: N, pressure or 1 times dV N, derivative of the volume, moduli, blocks
 _N, _P, _H, _A, _K = 0, 9, 18, 21, 48
@@ -49,7 +48,7 @@ def _deform(w, q, part, e, x):
     F = deformation(x, part.slope_at, part.inverse, e)
     C = cofactor(F)
     put(w, _N, natural(C, part.inverse, e))
-    return F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
+    return determinant(F, C)
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
@@ -57,10 +56,7 @@ def _derivative(w, factor, slope):
     """Write into rows _H the sum over points of factor N d."""
     for r in range(9):
         store(w, _P + r, factor * load(w, _N + r))
-    h0, h1, h2 = nodal(w, _P, slope)
-    store(w, _H, h0)
-    store(w, _H + 1, h1)
-    store(w, _H + 2, h2)
+    nodal(w, _P, slope, _H)
 
 
 @nb.njit(cache=True, fastmath=FLAGS)
@@ -136,9 +132,9 @@ def add_pressure(
                     p = load(pressure, own) * dV
                 if with_force:
                     _derivative(w, p, part.slope)
-                    add_to_nodes(w, _H, part.nodes, e, -1.0, f)
+                    subtract_from_nodes(w, _H, part.nodes, e, f)
                 if with_tangent:
-                    clear(w, _K, 6 * NODES)
+                    clear(w, _K, BLOCKS * NODES)
                     _curvature(w, p / J, part.slope)
                     if by_element:
                         _derivative(w, dV, part.slope)

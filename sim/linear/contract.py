@@ -4,7 +4,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from sim._kernels import scatter
+from sim._kernels import matrix as kernel
 from sim.errors import SingularSystem
 from sim.pattern import Sparsity
 from sim.state import Array
@@ -68,5 +68,5 @@ class Factor(LinearSolver, Protocol):
 def symmetric_product(pattern: Sparsity, values: Array, x: Array) -> Array:
     """A x (n,) for the symmetric A with these values on the pattern."""
     out = np.empty_like(x)
-    scatter.symmetric_product(pattern.indptr, pattern.indices, values, x, out)
+    kernel.symmetric_product(pattern.indptr, pattern.indices, values, x, out)
     return out

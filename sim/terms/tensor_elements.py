@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from sim._kernels import tensor_solid as kernel
-from sim._kernels.element import Part, Places
+from sim._kernels.element import Part
+from sim._kernels.scatter import Places
 from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import sim._kernels as kernels
 from sim._kernels import cache
 
 KERNEL = """
@@ -51,6 +52,13 @@ def test_an_edited_law_is_never_served_from_the_cache_of_another_file(tmp_path):
     assert run(tmp_path, **env).startswith("2.0 1")  # served from disk
     (package / "law.py").write_text(LAW.format(factor=3.0))
     assert run(tmp_path, **env).startswith("3.0 0")
+
+
+def test_every_module_of_kernels_is_cached_under_the_digest():
+    """What `sim._kernels` does not import itself would be cached by numba alone, and grow stale."""
+    folder = Path(kernels.__file__).parent
+    modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "cache"}
+    assert modules == set(kernels.__all__) - {"kernel_cache"}
 
 
 def test_digest_changes_with_any_source(tmp_path):

@@ -1,0 +1,29 @@
+"""The product of a symmetric matrix, of which the upper triangle is stored, with a vector."""
+
+# pyright: basic, reportAttributeAccessIssue=false
+# numba compiles these functions; those called from Python carry types
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels.laws import FLAGS
+
+Reals = NDArray[np.float64]
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def symmetric_product(
+    indptr: NDArray[np.int32], indices: NDArray[np.int32], values: Reals, x: Reals, out: Reals
+) -> None:
+    """Out = A x for a symmetric A of which the rows hold the upper triangle, diagonal first."""
+    out[:] = 0.0
+    for i in range(indptr.size - 1):
+        first = indptr[i]
+        s = values[first] * x[i]
+        xi = x[i]
+        for k in range(first + 1, indptr[i + 1]):
+            j = indices[k]
+            s += values[k] * x[j]
+            out[j] += values[k] * xi
+        out[i] += s
