@@ -143,7 +143,9 @@ def minimise_in_contact(
         miss, bound = acting.miss(law), law.bound
         law.update(acting)
         change = float(np.abs(law.bound - bound).max(initial=0.0))
-        if miss > SETTLED or change > FRICTION_SETTLED * law.bound.max(initial=0.0) + 1e-12:
+        # forces are known no better than to the residual that the iteration leaves
+        known = 2.0 * float(law.rows.friction.max(initial=0.0)) * more.residual
+        if miss > SETTLED or change > FRICTION_SETTLED * law.bound.max(initial=0.0) + known:
             continue
         q = potential.positions(end.d)
         near = step.at(q)

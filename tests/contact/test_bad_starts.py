@@ -133,13 +133,15 @@ def lips():
 
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
-def test_lips_that_share_a_corner_feel_nothing_at_rest_and_close(method, integrator):
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_lips_that_share_a_corner_feel_nothing_at_rest_and_close(method, integrator, friction):
+    """Also where the forces, and so what friction bounds, are as small as what iterations leave."""
     mesh, lower, upper = lips()
     X = mesh.X
     pairing = sim.Pairing(lower, upper)
     assert len(pairing.shared) == 2
     corner = sim.Fixed(np.flatnonzero(X[:, 0] == 0.0))
-    contact = contact_of(method, (pairing,))
+    contact = contact_of(method, (pairing,), friction)
     end = moved(system_of(mesh, contact, reductions=(corner,)), integrator(), 3)[-1]
     np.testing.assert_allclose(end.q, X, rtol=0, atol=1e-9)
     tips = [s.nodes[X[s.nodes, 0] > X[s.nodes, 0].max() - 1e-6] for s in (lower, upper)]
