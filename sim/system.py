@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from sim.constraints.union import Constraints, unite
-from sim.contact.constraint import CompiledContact, ConstraintContact
+from sim.contact.compiled import CompiledContact
+from sim.contact.constraint import ConstraintContact
 from sim.errors import ControlError, SceneError
 from sim.matrix import Matrix, Product, merged
 from sim.pattern import SymmetricPattern, symmetric_pattern

@@ -11,11 +11,12 @@ from sim._kernels.cache import kernel_cache
 with kernel_cache(Path(__file__).parent):
     from sim._kernels import (
         barrier,
-        contact,
+        crossing,
         element,
         lanes,
         laws,
         matrix,
+        nearest_faces,
         scatter,
         solid,
         symmetric,
@@ -23,17 +24,19 @@ with kernel_cache(Path(__file__).parent):
         tensor_laws,
         tensor_point,
         tensor_solid,
+        triangles,
         volume,
     )
 
 __all__ = [
     "barrier",
-    "contact",
+    "crossing",
     "element",
     "kernel_cache",
     "lanes",
     "laws",
     "matrix",
+    "nearest_faces",
     "scatter",
     "solid",
     "symmetric",
@@ -41,5 +44,6 @@ __all__ = [
     "tensor_laws",
     "tensor_point",
     "tensor_solid",
+    "triangles",
     "volume",
 ]

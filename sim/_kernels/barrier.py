@@ -7,8 +7,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.contact import _between, edge_edge, point_triangle
 from sim._kernels.laws import FLAGS
+from sim._kernels.triangles import between, edge_edge, point_triangle
 
 VERTICES, EDGE_VERTEX, EDGES, FACE_VERTEX = 0, 1, 2, 3
 
@@ -32,7 +32,7 @@ def shares(
         if kind[k] == VERTICES:
             c[0], c[1] = 1.0, -1.0
         elif kind[k] == EDGE_VERTEX:
-            s = _between(x[v[0]], x[v[1]], x[v[2]])
+            s = between(x[v[0]], x[v[1]], x[v[2]])
             c[0], c[1], c[2] = 1.0, s - 1.0, -s
         elif kind[k] == EDGES:
             edge_edge(x[v[0]], x[v[1]], x[v[2]], x[v[3]], share)

@@ -1,8 +1,10 @@
 """Contact: surfaces, search, distance, then rows of a constraint or a potential."""
 
 from sim.contact.barrier import BarrierContact
+from sim.contact.boundary import boundary_surface
 from sim.contact.constraint import ConstraintContact
-from sim.contact.surfaces import NodeSurface, Pairing, RigidShell, boundary_surface
+from sim.contact.pairing import Pairing
+from sim.contact.surfaces import NodeSurface, RigidShell
 
 CONTACTS: tuple[type[ConstraintContact] | type[BarrierContact], ...] = (
     ConstraintContact,

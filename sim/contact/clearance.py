@@ -8,8 +8,10 @@ import numpy as np
 
 from sim.contact.curvature import pairs_of
 from sim.contact.ipc import Barrier, CollisionPair, toolkit
-from sim.contact.search import Found, SignedFaces, nearest_faces
-from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
+from sim.contact.pairing import Pairing
+from sim.contact.search import Found, nearest_faces
+from sim.contact.signed_distance import SignedFaces
+from sim.contact.surfaces import NodeSurface, RigidShell
 from sim.errors import ContactFailure
 from sim.scene import Index
 from sim.state import Array
@@ -51,7 +53,7 @@ def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
     move = _Dents(pair, shell, X, barrier.distance).find()
     if not move.any():
         return pair
-    dented = replace(shell, vertices=shell.vertices + move @ _rotation(shell))
+    dented = replace(shell, vertices=shell.vertices + move @ shell.place(0.0)[0])
     return CollisionPair(pairing, [dented], X, barrier)
 
 
@@ -175,11 +177,6 @@ def crossed(pair: CollisionPair, x: Array) -> Iterator[tuple[int, int]]:
         corners = x[edges[found.edge_id]], x[faces[found.face_id]]
         if ipctk.is_edge_intersecting_triangle(*corners[0], *corners[1]):
             yield int(found.edge_id), int(found.face_id)
-
-
-def _rotation(shell: RigidShell) -> Array:
-    """Rotation of the shell at the start."""
-    return np.eye(3) if shell.motion is None else np.asarray(shell.motion(0.0)[0], np.float64)
 
 
 def _require_apart(pair: CollisionPair, X: Array) -> None:

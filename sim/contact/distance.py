@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim._kernels import contact as kernel
+from sim._kernels import triangles as kernel
 from sim.state import Array
 
 

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from sim.contact.curvature import NormalStiffness, normal_stiffness
+from sim.contact.pairing import Pairing
 from sim.contact.search import nearest_faces
-from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
+from sim.contact.surfaces import NodeSurface, RigidShell
 from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array
@@ -129,9 +130,7 @@ class CollisionPair:
                 continue
             before, after = shell.at(t0), shell.at(t1)
             travel = float(np.linalg.norm(after - before, axis=1).max()) + self._barrier.distance
-            (R0, s0), (R1, s1) = (
-                [np.asarray(part, dtype=np.float64) for part in shell.motion(t)] for t in (t0, t1)
-            )
+            (R0, s0), (R1, s1) = shell.place(t0), shell.place(t1)
             x = q[self._nodes]
             near = nearest_faces(x, travel, np.ascontiguousarray(before), shell.triangles).point
             moved = (x - s0) @ R0 @ R1.T + s1

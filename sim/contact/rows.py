@@ -25,6 +25,8 @@ from sim.scene import Index
 from sim.state import Array
 from sim.vectors import dot
 
+Flags = NDArray[np.bool_]
+
 FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
 
@@ -198,7 +200,7 @@ class Law:
         turn = np.where(sticks, 0.0, share * rho)
         return Acting(gap, force, friction, sticks, turn, slip, energy)
 
-    def stiffness(self, acting: "Acting", pushes: NDArray[np.bool_] | None = None) -> Array:
+    def stiffness(self, acting: "Acting", pushes: Flags | None = None) -> Array:
         """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m].
 
         With `pushes` (k,) these rows count as pushing, whether they do or not.
@@ -217,7 +219,7 @@ class Law:
         block += np.where(acting.sticks, self.rho, 0.0)[:, None, None] * plane
         return block + acting.turn[:, None, None] * turn
 
-    def held(self, acting: "Acting", pushes: NDArray[np.bool_]) -> Array:
+    def held(self, acting: "Acting", pushes: Flags) -> Array:
         """Forces (k,) along the normals if these rows push, or pull, and no others [N]."""
         return np.where(pushes, self.normal - self.rho * acting.gap, 0.0)
 
@@ -247,7 +249,7 @@ class Acting:
     gap: Array
     force: Array
     friction: Array
-    sticks: NDArray[np.bool_]
+    sticks: Flags
     turn: Array
     slip: float
     energy: float
@@ -256,7 +258,7 @@ class Acting:
         """Whole forces (k, 3) on the vertices [N]."""
         return self.force[:, None] * rows.normal + self.friction
 
-    def miss(self, law: Law, pushes: NDArray[np.bool_] | None = None) -> float:
+    def miss(self, law: Law, pushes: Flags | None = None) -> float:
         """Largest gap of a row that pushes, penetration of one that does not, or slip [m].
 
         With `pushes` (k,) those rows count as pushing that are among them.

@@ -5,14 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.constraint import (
-    ALLOWED,
-    FORCE,
-    FRICTION,
-    MEMORY,
-    PUSH,
-    CompiledContact,
-)
+from sim.contact.compiled import ALLOWED, FORCE, FRICTION, MEMORY, PUSH, CompiledContact
+from sim.contact.direction import Move
 from sim.contact.rows import Acting, Law, Places, Rows
 from sim.pattern import SymmetricPattern
 from sim.state import Array, State
@@ -42,11 +36,11 @@ class ContactStep:
     def at_start(self, way: Array) -> Rows:
         """Rows of the vertices near a face, which may come a way (n_nodes,) in the step [m]."""
         reach = way[self.contact.vertex_of_slot]
-        return self.contact.find(self.q0, self.q0, self._t0, self._t1, self._allowed, reach)
+        return self.contact.near(self._move(self.q0), self._allowed, reach)
 
     def at(self, q: Array) -> Rows:
         """Rows of the vertices near a face at positions q near the end of the step."""
-        return self.contact.find(q, self.q0, self._t0, self._t1, self._allowed)
+        return self.contact.near(self._move(q), self._allowed)
 
     def passed(self, q: Array, near: Rows) -> Rows:
         """Rows of the vertices that have passed a face on their way to positions q.
@@ -57,10 +51,13 @@ class ContactStep:
         """
         u = q - self.q0
         inside = near.take(np.flatnonzero(near.gaps(u) < -TOUCH))
-        entered = self.contact.entered(q, self.q0, self._t0, self._t1)
+        entered = self.contact.entered(self._move(q))
         behind = (entered.gaps(u) < -TOUCH) & ~np.isin(entered.slot, inside.slot)
         behind &= ~_beside(entered, near)
         return inside.joined(entered.take(np.flatnonzero(behind)))
+
+    def _move(self, q: Array) -> Move:
+        return Move(self.q0, q, self._t0, self._t1)
 
     def law(self, rows: Rows, rho: Array) -> Law:
         """Rows with the multipliers that the state remembers of their vertices."""

@@ -6,9 +6,10 @@ from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 
 import sim
-from sim._kernels import contact as kernel
+from sim._kernels import triangles as kernel
 from sim.contact.distance import edge_edge, point_triangle
-from sim.contact.search import SignedFaces, entered_faces, inside, nearest_faces
+from sim.contact.search import entered_faces, nearest_faces
+from sim.contact.signed_distance import SignedFaces
 from tests.bodies import grid, rotation
 
 
@@ -129,7 +130,7 @@ def test_entered_faces_are_those_of_brute_force_on_1000_configurations():
     assert entered > 100  # the comparison has something to compare
 
 
-def test_inside_and_signed_distance_against_half_spaces():
+def test_signed_distance_against_half_spaces():
     """A convex polyhedron is the common part of the half-spaces of its faces."""
     x, triangles = hull(40, 3)
     shell = sim.RigidShell(x, triangles)
@@ -141,7 +142,6 @@ def test_inside_and_signed_distance_against_half_spaces():
     planes = np.einsum("mi,nmi->nm", normal, p[:, None] - x[triangles[:, 0]])
     within = (planes < 0).all(axis=1)
     assert 50 < within.sum() < 450
-    np.testing.assert_array_equal(inside(p, shell, x), within)
     faces = SignedFaces(shell)
     found = nearest_faces(p, np.inf, x, triangles)
     gap, out = faces.signed(p, found, x)
@@ -169,8 +169,3 @@ def test_a_thin_sheet_crossed_in_one_step_is_entered_once():
         assert found.value == pytest.approx([0.49], rel=1e-9)
     away = entered_faces(p1, p1 - [0, 0, 0.01], plate.X, plate.X, sheet.triangles)
     assert len(away.point) == 0
-
-
-def test_an_open_surface_has_no_inside():
-    with pytest.raises(sim.ContactFailure, match="open edges"):
-        inside(np.zeros((1, 3)), sim.RigidShell(np.eye(3), np.array([[0, 1, 2]])), np.eye(3))

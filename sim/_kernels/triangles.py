@@ -1,0 +1,163 @@
+"""Triangles and segments: nearest points, distances, normals."""
+
+# pyright: basic, reportAttributeAccessIssue=false
+# numba compiles these functions; those called from Python carry types
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels.laws import FLAGS
+
+Reals = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+INSIDE_FACE, EDGE_0, EDGE_1, EDGE_2, CORNER_0, CORNER_1, CORNER_2 = 0, 1, 2, 3, 4, 5, 6
+"""Where on a triangle its nearest point lies."""
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def between(p, a, b):
+    """Share of the way from a to b at which the line is nearest to p, within 0-1."""
+    along = length = 0.0
+    for i in range(3):
+        along += (p[i] - a[i]) * (b[i] - a[i])
+        length += (b[i] - a[i]) ** 2
+    if not length > 0.0:
+        return 0.0
+    return min(max(along / length, 0.0), 1.0)
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tuple[float, int]:
+    """Squared distance and feature of the point of a triangle nearest to p; its barycentric weights.
+
+    Feature 0: within the face; 1, 2, 3: on edge ab, bc, ca; 4, 5, 6: at corner a, b, c.
+    """
+    ab0, ab1, ab2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    ac0, ac1, ac2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    n0, n1, n2 = ab1 * ac2 - ab2 * ac1, ab2 * ac0 - ab0 * ac2, ab0 * ac1 - ab1 * ac0
+    nn = n0 * n0 + n1 * n1 + n2 * n2
+    if nn > 0.0:
+        r0, r1, r2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+        # areas of the triangles that the projection of p makes with the sides
+        wc = (
+            (ab1 * r2 - ab2 * r1) * n0 + (ab2 * r0 - ab0 * r2) * n1 + (ab0 * r1 - ab1 * r0) * n2
+        ) / nn
+        wb = (
+            (r1 * ac2 - r2 * ac1) * n0 + (r2 * ac0 - r0 * ac2) * n1 + (r0 * ac1 - r1 * ac0) * n2
+        ) / nn
+        wa = 1.0 - wb - wc
+        if wa > 0.0 and wb > 0.0 and wc > 0.0:
+            weight[0], weight[1], weight[2] = wa, wb, wc
+            away = r0 * n0 + r1 * n1 + r2 * n2
+            return away * away / nn, INSIDE_FACE
+    best, feature = np.inf, EDGE_0
+    for k in range(3):
+        if k == 0:
+            start, end = a, b
+        elif k == 1:
+            start, end = b, c
+        else:
+            start, end = c, a
+        s = between(p, start, end)
+        d2 = 0.0
+        for i in range(3):
+            d2 += (p[i] - start[i] - s * (end[i] - start[i])) ** 2
+        if d2 < best:
+            best = d2
+            weight[0] = weight[1] = weight[2] = 0.0
+            weight[k] = 1.0 - s
+            weight[(k + 1) % 3] += s
+            if s <= 0.0:
+                feature = CORNER_0 + k
+            elif s >= 1.0:
+                feature = CORNER_0 + (k + 1) % 3
+            else:
+                feature = EDGE_0 + k
+    return best, feature
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
+    """Squared distance of the segments ab and cd; the shares of the way along each where it is."""
+    # the least of the crossing of the two lines, if within both, and of each end to the other segment
+    best = np.inf
+    uu = vv = uv = uw = vw = 0.0
+    for i in range(3):
+        u, v, w = b[i] - a[i], d[i] - c[i], c[i] - a[i]
+        uu, vv, uv, uw, vw = uu + u * u, vv + v * v, uv + u * v, uw + u * w, vw + v * w
+    det = uu * vv - uv * uv
+    if det > 1e-14 * uu * vv:
+        s, t = (uw * vv - uv * vw) / det, (uv * uw - uu * vw) / det
+        if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
+            d2 = 0.0
+            for i in range(3):
+                d2 += (a[i] + s * (b[i] - a[i]) - c[i] - t * (d[i] - c[i])) ** 2
+            share[0], share[1] = s, t
+            return d2
+    for k in range(4):
+        if k == 0:
+            s, t = 0.0, between(a, c, d)
+        elif k == 1:
+            s, t = 1.0, between(b, c, d)
+        elif k == 2:
+            s, t = between(c, a, b), 0.0
+        else:
+            s, t = between(d, a, b), 1.0
+        d2 = 0.0
+        for i in range(3):
+            d2 += (a[i] + s * (b[i] - a[i]) - c[i] - t * (d[i] - c[i])) ** 2
+        if d2 < best:
+            best = d2
+            share[0], share[1] = s, t
+    return best
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def closest(
+    p: Reals, x: Reals, corners: Indices, weight: Reals, squared: Reals, feature: Indices
+) -> None:
+    """Nearest point of one triangle (row of corners) to each point."""
+    for i in range(len(p)):
+        t = corners[i]
+        squared[i], feature[i] = point_triangle(p[i], x[t[0]], x[t[1]], x[t[2]], weight[i])
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray[np.bool_]) -> None:
+    """Whether each point (row of out) is within a distance of each face (column)."""
+    w = np.empty(3)
+    for i in range(len(p)):
+        for f in range(len(triangles)):
+            t = triangles[f]
+            d2, _ = point_triangle(p[i], x[t[0]], x[t[1]], x[t[2]], w)
+            out[i, f] = d2 <= distance * distance
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def normals(x: Reals, triangles: Indices, face: Reals, corner: Reals) -> None:
+    """Unit normals of faces, and of vertices by the angles of their faces (corner is per vertex).
+
+    The sign of a distance to the nearest edge or vertex follows from the mean normal of its faces,
+    weighted by their angles (Baerentzen and Aanaes 2005).
+    """
+    corner[:] = 0.0
+    for f in range(len(triangles)):
+        t = triangles[f]
+        n = np.cross(x[t[1]] - x[t[0]], x[t[2]] - x[t[0]])
+        n /= np.sqrt(dot(n, n))
+        face[f] = n
+        for k in range(3):
+            u, v = x[t[(k + 1) % 3]] - x[t[k]], x[t[(k + 2) % 3]] - x[t[k]]
+            angle = np.arccos(min(max(dot(u, v) / np.sqrt(dot(u, u) * dot(v, v)), -1.0), 1.0))
+            corner[t[k]] += angle * n
+    for i in range(len(corner)):
+        size = np.sqrt(dot(corner[i], corner[i]))
+        if size > 0.0:
+            corner[i] /= size

@@ -1,0 +1,121 @@
+"""Contact by constraints laid out for a scene: its rows, and what states remember of its vertices."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sim.contact.direction import Direction, Move
+from sim.contact.pairing import Pairing
+from sim.contact.rows import Rows
+from sim.contact.surfaces import RigidShell
+from sim.pattern import SymmetricPattern
+from sim.scene import Contribution, Index, Layout
+from sim.state import Array, Control, State
+
+MEMORY = "contact"
+"""Name of the memory in a state."""
+
+ALLOWED, FORCE, PUSH, FRICTION = 0, 1, slice(2, 5), slice(5, 8)
+"""Columns of the memory: depth allowed [m], normal force [N], its vector [N], friction [N]."""
+
+COLUMNS = 8
+
+
+class CompiledContact:
+    """Contact laid out for a scene; it exerts no force as a term, integrators hold its rows.
+
+    Parameters
+    ----------
+    pairings : tuple of Pairing
+    frictions : tuple of float
+        Coulomb's coefficient of each.
+    reach, approach : float
+        Of `ConstraintContact` [m].
+    layout : Layout
+
+    Attributes
+    ----------
+    names : names of the pairings.
+    pairing_of_slot, vertex_of_slot : (n_slots,) pairing and node that each row of the memory is of.
+    """
+
+    def __init__(
+        self,
+        pairings: tuple[Pairing, ...],
+        frictions: tuple[float, ...],
+        reach: float,
+        approach: float,
+        layout: Layout,
+    ) -> None:
+        self.pattern: SymmetricPattern = layout.pattern
+        self.names: tuple[str, ...] = tuple(pairing.name for pairing in pairings)
+        self.reach = reach
+        free = np.zeros(3 * layout.mesh.n_nodes, dtype=bool)
+        free[layout.pattern.free] = True
+        free = free.reshape(-1, 3)
+        self._directions: list[Direction] = []
+        self._n_slots = 0
+        for i, pairing in enumerate(pairings):
+            pairs = (pairing.surfaces * 2)[:2]
+            for a, b in (pairs,) if pairing.itself else (pairs, pairs[::-1]):
+                if isinstance(a, RigidShell):
+                    continue
+                vertices = np.setdiff1d(a.nodes, pairing.shared)
+                self._directions.append(
+                    Direction(i, frictions[i], vertices, self._n_slots, a, b, approach, free)
+                )
+                self._n_slots += len(vertices)
+        none = np.empty(0, dtype=np.int64)
+        self.pairing_of_slot: Index = np.concatenate(
+            [none] + [np.full(len(d.slots), d.pairing) for d in self._directions]
+        )
+        self.vertex_of_slot: Index = np.concatenate([none] + [d.vertices for d in self._directions])
+
+    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
+        """Nothing: multipliers hold the surfaces apart."""
+        return Contribution(0.0)
+
+    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
+        """Nothing, as `add_force`."""
+        return Contribution(0.0)
+
+    def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:
+        """Places that push, smallest gap beyond what was allowed [m], normal force [N], per pairing."""
+        memory, n = self.remembered(state.memory, state.q, state.t), len(self.names)
+        count, gap, force = np.zeros(n), np.full(n, np.inf), np.zeros(n)
+        np.add.at(force, self.pairing_of_slot, memory[:, FORCE])
+        np.add.at(count, self.pairing_of_slot, memory[:, FORCE] > 0.0)
+        here = Move(state.q, state.q, state.t, state.t)
+        near = self.near(here, memory[:, ALLOWED].copy())
+        np.minimum.at(gap, near.pairing, near.gap)
+        return count, np.where(gap < np.inf, gap, np.nan), force
+
+    def remembered(self, memory: Mapping[str, Array], q: Array, t: float) -> Array:
+        """Memory of a state, (n_slots, COLUMNS).
+
+        Parameters
+        ----------
+        memory : of the state.
+        q, t : its positions [m] and time [s]; where it has no memory, what lies inside now may stay.
+        """
+        if MEMORY in memory:
+            return memory[MEMORY]
+        new = np.zeros((self._n_slots, COLUMNS))
+        for direction in self._directions:
+            new[direction.slots, ALLOWED] = direction.depths(q, t)
+        return new
+
+    def near(self, move: Move, allowed: Array, way: Array | None = None) -> Rows:
+        """Rows of all vertices near a face; see `Direction.near`."""
+        return _united([d.near(move, allowed, way) for d in self._directions])
+
+    def entered(self, move: Move) -> Rows:
+        """Rows of all vertices that enter a face on their way; see `Direction.entered`."""
+        return _united([d.entered(move) for d in self._directions])
+
+
+def _united(parts: list[Rows]) -> Rows:
+    rows = parts[0]
+    for more in parts[1:]:
+        rows = rows.joined(more)
+    return rows

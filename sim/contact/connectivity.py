@@ -1,0 +1,147 @@
+"""What triangles of a surface must be like, each failure with its place."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.errors import ContactFailure
+from sim.scene import Index
+from sim.state import Array
+
+FLAT = 1e-10
+"""A triangle with less than this share of its longest side squared has no normal."""
+
+
+def sides_of(triangles: Index) -> Index:
+    """Directed sides (3 m, 2), those of a triangle together."""
+    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
+def checked_triangles(triangles: ArrayLike, name: str) -> Index:
+    """Triangles as a contiguous array of int64.
+
+    Parameters
+    ----------
+    triangles : (m, 3) whole numbers.
+    name : str
+        Of the surface, for messages.
+
+    Raises
+    ------
+    ContactFailure
+        The array has another shape or type, a triangle names a node twice, two triangles have the same
+        nodes, or two run along an edge in the same direction.
+    """
+    array = np.asarray(triangles)
+    whole = array.dtype.kind in "iu" and array.ndim == 2 and array.shape[1:] == (3,)
+    if not whole or len(array) == 0:
+        raise ContactFailure(
+            f"triangles of surface {name!r} have shape {array.shape} and type {array.dtype}, expected "
+            "whole numbers (m, 3), m > 0",
+            surface=name,
+        )
+    array = np.ascontiguousarray(array, dtype=np.int64)
+    ordered = np.sort(array, axis=1)
+    twice = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    if twice.any():
+        bad = int(np.argmax(twice))
+        raise ContactFailure(
+            f"triangle {bad} of surface {name!r} names a node twice ({array[bad].tolist()}): leave the "
+            "degenerate triangle out",
+            surface=name,
+            triangle=bad,
+        )
+    repeated = _first_repeated(ordered)
+    if repeated is not None:
+        bad, other = repeated
+        raise ContactFailure(
+            f"triangle {bad} of surface {name!r} has the nodes of triangle "
+            f"{other} ({array[bad].tolist()}): leave the duplicate out",
+            surface=name,
+            triangle=bad,
+        )
+    sides = sides_of(array)
+    repeated = _first_repeated(sides)
+    if repeated is not None:
+        bad, other = repeated
+        a, b = sides[bad].tolist()
+        raise ContactFailure(
+            f"triangles {other // 3} and {bad // 3} of surface {name!r} run along edge {a}-{b} in the "
+            "same direction, expected opposite ones: reverse one of them, or part a surface that "
+            "branches",
+            surface=name,
+            triangle=bad // 3,
+            edge=(a, b),
+        )
+    return array
+
+
+def require_nodes(triangles: Index, name: str, n: int, of: str) -> None:
+    """Refuse triangles with nodes outside 0..n-1 of a mesh or shell.
+
+    Raises
+    ------
+    ContactFailure
+        There is one.
+    """
+    outside = (triangles < 0) | (triangles >= n)
+    if outside.any():
+        bad = int(np.argmax(outside.any(axis=1)))
+        node = int(triangles[bad][outside[bad]][0])
+        raise ContactFailure(
+            f"triangle {bad} of surface {name!r} names node {node}, expected 0..{n - 1} of {of}",
+            surface=name,
+            triangle=bad,
+            node=node,
+        )
+
+
+def require_area(triangles: Index, name: str, x: Array) -> None:
+    """Refuse triangles without area at positions x [m].
+
+    Raises
+    ------
+    ContactFailure
+        There is one.
+    """
+    a, b, c = (x[triangles[:, i]] for i in range(3))
+    double = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    longest = np.max([((p - r) ** 2).sum(axis=1) for p, r in ((a, b), (b, c), (c, a))], axis=0)
+    flat = ~(double > FLAT * longest)
+    if flat.any():
+        bad = int(np.argmax(flat))
+        raise ContactFailure(
+            f"triangle {bad} of surface {name!r} has no area "
+            f"({0.5 * double[bad]:.3g} m^2 with nodes {triangles[bad].tolist()}): "
+            "leave it out or part its nodes",
+            surface=name,
+            triangle=bad,
+        )
+
+
+def require_outside_out(triangles: Index, name: str, x: Array) -> None:
+    """Refuse a closed surface that is inside out at positions x [m].
+
+    Raises
+    ------
+    ContactFailure
+        It is.
+    """
+    centre = x[np.unique(triangles)].mean(axis=0)
+    a, b, c = (x[triangles[:, i]] - centre for i in range(3))
+    volume = float(np.einsum("mi,mi->", a, np.cross(b, c))) / 6.0
+    if volume < 0.0:
+        raise ContactFailure(
+            f"surface {name!r} is inside out (it encloses {volume:.3g} m^3), expected "
+            "triangles counter-clockwise seen from outside: reverse them",
+            surface=name,
+        )
+
+
+def _first_repeated(rows: Index) -> tuple[int, int] | None:
+    """First row (k, n) that has occurred before, and where it first did."""
+    _, first, back = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(rows):
+        return None
+    at = first[back.ravel()]
+    bad = int(np.argmax(at != np.arange(len(rows))))
+    return bad, int(at[bad])

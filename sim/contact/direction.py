@@ -1,0 +1,193 @@
+"""Vertices of one surface against the faces of another: the rows between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.contact.rows import Flags, Rows
+from sim.contact.search import NO_NORMALS, Found, entered_faces, nearest_faces
+from sim.contact.signed_distance import SignedFaces
+from sim.contact.surfaces import NodeSurface, RigidShell, Surface
+from sim.scene import Index
+from sim.state import Array
+
+SELF_DEPTH = 0.2
+"""Share of the approach that may lie behind a face of its own surface and still touch it."""
+
+BLUR = 0.2
+"""Share of the approach over which edges are rounded in the directions of rows."""
+
+FELT = 1e-9
+"""Weight of the free unknowns in a row, from which it can be kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A step, or the part of it up to a trial.
+
+    Attributes
+    ----------
+    q0, q : (n_nodes, 3) positions at the start, and those to look at [m].
+    t0, t1 : float
+        Start and end of the step [s]; shells are where they are at t0 if `q` is `q0`, else at t1.
+    """
+
+    q0: Array
+    q: Array
+    t0: float
+    t1: float
+
+    @property
+    def at_start(self) -> bool:
+        """Whether nothing has moved yet."""
+        return self.q is self.q0
+
+    def ends(self, surface: Surface) -> tuple[Array, Array]:
+        """Positions that a surface's triangles name, at both ends [m]."""
+        if isinstance(surface, NodeSurface):
+            return self.q0, self.q
+        return surface.at(self.t0), surface.at(self.t1)
+
+
+class Direction:
+    """Vertices of one surface of a pairing against the faces of the other.
+
+    Parameters
+    ----------
+    pairing : int
+        Which one.
+    friction : float
+        Coulomb's coefficient.
+    vertices : (n,) nodes that take part.
+    first_slot : int
+        Slot of the first vertex; the others follow.
+    own : NodeSurface
+        Surface of the vertices.
+    faces : NodeSurface or RigidShell
+        Surface that they may not pass.
+    approach : float
+        Rows are made for vertices nearer than this [m].
+    free : (n_nodes, 3) whether each unknown of the scene is free.
+
+    Attributes
+    ----------
+    slots : (n,) where what is remembered of each vertex stands.
+    """
+
+    def __init__(
+        self,
+        pairing: int,
+        friction: float,
+        vertices: Index,
+        first_slot: int,
+        own: NodeSurface,
+        faces: Surface,
+        approach: float,
+        free: Flags,
+    ) -> None:
+        self.pairing, self.vertices = pairing, vertices
+        self.slots = first_slot + np.arange(len(vertices))
+        self._friction, self._faces, self._approach, self._free = friction, faces, approach, free
+        self._own, self._signs = SignedFaces(own), SignedFaces(faces)
+        self._itself = own is faces
+        of_mesh = isinstance(faces, NodeSurface)
+        self._nodes = vertices if of_mesh else np.full(len(vertices), -1)
+
+    def depths(self, q: Array, t: float) -> Array:
+        """How deep each vertex lies inside at positions q and time t [m]; 0 for self-contact."""
+        deep = np.zeros(len(self.vertices))
+        if self._itself:
+            return deep
+        x = Move(q, q, t, t).ends(self._faces)[0]
+        # an open surface has no inside, a closed one has all depths
+        radius = np.inf if self._faces.closed else self._approach
+        found = nearest_faces(q[self.vertices], radius, x, self._faces.triangles)
+        gap, _ = self._signs.signed(q[self.vertices], found, x)
+        deep[found.point] = np.maximum(-np.nan_to_num(gap), 0.0)
+        return deep
+
+    def near(self, move: Move, allowed: Array, way: Array | None) -> Rows:
+        """Rows of the vertices near a face.
+
+        Parameters
+        ----------
+        move : Move
+        allowed : (n_slots,) depth that vertices may have [m]. At the start, vertices that have come
+            around a free edge may stay as deep as they are: their entries are raised.
+        way : (n_slots,) or None
+            How far each vertex may come in the step [m].
+        """
+        faces, blur = self._faces, BLUR * self._approach
+        x0, x1 = move.ends(faces)
+        x = x0 if move.at_start else x1
+        points, may = move.q[self.vertices], allowed[self.slots]
+        radius = self._approach + may + (0.0 if way is None else way[self.slots])
+        away = self._signs.normals(x)[1][self.vertices] if self._itself else NO_NORMALS
+        found = nearest_faces(points, radius, x, faces.triangles, nodes=self._nodes, away=away)
+        mine = self._own.normals(move.q)[1][self.vertices]
+        gap, normal = self._signs.signed(points, found, x, blur, mine)
+        beside, *more = self._signs.beside(points, found, x, blur)
+        gap, normal = np.r_[gap, more[0]], np.r_[normal, more[1]]
+        found = found.joined(beside)
+        deepest = -SELF_DEPTH * self._approach if self._itself else -np.inf
+        good = np.flatnonzero((gap > deepest) & (gap + may[found.point] < radius[found.point]))
+        found, gap, normal = found.take(good), gap[good], normal[good]
+        if not move.at_start:
+            return self._rows(found, normal, gap + may[found.point], move.q - move.q0, x0, x1)
+        if not faces.closed:
+            # nothing that came through the front lies this deep: it came around a free edge
+            behind = np.flatnonzero(gap + may[found.point] < -SELF_DEPTH * self._approach)
+            may[found.point[behind]] = -gap[behind]
+            allowed[self.slots] = may
+        if isinstance(faces, RigidShell) and faces.motion is not None:
+            turn = faces.place(move.t1)[0] @ faces.place(move.t0)[0].T
+            way_out = gap[:, None] * normal
+            normal = normal @ turn.T
+            gap = np.einsum("ki,ki->k", way_out, normal)
+        return self._rows(found, normal, gap + may[found.point], None, x0, x1)
+
+    def entered(self, move: Move) -> Rows:
+        """Rows of the vertices that enter a face on their way, against that face.
+
+        The direction is the normal of the face at the end.
+        """
+        x0, x1 = move.ends(self._faces)
+        before, after = move.q0[self.vertices], move.q[self.vertices]
+        triangles = self._faces.triangles
+        found = entered_faces(before, after, x0, x1, triangles, nodes=self._nodes)
+        normal = self._signs.normals(x1)[0][found.face]
+        at = np.einsum("kj,kji->ki", found.weight, x1[triangles[found.face]])
+        gap = np.einsum("ki,ki->k", normal, after[found.point] - at)
+        return self._rows(found, normal, gap, move.q - move.q0, x0, x1)
+
+    def _rows(
+        self, found: Found, normal: Array, gap: Array, u: Array | None, x0: Array, x1: Array
+    ) -> Rows:
+        """Rows with their gaps, where nodes have moved by u, carried back to where none has."""
+        vertex, k = self.vertices[found.point], len(found.point)
+        corners = self._faces.triangles[found.face]
+        weight = np.ones((k, 4))
+        if isinstance(self._faces, NodeSurface):
+            nodes, weight[:, 1:] = np.c_[vertex, corners], -found.weight
+            carried = np.zeros((k, 3))
+        else:
+            nodes, weight[:, 1:] = np.repeat(vertex[:, None], 4, axis=1), 0.0
+            carried = np.einsum("kj,kji->ki", found.weight, x1[corners] - x0[corners])
+        rows = Rows(
+            self.slots[found.point],
+            found.face,
+            nodes,
+            weight,
+            normal,
+            gap,
+            carried,
+            np.full(k, self._friction),
+            np.full(k, self.pairing, dtype=np.int64),
+        )
+        if u is not None:
+            rows.gap[:] -= np.einsum("ki,ki->k", normal, rows.displacement(u))
+        # a row whose direction no free unknown feels can neither be kept nor broken
+        felt = (self._free[nodes] * (np.abs(normal)[:, None, :] * np.abs(weight)[:, :, None])).sum(
+            axis=(1, 2)
+        )
+        return rows.take(np.flatnonzero(felt > FELT))
