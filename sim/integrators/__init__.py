@@ -1,6 +1,6 @@
 """Integrators: each advances a state by one step and says how it went."""
 
-from sim.integrators.contract import Integrator, TimeIntegrator, Workspace
+from sim.integrators.contract import Integrator, TimeIntegrator
 from sim.integrators.converged_euler import ConvergedEuler
 from sim.integrators.explicit import RungeKutta4, SymplecticEuler
 from sim.integrators.linearly_implicit_euler import LinearlyImplicitEuler
@@ -8,6 +8,7 @@ from sim.integrators.linearly_implicit_trapezoidal import LinearlyImplicitTrapez
 from sim.integrators.sdirk2 import Sdirk2
 from sim.integrators.static import Static
 from sim.integrators.trapezoidal import Trapezoidal
+from sim.integrators.workspace import Workspace
 
 INTEGRATORS: tuple[type[TimeIntegrator], ...] = (
     LinearlyImplicitEuler,

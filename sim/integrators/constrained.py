@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 
 from sim.errors import NotConverged
-from sim.integrators.contract import Workspace
 from sim.integrators.newton import ARMIJO, MAX_HALVINGS, Iteration, Point, Potential, Tolerances
+from sim.integrators.workspace import Workspace
 from sim.state import Array
 from sim.system import System
 from sim.vectors import dot

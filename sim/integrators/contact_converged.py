@@ -5,24 +5,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.contact.correction import considerable, moved_out
 from sim.contact.rows import Law, Places, Rows
 from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
-from sim.integrators.contract import Workspace
 from sim.integrators.newton import Iteration, Point
+from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.scene import Index
 from sim.state import Array
 from sim.system import System
 
-PENALTY = 10.0  # of the stiffness that a row meets
-SETTLED = 2e-6  # what gaps and slips are closed to [m]
-NOTICED = 3e-6  # depth that is corrected [m]
-CONSIDERABLE = 1e-4  # depth of a row that pushes at which rows are renewed [m]
-AT_ALL = 2e-5  # the same of one that does not [m]
-FRICTION_SETTLED = 1e-3  # of the largest bound
-UPDATES, RENEWALS, CORRECTIONS = 60, 4, 4
+PENALTY = 10.0
+"""Penalty of a row, of the stiffness that it meets."""
+
+SETTLED = 2e-6
+"""What gaps and slips are closed to [m]."""
+
+FRICTION_SETTLED = 1e-3
+"""Change of the bounds of friction that is left, as a share of the largest."""
+
+UPDATES, RENEWALS = 60, 4
+"""How often multipliers, and how often rows, are taken anew."""
 
 Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
 
@@ -119,7 +124,14 @@ def minimise_in_contact(
     SingularSystem
         A matrix could not be factorised.
     """
-    pattern, n_nodes = potential.system.pattern, len(step.q0)
+    system, n_nodes = potential.system, len(step.q0)
+    pattern = system.pattern
+
+    def respond(push: Array, _: float) -> Array:
+        """By the factor at hand."""
+        x = work.solve(potential.scale * system.reduce(push))
+        return system.expand(x, np.zeros_like(step.q0))
+
     stiffness = work.contact_stiffness
     if stiffness is None or stiffness[0] != key:
         diagonal = potential.matrix(start.d).to_factorise()[pattern.diagonal] / potential.scale
@@ -139,7 +151,7 @@ def minimise_in_contact(
         u = potential.positions(end.d) - step.q0
         acting = law.at(u)
         pushed = law.rows.spread(acting.on_vertices(law.rows), n_nodes)
-        point = Point(end.d, end.g + potential.system.reduce(pushed), end.phi, end.here)
+        point = Point(end.d, end.g + system.reduce(pushed), end.phi, end.here)
         miss, bound = acting.miss(law), law.bound
         law.update(acting)
         change = float(np.abs(law.bound - bound).max(initial=0.0))
@@ -151,10 +163,8 @@ def minimise_in_contact(
         near = step.at(q)
         passed = step.passed(q, near)
         pushing = law.rows.slot[acting.force > 0.0]
-        held = np.isin(passed.slot, pushing)
-        depth = -passed.gaps(u)
-        if (depth <= np.where(held, CONSIDERABLE, AT_ALL)).all() or renewals == RENEWALS:
-            q = _corrected(potential, step, q, near, pushing, stiffness[1], work)
+        if renewals == RENEWALS or not considerable(passed, u, pushing).any():
+            q = moved_out(q, step.q0, near, pushing, pattern, stiffness[1], PENALTY, respond)
             return Settled(point, q, went, step.memory(q, law, acting))
         renewals += 1
         new = near.joined(passed.take(np.flatnonzero(~np.isin(passed.slot, near.slot))))
@@ -163,37 +173,6 @@ def minimise_in_contact(
         law = carried_over(law, new, penalties(pattern, stiffness[1], new, PENALTY))
         places = step.places(pattern, new)
     raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")
-
-
-def _corrected(
-    potential: Placed,
-    step: ContactStep,
-    q: Array,
-    near: Rows,
-    pushing: Index,
-    stiffness: Array,
-    work: Workspace,
-) -> Array:
-    """Positions with what has come to lie inside moved out, as the tissue gives way.
-
-    The factor at hand serves; it answers to rows that push by their penalty.
-    """
-    system, none = potential.system, np.zeros_like(q)
-    pattern = system.pattern
-    for _ in range(CORRECTIONS):
-        gap = near.gaps(q - step.q0)
-        deep = np.flatnonzero(gap < -NOTICED)
-        if not len(deep):
-            break
-        rows, wanted = near.take(deep), -gap[deep]
-        factor = np.where(np.isin(rows.slot, pushing), PENALTY, 1.0)
-        rho = factor * penalties(pattern, stiffness, rows, 1.0)
-        push = rows.spread((rho * wanted)[:, None] * rows.normal, len(q))
-        move = system.expand(work.solve(potential.scale * system.reduce(push)), none)
-        moved = rows.gaps(move) - rows.gaps(none)
-        share = float(moved @ wanted) / max(float(moved @ moved), 1e-300)
-        q = q + min(max(share, 0.0), 2.0) * move
-    return q
 
 
 def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.errors import SceneError
-from sim.integrators.contract import Workspace, require_upright, symmetric_product
+from sim.integrators.contract import require_upright, symmetric_product
+from sim.integrators.workspace import Workspace
 from sim.state import Array, Control, ControlAt, State, StepReport
 from sim.system import System
 

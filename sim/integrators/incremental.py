@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim.integrators.contract import Workspace
 from sim.integrators.newton import Point
+from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Control, Evaluation
 from sim.system import System

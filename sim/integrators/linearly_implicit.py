@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.integrators.contact_linear import LinearContact
-from sim.integrators.contract import Solution, Workspace, require_upright
+from sim.integrators.contract import require_upright
+from sim.integrators.workspace import Solution, Workspace
 from sim.linear import NotReached
 from sim.matrix import Matrix
 from sim.state import Array, State, StepReport

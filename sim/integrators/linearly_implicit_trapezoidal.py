@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.integrators.contract import Workspace, require_upright
+from sim.integrators.contract import require_upright
 from sim.integrators.linearly_implicit import LinearStep, step_of
+from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.system import System
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from sim.errors import NotConverged
-from sim.integrators.contract import Workspace
+from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Evaluation
 from sim.vectors import dot

@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.integrators.contract import Workspace, require_upright
+from sim.integrators.contract import require_upright
 from sim.integrators.stage import Converged, Stage, middle_damping, report_of
+from sim.integrators.workspace import Workspace
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 

@@ -9,9 +9,9 @@ import numpy as np
 from sim.contact.step import ContactStep
 from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import minimise_in_contact
-from sim.integrators.contract import Workspace
 from sim.integrators.incremental import IncrementalPotential
 from sim.integrators.newton import Iteration, Point, Tolerances, minimise
+from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
 from sim.system import System

@@ -8,8 +8,9 @@ import numpy as np
 from sim.contact.step import ContactStep
 from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import minimise_in_contact
-from sim.integrators.contract import Workspace, require_upright
+from sim.integrators.contract import require_upright
 from sim.integrators.newton import Iteration, Point, Tolerances, minimise
+from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
 from sim.system import System

@@ -6,7 +6,8 @@ from typing import Protocol
 import numpy as np
 
 from sim.errors import SceneError
-from sim.integrators.contract import Integrator, Workspace
+from sim.integrators.contract import Integrator
+from sim.integrators.workspace import Workspace
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 

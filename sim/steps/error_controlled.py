@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
-from sim.integrators.contract import Integrator, TimeIntegrator, Workspace
+from sim.integrators.contract import Integrator, TimeIntegrator
+from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, ControlAt, State, StepReport
 from sim.steps.contract import Watch, require_positive, united

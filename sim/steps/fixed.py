@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from sim.integrators.contract import Integrator, Workspace
+from sim.integrators.contract import Integrator
+from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.steps.contract import Watch, require_positive
 from sim.system import System

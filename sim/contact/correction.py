@@ -1,0 +1,81 @@
+"""Positions moved out of what they have come to lie in, at the end of a step.
+
+The velocities know nothing of it, so that no overlap, however it came about, throws anything.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sim.contact.rows import Flags, Rows
+from sim.contact.step import penalties
+from sim.pattern import SymmetricPattern
+from sim.scene import Index
+from sim.state import Array
+
+NOTICED = 3e-6
+"""Depth that is corrected [m]."""
+
+CONSIDERABLE = 1e-4
+"""Depth of a row that pushes from which the step is solved again rather than corrected [m]."""
+
+AT_ALL = 2e-5
+"""The same of a row that does not push [m]."""
+
+CORRECTIONS = 4
+FARTHEST = 2.0
+"""Multiple of a move at most; the moves are meant to be right as they are."""
+
+Respond = Callable[[Array, float], Array]
+"""Displacements (n_nodes, 3) by nodal forces, for a largest depth to be corrected [m]."""
+
+
+def considerable(rows: Rows, u: Array, pushing: Index) -> Flags:
+    """Whether rows (k,) are too deep at displacements u (n_nodes, 3) to be left to a correction.
+
+    Parameters
+    ----------
+    pushing : slots that push.
+    """
+    return -rows.gaps(u) > np.where(np.isin(rows.slot, pushing), CONSIDERABLE, AT_ALL)
+
+
+def moved_out(
+    q: Array,
+    q0: Array,
+    near: Rows,
+    pushing: Index,
+    pattern: SymmetricPattern,
+    diagonal: Array,
+    penalty: float,
+    respond: Respond,
+) -> Array:
+    """Positions with what lies inside moved out, as the tissue gives way.
+
+    Parameters
+    ----------
+    q, q0 : (n_nodes, 3) positions at the end and the start of the step [m].
+    near : Rows
+        Those at q.
+    pushing : slots that push.
+    pattern : SymmetricPattern
+    diagonal : (n_free,) of the stiffness [N/m].
+    penalty : float
+        Multiple of the stiffness by which the matrix answers to rows that push.
+    respond : callable
+    """
+    none = np.zeros_like(q)
+    for _ in range(CORRECTIONS):
+        gap = near.gaps(q - q0)
+        deep = np.flatnonzero(gap < -NOTICED)
+        if not len(deep):
+            break
+        rows, wanted = near.take(deep), -gap[deep]
+        factor = np.where(np.isin(rows.slot, pushing), penalty, 1.0)
+        rho = factor * penalties(pattern, diagonal, rows, 1.0)
+        push = rows.spread((rho * wanted)[:, None] * rows.normal, len(q))
+        move = respond(push, float(wanted.max()))
+        moved = rows.gaps(move) - rows.gaps(none)
+        share = float(moved @ wanted) / max(float(moved @ moved), np.finfo(float).tiny)
+        q = q + min(max(share, 0.0), FARTHEST) * move
+    return q

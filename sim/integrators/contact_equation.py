@@ -1,0 +1,245 @@
+"""One linearly implicit step under given rows: a semi-smooth Newton iteration on its equation."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from sim.contact.rows import Acting, Flags, Law, Places, Rows
+from sim.contact.step import TOUCH, ContactStep
+from sim.errors import NotConverged
+from sim.integrators.workspace import Workspace
+from sim.linear import ReusedFactor
+from sim.matrix import Matrix
+from sim.state import Array, State
+from sim.system import System
+from sim.vectors import dot, norm
+
+SETTLED = 1e-6
+"""What gaps and slips are closed to [m]."""
+
+ROUGHLY = 1e-5
+"""What is accepted where the sets do not settle [m]."""
+
+FRICTION_SETTLED = 1e-4
+"""Change of the bounds of friction that is left, as a share of the largest."""
+
+INSIDE = 1e-5
+"""Depth of a row that does not push that is left to the correction [m]."""
+
+PULL = 0.1
+"""Share of the mean force that a row may pull before it lets go in the next step."""
+
+LINEAR_ERROR = 3e-7
+"""What an iterative solution leaves [m]."""
+
+ENOUGH = 0.1
+"""Share of the slope at its start at which a move may end."""
+
+TURNING = 0.3
+"""Share of the residual that a move may leave before the ways of sliding rows are taken anew."""
+
+MAX_FLIPS = 6
+"""A row that comes and goes more often is let go for the step."""
+
+PASSES, HALVINGS = 60, 40
+
+Solve = Callable[[Array, float], Array]
+"""Solution for a right-hand side, and the largest error that an iterative one may leave [m]."""
+
+
+class Equation(Protocol):
+    """The equation of a linearly implicit step, A v1 = rhs."""
+
+    @property
+    def A(self) -> Matrix:
+        """Matrix for the velocities."""
+        ...
+
+    @property
+    def rhs(self) -> Array:
+        """Right-hand side (n_free,) [N s]."""
+        ...
+
+    @property
+    def moves(self) -> float:
+        """Share of the new velocity in the motion."""
+        ...
+
+
+class ContactEquation:
+    """The equation A x = b + scale N'f of x = h v1 with the forces f of the rows.
+
+    Parameters
+    ----------
+    system : System
+    state : State
+    equation : Equation
+        Matrix and right-hand side for the velocities.
+    step : ContactStep
+    h : float
+        Length of the step [s].
+    work : Workspace
+
+    Attributes
+    ----------
+    scale : float
+        h^2 [s^2].
+    diagonal : (n_free,) of the stiffness that rows meet, A/h^2 [N/m].
+    solutions, factorisations : int
+        Made so far.
+    definite : bool
+        Whether all matrices have been positive definite.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        state: State,
+        equation: Equation,
+        step: ContactStep,
+        h: float,
+        work: Workspace,
+    ) -> None:
+        self._system, self._state, self._step, self._work = system, state, step, work
+        self._A, self._b, self.scale = equation.A, h * equation.rhs, h * h
+        self._until = state.t + h
+        self.diagonal = equation.A.to_factorise()[system.pattern.diagonal] / self.scale
+        self.solutions = self.factorisations = 0
+        self.definite = True
+
+    def displacement(self, x: Array) -> Array:
+        """Nodal vector (n_nodes, 3) of x, zero at what is held."""
+        return self._system.expand(x, np.zeros_like(self._state.q))
+
+    def settle(self, law: Law, x: Array) -> tuple[Array, Acting, Solve]:
+        """Solution with the rows that touch, from a guess x.
+
+        Each pass solves for the rows that push and stick; when these stay as they are the multipliers
+        take the forces, until gaps and slips are closed.
+
+        Raises
+        ------
+        NotConverged
+            The rows that push did not settle.
+        SingularSystem
+            A matrix could not be factorised.
+        """
+        system, rows = self._system, law.rows
+        n = self._state.q.shape[0]
+        if not len(rows):
+            solve = self._solver(None, rows, np.empty((0, 3, 3)))
+            move = solve(self._b - self._A.times(x), LINEAR_ERROR)
+            return x + move, law.at(self.displacement(x + move)), solve
+        places = self._step.places(system.pattern, rows)
+        acting = law.at(self.displacement(x))
+        # rows that pushed in the step before, and those that the motion would bring inside
+        pushes = (law.normal > 0.0) | (acting.gap < -TOUCH)
+        factored, sticks, solve = pushes, acting.sticks, None
+        flips, miss, last = np.zeros(len(rows), dtype=np.int64), np.inf, np.inf
+        for _ in range(PASSES):
+            force = law.held(acting, pushes)[:, None] * rows.normal + acting.friction
+            Ax = self._A.times(x)
+            missing = self._b + self.scale * system.reduce(rows.spread(force, n)) - Ax
+            left = norm(missing)
+            same = np.array_equal(factored, pushes) and np.array_equal(sticks, acting.sticks)
+            # the stiffness of a sliding contact turns with its way
+            if solve is None or not same or (acting.turn.any() and left > TURNING * last):
+                first = solve is None
+                solve = self._solver(places, rows, law.stiffness(acting, pushes))
+                factored, sticks = pushes, acting.sticks
+            else:
+                first = False
+            move, last = solve(missing, LINEAR_ERROR), left
+            if first:
+                x, acting = x + move, law.at(self.displacement(x + move))
+            else:
+                x, acting = self._along(law, x, move, Ax - self._b)
+            rough = float(np.abs(move).max()) if law.bound.any() else 0.0
+            settled = np.array_equal(sticks, acting.sticks) and rough <= ROUGHLY
+            if not (settled and self._stand(law, acting, pushes)):
+                now = acting.force > 0.0
+                flips += now != pushes
+                law.released |= flips > MAX_FLIPS
+                pushes = now & ~law.released
+                continue
+            miss, bound = acting.miss(law, pushes), law.bound
+            law.update(acting)
+            change = np.abs(law.bound - bound).max(initial=0.0)
+            small = FRICTION_SETTLED * law.bound.max(initial=0.0) + 1e-12
+            if max(miss, rough) <= SETTLED and change <= small:
+                return x, acting, solve
+            acting, last = law.at(self.displacement(x)), np.inf
+        if miss > ROUGHLY:
+            raise NotConverged((), self._until, f"contact did not settle, {miss:.2g} m are left")
+        assert solve is not None  # the loop ran
+        return x, acting, solve
+
+    def _stand(self, law: Law, acting: Acting, pushes: Flags) -> bool:
+        """Whether these rows may stay as they are for the step: nothing goes in, little is pulled."""
+        inside = float(-acting.gap[~pushes & ~law.released].min(initial=0.0))
+        if inside > INSIDE:
+            return False
+        force = law.held(acting, pushes)
+        pull = float(-force.min(initial=0.0))
+        pushing = force[force > 0.0]
+        return pull == 0.0 or (len(pushing) > 0 and pull <= PULL * float(pushing.mean()))
+
+    def _along(self, law: Law, x: Array, move: Array, residual: Array) -> tuple[Array, Acting]:
+        """Point of a move where the augmentation is lowest, its end if it falls till there.
+
+        residual is A x - b.
+        """
+        start = law.rows.displacement(self.displacement(x))
+        way = law.rows.displacement(self.displacement(x + move)) - start
+        straight = dot(residual, move)
+        bent = dot(move, self._A.times(move))
+
+        def slope(length: float) -> tuple[float, Acting]:
+            acting = law.at_relative(start + length * way)
+            pushed = self.scale * dot(acting.on_vertices(law.rows), way)
+            return straight + length * bent - pushed, acting
+
+        first, _ = slope(0.0)
+        last, acting = slope(1.0)
+        if first >= 0.0 or last <= ENOUGH * abs(first):
+            return x + move, acting
+        low, high, length = 0.0, 1.0, 1.0
+        for _ in range(HALVINGS):
+            length = 0.5 * (low + high)
+            here, acting = slope(length)
+            if abs(here) <= ENOUGH * abs(first):
+                break
+            low, high = (low, length) if here > 0.0 else (length, high)
+        return x + length * move, acting
+
+    def _solver(self, places: Places | None, rows: Rows, block: Array) -> Solve:
+        """Solver for the matrix with the stiffness of rows, under the conditions of the scene."""
+        system, work = self._system, self._work
+        A = replace(self._A, values=self._A.values.copy())
+        if places is not None:
+            places.add(block, self.scale, A.values)
+        if system.constraints is not None:
+            _, G = system.constraints.evaluate(self._state.q)
+            none = np.zeros(system.constraints.n)
+            work.factorise_constrained(A.values, G)
+            self.factorisations += 1
+            return lambda r, _: self._counted(work.saddle.solve(r, none)[0])
+        if not isinstance(work.linear, ReusedFactor):
+            direct, definite = work.solver_of(A.values)
+            self.factorisations += 1
+            self.definite &= definite
+            return lambda r, _: self._counted(direct(r))
+
+        def solve(r: Array, error: float) -> Array:
+            found = work.solve_any(A, r, np.zeros(len(r)), error)
+            self.factorisations += found.factorisations
+            self.definite &= found.definite
+            return self._counted(found.x, found.iterations)
+
+        return solve
+
+    def _counted(self, x: Array, solutions: int = 1) -> Array:
+        self.solutions += solutions
+        return x

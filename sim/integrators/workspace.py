@@ -1,0 +1,278 @@
+"""Solver memory of a simulation, kept between steps."""
+
+import math
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from sim.errors import SceneError
+from sim.integrators.secant import SecantMemory
+from sim.linear import (
+    Factor,
+    LinearSolver,
+    NotPositiveDefinite,
+    ReusedFactor,
+    linear_solver,
+    solver_of_steps,
+)
+from sim.linear.conjugate_gradients import conjugate_gradients
+from sim.linear.saddle import Saddle
+from sim.matrix import Matrix
+from sim.state import Array
+from sim.system import System
+
+CONTACT_PATIENCE = 6
+"""Iterations that a factor serves where rows of a contact come and go."""
+
+ROUGHLY, MOST = 0.1, 12
+"""How well, and in how many solutions at most, a direction is found."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Solution of a linear system.
+
+    Attributes
+    ----------
+    x : (n_free,)
+    iterations, factorisations : int
+        Solutions with a factor, and factors made.
+    definite : bool
+        Whether the latest matrix that was factorised is positive definite.
+    """
+
+    x: Array
+    iterations: int = 1
+    factorisations: int = 1
+    definite: bool = True
+
+
+class Workspace:
+    """Solver memory of one simulation: the analysed linear solver, its latest factor, run times.
+
+    Nothing here changes a result beyond the tolerance of the iteration that uses it.
+
+    Parameters
+    ----------
+    system : System
+    linear : str
+        Name of the linear solver, or "auto".
+
+    Attributes
+    ----------
+    linear : Factor or ReusedFactor
+        Solves with the matrix of a step.
+    factor : Factor
+        Makes the factors, for it and for iterations of other kinds.
+    """
+
+    def __init__(self, system: System, linear: str = "auto") -> None:
+        self.linear = solver_of_steps(linear, system.pattern.n)
+        self._system, self._form = system, self.form(system)
+        self._pattern, self._factored = system.pattern, self._form.pattern
+        self.linear.analyse(self._factored)
+        if isinstance(self.linear, ReusedFactor):
+            self.linear.timed = self.timed
+            self.factor: Factor = self.linear.factor
+        else:
+            self.factor = self.linear
+        self._beside: Matrix | None = None
+        self._indefinite: LinearSolver | None = None
+        self._saddle: Saddle | None = None
+        self.factor_of: tuple[type, float] | None = None
+        """Integrator and step that the latest factor was made for, set by one that reuses factors."""
+        self.secants = SecantMemory()
+        self.level = 0
+        """Halvings of the latest step of an error control, where the next interval starts."""
+        self.multipliers: Array | None = None
+        """Multipliers of the latest constrained step, where the next one starts."""
+        self.velocities: tuple[float, float, Array] | None = None
+        """Start and end of the latest linearly implicit step, and the velocities at its start."""
+        self.contact_stiffness: tuple[tuple[type, float], Array] | None = None
+        """Integrator and step, and the diagonal of their stiffness that penalties of contact follow."""
+        self.seconds: dict[str, float] = {}
+        self.calls: dict[str, int] = {}
+
+    @contextmanager
+    def timed(self, phase: str) -> Generator[None]:
+        """Add the wall time of a block to a phase."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - start
+            self.calls[phase] = self.calls.get(phase, 0) + 1
+
+    def factorise(self, A: Matrix, shift: Array, max_shifts: int = 12) -> int:
+        """Factorise; while the matrix is not positive definite, add growing multiples of a diagonal.
+
+        Added to the matrix of a time step, multiples of the mass act as a shorter step would. Returns
+        the number of shifts.
+
+        Raises
+        ------
+        NotPositiveDefinite
+            Not even the largest shift helped.
+        """
+        values, tau = A.to_factorise(), 0.0
+        shifted = values
+        self._forget()
+        for shifts in range(max_shifts + 1):
+            try:
+                with self.timed("factorisation"):
+                    self.factor.factorise(shifted)
+            except NotPositiveDefinite:
+                if shifts == max_shifts:
+                    raise
+                tau = 4.0**shifts
+                shifted = values.copy()
+                shifted[A.pattern.diagonal] += tau * shift
+                continue
+            if A.products:
+                own = A.values.copy()
+                own[A.pattern.diagonal] += tau * shift
+                self._beside = replace(A, values=own)
+            return shifts
+        raise AssertionError("unreachable: the loop returns or raises")
+
+    def form(self, system: System) -> System:
+        """Return the system in the form that the solver works with: products apart, or all entries."""
+        if isinstance(self.linear, ReusedFactor) and system.sparse is not None:
+            return system.sparse
+        return system
+
+    @property
+    def patience(self) -> int:
+        """Iterations that a factor serves before it is renewed for being slow.
+
+        With contact the secants learn the rows that come and go.
+        """
+        return 1 if self._system.contact is None else CONTACT_PATIENCE
+
+    def solve_any(self, A: Matrix, rhs: Array, start: Array, error: float) -> Solution:
+        """Solve with a matrix that need not be positive definite.
+
+        Parameters
+        ----------
+        A : Matrix
+            Of the system, or of its `form`.
+        rhs : (n_free,)
+        start : (n_free,) where an iterative solver begins.
+        error : float
+            Largest error that it leaves, in the units of the solution.
+
+        Raises
+        ------
+        NotReached
+            The iteration failed; A is of a form with products.
+        SingularSystem
+            The matrix is singular or holds NaN.
+        """
+        if isinstance(self.linear, ReusedFactor) and A.pattern is self._factored:
+            self.factor_of = None
+            self.secants.clear()
+            if A.products:
+                self.linear.factorise(A.values, A.times, A.to_factorise)
+            else:
+                self.linear.factorise(A.values)
+            x = self.linear.solve(rhs, start, error)
+            done = self.linear
+            return Solution(x, done.iterations, done.factorisations, done.definite)
+        solve, definite = self.solver_of(A.values)
+        return Solution(solve(rhs), 1, 1 if definite else 2, definite)
+
+    def extrapolated(self, t: float, h: float, v: Array) -> Array:
+        """Velocities where an iteration for those at t + h may begin, from those at t.
+
+        Remembers them for the next step.
+        """
+        before, self.velocities = self.velocities, (t, t + h, v)
+        if before is None or not math.isclose(before[1], t, rel_tol=1e-12, abs_tol=1e-12):
+            return v
+        return v + h / (before[1] - before[0]) * (v - before[2])
+
+    def _forget(self) -> None:
+        """Drop what belongs to the latest factor."""
+        self.factor_of = None
+        self.secants.clear()
+        self._beside = None
+        if isinstance(self.linear, ReusedFactor):
+            self.linear.forget()
+
+    def solver_of(self, values: Array) -> tuple[Callable[[Array], Array], bool]:
+        """Solver for several right-hand sides of a matrix that need not be positive definite.
+
+        Tells whether it is. Raises as `solve_any`.
+        """
+        self._forget()
+        solver = self._whole
+        try:
+            with self.timed("factorisation"):
+                solver.factorise(values)
+        except NotPositiveDefinite:
+            if self._indefinite is None:
+                self._indefinite = linear_solver(indefinite=True)
+                self._indefinite.analyse(self._pattern)
+            solver = self._indefinite
+            with self.timed("factorisation"):
+                solver.factorise(values)
+
+        def solve(rhs: Array) -> Array:
+            with self.timed("solution"):
+                return solver.solve(rhs)
+
+        return solve, solver is self._whole
+
+    @cached_property
+    def _whole(self) -> LinearSolver:
+        """Direct solver of the system's own matrix, analysed when it is first needed."""
+        if self._factored is self._pattern:
+            return self.factor
+        whole = linear_solver()
+        whole.analyse(self._pattern)
+        return whole
+
+    def factorise_constrained(self, A: Array, G: Array) -> None:
+        """Factorise the matrix of `solve_constrained`, for several solutions with `saddle`."""
+        with self.timed("factorisation"):
+            self.saddle.factorise(A, G)
+
+    def solve_constrained(self, A: Array, G: Array, r: Array, gamma: Array) -> tuple[Array, Array]:
+        """Solve A x + G' y = r, G x = gamma for x and the multipliers y.
+
+        Raises
+        ------
+        SingularSystem
+            The matrix is singular or holds NaN.
+        """
+        with self.timed("factorisation"):
+            self.saddle.factorise(A, G)
+        with self.timed("solution"):
+            return self.saddle.solve(r, gamma)
+
+    @property
+    def saddle(self) -> Saddle:
+        """Solver of the system with the conditions of the scene, analysed at the first use."""
+        if self._saddle is None:
+            if self._system.constraints is None:
+                raise SceneError("the scene has no constraints, expected some to solve with")
+            self._saddle = Saddle(self._pattern, self._system.constraints)
+        return self._saddle
+
+    def has_factor_for(self, integrator: type, h: float) -> bool:
+        """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
+        made = self.factor_of
+        return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
+
+    def solve(self, rhs: Array) -> Array:
+        """Solve with the latest factor, in its own precision; with products roughly.
+
+        A direction for Newton's method needs no more.
+        """
+        with self.timed("solution"):
+            if self._beside is None:
+                return self.factor.approximate(rhs)
+            times, precondition = self._beside.times, self.factor.approximate
+            return conjugate_gradients(times, precondition, rhs, ROUGHLY, MOST)
