@@ -14,23 +14,24 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import xarray as xr
 from PIL import Image
 
-from emgface.bench.contact import CLOSING, METHODS, measure
+from emgface.bench.contact import CLOSING, METHODS, STEPPING, measure
 from emgface.bench.store import store
 from emgface.face.file import load_face
 from emgface.face.show_displacement import draw_displacement
 from emgface.face.show_section import draw_sections
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.teeth_support import protrude_lips
+from emgface.face.teeth_support import BACKING, protrude_lips
 from emgface.face.template import template_face
 from emgface.face.template.gestures import GESTURES
 
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "contact"
 RESOLUTION = "medium"
 SIGMA_MAX = 100e3
-STEP = 0.01  # of implicit Euler, for all methods alike [s]
+STIFFENING = (1.0, 10.0)
 
 
 def shrink(path: Path) -> None:
@@ -59,9 +60,7 @@ def held(
         cases=cases,
         friction=friction,
         hold=hold,
-        parameters=SimulationParameters(
-            sigma_max=SIGMA_MAX, gravity=False, solver="converged", step=STEP
-        ),
+        parameters=SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, **STEPPING),
         progress=progress,
     )
     table, paths = store("contact", found, out / "raw" / name)
@@ -82,25 +81,44 @@ def held(
     return found
 
 
-def teeth(face: xr.Dataset, out: Path) -> None:
-    """Protrusion with and without teeth."""
-    table, motion = protrude_lips(face, stiffening=(1.0, 10.0), progress=print)
+def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence[float]) -> None:
+    """Protrusion with and without teeth, by every method, under several stiffenings."""
+    tables, motion = [], {}
+    for method in methods:
+        backing = {name: between for name, between in BACKING.items() if between}
+        if method == "none":
+            backing = {name: between for name, between in BACKING.items() if not between}
+        table, found = protrude_lips(
+            face,
+            backing=backing,
+            method="constraint" if method == "none" else method,
+            stiffening=factors,
+            progress=print,
+        )
+        table.insert(1, "contact", method)
+        tables.append(table)
+        motion |= {(name, method, factor): run for (name, factor), run in found.items()}
+    table = pd.concat(tables, ignore_index=True)
     table.round(6).to_csv(out / "teeth.csv", index=False)
     print(table.round(3).to_string(index=False), flush=True)
-    for factor in (1.0, 10.0):
-        shown = {"rest": face["position"].values} | {
-            f"touching {name}": found["node_position"].values[-1]
-            for (name, own), found in motion.items()
-            if own == factor
-        }
+    for factor in factors:
+        shown = {"rest": face["position"].values}
+        for (name, method, own), found in motion.items():
+            if own == factor:
+                label = "no contact" if method == "none" else f"{name} ({method})"
+                shown[label] = found["node_position"].values[-1]
         title = (
             f"{face.attrs['name']}: orbicularis oris (peripheral) at 1, stiffening {factor:g} "
             "(simulated)"
         )
-        shrink(draw_sections(face, shown, out / f"teeth-{factor:g}.png", title=title, dpi=80))
-        shown.pop("rest")
-        columns = ("front", "left side")
+        shrink(draw_sections(face, shown, out / f"teeth-{factor:g}.png", title=title, dpi=70))
+        shown = {
+            name: position
+            for name, position in shown.items()
+            if name == "no contact" or name.endswith(f"({methods[-1]})")
+        }
         path = out / f"teeth-{factor:g}-outside.png"
+        columns = ("front", "left side")
         shrink(draw_displacement(face, shown, path, title=title, columns=columns, dpi=70))
 
 
@@ -116,6 +134,8 @@ def main() -> None:
         "--part", action="append", choices=["closing", "gestures", "friction", "teeth"]
     )
     parser.add_argument("--method", action="append", choices=METHODS)
+    parser.add_argument("--stiffening", action="append", type=float, help="of the active muscle")
+    parser.add_argument("--gesture", action="append", choices=tuple(GESTURES))
     parser.add_argument("--hold", type=float, default=1.0, help="of the closing lips [s]")
     options = parser.parse_args()
     face = (
@@ -129,11 +149,11 @@ def main() -> None:
     if "closing" in parts:
         held(face, options.out, "closing", (CLOSING,), methods, options.hold)
     if "gestures" in parts:
-        held(face, options.out, "gestures", tuple(GESTURES), methods, 0.5)
+        held(face, options.out, "gestures", tuple(options.gesture or GESTURES), methods, 0.3)
     if "friction" in parts:
         held(face, options.out, "friction", (CLOSING,), methods, 0.5, friction=0.3)
     if "teeth" in parts:
-        teeth(face, options.out)
+        teeth(face, options.out, methods, tuple(options.stiffening or STIFFENING))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """Contact of the lips on a face: how deep, how steady, how dear, against the same face without.
 
-The face without contact and those with it advance in turn, a few steps each, so that a drift of the
-machine hits all of them alike.
+All advance in turn, a few steps each, so that a drift of the machine hits all of them alike.
 """
 
 import time
@@ -14,19 +13,27 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.bench.lip_probe import LipProbe, to_and_fro
+from emgface.face.accuracy import accuracy_settings
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.lip_rounding import SIGMA_MAX
 from emgface.face.lip_shape import lip_rim, lip_shape
-from emgface.face.lips import lip_surface
-from emgface.face.motion import INTEGRATORS
-from emgface.face.parts import LIPS
+from emgface.face.motion import integrator_of
 from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.gestures import GESTURES, gesture_activation
-from sim import Activation, HalvingStep, SimulationError, State, Workspace, compile_scene, simulate
-from sim.probes import Variable
-from sim.state import Control, StepReport
+from sim import (
+    Activation,
+    HalvingStep,
+    Iterations,
+    SimulationError,
+    State,
+    Workspace,
+    compile_scene,
+    simulate,
+)
+from sim.integrators import Integrator
 from sim.system import System
 
 Floats = NDArray[np.float64]
@@ -37,7 +44,9 @@ CLOSING: Final = "closing"
 RISE, HOLD, TAIL = 0.2, 1.0, 0.5
 """Rise of the activation, time it is held, and last part of that over which motion is judged [s]."""
 CHUNK: Final = 5
-"""Steps that each scene advances at a time."""
+"""Steps that each scene advances at a time, and between two measurements of depths."""
+STEPPING: Final = accuracy_settings("study", constrained=True)
+"""Solver, step and tolerance that every method is measured with: what constraints take in a study."""
 METHODS: Final[tuple[str, ...]] = get_args(ContactParameters.model_fields["method"].annotation)
 """Kinds of contact, that without first."""
 
@@ -49,46 +58,6 @@ def drive(name: str) -> dict[str, float]:
     return gesture_activation(name)
 
 
-class _Lips:
-    """Probe: depths, speed of the lips; the time it takes is its own, not the solver's."""
-
-    def __init__(self, face: xr.Dataset, penetration: Penetration) -> None:
-        self._depth = penetration
-        self._nodes = np.unique(np.concatenate([lip_surface(face, lip) for lip in LIPS]))
-        self._top, self._bottom = (int(node) for node in face["lip_opening_node"].values)
-        self.seconds = 0.0
-        self.gap = penetration.gap
-
-    def variables(self) -> tuple[Variable, ...]:
-        names = ("depth_lips", "depth_teeth", "opening")
-        return (*(Variable(name, "m") for name in names), Variable("speed", "m/s"))
-
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[float, ...]:
-        start = time.process_time()
-        found = (
-            self._depth.lips(state.q),
-            self._depth.teeth(state.q),
-            float(state.q[self._top, 2] - state.q[self._bottom, 2]),
-            float(np.linalg.norm(state.v[self._nodes], axis=1).max()),
-        )
-        self.seconds += time.process_time() - start
-        return found
-
-
-class _Iterations:
-    """Probe: steps and iterations since the last output."""
-
-    def variables(self) -> tuple[Variable, ...]:
-        return (Variable("iterations", "1"),)
-
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[float, ...]:
-        return (float(report.iterations) if report else 0.0,)
-
-
 @dataclass(eq=False)
 class _Run:
     """One face with one method, on its way."""
@@ -96,8 +65,9 @@ class _Run:
     system: System
     activation: Activation
     steps: HalvingStep
-    solver: str
-    probe: _Lips
+    integrator: Integrator
+    penetration: Penetration
+    probe: LipProbe
     state: State
     work: Workspace
     parts: list[xr.Dataset]
@@ -112,9 +82,9 @@ class _Run:
                 self.system,
                 self.activation,
                 duration=outputs * self.steps.h,
-                integrator=INTEGRATORS[self.solver],
+                integrator=self.integrator,
                 steps=self.steps,
-                probes=(self.probe, _Iterations()),
+                probes=(self.probe, Iterations()),
                 initial=self.state,
                 work=self.work,
             )
@@ -150,7 +120,7 @@ def measure(
     hold : float
         How long the activation is held [s].
     parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa and no gravity; its contact is set here.
+        By default sigma_max = 100 kPa, no gravity and `STEPPING`; its contact is set here.
     progress : callable, optional
         Called as ``progress(done, total)`` of all chunks.
 
@@ -158,19 +128,20 @@ def measure(
     -------
     Dataset
         Over (case, contact): ``status``, ``opening_rest``, ``opening_end`` in the midline along z [m],
-        ``depth_lips`` and ``depth_teeth`` the deepest of all outputs [m], ``speed`` of the fastest
-        lip node and ``ripple``, range of the opening, over the last `TAIL` [m/s, m], ``iterations`` and
-        ``seconds`` (of the processor) per step, ``ratio`` of the latter to the first method. Over
-        (case, contact, time): ``opening`` [m]. Over (case, contact, node, axis): ``node_position`` [m].
+        ``depth_lips`` and ``depth_teeth`` the deepest of every `CHUNK`-th output, the latter beyond
+        where the node is at rest, ``gap`` the smallest of all outputs as contact itself has it [m];
+        over the last `TAIL`: ``speed`` of the fastest lip node [m/s], ``ripple``, range of the opening,
+        and ``chatter``, longest way that a coordinate of a lip node goes back on itself [m];
+        ``iterations``, ``factorisations`` and ``seconds`` (of the processor) per step, ``ratio`` of the
+        latter to the first method. Over (case, contact, time): ``opening`` [m]. Over (case, contact,
+        node, axis): ``node_position`` [m].
 
     Raises
     ------
     FaceError, ContactFailure, SceneError
         The face has no surfaces that fit; a failure during a run is its ``status``.
     """
-    base = parameters or SimulationParameters(
-        sigma_max=SIGMA_MAX, gravity=False, solver="converged", step=0.01
-    )
+    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, **STEPPING)
     penetration, rim = Penetration(face), lip_rim(face)
     outputs = round((RISE + hold) / base.step)
     systems = {m: _compiled(face, base, m, between, friction) for m in methods}
@@ -229,9 +200,12 @@ SAID: Final[Mapping[str, str]] = {
     "protrusion": "protrusion",
     "depth_lips": "lips in lips",
     "depth_teeth": "lips in teeth",
+    "gap": "smallest gap",
     "speed": "speed when held",
     "ripple": "range of opening when held",
+    "chatter": "to and fro when held",
     "iterations": "iterations a step",
+    "factorisations": "factorisations a step",
     "seconds": "step",
     "ratio": "step over that without",
 }
@@ -245,9 +219,12 @@ UNITS: Final[Mapping[str, str]] = {
     "protrusion": "m",
     "depth_lips": "m",
     "depth_teeth": "m",
+    "gap": "m",
     "speed": "m/s",
     "ripple": "m",
+    "chatter": "m",
     "iterations": "1",
+    "factorisations": "1",
     "seconds": "s",
 }
 """Figures of a run and their units."""
@@ -278,8 +255,9 @@ def _start(
         system=system,
         activation=Activation(np.array([0.0, RISE]), np.stack([0.0 * peak, peak])),
         steps=HalvingStep(base.step),
-        solver=base.solver,
-        probe=_Lips(face, penetration),
+        integrator=integrator_of(base),
+        penetration=penetration,
+        probe=LipProbe(face, penetration, CHUNK * base.step),
         state=system.rest_state(),
         work=Workspace(system, base.linear_solver),
         parts=[],
@@ -291,29 +269,31 @@ def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, step: float) ->
     every = xr.concat(run.parts, "time") if run.parts else None
     shape = lip_shape(face, rim, run.state.q)
     opening = np.full(outputs + 1, np.nan)
-    missing = float("nan")
     if every is None:
         return {
-            **dict.fromkeys(UNITS, missing),
+            **dict.fromkeys(UNITS, np.nan),
             "status": run.failure,
             "opening": opening,
             "node_position": run.state.q,
         }
     opening[: every.sizes["time"]] = every["opening"].values
-    tail = round(TAIL / step)
+    tail, path = round(TAIL / step), np.stack(list(run.probe.path.values()))
     ended = not run.failure
     return {
         "status": run.failure or "ok",
         "opening_rest": opening[0],
         "opening_end": shape["height"],
-        "gap_end": run.probe.gap(run.state.q),
+        "gap_end": run.penetration.gap(run.state.q),
         "area_end": shape["area"],
         "protrusion": shape["protrusion"],
         "depth_lips": float(every["depth_lips"].max()),
         "depth_teeth": float(every["depth_teeth"].max()),
-        "speed": float(every["speed"].values[-tail:].max()) if ended else missing,
-        "ripple": float(np.ptp(opening[-tail:])) if ended else missing,
+        "gap": float(every["gap"].min()),
+        "speed": float(every["speed"].values[-tail:].max()) if ended else np.nan,
+        "ripple": float(np.ptp(opening[-tail:])) if ended else np.nan,
+        "chatter": to_and_fro(path[-tail - 1 :]) if ended else np.nan,
         "iterations": float(every["iterations"].values[1:].mean()),
+        "factorisations": float(every["factorisations"].values[1:].mean()),
         "seconds": run.seconds / (every.sizes["time"] - 1),
         "opening": opening,
         "node_position": run.state.q,

@@ -160,7 +160,7 @@ def contact(
     hold: Annotated[float, typer.Option(help="Seconds that the activation is held.")] = 1.0,
 ) -> None:
     """Close the lips with and without contact: penetration, steadiness, iterations, time per step."""
-    from emgface.bench.contact import CLOSING, METHODS, measure
+    from emgface.bench.contact import CLOSING, METHODS, STEPPING, measure
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.face.template.gestures import GESTURES
 
@@ -172,9 +172,7 @@ def contact(
             cases=tuple(case or (CLOSING, *GESTURES)),
             friction=friction,
             hold=hold,
-            parameters=SimulationParameters(
-                sigma_max=sigma_max, gravity=False, solver="converged", step=0.01
-            ),
+            parameters=SimulationParameters(sigma_max=sigma_max, gravity=False, **STEPPING),
             progress=bar.show,
         )
     _finish("contact", found, out_path)

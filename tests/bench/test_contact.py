@@ -10,15 +10,19 @@ from analysis.errors import FigureError
 from analysis.figures import opening_over_time
 from emgface.bench import contact
 from emgface.bench.contact import CLOSING, METHODS, drive, measure
+from emgface.bench.lip_probe import to_and_fro
 from emgface.bench.store import store
 from emgface.cli import app
+from emgface.face.accuracy import accuracy_settings
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 
 
 @pytest.fixture(scope="module")
 def closed() -> xr.Dataset:
-    parameters = SimulationParameters(gravity=False, sigma_max=100e3, solver="converged", step=0.02)
+    parameters = SimulationParameters(
+        gravity=False, sigma_max=100e3, **accuracy_settings("draft", constrained=True)
+    )
     face = template_face(resolution="coarse")
     return measure(face, cases=(CLOSING,), hold=0.1, parameters=parameters)
 
@@ -30,12 +34,15 @@ def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
     assert closed["opening_rest"].values == pytest.approx(2.85e-3, abs=1e-5)
     bare = closed.sel(contact="none", case=CLOSING)
     assert bare["depth_lips"] > 2e-3 and bare["depth_teeth"] > 1e-3
-    allowed = {"constraint": 1e-5, "barrier": 0.0}
+    limits = {"constraint": 1e-5, "barrier": 0.0}
     for name in METHODS[1:]:
         found = closed.sel(contact=name, case=CLOSING)
         assert found["gap_end"] < 2e-4, name
-        assert found["depth_lips"] <= allowed[name], name
-        assert found["depth_teeth"] <= allowed[name], name
+        assert found["depth_lips"] <= limits[name], name
+        assert found["depth_teeth"] <= limits[name], name
+        assert found["gap"] >= -limits[name], name
+    assert closed["gap"].sel(contact="barrier") > 0.0
+    assert bare["gap"].isnull()
 
 
 def test_what_is_measured_is_stored_and_drawn(closed: xr.Dataset, tmp_path) -> None:
@@ -75,6 +82,17 @@ def test_a_failed_run_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert str(found["status"].values[0, 0]).startswith("InvertedElement: ")
     assert np.isfinite(found["opening"].values[0, 0]).sum() == 6
     assert np.isnan(found["speed"].values[0, 0])
+
+
+def test_only_what_goes_back_on_itself_trembles() -> None:
+    time = np.linspace(0.0, 1.0, 401)
+    creeping, trembling = np.zeros((401, 2, 3)), np.zeros((401, 2, 3))
+    creeping[:, 0, 2] = 1e-3 * time**2
+    trembling[:, 1, 0] = 1e-3 * time + 2e-5 * np.sign(np.sin(20 * np.pi * time + 0.1))
+    assert to_and_fro(creeping) == 0.0
+    assert to_and_fro(1e-6 * np.cos(20 * np.pi * time)[:, None, None]) == pytest.approx(2e-5)
+    # ten jumps down by 40 micrometres, each less the way that is crept meanwhile
+    assert to_and_fro(trembling) == pytest.approx(10 * (4e-5 - 2.5e-6))
 
 
 def test_cases() -> None:

@@ -1,0 +1,91 @@
+"""What is watched on lips that touch: depths, gaps, opening, and whether they tremble."""
+
+import time
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.face.lips import lip_surface
+from emgface.face.parts import LIPS
+from emgface.face.penetration import Penetration
+from sim import State
+from sim.probes import Contacts, Variable
+from sim.scene import MeasuresContact
+from sim.state import Control, StepReport
+from sim.system import System
+
+Floats = NDArray[np.float64]
+
+
+def to_and_fro(path: Floats) -> float:
+    """Longest way that a coordinate goes back on itself.
+
+    Of every coordinate the smaller of the sums of all its moves up and of all its moves down: 0 for one
+    that creeps one way, n times its width for one that trembles n times.
+
+    Parameters
+    ----------
+    path : ndarray, shape (times, points, 3)
+        Positions [m].
+
+    Returns
+    -------
+    float
+        [m]
+    """
+    moves = np.diff(path, axis=0)
+    up, down = (np.maximum(sign * moves, 0.0).sum(axis=0) for sign in (1.0, -1.0))
+    return float(np.minimum(up, down).max(initial=0.0))
+
+
+class LipProbe:
+    """Depths in m, smallest gap in m as contact itself has it, opening in m, fastest lip node in m/s.
+
+    Parameters
+    ----------
+    face : Dataset
+    penetration : Penetration
+        Of the face.
+    period : float
+        Time between measurements of the depths, which cost as much as a step; NaN in between [s].
+
+    Attributes
+    ----------
+    seconds : float
+        Time of the processor that the probe itself has taken [s].
+    path : dict
+        Time [s] to the positions (n, 3) of the lip nodes [m].
+    """
+
+    def __init__(self, face: xr.Dataset, penetration: Penetration, period: float) -> None:
+        self._depth, self._period = penetration, period
+        self._nodes = np.unique(np.concatenate([lip_surface(face, lip) for lip in LIPS]))
+        self._top, self._bottom = (int(node) for node in face["lip_opening_node"].values)
+        self.seconds = 0.0
+        self.path: dict[float, Floats] = {}
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Five numbers."""
+        names = ("depth_lips", "depth_teeth", "gap", "opening")
+        return (*(Variable(name, "m") for name in names), Variable("speed", "m/s"))
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[float, ...]:
+        """Measure a state; a scene without contact has the gap NaN."""
+        start = time.process_time()
+        touches = any(isinstance(term, MeasuresContact) for term in system.terms)
+        gaps = Contacts().record(system, state, control, report)[1] if touches else np.nan
+        self.path[round(state.t, 9)] = state.q[self._nodes]
+        turns = state.t / self._period
+        due = abs(turns - round(turns)) < 1e-6
+        found = (
+            self._depth.lips(state.q) if due else np.nan,
+            self._depth.teeth(state.q) if due else np.nan,
+            float(np.fmin.reduce(np.atleast_1d(gaps))),
+            float(state.q[self._top, 2] - state.q[self._bottom, 2]),
+            float(np.linalg.norm(state.v[self._nodes], axis=1).max()),
+        )
+        self.seconds += time.process_time() - start
+        return found
