@@ -109,9 +109,9 @@ class CompiledContact:
         """Rows of all vertices near a face; see `Direction.near`."""
         return _united([d.near(move, allowed, way) for d in self._directions])
 
-    def entered(self, move: Move) -> Rows:
+    def entered(self, move: Move, allowed: Array) -> Rows:
         """Rows of all vertices that enter a face on their way; see `Direction.entered`."""
-        return _united([d.entered(move) for d in self._directions])
+        return _united([d.entered(move, allowed) for d in self._directions])
 
 
 def _united(parts: list[Rows]) -> Rows:

@@ -17,6 +17,12 @@ SELF_DEPTH = 0.2
 BLUR = 0.2
 """Share of the approach over which edges are rounded in the directions of rows."""
 
+HAIR = 1e-4
+"""Depth at the start of a step up to which a vertex counts as on the surface, and may enter it [m]."""
+
+LIFT = 1e-7
+"""How far outside such a vertex starts its way [m]."""
+
 FELT = 1e-9
 """Weight of the free unknowns in a row, from which it can be kept."""
 
@@ -146,19 +152,39 @@ class Direction:
             gap = np.einsum("ki,ki->k", way_out, normal)
         return self._rows(found, normal, gap + may[found.point], None, x0, x1)
 
-    def entered(self, move: Move) -> Rows:
+    def entered(self, move: Move, allowed: Array) -> Rows:
         """Rows of the vertices that enter a face on their way, against that face.
 
         The direction is the normal of the face at the end.
+
+        Parameters
+        ----------
+        move : Move
+        allowed : (n_slots,) depth that vertices may have [m].
         """
         x0, x1 = move.ends(self._faces)
-        before, after = move.q0[self.vertices], move.q[self.vertices]
+        before, after = self._outside(move, allowed), move.q[self.vertices]
         triangles = self._faces.triangles
         found = entered_faces(before, after, x0, x1, triangles, nodes=self._nodes)
         normal = self._signs.normals(x1)[0][found.face]
         at = np.einsum("kj,kji->ki", found.weight, x1[triangles[found.face]])
         gap = np.einsum("ki,ki->k", normal, after[found.point] - at)
         return self._rows(found, normal, gap, move.q - move.q0, x0, x1)
+
+    def _outside(self, move: Move, allowed: Array) -> Array:
+        """Vertices (n, 3) at the start, those a hair inside put on the surface.
+
+        What is left of an earlier step's contact lies there, and would enter unseen.
+        """
+        points = move.q0[self.vertices]
+        if self._itself or not self._faces.closed:
+            return points
+        x0 = move.ends(self._faces)[0]
+        found = nearest_faces(points, HAIR, x0, self._faces.triangles, nodes=self._nodes)
+        gap, normal = self._signs.signed(points, found, x0)
+        hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
+        points[found.point[hair]] += (LIFT - gap[hair])[:, None] * normal[hair]
+        return points
 
     def _rows(
         self, found: Found, normal: Array, gap: Array, u: Array | None, x0: Array, x1: Array

@@ -51,7 +51,7 @@ class ContactStep:
         """
         u = q - self.q0
         inside = near.take(np.flatnonzero(near.gaps(u) < -TOUCH))
-        entered = self.contact.entered(self._move(q))
+        entered = self.contact.entered(self._move(q), self._allowed)
         behind = (entered.gaps(u) < -TOUCH) & ~np.isin(entered.slot, inside.slot)
         behind &= ~_beside(entered, near)
         return inside.joined(entered.take(np.flatnonzero(behind)))

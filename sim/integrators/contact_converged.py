@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.correction import considerable, moved_out
+from sim.contact.correction import AT_ALL, considerable, moved_out
 from sim.contact.rows import Law, Places, Rows
 from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
@@ -17,8 +17,11 @@ from sim.scene import Index
 from sim.state import Array
 from sim.system import System
 
-PENALTY = 10.0
-"""Penalty of a row, of the stiffness that it meets."""
+PENALTY = 3.0
+"""Penalty of a row, of the stiffness that it meets; with more, a factor is lost on rows that turn."""
+
+SLOW, STIFFER = 0.5, 4.0
+"""A gap that keeps this share after an update gets a penalty that many times as large."""
 
 SETTLED = 2e-6
 """What gaps and slips are closed to [m]."""
@@ -26,7 +29,7 @@ SETTLED = 2e-6
 FRICTION_SETTLED = 1e-3
 """Change of the bounds of friction that is left, as a share of the largest."""
 
-UPDATES, RENEWALS = 60, 4
+UPDATES, RENEWALS = 200, 20
 """How often multipliers, and how often rows, are taken anew."""
 
 Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
@@ -120,7 +123,8 @@ def minimise_in_contact(
     Raises
     ------
     NotConverged
-        An iteration failed, or the gaps did not close.
+        An iteration failed, the gaps did not close, or rows that were found anew again and again still
+        leave a vertex inside.
     SingularSystem
         A matrix could not be factorised.
     """
@@ -144,6 +148,7 @@ def minimise_in_contact(
     places = step.places(pattern, rows)
     contested = np.empty(0, dtype=np.int64)
     point, went, renewals, miss = start, None, 0, np.inf
+    before = np.full(len(rows), np.inf)
     for _ in range(UPDATES):
         touching = Touching(potential, law, places, step.q0)
         end, more = minimise(touching, touching.with_contact(point))
@@ -158,21 +163,35 @@ def minimise_in_contact(
         # forces are known no better than to the residual that the iteration leaves
         known = 2.0 * float(law.rows.friction.max(initial=0.0)) * more.residual
         if miss > SETTLED or change > FRICTION_SETTLED * law.bound.max(initial=0.0) + known:
+            left = np.where(acting.force > 0.0, np.abs(acting.gap), 0.0)
+            law.rho[(left > 2.0 * SETTLED) & (left > SLOW * before)] *= STIFFER
+            before = left
             continue
         q = potential.positions(end.d)
         near = step.at(q)
         passed = step.passed(q, near)
         pushing = law.rows.slot[acting.force > 0.0]
-        if renewals == RENEWALS or not considerable(passed, u, pushing).any():
+        found_all = not considerable(passed, u, pushing).any()
+        if found_all or renewals == RENEWALS:
             q = moved_out(q, step.q0, near, pushing, pattern, stiffness[1], PENALTY, respond)
+            if not found_all:
+                _require_outside(step, q, until)
             return Settled(point, q, went, step.memory(q, law, acting))
         renewals += 1
         new = near.joined(passed.take(np.flatnonzero(~np.isin(passed.slot, near.slot))))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
         new = new.joined(_given_up(law.rows, new, contested))
         law = carried_over(law, new, penalties(pattern, stiffness[1], new, PENALTY))
-        places = step.places(pattern, new)
+        places, before = step.places(pattern, new), np.full(len(new), np.inf)
     raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")
+
+
+def _require_outside(step: ContactStep, q: Array, until: float) -> None:
+    """Refuse positions in which a vertex lies considerably inside: a shorter step finds its face."""
+    depth = -step.passed(q, step.at(q)).gaps(q - step.q0)
+    deepest = float(depth.max(initial=0.0))
+    if deepest > AT_ALL:
+        raise NotConverged((), until, f"contact leaves a vertex {deepest:.2g} m inside")
 
 
 def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:
