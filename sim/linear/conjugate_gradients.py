@@ -1,13 +1,10 @@
 """Preconditioned conjugate gradients, truncated: what Newton's method asks of a linear system."""
 
-from collections.abc import Callable
-
 import numpy as np
 
+from sim.linear.contract import Operator
 from sim.state import Array
 from sim.vectors import dot
-
-Operator = Callable[[Array], Array]
 
 
 def conjugate_gradients(

@@ -1,5 +1,6 @@
 """The contracts of linear solvers for symmetric matrices."""
 
+from collections.abc import Callable
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -8,6 +9,9 @@ from sim._kernels import matrix as kernel
 from sim.errors import SingularSystem
 from sim.pattern import Sparsity
 from sim.state import Array
+
+Operator = Callable[[Array], Array]
+"""A linear map of vectors (n,)."""
 
 
 class NotPositiveDefinite(SingularSystem):
@@ -63,6 +67,18 @@ class Factor(LinearSolver, Protocol):
     def approximate(self, rhs: Array) -> Array:
         """Solve by one pass through the latest factor, in its own precision."""
         ...
+
+
+def require_finite_matrix(values: Array) -> None:
+    """Raise SingularSystem unless all values of a matrix are finite."""
+    if not np.isfinite(values).all():
+        raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
+
+
+def require_finite_solution(x: Array) -> None:
+    """Raise SingularSystem unless a solution is finite."""
+    if not np.isfinite(x).all():
+        raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
 
 
 def symmetric_product(pattern: Sparsity, values: Array, x: Array) -> Array:

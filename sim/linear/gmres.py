@@ -1,15 +1,14 @@
 """Generalised minimal residuals: the iteration that solves with one matrix by the factor of another."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from sim.linear.contract import Operator
 from sim.state import Array
 from sim.vectors import norm
 
-Operator = Callable[[Array], Array]
 PER_CYCLE = 1e-4  # a factor in single precision does not know its residual any better
 MAX_CYCLES = 6
 
@@ -91,8 +90,7 @@ def _cycle(
     target = np.zeros(limit + 1)
     target[0] = beta
     weights, residual = np.zeros(0), z
-    k = 0
-    while k < limit:
+    for k in range(limit):
         w = precondition(product(basis[k]))
         own = basis[: k + 1]
         for _ in range(2):
@@ -101,20 +99,19 @@ def _cycle(
             w = w - np.einsum("i,ij->j", h, own)
             H[: k + 1, k] += h
         H[k + 1, k] = norm(w)
-        k += 1
-        if not math.isfinite(H[k, k - 1]):
-            k -= 1
+        if not math.isfinite(H[k + 1, k]):
             break
-        exhausted = H[k, k - 1] <= 1e-14 * beta
+        exhausted = H[k + 1, k] <= 1e-14 * beta
         if not exhausted:
-            basis[k] = w / H[k, k - 1]
-        part = H[: k + 1, :k]
-        weights = np.linalg.lstsq(part, target[: k + 1], rcond=None)[0]
-        missed = target[: k + 1] - part @ weights
-        used = k if exhausted else k + 1
+            basis[k + 1] = w / H[k + 1, k]
+        part = H[: k + 2, : k + 1]
+        weights = np.linalg.lstsq(part, target[: k + 2], rcond=None)[0]
+        missed = target[: k + 2] - part @ weights
+        used = k + 1 if exhausted else k + 2
         residual = np.einsum("i,ij->j", missed[:used], basis[:used])
         if exhausted or float(np.abs(residual).max()) <= goal:
             break
-    change = np.einsum("i,ij->j", weights[:k], basis[: len(weights[:k])])
+    spent = len(weights)
+    change = np.einsum("i,ij->j", weights, basis[:spent])
     # the preconditioned residual is the error left, but for the difference of the two matrices
-    return change + residual, float(np.abs(residual).max()), k
+    return change + residual, float(np.abs(residual).max()), spent

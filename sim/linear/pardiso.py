@@ -14,7 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import SingularSystem
-from sim.linear.contract import NotPositiveDefinite
+from sim.linear.contract import (
+    NotPositiveDefinite,
+    require_finite_matrix,
+    require_finite_solution,
+)
 from sim.pattern import Sparsity
 from sim.state import Array
 
@@ -181,8 +185,7 @@ class Pardiso:
             The matrix holds NaN, or PARDISO failed otherwise.
         """
         self._factorised = False
-        if not np.isfinite(values).all():
-            raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
+        require_finite_matrix(values)
         self._handle.values[:] = values
         self._call(FACTORISE)
         self._factorised = True
@@ -205,8 +208,7 @@ class Pardiso:
         self._handle.rhs[:] = rhs
         self._call(SOLVE)
         x = self._handle.x.astype(np.float64)
-        if not np.isfinite(x).all():
-            raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
+        require_finite_solution(x)
         return x
 
     def approximate(self, rhs: Array) -> Array:

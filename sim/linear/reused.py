@@ -6,7 +6,14 @@ from contextlib import AbstractContextManager, nullcontext
 import numpy as np
 
 from sim.errors import SingularSystem
-from sim.linear.contract import Factor, LinearSolver, NotPositiveDefinite, symmetric_product
+from sim.linear.contract import (
+    Factor,
+    LinearSolver,
+    NotPositiveDefinite,
+    Operator,
+    require_finite_matrix,
+    symmetric_product,
+)
 from sim.linear.gmres import Iterate, gmres
 from sim.pattern import Sparsity
 from sim.state import Array
@@ -14,9 +21,6 @@ from sim.state import Array
 PATIENCE = 8  # solutions beyond those with a new factor, before an iteration renews it
 LIMIT = 60  # solutions with a new factor, before the matrix itself is factorised
 RELATIVE = 1e-12  # accuracy where no error is asked for
-
-
-Product = Callable[[Array], Array]
 
 
 class NotReached(SingularSystem):
@@ -83,7 +87,7 @@ class ReusedFactor:
     def factorise(
         self,
         values: Array,
-        product: Product | None = None,
+        product: Operator | None = None,
         to_factorise: Callable[[], Array] | None = None,
     ) -> None:
         """Take the matrix to solve with; a factor is made when a solution needs one.
@@ -101,8 +105,7 @@ class ReusedFactor:
         SingularSystem
             The matrix holds NaN or infinity.
         """
-        if not np.isfinite(values).all():
-            raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
+        require_finite_matrix(values)
         self._values, self._product, self._to_factorise = values, product, to_factorise
 
     def solve(self, rhs: Array, start: Array | None = None, error: float | None = None) -> Array:

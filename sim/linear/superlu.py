@@ -7,6 +7,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from sim.errors import SingularSystem
+from sim.linear.contract import require_finite_matrix, require_finite_solution
 from sim.pattern import Sparsity
 from sim.state import Array
 
@@ -44,8 +45,7 @@ class SuperLU:
         SingularSystem
             The matrix is singular or holds NaN.
         """
-        if not np.isfinite(values).all():
-            raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
+        require_finite_matrix(values)
         full = csc_array(
             (values[self._source], self._indices, self._indptr), shape=(self._n, self._n)
         )
@@ -68,8 +68,7 @@ class SuperLU:
             The solution is not finite.
         """
         x = self._factor.solve(rhs)
-        if not np.isfinite(x).all():
-            raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
+        require_finite_solution(x)
         return x
 
     def approximate(self, rhs: Array) -> Array:
