@@ -4,8 +4,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 from sim.errors import InvertedElement
 from sim.integrators.workspace import Workspace
-from sim.linear import symmetric_product as product_on_pattern
-from sim.state import Array, ControlAt, State, StepReport
+from sim.state import ControlAt, State, StepReport
 from sim.system import System
 
 
@@ -39,11 +38,6 @@ class TimeIntegrator(Integrator, Protocol):
 
     order: ClassVar[int]
     stability: ClassVar[str]
-
-
-def symmetric_product(system: System, values: Array, x: Array) -> Array:
-    """A x (n_free,) for the symmetric matrix with these values on the system's pattern."""
-    return product_on_pattern(system.pattern, values, x)
 
 
 def require_upright(element: int, smallest_J: float, t: float) -> None:

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.errors import SceneError
-from sim.integrators.contract import require_upright, symmetric_product
+from sim.integrators.contract import require_upright
 from sim.integrators.workspace import Workspace
+from sim.linear import symmetric_product
 from sim.state import Array, Control, ControlAt, State, StepReport
 from sim.system import System
 
@@ -23,7 +24,7 @@ def _acceleration(system: System, q: Array, v: Array, control: Control, work: Wo
     if system.scene.damping is not None:
         with work.timed("tangent"):
             D = system.damping(q, control)
-        f -= symmetric_product(system, D, system.reduce(v))
+        f -= symmetric_product(system.pattern, D, system.reduce(v))
     return f / system.mass
 
 
@@ -85,10 +86,8 @@ class RungeKutta4:
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `SymplecticEuler.step`."""
         w0, v0 = system.reduce(state.q), system.reduce(state.v)
-        dw, dv = (
-            v0,
-            _acceleration(system.during(state, 0.0), state.q, state.v, control(state.t), work),
-        )
+        at_start = system.during(state, 0.0)
+        dw, dv = v0, _acceleration(at_start, state.q, state.v, control(state.t), work)
         sum_w, sum_v = dw, dv
         for fraction, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             s = fraction * h

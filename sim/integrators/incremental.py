@@ -1,4 +1,4 @@
-"""The incremental potential of one implicit stage."""
+"""The incremental potential of one implicit stage, and what it shares with that of an equilibrium."""
 
 import numpy as np
 
@@ -10,7 +10,41 @@ from sim.system import System
 from sim.vectors import dot
 
 
-class IncrementalPotential:
+class PotentialOfMoves:
+    """A potential of displacements d of the free unknowns from a base, under one control.
+
+    Parameters
+    ----------
+    system : System
+    q : (n_nodes, 3) base positions [m].
+    control : Control
+    work : Workspace
+        For its run times.
+    """
+
+    def __init__(self, system: System, q: Array, control: Control, work: Workspace) -> None:
+        self.system = system
+        self._q, self._control, self._work = q, control, work
+        self._w0 = system.reduce(q)
+
+    def positions(self, d: Array) -> Array:
+        """Nodal positions (n_nodes, 3)."""
+        return self.system.expand(self._w0 + d, self._q)
+
+    def largest_step(self, d: Array, direction: Array) -> float:
+        """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
+        if not self.system.stops:
+            return 1.0
+        ends = self.positions(d), self.positions(d + direction)
+        return self.system.largest_step(*ends, self._control)
+
+    def _evaluate(self, d: Array) -> Evaluation:
+        """Forces and energy at d."""
+        with self._work.timed("force"):
+            return self.system.force(self.positions(d), self._control)
+
+
+class IncrementalPotential(PotentialOfMoves):
     """phi(d) = 1/(2 s^2) |d - s v|^2_M + E(q + d) + 1/(2 s) d' D d, with the stage's step s.
 
     Its minimum solves M (w - v)/s = f(q + s w) - D w for the velocity w = d/s. Implicit Euler is one
@@ -41,16 +75,11 @@ class IncrementalPotential:
         D: Matrix,
         work: Workspace,
     ) -> None:
-        self.system, self.scale, self.shift = system, s * s, system.mass
-        self._q, self._v, self._s = q, v, s
-        self._control, self._D, self._work = control, D, work
-        self._w0 = system.reduce(q)
+        super().__init__(system, q, control, work)
+        self.scale, self.shift = s * s, system.mass
+        self._v, self._s, self._D = v, s, D
         self._v0 = system.reduce(v)
         self._momentum = self.shift * self._v0 / s
-
-    def positions(self, d: Array) -> Array:
-        """Nodal positions (n_nodes, 3)."""
-        return self.system.expand(self._w0 + d, self._q)
 
     def velocities(self, d: Array) -> Array:
         """Nodal velocities d/s (n_nodes, 3)."""
@@ -59,21 +88,13 @@ class IncrementalPotential:
     def point(self, d: Array, here: Evaluation | None = None) -> Point:
         """Evaluate phi and its gradient; with det F <= 0 somewhere they mean nothing."""
         if here is None:
-            with self._work.timed("force"):
-                here = self.system.force(self.positions(d), self._control)
+            here = self._evaluate(d)
         product = self._D.times(d)
         product /= self._s
         product += self.shift * d / self.scale
         g = product - self._momentum - self.system.reduce(here.f)
         phi = 0.5 * dot(d, product) - dot(self._momentum, d) + here.energy
         return Point(d, g, phi, here)
-
-    def largest_step(self, d: Array, direction: Array) -> float:
-        """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
-        if not self.system.stops:
-            return 1.0
-        ends = self.positions(d), self.positions(d + direction)
-        return self.system.largest_step(*ends, self._control)
 
     def matrix(self, d: Array) -> Matrix:
         """s^2 times the second derivative at d, M + s D + s^2 K."""

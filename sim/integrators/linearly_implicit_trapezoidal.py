@@ -16,8 +16,7 @@ class LinearlyImplicitTrapezoidal:
 
     (M + h/2 D + h^2/4 K) v1 = (M - h/2 D - h^2/4 K) v0 + h f(q0), q1 = q0 + h/2 (v0 + v1).
 
-    K, D and f are taken at q0 with the control of the step's end, as the published simulator does
-    (recorded facts, item 6 of the description of its results).
+    K, D and f are taken at q0 with the control of the step's end, as the published simulator does.
 
     Attributes
     ----------

@@ -11,8 +11,6 @@ from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
-
-
 ERROR = abs(3.0 * GAMMA**2 - 2.0 * GAMMA**3 - 1.0 / 6.0)  # leads the error of dy/dt = lambda y
 
 

@@ -1,4 +1,4 @@
-"""What the converged integrators share: their tolerances and the solution of one implicit stage."""
+"""What the converged integrators share: the solution of one implicit stage."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -7,10 +7,10 @@ from functools import reduce
 import numpy as np
 
 from sim.contact.step import ContactStep
-from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.incremental import IncrementalPotential
-from sim.integrators.newton import Iteration, Point, Tolerances, minimise
+from sim.integrators.iterative import Iterative
+from sim.integrators.newton import Iteration
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
@@ -53,28 +53,11 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class Converged:
+class Converged(Iterative):
     """Implicit stages solved to a tolerance: Newton on the incremental potential.
 
-    A line search keeps det F > 0 at every Gauss point and the potential decreasing. A factor serves,
-    with secant updates, as long as the iteration contracts, over many steps; a matrix that is not
-    positive definite is shifted.
-
-    Attributes
-    ----------
-    tolerance : float
-        Largest estimated error of a nodal position left by the iteration [m].
-    residual_tolerance : float
-        Largest nodal residual force [N].
-    max_iterations : int
-    keep_factor : float
-        The factor is renewed after an iteration that shrinks the residual by less than this.
+    Attributes: as `Iterative`.
     """
-
-    tolerance: float = 1e-6
-    residual_tolerance: float = 2e-5
-    max_iterations: int = 80
-    keep_factor: float = 0.6
 
     def _solve(
         self,
@@ -86,21 +69,14 @@ class Converged:
     ) -> Solved:
         """Solve a stage; `here` is the evaluation at the state's positions under its control."""
         phi = IncrementalPotential(system, stage.q, stage.v, stage.control, stage.s, stage.D, work)
-        tolerances = Tolerances(
-            self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
-        )
-        key = (type(self), stage.s)
+        settle = self._minimiser(system, work, stage.s, stage.t)
         q0 = system.carried(state, stage.control)
         start = phi.start(q0, here if q0 is state.q else None)
-
-        def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
-            if system.constraints is None:
-                return minimise(potential, point, work, key, tolerances, stage.t)
-            return minimise_constrained(potential, point, work, tolerances, stage.t)
 
         if system.contact is None:
             end, went = settle(phi, start)
             return Solved(phi.positions(end.d), phi.velocities(end.d), end.here, went)
+        key = (type(self), stage.s)
         contact = ContactStep(system.contact, state, stage.t)
         way = stage.s * np.sqrt((stage.v**2).sum(axis=1))
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t)

@@ -6,32 +6,25 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from sim.contact.step import ContactStep
-from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.contract import require_upright
-from sim.integrators.newton import Iteration, Point, Tolerances, minimise
+from sim.integrators.incremental import PotentialOfMoves
+from sim.integrators.iterative import Iterative
+from sim.integrators.newton import Point
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
-from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
+from sim.state import Array, Control, ControlAt, State, StepReport
 from sim.system import System
 
 
 @dataclass(frozen=True)
-class Static:
+class Static(Iterative):
     """The nearest minimum of the energy E(q) under the control of the step's end.
 
     Time only carries the control: a load is applied in steps by an activation that grows with time, and
     `HalvingStep` divides the steps that are too large. Velocities are zero.
 
-    Attributes
-    ----------
-    tolerance : float
-        Largest estimated error of a nodal position left by the iteration [m].
-    residual_tolerance : float
-        Largest nodal residual force [N].
-    max_iterations : int
-    keep_factor : float
-        The factor is renewed after an iteration that shrinks the residual by less than this.
+    Attributes: as `Iterative`, with tolerances of their own.
 
     Notes
     -----
@@ -42,7 +35,6 @@ class Static:
     tolerance: float = 1e-7
     residual_tolerance: float = 1e-6
     max_iterations: int = 200
-    keep_factor: float = 0.6
 
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
@@ -63,21 +55,14 @@ class Static:
         q0 = system.carried(state, control(state.t + h))
         start = energy.point(system.reduce(q0) - system.reduce(state.q))
         require_upright(start.here.element, start.here.smallest_J, state.t)
-        tolerances = Tolerances(
-            self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
-        )
-        key, until, memory = (Static, 0.0), state.t + h, dict[str, Array]()
-
-        def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
-            if system.constraints is None:
-                return minimise(potential, point, work, key, tolerances, until)
-            return minimise_constrained(potential, point, work, tolerances, until)
-
+        until, memory = state.t + h, dict[str, Array]()
+        settle = self._minimiser(system, work, 0.0, until)
         moved: Array | None = None
         if system.contact is None:
             end, went = settle(energy, start)
         else:
             contact, way = ContactStep(system.contact, state, until), np.zeros(len(state.q))
+            key = (Static, 0.0)
             found = minimise_in_contact(
                 energy, start, contact, way, key, work, settle, until, grip=True
             )
@@ -87,31 +72,19 @@ class Static:
         return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))
 
 
-class _Energy:
+class _Energy(PotentialOfMoves):
     """E(q0 + d) under one control."""
 
-    def __init__(self, system: System, state: State, control: Control, work: Workspace) -> None:
-        self.system, self._state, self._control, self._work = system, state, control, work
-        self._w0 = system.reduce(state.q)
-        self.scale = 1.0
-        self.shift = np.ones(system.pattern.n)
+    scale = 1.0
 
-    def positions(self, d: Array) -> Array:
-        """Nodal positions (n_nodes, 3)."""
-        return self.system.expand(self._w0 + d, self._state.q)
+    def __init__(self, system: System, state: State, control: Control, work: Workspace) -> None:
+        super().__init__(system, state.q, control, work)
+        self.shift = np.ones(system.pattern.n)
 
     def point(self, d: Array) -> Point:
         """Evaluate E and its gradient."""
-        with self._work.timed("force"):
-            here: Evaluation = self.system.force(self.positions(d), self._control)
+        here = self._evaluate(d)
         return Point(d, -self.system.reduce(here.f), here.energy, here)
-
-    def largest_step(self, d: Array, direction: Array) -> float:
-        """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
-        if not self.system.stops:
-            return 1.0
-        ends = self.positions(d), self.positions(d + direction)
-        return self.system.largest_step(*ends, self._control)
 
     def matrix(self, d: Array) -> Matrix:
         """Second derivative K at d."""

@@ -26,8 +26,8 @@ from sim.system import System
 CONTACT_PATIENCE = 6
 """Iterations that a factor serves where rows of a contact come and go."""
 
-ROUGHLY, MOST = 0.1, 12
-"""How well, and in how many solutions at most, a direction is found."""
+DIRECTION_SHARE, DIRECTION_SOLUTIONS = 0.1, 12
+"""How well a direction is found, and in how many solutions at most."""
 
 
 @dataclass(frozen=True)
@@ -247,8 +247,7 @@ class Workspace:
         SingularSystem
             The matrix is singular or holds NaN.
         """
-        with self.timed("factorisation"):
-            self.saddle.factorise(A, G)
+        self.factorise_constrained(A, G)
         with self.timed("solution"):
             return self.saddle.solve(r, gamma)
 
@@ -275,4 +274,6 @@ class Workspace:
             if self._beside is None:
                 return self.factor.approximate(rhs)
             times, precondition = self._beside.times, self.factor.approximate
-            return conjugate_gradients(times, precondition, rhs, ROUGHLY, MOST)
+            return conjugate_gradients(
+                times, precondition, rhs, DIRECTION_SHARE, DIRECTION_SOLUTIONS
+            )

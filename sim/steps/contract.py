@@ -5,12 +5,14 @@ from typing import Protocol
 
 import numpy as np
 
-from sim.errors import SceneError
+from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
 from sim.integrators.contract import Integrator
 from sim.integrators.workspace import Workspace
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
+FAILURES = (InvertedElement, NotConverged, SingularSystem)
+"""Failures of a step that a smaller one may not have."""
 Watch = Callable[[State, State], None]
 """Told the states before and after every accepted step."""
 

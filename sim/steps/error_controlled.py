@@ -4,15 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
+from sim.errors import NotConverged, SceneError
 from sim.integrators.contract import Integrator, TimeIntegrator
 from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, ControlAt, State, StepReport
-from sim.steps.contract import Watch, require_positive, united
+from sim.steps.contract import FAILURES, Watch, require_positive, united
 from sim.system import System
-
-FAILURES = (InvertedElement, NotConverged, SingularSystem)
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,10 +19,9 @@ class ErrorControlledStep:
 
     A step is accepted if its estimated error is at most tolerance * step/horizon, and the tolerance
     where it is longer than the horizon: the errors made within one horizon, the time over which the
-    tissue forgets, then sum to the tolerance. The
-    estimate is that of the integrator, which costs nothing; without one the step is repeated in two
-    halves.
-    Steps never cross the end of an interval, where the activation may bend.
+    tissue forgets, then sum to the tolerance. The estimate is that of the integrator, which costs
+    nothing; without one the step is repeated in two halves. Steps never cross the end of an interval,
+    where the activation may bend.
 
     Attributes
     ----------

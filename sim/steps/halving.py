@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-from sim.errors import InvertedElement, NotConverged, SingularSystem
 from sim.integrators.contract import Integrator
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
-from sim.steps.contract import Watch, require_positive, united
+from sim.steps.contract import FAILURES, Watch, require_positive, united
 from sim.system import System
 
 
@@ -50,7 +49,7 @@ class HalvingStep:
             t1 = until if done + size == finest else start + total * (done + size) / finest
             try:
                 new, report = integrator.step(system, state, control, t1 - state.t, work)
-            except (InvertedElement, NotConverged, SingularSystem):
+            except FAILURES:
                 if level == self.max_halvings:
                     raise
                 level, good, rejected = level + 1, 0, rejected + 1

@@ -1,0 +1,52 @@
+"""What integrators that iterate share: their tolerances, and the iteration that a scene needs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sim.integrators.constrained import Placed, minimise_constrained
+from sim.integrators.newton import Iteration, Point, Tolerances, minimise
+from sim.integrators.workspace import Workspace
+from sim.system import System
+
+
+@dataclass(frozen=True)
+class Iterative:
+    """Newton's method to a tolerance, on a potential.
+
+    A line search keeps det F > 0 at every Gauss point and the potential decreasing. A factor serves,
+    with secant updates, as long as the iteration contracts, over many steps; a matrix that is not
+    positive definite is shifted.
+
+    Attributes
+    ----------
+    tolerance : float
+        Largest estimated error of a nodal position left by the iteration [m].
+    residual_tolerance : float
+        Largest nodal residual force [N].
+    max_iterations : int
+    keep_factor : float
+        The factor is renewed after an iteration that shrinks the residual by less than this.
+    """
+
+    tolerance: float = 1e-6
+    residual_tolerance: float = 2e-5
+    max_iterations: int = 80
+    keep_factor: float = 0.6
+
+    def _minimiser(
+        self, system: System, work: Workspace, s: float, until: float
+    ) -> Callable[[Placed, Point], tuple[Point, Iteration]]:
+        """Return the iteration for a system, under its conditions where it has any.
+
+        Factors belong to this integrator and s, its implicit part of a step [s].
+        """
+        tolerances = Tolerances(
+            self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
+        )
+
+        def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
+            if system.constraints is None:
+                return minimise(potential, point, work, (type(self), s), tolerances, until)
+            return minimise_constrained(potential, point, work, tolerances, until)
+
+        return settle
