@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.bench.drives import gesture
+from emgface.bench.unit import STEP, step_matrix
 from emgface.face.recipe import compose_scene
 from emgface.face.refine import refine_face
 from emgface.face.simulation_parameters import SimulationParameters
@@ -32,15 +33,12 @@ def _median(call: Callable[[], object], repeats: int) -> float:
 
 def phase_seconds(system: System, repeats: int) -> tuple[dict[str, float], float]:
     """Median seconds of every phase of a linearly implicit step of 10 ms, and the factor's size [B]."""
-    control, q, h = system.control(np.zeros(len(system.muscles))), system.scene.mesh.X, 0.01
+    control, q = system.control(np.zeros(len(system.muscles))), system.scene.mesh.X
     start = time.perf_counter()
     linear = linear_solver()
     linear.analyse(system.pattern)
     analysis = time.perf_counter() - start
-    K = system.tangent(q, control)[1]
-    A = h * system.damping(q, control, K) + h * h * K
-    A[system.pattern.diagonal] += system.mass
-    rhs = np.ones(system.pattern.n)
+    A, rhs = step_matrix(system), np.ones(system.pattern.n)
     linear.factorise(A)
     found = {
         "force": _median(lambda: system.force(q, control), repeats),
@@ -56,9 +54,9 @@ def phase_seconds(system: System, repeats: int) -> tuple[dict[str, float], float
     simulate(
         system,
         activation,
-        duration=steps * h,
+        duration=steps * STEP,
         integrator=LinearlyImplicitEuler(),
-        steps=FixedStep(h),
+        steps=FixedStep(STEP),
         probes=(),
         work=work,
     )

@@ -3,24 +3,35 @@
 import statistics
 import time
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim import System
 from sim.linear import linear_solver
+
+STEP: Final = 0.01
+"""Time step that the cost of a step is measured with [s]."""
+
+
+def step_matrix(system: System) -> NDArray[np.float64]:
+    """Values of M + h D + h^2 K at rest, h = `STEP`, on the pattern of the system."""
+    control, q = system.control(np.zeros(len(system.muscles))), system.scene.mesh.X
+    K = system.tangent(q, control)[1]
+    A = STEP * system.damping(q, control, K) + STEP * STEP * K
+    A[system.pattern.diagonal] += system.mass
+    return A
 
 
 def unit_seconds(
     system: System, repeats: int = 5, clock: Callable[[], float] = time.perf_counter
 ) -> float:
-    """Median time [s] of one factorisation and one solution of M + h D + h^2 K at rest, h = 10 ms.
+    """Median time [s] of one factorisation and one solution with `step_matrix`.
 
     Figures in units U compare between machines, since most of a step is this.
     """
-    control, q, h = system.control(np.zeros(len(system.muscles))), system.scene.mesh.X, 0.01
-    K = system.tangent(q, control)[1]
-    A = h * system.damping(q, control, K) + h * h * K
-    A[system.pattern.diagonal] += system.mass
+    A = step_matrix(system)
     linear = linear_solver()
     linear.analyse(system.pattern)
     rhs = np.ones(system.pattern.n)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -46,6 +46,7 @@ from sim.probes import Probe
 from sim.steps import StepControl
 
 Progress = Callable[[int, int], None]
+ConvergedT = TypeVar("ConvergedT", bound=Converged)
 
 SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 """Step [s], time between checks [s], longest time [s] and speed [m/s] that counts as rest."""
@@ -221,9 +222,13 @@ INTEGRATORS: dict[str, Integrator] = {
 }
 """Integrator by the name of the parameter `solver`."""
 
-
 RESIDUAL: Final = 20.0
 """Largest residual force that goes with a tolerance of the positions [N/m]."""
+
+
+def iterated_to(integrator: ConvergedT, tolerance: float) -> ConvergedT:
+    """Return the integrator that leaves this error of a nodal position [m], and the residual with it."""
+    return replace(integrator, tolerance=tolerance, residual_tolerance=RESIDUAL * tolerance)
 
 
 def integrator_of(parameters: SimulationParameters) -> Integrator:
@@ -231,8 +236,7 @@ def integrator_of(parameters: SimulationParameters) -> Integrator:
     made = INTEGRATORS[parameters.solver]
     if not isinstance(made, Converged):
         return made
-    tolerance = parameters.iteration_tolerance
-    return replace(made, tolerance=tolerance, residual_tolerance=RESIDUAL * tolerance)
+    return iterated_to(made, parameters.iteration_tolerance)
 
 
 def _steps(face: xr.Dataset, parameters: SimulationParameters) -> StepControl:

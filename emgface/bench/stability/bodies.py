@@ -120,10 +120,5 @@ def _drawn_in(jacobian: float) -> float:
 
 def driven(levels: tuple[float, float], ramp: float) -> Callable[[sim.System], sim.Activation]:
     """Activation of a trial: both muscles to their levels within the ramp [s]."""
-    return lambda system: held_at(levels, ramp)
-
-
-def held_at(levels: tuple[float, float], ramp: float) -> sim.Activation:
-    """Both muscles to their levels within the ramp [s]."""
-    peak = np.array(levels)
-    return sim.Activation(np.array([0.0, ramp]), np.stack([np.zeros(2), peak]))
+    values = np.stack([np.zeros(2), np.array(levels)])
+    return lambda system: sim.Activation(np.array([0.0, ramp]), values)

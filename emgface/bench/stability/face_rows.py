@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.bench.stability.trial import IMPLICIT, STATIC, Trial
+from emgface.bench.integrators import IMPLICIT, STATIC
+from emgface.bench.stability.trial import Judge, Trial, stays
 from emgface.errors import FaceError
 from emgface.face.lips import lip_surface
 from emgface.face.parts import LIPS, arches_of
@@ -19,8 +20,6 @@ WALL = 1000.0
 """Stiffness of the walls behind the lips [N/m]."""
 OVERLAP = 5e-4
 """How deep the inner nodes start behind their walls [m]."""
-
-
 TOUCHING = ("linearly implicit Euler", "Euler")
 """Integrators that hold contact by constraints."""
 DEPTH = 1e-4
@@ -106,9 +105,7 @@ def _surfaces(face: xr.Dataset) -> tuple[str, ...]:
     return ("lips", "teeth") if arches_of(face) else ("lips",)
 
 
-def _apart(
-    face: xr.Dataset, between: tuple[str, ...]
-) -> Callable[[sim.System, sim.State, sim.State, np.ndarray], str]:
+def _apart(face: xr.Dataset, between: tuple[str, ...]) -> Judge:
     """Judge that nothing has passed into what it touches."""
 
     def judge(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
@@ -129,10 +126,6 @@ def _inside(system: sim.System) -> sim.State:
 
 
 def _rest(face: xr.Dataset) -> Iterator[Trial]:
-    def stays(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
-        moved = float(np.abs(end.q - start.q).max())
-        return "" if moved < 1e-8 else f"it has moved by {moved:.1e} m"
-
     yield Trial(
         11, "10 s without activation", "face without gravity stays at rest", _system(face),
         _all(0.0, 0.1), 10.0, sim.HalvingStep(0.1), IMPLICIT | STATIC, judge=stays,

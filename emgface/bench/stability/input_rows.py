@@ -5,9 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 import sim
+from emgface.bench.integrators import EXPLICIT, IMPLICIT, STATIC
 from emgface.bench.stability.bodies import Block, driven
 from emgface.bench.stability.material_rows import STEP
-from emgface.bench.stability.trial import EXPLICIT, IMPLICIT, STATIC, Trial
+from emgface.bench.stability.trial import Trial
 
 TITLE = "bad activation or muscle"
 

@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import sim
+from emgface.bench.integrators import EXPLICIT, IMPLICIT, STATIC
 from emgface.bench.stability.bodies import MODERATE, SIZE, Block, driven
 from emgface.bench.stability.material_rows import STEP, both
-from emgface.bench.stability.trial import EXPLICIT, IMPLICIT, STATIC, Trial
+from emgface.bench.stability.trial import Judge, Trial, stays
 
 FREE_FALL = 1e-4
 """Velocity that an iteration to 1e-6 m in steps of 10 ms may miss [m/s]."""
@@ -121,13 +122,7 @@ def quiet() -> Iterator[Trial]:
         state, _ = static.step(system, rest, control, 1.0, sim.Workspace(system))
         return sim.State(0.0, state.q, rest.v)
 
-    def stays(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
-        moved = float(np.abs(end.q - start.q).max())
-        return "" if moved < 1e-8 else f"it has moved by {moved:.1e} m"
-
-    def decays(
-        most: float,
-    ) -> Callable[[sim.System, sim.State, sim.State, np.ndarray], str]:
+    def decays(most: float) -> Judge:
         def judge(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
             growth = float((energy - energy[0]).max() / np.abs(energy).max())
             return "" if growth < most else f"energy grew by {growth:.1e} of its size"

@@ -6,26 +6,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import sim
+from emgface.bench.integrators import CONVERGED, IMPLICIT, STATIC
 from sim.integrators import Integrator
 from sim.steps import StepControl
 
-IMPLICIT: dict[str, Integrator] = {
-    "linearly implicit Euler": sim.LinearlyImplicitEuler(),
-    "linearly implicit trapezoidal": sim.LinearlyImplicitTrapezoidal(),
-    "Euler": sim.ConvergedEuler(),
-    "trapezoidal": sim.Trapezoidal(),
-    "SDIRK2": sim.Sdirk2(),
-}
-STATIC: dict[str, Integrator] = {"static": sim.Static()}
-EXPLICIT: dict[str, Integrator] = {
-    "symplectic Euler": sim.SymplecticEuler(),
-    "RK4": sim.RungeKutta4(),
-}
-CONVERGED = ("Euler", "trapezoidal", "SDIRK2", "static")
 MOST = 1.0
 """No node of a right answer moves further than this from where it was [m]."""
 LEAST_ENERGY = 1e-9
 """Size of an energy that a drift is told in [J]."""
+
+
+Judge = Callable[[sim.System, sim.State, sim.State, np.ndarray], str]
+"""Of the system, its first and last state and the energy over time: what is wrong, or ""."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +57,7 @@ class Trial:
     activation, duration, steps : what drives it; `steps.h` is the output interval.
     start : initial state, from the system; rest by default.
     parameter, value : what the row sweeps, with its unit, and where this case stands.
-    judge : further condition of a right answer; returns what is wrong, or "".
+    judge : further condition of a right answer.
     refusal : name of the error that is the right answer, or "".
     """
 
@@ -80,7 +72,7 @@ class Trial:
     parameter: str = ""
     value: float = float("nan")
     start: Callable[[sim.System], sim.State] = sim.System.rest_state
-    judge: Callable[[sim.System, sim.State, sim.State, np.ndarray], str] | None = None
+    judge: Judge | None = None
     refusal: str = ""
 
 
@@ -89,7 +81,7 @@ def run(trial: Trial, name: str) -> Outcome:
     integrator = trial.integrators[name]
     head = (trial.row, trial.title, trial.case, trial.parameter, trial.value, name)
     # the one-solution schemes have nothing to halve for: their failure is the finding
-    single = name not in CONVERGED and isinstance(trial.steps, sim.HalvingStep)
+    single = name not in CONVERGED | STATIC and isinstance(trial.steps, sim.HalvingStep)
     steps = sim.FixedStep(trial.steps.h) if single else trial.steps
     try:
         system = trial.system()
@@ -137,3 +129,9 @@ def _wrong(
     if np.abs(end.q - start.q).max() > MOST:
         return "it has flown away"
     return ""
+
+
+def stays(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
+    """Judge that nothing has moved."""
+    moved = float(np.abs(end.q - start.q).max())
+    return "" if moved < 1e-8 else f"it has moved by {moved:.1e} m"

@@ -5,31 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from emgface.bench.integrators import CONVERGED, LINEARLY_IMPLICIT
 from emgface.bench.work_precision.models import Model
+from emgface.face.motion import iterated_to
 from sim import (
     ConvergedEuler,
     ErrorControlledStep,
     FixedStep,
     HalvingStep,
     LinearlyImplicitEuler,
-    LinearlyImplicitTrapezoidal,
     Sdirk2,
-    Trapezoidal,
 )
 from sim.integrators import Integrator
 from sim.linear import LINEAR_SOLVERS, pardiso_is_available
 from sim.steps import StepControl
-
-SINGLE: dict[str, Integrator] = {
-    "linearly implicit Euler": LinearlyImplicitEuler(),
-    "linearly implicit trapezoidal": LinearlyImplicitTrapezoidal(),
-}
-CONVERGED: dict[str, Integrator] = {
-    "Euler": ConvergedEuler(),
-    "trapezoidal": Trapezoidal(),
-    "SDIRK2": Sdirk2(),
-}
-
 
 HORIZON = 0.055
 """Time over which tissue with the default damping forgets an error, its beta [s]."""
@@ -82,34 +71,31 @@ def settings_of(
     """
     if not (base or full):
         return [
-            *_fixed(model, "linearly implicit Euler", LinearlyImplicitEuler(), (10,)),
-            *_halving(model, "Euler", ConvergedEuler(), (10,)),
-            *_halving(model, "SDIRK2", Sdirk2(), (40, 20, 10)),
+            *_sized(model, "linearly implicit Euler", LinearlyImplicitEuler(), FixedStep, (10,)),
+            *_sized(model, "Euler", ConvergedEuler(), HalvingStep, (10,)),
+            *_sized(model, "SDIRK2", Sdirk2(), HalvingStep, (40, 20, 10)),
         ]
     found: list[Setting] = []
-    for name, integrator in SINGLE.items():
-        found += _fixed(model, name, integrator, (20, 10, 5, 2.5) if full else (20, 10, 5))
+    for name, integrator in LINEARLY_IMPLICIT.items():
+        smallest = (2.5,) if full else ()
+        found += _sized(model, name, integrator, FixedStep, (20, 10, 5, *smallest))
     for name, integrator in CONVERGED.items():
         smallest = (2.5,) if full or name == "SDIRK2" else ()
-        found += _halving(model, name, integrator, (40, 20, 10, 5, *smallest))
+        found += _sized(model, name, integrator, HalvingStep, (40, 20, 10, 5, *smallest))
     return [*found, *_iterated(model, full), *_controlled(model, nodes), *_linear(model)]
 
 
-def _fixed(
-    model: Model, family: str, integrator: Integrator, steps: tuple[float, ...]
+def _sized(
+    model: Model,
+    family: str,
+    integrator: Integrator,
+    steps: type[FixedStep] | type[HalvingStep],
+    milliseconds: tuple[float, ...],
 ) -> list[Setting]:
+    """One integrator in steps of several sizes."""
     return [
-        Setting(family, f"{milli:g} ms", integrator, FixedStep(milli * 1e-3), model)
-        for milli in steps
-    ]
-
-
-def _halving(
-    model: Model, family: str, integrator: Integrator, steps: tuple[float, ...]
-) -> list[Setting]:
-    return [
-        Setting(family, f"{milli:g} ms", integrator, HalvingStep(milli * 1e-3), model)
-        for milli in steps
+        Setting(family, f"{milli:g} ms", integrator, steps(milli * 1e-3), model)
+        for milli in milliseconds
     ]
 
 
@@ -119,8 +105,8 @@ def _iterated(model: Model, full: bool) -> list[Setting]:
     for tolerance in (1e-4, 1e-5, 1e-7) if full else (1e-4, 1e-5):
         label = f"{tolerance * 1e3:g} mm"
         for family, made, h in (
-            ("Euler 10 ms, iterated to", ConvergedEuler(tolerance, 20.0 * tolerance), 0.01),
-            ("SDIRK2 20 ms, iterated to", Sdirk2(tolerance, 20.0 * tolerance), 0.02),
+            ("Euler 10 ms, iterated to", iterated_to(ConvergedEuler(), tolerance), 0.01),
+            ("SDIRK2 20 ms, iterated to", iterated_to(Sdirk2(), tolerance), 0.02),
         ):
             found.append(Setting(family, label, made, HalvingStep(h), model))
     return found
@@ -132,7 +118,7 @@ def _controlled(model: Model, nodes: NDArray[np.int64]) -> list[Setting]:
         Setting(
             "SDIRK2, error control",
             f"{tolerance * 1e3:g} mm",
-            Sdirk2(min(1e-5, 0.02 * tolerance), 20.0 * min(1e-5, 0.02 * tolerance)),
+            iterated_to(Sdirk2(), min(1e-5, 0.02 * tolerance)),
             ErrorControlledStep(tolerance, 0.02, nodes, HORIZON),
             model,
         )
