@@ -162,7 +162,7 @@ def draw_tissue(
     colours: list[Floats] = []
     edges: list[Floats] = []
     for corners, colour in parts:
-        normal = _normals(corners)
+        normal = normals(corners)
         towards = normal @ camera > 0.0
         shaded = _shade(normal[towards])[:, None] * to_rgb(colour)
         polygons += list(corners[towards])
@@ -194,7 +194,7 @@ def draw_skin(
         Opacity [1].
     """
     corners = position[faces]
-    shade = _shade(_normals(corners))
+    shade = _shade(normals(corners))
     colours = np.column_stack([shade[:, None] * to_rgb(SKIN), np.full(len(shade), alpha)])
     axes.add_collection3d(
         Poly3DCollection(
@@ -207,7 +207,7 @@ def draw_skin(
     )
 
 
-def _normals(corners: Floats) -> Floats:
+def normals(corners: Floats) -> Floats:
     """Unit normals (n, 3) of triangles or quadrilaterals (n, 3 or 4, 3)."""
     last = corners.shape[1] - 1
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, last] - corners[:, 1])

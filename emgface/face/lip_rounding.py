@@ -17,6 +17,17 @@ SIGMA_MAX: Final = 100e3
 WALL: Final = 1000.0
 """Stiffness of the walls that stand for teeth [N/m]."""
 
+_UNIT: Final = {
+    "width": ("mm", 1e3),
+    "height": ("mm", 1e3),
+    "area": ("mm2", 1e6),
+    "overlap": ("mm2", 1e6),
+    "roundness": ("1", 1.0),
+    "protrusion": ("mm", 1e3),
+    "margin_protrusion": ("mm", 1e3),
+}
+"""Unit of each measure of `lip_shape` in the table, and the factor to it."""
+
 
 @dataclass(frozen=True)
 class Rounding:
@@ -109,14 +120,3 @@ def round_lips(
                     }
                 )
     return Rounding(pd.DataFrame(rows), motion)
-
-
-_UNIT: Final = {
-    "width": ("mm", 1e3),
-    "height": ("mm", 1e3),
-    "area": ("mm2", 1e6),
-    "overlap": ("mm2", 1e6),
-    "roundness": ("1", 1.0),
-    "protrusion": ("mm", 1e3),
-    "margin_protrusion": ("mm", 1e3),
-}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
 from emgface.face.parts import OUTER
-from emgface.face.surface import boundary_faces
+from emgface.face.surface import boundary_edges, boundary_faces
 from emgface.muscles import LIP_MARKERS
 
 Floats = NDArray[np.float64]
@@ -58,11 +58,8 @@ def lip_rim(face: xr.Dataset) -> LipRim:
     skin[sheet_nodes(face, OUTER)] = True
     faces, _ = boundary_faces(face["connectivity"].values)
     faces = faces[skin[faces].all(axis=1)]
-    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    key, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
     neighbours: dict[int, list[int]] = {}
-    for a, b in key[counts == 1]:
+    for a, b in boundary_edges(faces):
         neighbours.setdefault(int(a), []).append(int(b))
         neighbours.setdefault(int(b), []).append(int(a))
     loop = _walk(top, neighbours)

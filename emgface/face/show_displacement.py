@@ -14,11 +14,10 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from emgface.face.drawing import MM, skin_faces, view_axes
+from emgface.face.drawing import MM, VIEWS, normals, skin_faces, view_axes
 
 Floats = NDArray[np.float64]
 
-VIEWS: Final = {"front": (0, 90), "left side": (0, 180), "oblique": (15, 130)}
 MARGIN: Final = 0.028
 """Skin shown round the lip markers [m]."""
 
@@ -99,9 +98,6 @@ def draw_displacement(
 
 def _shaded(colour: Floats, corners: Floats) -> Floats:
     """Darken what does not face the light from the upper front."""
-    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = normal / np.where(length > 0.0, length, 1.0)
     light = np.array([0.35, 0.75, 0.55])
-    shade = 0.55 + 0.45 * np.clip(normal @ (light / np.linalg.norm(light)), 0.0, 1.0)
+    shade = 0.55 + 0.45 * np.clip(normals(corners) @ (light / np.linalg.norm(light)), 0.0, 1.0)
     return np.column_stack([colour[:, :3] * shade[:, None], colour[:, 3]])

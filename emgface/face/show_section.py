@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emgface.face.drawing import MM, SKIN
 from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import arches_of
-from emgface.face.surface import element_faces
+from emgface.face.surface import boundary_edges, element_faces
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def draw_sections(
     figure = Figure(figsize=(3.4 * len(shown) + 0.4, 4.4), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize="medium")
-    outline = _outline(faces)
+    outline = boundary_edges(faces)
     for place, (name, position) in enumerate(shown.items(), start=1):
         axes = figure.add_subplot(1, len(shown), place)
         for arch in arches_of(face):
@@ -111,11 +111,3 @@ def draw_sections(
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=dpi)
     return path
-
-
-def _outline(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Edges (n, 2) of one face only."""
-    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
-    found, counts = np.unique(edges, axis=0, return_counts=True)
-    return found[counts == 1]

@@ -17,8 +17,6 @@ _HEX_FACES: Final = np.array(
 _WEDGE_FACES: Final = np.array(
     [[0, 2, 1, 1], [3, 4, 5, 5], [0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]]
 )
-
-
 _HEX_EDGES: Final = np.array(
     [[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
 )
@@ -58,6 +56,14 @@ def boundary_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np
     _, inverse, counts = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     once = counts[inverse.reshape(-1)] == 1
     return faces[once], element[once]
+
+
+def boundary_edges(faces: Indices) -> NDArray[np.int64]:
+    """Edges (n, 2) of one face only, the smaller node first; of faces (k, 4)."""
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
+    found, counts = np.unique(edges, axis=0, return_counts=True)
+    return found[counts == 1].astype(np.int64)
 
 
 def triangles(faces: Indices, position: Floats) -> NDArray[np.int64]:

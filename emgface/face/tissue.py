@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import field_validator, model_validator
 from scipy.spatial import KDTree
 
-from emgface.choices import OWN, Parameters, parameter
+from emgface.choices import OWN, Parameters, choice, parameter, positive
 from emgface.errors import FaceError
 from emgface.face.parts import CENTRE, INNER, OUTER
 from emgface.face.quality import element_centres
@@ -50,18 +50,13 @@ Coefficient = float | tuple[float, ...]
 class Tissue(Parameters):
     """Tissue of the elements that meet all given conditions, in place of that of the whole face."""
 
-    layers: tuple[Literal["inner", "centre", "outer"], ...] = parameter(
-        (), "Layers of elements; all when empty.", unit="-", source=OWN
+    layers: tuple[Literal["inner", "centre", "outer"], ...] = choice(
+        (), "Layers of elements; all when empty."
     )
-    muscles: tuple[str, ...] = parameter(
-        (),
-        "Muscles, with side, any of which the element belongs to; all elements when empty.",
-        unit="-",
-        source=OWN,
+    muscles: tuple[str, ...] = choice(
+        (), "Muscles, with side, any of which the element belongs to; all elements when empty."
     )
-    elements: tuple[int, ...] = parameter(
-        (), "Ids of elements of the face model; all when empty.", unit="-", source=OWN
-    )
+    elements: tuple[int, ...] = choice((), "Ids of elements of the face model; all when empty.")
     law: Literal[
         "mooney_rivlin",
         "neo_hooke",
@@ -70,11 +65,9 @@ class Tissue(Parameters):
         "fung",
         "linear",
         "co_rotational",
-    ] = parameter(
+    ] = choice(
         "mooney_rivlin",
         "Law of the passive tissue.",
-        unit="-",
-        source=OWN,
         note="'fung' takes the tension line of the nearest skin as its first axis; 'linear' is for "
         "small rotations only",
     )
@@ -84,25 +77,19 @@ class Tissue(Parameters):
         unit="Pa",
         source="the class of the law",
     )
-    stiffness: float = parameter(
+    stiffness: float = positive(
         1.0,
         "Factor on all coefficients of the law that are stresses.",
         unit="1",
-        source=OWN,
         note="0.5 and 2 with the defaults of 'fung' for young and old skin",
-        gt=0,
     )
-    kappa: float | None = parameter(
+    kappa: float | None = positive(
         None,
         "Bulk modulus; absent: that of the face.",
         unit="Pa",
-        source=OWN,
         note="'linear' and 'co_rotational' have none beside their coefficients",
-        gt=0,
     )
-    density: float | None = parameter(
-        None, "Density; absent: that of the face.", unit="kg/m^3", source=OWN, gt=0
-    )
+    density: float | None = positive(None, "Density; absent: that of the face.", unit="kg/m^3")
     relaxing: tuple[float, ...] = parameter(
         (), "Fractions of the stress that relax (Prony series); elastic when empty.", unit="1",
         source=OWN, note="the coefficients are then the instantaneous ones",
