@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.choices import ESKES, OWN, Parameters, choice, parameter
 
 BUCHANAN = "Buchanan et al. 2004, J Appl Biomech 20:367-395"
 
@@ -41,10 +41,9 @@ class FilterParameters(Parameters):
     high: float = parameter(
         500.0, "Upper edge of the pass-band.", unit="Hz", source=f"{ESKES}, Methods", gt=0
     )
-    phase: Literal["zero", "causal"] = parameter(
+    phase: Literal["zero", "causal"] = choice(
         "zero",
         "Forward and backward (zero) or forward only (causal).",
-        unit="-",
         source="the paper does not say",
         note="the gain at the edges is -6 dB for 'zero' and -3 dB for 'causal'",
     )
@@ -61,11 +60,10 @@ class FilterParameters(Parameters):
 class FeatureParameters(Parameters):
     """Amplitude feature of the filtered signals."""
 
-    kind: Literal["wamp", "rms", "mav", "envelope"] = parameter(
+    kind: Literal["wamp", "rms", "mav", "envelope"] = choice(
         "wamp",
         "Willison amplitude, root mean square, mean absolute value, or linear envelope with the "
         "neural transfer function of Buchanan.",
-        unit="-",
         source=f"{ESKES}, Methods and Eq. 7; {BUCHANAN}",
     )
     window: float = parameter(
@@ -76,10 +74,9 @@ class FeatureParameters(Parameters):
         note="rounded to whole samples (0.2 s at 2048 Hz is 409.6); the rounding is recorded",
         gt=0,
     )
-    label: Literal["centre", "start", "end"] = parameter(
+    label: Literal["centre", "start", "end"] = choice(
         "centre",
         "Instant of the window at which its feature is placed.",
-        unit="-",
         source=f"{ESKES}, Eq. 7 prints 'start'",
         note="'start' looks one window ahead, 'end' uses the past only, 'centre' has no lag",
     )
@@ -104,10 +101,9 @@ class FeatureParameters(Parameters):
     baseline_stop: float | None = parameter(
         None, "End of the rest interval for the baseline RMS.", unit="s", source=OWN
     )
-    comparison: Literal[">=", ">"] = parameter(
+    comparison: Literal[">=", ">"] = choice(
         ">=",
         "Comparison of |s(t+n-1) - s(t+n)| with the threshold.",
-        unit="-",
         source=f"{ESKES}, Eq. 7",
         note="other implementations use '>'; they differ where steps equal the threshold exactly",
     )
@@ -185,18 +181,16 @@ class FeatureParameters(Parameters):
 class MappingParameters(Parameters):
     """From seven measured to ten modelled muscles per side (Eqs 2-6)."""
 
-    mapping_stage: Literal["signal", "feature", "activation"] = parameter(
+    mapping_stage: Literal["signal", "feature", "activation"] = choice(
         "signal",
         "Quantity that Eqs 2-6 combine: filtered signals, features, or normalised features.",
-        unit="-",
         source=f"{ESKES}, Eqs 2-6 are printed for the signals s",
         note="Eq. 8 removes any factor applied before it, so at 'feature' LAO equals LLSAN, DLI "
         "equals DAO and OOM equals OOP; at 'activation' the factors keep their meaning",
     )
-    oom: Literal["text", "as_printed"] = parameter(
+    oom: Literal["text", "as_printed"] = choice(
         "text",
         "OOM = 0.10 (OOS + OOI), a fifth of OOP (text), or 0.10 (OOP + OOI) (as printed).",
-        unit="-",
         source=f"{ESKES}, text after Eq. 6; Eq. 3",
     )
 
@@ -204,37 +198,30 @@ class MappingParameters(Parameters):
 class NormalisationParameters(Parameters):
     """Min-max normalisation to 0-1 (Eq. 8)."""
 
-    reach: Literal["trial", "session", "reference"] = parameter(
+    reach: Literal["trial", "session", "reference"] = choice(
         "trial",
         "Data over which minimum and maximum are taken: the trial, all trials of the volunteer, "
         "or a maximum-effort recording.",
-        unit="-",
         source=f"{ESKES}, Eq. 8 (over the time index of each trial)",
         note="'trial' stretches the noise of a silent muscle to 0-1",
     )
-    silent: Literal["error", "zero"] = parameter(
+    silent: Literal["error", "zero"] = choice(
         "error",
         "What to do with a channel that holds one value, or a feature that is constant above "
         "zero, where Eq. 8 is 0/0.",
-        unit="-",
-        source=OWN,
         note="'zero' gives activation 0 and records the names",
     )
-    resting: Literal["zero", "error"] = parameter(
+    resting: Literal["zero", "error"] = choice(
         "zero",
         "What to do with a muscle of which no step reaches the Willison threshold, where Eq. 8 is "
         "0/0 as well.",
-        unit="-",
-        source=OWN,
         note="a muscle at rest is no failure; at mapping_stage 'signal' OOM, a fifth of OOP, is "
         "the first to fall below the threshold; the names are recorded, and it is an error if "
         "nothing reaches the threshold",
     )
-    outside: Literal["error", "clip"] = parameter(
+    outside: Literal["error", "clip"] = choice(
         "error",
         "What to do where a trial exceeds the session's or the reference's range.",
-        unit="-",
-        source=OWN,
         note="'clip' limits to 0-1 and records the fraction of clipped samples",
     )
 
@@ -242,10 +229,9 @@ class NormalisationParameters(Parameters):
 class StrategyParameters(Parameters):
     """Which muscles of the model are activated."""
 
-    name: StrategyName = parameter(
+    name: StrategyName = choice(
         "act_all",
         "Strategy used where a call or a study names none.",
-        unit="-",
         source=f"{ESKES}, Methods, Table 1 and Discussion (act_threshold)",
     )
     n: int = parameter(
@@ -279,12 +265,10 @@ class HeadFrameParameters(Parameters):
         note="10 frames at 100 frames per second",
         ge=0,
     )
-    own_reference: Literal["first", "mean"] = parameter(
+    own_reference: Literal["first", "mean"] = choice(
         "first",
         "Configuration taken as reference where none is given: the first frame with most face "
         "markers, or the mean of all frames aligned to it.",
-        unit="-",
-        source=OWN,
     )
 
 

@@ -4,7 +4,7 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from analysis.cube import MARKER_DIMS, PER_MARKER, PER_TRIAL
-from emgface.choices import OWN, Parameters, parameter
+from emgface.choices import Parameters, choice
 
 Design = Literal["one_at_a_time", "factorial"]
 Value = bool | int | float | str
@@ -17,26 +17,20 @@ CUBE_NAMES = {*MARKER_DIMS, *PER_MARKER, *PER_TRIAL, "status", "reason", "marker
 class Axis(Parameters):
     """A choice that is varied: its levels become a dim of the cube, the first the reference."""
 
-    parameters: tuple[str, ...] = parameter(
+    parameters: tuple[str, ...] = choice(
         (),
         "What is varied, with its table, as 'signals.mapping.mapping_stage'; several vary "
         "together.",
-        unit="-",
-        source=OWN,
     )
-    levels: tuple[Value | tuple[Value, ...], ...] = parameter(
+    levels: tuple[Value | tuple[Value, ...], ...] = choice(
         (),
         "Values, the reference first; lists of one value for each of several parameters.",
-        unit="-",
-        source=OWN,
         note="in the unit of the parameter; the first of several labels the dim",
     )
-    name: str | None = parameter(
+    name: str | None = choice(
         None,
         "Name of the dim; the last part of the first parameter when absent, with its table "
         "where the cube has that name already.",
-        unit="-",
-        source=OWN,
     )
 
     @property
@@ -71,15 +65,11 @@ def absolute_paths(axes: tuple[Axis, ...], base: Path) -> tuple[Axis, ...]:
     """Take the faces that an axis names relative to the folder of the study file."""
     made: list[Axis] = []
     for axis in axes:
-        at = [name == "face.path" for name in axis.parameters]
-        levels = tuple(
-            tuple(
-                str(base / str(value)) if is_path else value
-                for value, is_path in zip(level, at, strict=False)
-            )
-            if len(axis.parameters) > 1
-            else (str(base / str(level[0])) if at[:1] == [True] else level[0])
-            for level in axis.values()
-        )
-        made.append(axis.model_copy(update={"levels": levels}) if any(at) else axis)
+        paths = {k for k, name in enumerate(axis.parameters) if name == "face.path"}
+        rows = [
+            tuple(str(base / str(value)) if k in paths else value for k, value in enumerate(row))
+            for row in axis.values()
+        ]
+        levels = tuple(row if len(axis.parameters) > 1 else row[0] for row in rows)
+        made.append(axis.model_copy(update={"levels": levels}) if paths else axis)
     return tuple(made)

@@ -4,16 +4,15 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.choices import ESKES, OWN, Parameters, choice, parameter
 
 
 class AlignmentParameters(Parameters):
     """Synchronisation of measured with simulated motion (Eqs 9-10)."""
 
-    scaling: Literal["length", "search", "none"] = parameter(
+    scaling: Literal["length", "search", "none"] = choice(
         "length",
         "Stretch of measured time: to the simulated duration, searched besides, or none.",
-        unit="-",
         source=f"{ESKES}, Synchronisation",
     )
     scale_range: tuple[float, float] = parameter(
@@ -54,22 +53,21 @@ class AlignmentParameters(Parameters):
         note="the positions that are scored are not filtered",
         ge=0,
     )
-    sign: Literal["correlation", "direction"] = parameter(
+    sign: Literal["correlation", "direction"] = choice(
         "correlation",
         "What decides the arbitrary sign of a principal component: the larger correlation "
         "maximum, or the direction of the component.",
-        unit="-",
         source="the paper does not say",
     )
-    centred: bool = parameter(
+    centred: bool = choice(
         True,
         "Whether positions are centred before the singular value decomposition.",
-        unit="-",
         source="the paper does not say",
         note="uncentred, the first component is the mean posture",
     )
-    subsample: bool = parameter(
-        True, "Whether the shift is refined between samples.", unit="-", source=OWN
+    subsample: bool = choice(
+        True,
+        "Whether the shift is refined between samples.",
     )
 
     def arguments(self) -> dict[str, Any]:
@@ -89,18 +87,15 @@ class AlignmentParameters(Parameters):
 class ScoreParameters(Parameters):
     """The 3D correlation (Eqs 11-13)."""
 
-    form: Literal["consistent", "as_printed"] = parameter(
+    form: Literal["consistent", "as_printed"] = choice(
         "consistent",
         "Divisors: the same in numerator and standard deviations, so that rho(v, v) = 1, or n and "
         "n - 1 as printed.",
-        unit="-",
         source=f"{ESKES}, Eqs 12-13",
     )
-    reference: Literal["mean", "first", "origin"] = parameter(
+    reference: Literal["mean", "first", "origin"] = choice(
         "mean",
         "What positions are counted from in the root-mean-square error.",
-        unit="-",
-        source=OWN,
     )
     smallest_motion: float = parameter(
         1e-9,

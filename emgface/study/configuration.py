@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.choices import ESKES, OWN, Parameters, choice, parameter
 from emgface.errors import FaceError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.resolution import Resolution
@@ -25,36 +25,33 @@ TRUE_STRATEGY = "true"
 class RecordingsConfiguration(Parameters):
     """Where the recordings are and which of them take part."""
 
-    folder: Path = parameter(
-        Path("recordings"), "Folder of the recordings; relative to this file.", unit="-", source=OWN
+    folder: Path = choice(
+        Path("recordings"),
+        "Folder of the recordings; relative to this file.",
     )
-    mapping: Path | None = parameter(
+    mapping: Path | None = choice(
         None,
         "TOML file that maps labels of foreign files to names; relative to this file.",
-        unit="-",
-        source=OWN,
     )
-    reference_folder: Path | None = parameter(
+    reference_folder: Path | None = choice(
         None,
         "Folder of maximum-effort recordings, for normalisation over a reference.",
-        unit="-",
-        source=OWN,
     )
-    volunteers: tuple[str, ...] | None = parameter(
-        None, "Volunteers that take part; all when absent.", unit="-", source=OWN
+    volunteers: tuple[str, ...] | None = choice(
+        None,
+        "Volunteers that take part; all when absent.",
     )
-    instructions: tuple[str, ...] = parameter(
-        tuple(INSTRUCTIONS), "Instructions that take part.", unit="-", source=f"{ESKES}, Methods"
+    instructions: tuple[str, ...] = choice(
+        tuple(INSTRUCTIONS), "Instructions that take part.", source=f"{ESKES}, Methods"
     )
-    repetitions: tuple[int, ...] | None = parameter(
-        None, "Repetitions that take part; all when absent.", unit="-", source=OWN
+    repetitions: tuple[int, ...] | None = choice(
+        None,
+        "Repetitions that take part; all when absent.",
     )
-    exclusions: Path | None = parameter(
+    exclusions: Path | None = choice(
         None,
         "TOML file of trials that are excluded, with reasons, as 'emgface data check --exclude' "
         "writes it; relative to this file.",
-        unit="-",
-        source=OWN,
     )
 
     @field_validator("instructions")
@@ -78,8 +75,9 @@ class TemplateParameters(Parameters):
         unit="1",
         source=OWN,
     )
-    preset: str = parameter(
-        "adult", f"Group of people: {', '.join(PRESETS)}.", unit="-", source=OWN
+    preset: str = choice(
+        "adult",
+        f"Group of people: {', '.join(PRESETS)}.",
     )
     seed: int | None = parameter(
         None,
@@ -102,12 +100,10 @@ class TemplateParameters(Parameters):
 class FaceConfiguration(Parameters):
     """Which face model is simulated: a file or the template, which is the default."""
 
-    path: Path | None = parameter(
+    path: Path | None = choice(
         None,
         "Face model as written by 'emgface face import' or 'emgface face build'; relative to this "
         "file. Without path, the template is generated.",
-        unit="-",
-        source=OWN,
     )
     template: TemplateParameters | None = Field(
         default=None, description="The parametric lower face; in place of path."
@@ -128,18 +124,18 @@ class StudyConfiguration(Parameters):
     schema_version: int = parameter(
         STUDY_VERSION, "Version of the form of this file.", unit="1", source=OWN
     )
-    name: str = parameter("study", "Name of the study.", unit="-", source=OWN)
-    strategies: tuple[StrategyName, ...] = parameter(
+    name: str = choice(
+        "study",
+        "Name of the study.",
+    )
+    strategies: tuple[StrategyName, ...] = choice(
         ("act_all", "act_3", "act_rel"),
         "Activation strategies that are compared.",
-        unit="-",
         source=f"{ESKES}, Methods",
     )
-    activation_source: Literal["estimated", "true"] = parameter(
+    activation_source: Literal["estimated", "true"] = choice(
         "estimated",
         "Activation from sEMG, or the true one that simulated recordings carry.",
-        unit="-",
-        source=OWN,
         note="'true' tests the chain behind the activation; its only strategy is 'true'",
     )
     seed: int = parameter(
@@ -157,12 +153,10 @@ class StudyConfiguration(Parameters):
         default=AlignmentParameters(), description="Synchronisation, Eqs 9-10."
     )
     score: ScoreParameters = Field(default=ScoreParameters(), description="Scores, Eqs 11-13.")
-    axis_design: Design = parameter(
+    axis_design: Design = choice(
         "one_at_a_time",
         "Which combinations of the levels of several axes are run: one off its reference at a "
         "time, or all.",
-        unit="-",
-        source=OWN,
     )
     axis: tuple[Axis, ...] = Field(
         default=(),

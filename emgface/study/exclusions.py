@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import field_validator
 
-from emgface.choices import OWN, Parameters, configure, parameter
+from emgface.choices import OWN, Parameters, choice, configure, parameter
 from emgface.errors import ConfigurationError
 from emgface.muscles import INSTRUCTIONS
 
@@ -18,17 +18,20 @@ Place = tuple[str, str, int]
 class Exclusion(Parameters):
     """Trials that are left out: those of a volunteer, an instruction, a repetition, or all three."""
 
-    volunteer: str | None = parameter(
-        None, "Volunteer whose trials are excluded; every one when absent.", unit="-", source=OWN
+    volunteer: str | None = choice(
+        None,
+        "Volunteer whose trials are excluded; every one when absent.",
     )
-    instruction: str | None = parameter(
-        None, "Instruction that is excluded; every one when absent.", unit="-", source=OWN
+    instruction: str | None = choice(
+        None,
+        "Instruction that is excluded; every one when absent.",
     )
     repetition: int | None = parameter(
         None, "Repetition that is excluded; every one when absent.", unit="1", source=OWN, ge=1
     )
-    reason: str = parameter(
-        "", "Why, in a sentence; it stays in the cube. Must be given.", unit="-", source=OWN
+    reason: str = choice(
+        "",
+        "Why, in a sentence; it stays in the cube. Must be given.",
     )
 
     @field_validator("instruction")

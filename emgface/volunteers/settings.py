@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from emgface.choices import ESKES, OWN, Parameters, parameter
+from emgface.choices import ESKES, OWN, Parameters, choice, parameter
 from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS
 
@@ -12,11 +12,9 @@ VAN_BOXTEL = "van Boxtel 2001, Psychophysiology 38:22-34"
 class VolunteerParameters(Parameters):
     """Faces, sessions, electrodes and cameras of a set of simulated volunteers."""
 
-    emg: Literal["motor_units", "noise"] = parameter(
+    emg: Literal["motor_units", "noise"] = choice(
         "motor_units",
         "Source of the EMG: action potentials of motor units, or amplitude-modulated noise.",
-        unit="-",
-        source=OWN,
         note="with motor units the amplitude is not quite proportional to the activation",
     )
     resolution: Resolution = parameter(
@@ -26,8 +24,9 @@ class VolunteerParameters(Parameters):
         source=OWN,
         note="finer than the study's, lest a study be judged by its own errors",
     )
-    preset: str = parameter(
-        "adult", f"Group of people: {', '.join(PRESETS)}.", unit="-", source=OWN
+    preset: str = choice(
+        "adult",
+        f"Group of people: {', '.join(PRESETS)}.",
     )
     spread: float = parameter(
         1.0, "Factor on the published spread of the measures of faces.", unit="1", source=OWN, ge=0
@@ -50,10 +49,9 @@ class VolunteerParameters(Parameters):
     frame_rate: float = parameter(
         100.0, "Frames per second of the cameras.", unit="Hz", source=f"{ESKES}, Methods", gt=0
     )
-    cameras: Literal["three", "direct"] = parameter(
+    cameras: Literal["three", "direct"] = choice(
         "three",
         "Markers seen by three calibrated cameras and triangulated, or positions with noise added.",
-        unit="-",
         source=f"{ESKES}, Methods",
     )
     pixel_noise: float = parameter(
@@ -102,9 +100,7 @@ class VolunteerParameters(Parameters):
         le=1,
     )
 
-    keep_sessions: bool = parameter(
+    keep_sessions: bool = choice(
         False,
         "Also write each session uncut, with the rests, and its events as BIDS writes them.",
-        unit="-",
-        source=OWN,
     )
