@@ -277,9 +277,9 @@ def provenance(results: Results) -> list[tuple[str, str]]:
         ("face", str(cube.attrs.get("face", "unnamed"))),
         ("origin of the face", str(cube.attrs.get("face_origin", "not recorded"))),
     ]
-    if results.bench is not None:
-        told.append(("digest of the face", results.bench.face_digest))
-        source = str(results.bench.face.attrs.get("source", ""))
+    if results.laboratory is not None:
+        told.append(("digest of the face", results.laboratory.face_digest))
+        source = str(results.laboratory.face.attrs.get("source", ""))
         if source:
             told.append(("source of the face", source))
     log = results.folder / "times.jsonl"

@@ -137,7 +137,7 @@ def choices_figure(results: Results, found: xr.Dataset) -> list[Drawn]:
 
 def trial_figures(results: Results) -> list[Drawn]:
     """Draw one trial from signal to score, and the features of all trials."""
-    if results.bench is None or results.intake is None or results.study is None:
+    if results.laboratory is None or results.intake is None or results.study is None:
         return []
     chosen = representative(results.base)
     if not chosen:
@@ -207,7 +207,9 @@ def _emg(results: Results, trial: Trial) -> Figure:
 
 
 def _features(results: Results) -> list[Drawn]:
-    assert results.study is not None and results.intake is not None and results.bench is not None
+    assert (
+        results.study is not None and results.intake is not None and results.laboratory is not None
+    )
     strategy = "act_all" if "act_all" in results.study.strategies else results.study.strategies[0]
     found: list[xr.Dataset] = []
     for recording in results.intake.recordings:

@@ -43,9 +43,9 @@ def moving_faces(
         For the page: mesh and motions, see `_encoded`; None in place of both where there is no
         trial to show.
     """
-    if results.bench is None:
+    if results.laboratory is None:
         return None
-    skin = skin_of(results.bench.face)
+    skin = skin_of(results.laboratory.face)
     chosen = representative(results.base)
     strategies = [str(s) for s in results.base["strategy"].values]
     wanted = [(place, strategy) for place in chosen.values() for strategy in strategies]
@@ -60,9 +60,9 @@ def moving_faces(
             continue
         try:
             trial = results.trial(place, strategy)
-            assert results.bench is not None
+            assert results.laboratory is not None
             activation = trial.activation["activation"]
-            moved = skin_motion(results.bench, activation, trial.motion, skin, label).dataset
+            moved = skin_motion(results.laboratory, activation, trial.motion, skin, label).dataset
         except FAILURES as error:
             results.notes.append(f"The moving face of {label} is left out: {error}")
             continue
@@ -134,8 +134,8 @@ def _encoded(shown: list[tuple[Trial, xr.Dataset]], skin: Skin, results: Results
 def _with_frames(
     shown: list[tuple[Trial, xr.Dataset]], skin: Skin, results: Results, every: int
 ) -> dict[str, Any]:
-    assert results.bench is not None
-    rest = results.bench.face["position"].values[skin.node]
+    assert results.laboratory is not None
+    rest = results.laboratory.face["position"].values[skin.node]
     centre = (rest.min(axis=0) + rest.max(axis=0)) / 2
     trials: list[dict[str, Any]] = []
     for trial, moved in shown:
@@ -169,8 +169,8 @@ def _with_frames(
         "nodes": len(skin.node),
         "triangle": packed(skin.triangle.astype("<u4")),
         "origin": str(results.cube.attrs["origin"]),
-        "face": str(results.bench.face.attrs["name"]),
-        "lips": [round(1e3 * float(x), 3) for x in _lips(results.bench.face) - centre],
+        "face": str(results.laboratory.face.attrs["name"]),
+        "lips": [round(1e3 * float(x), 3) for x in _lips(results.laboratory.face) - centre],
         "instructions": {
             key: INSTRUCTIONS[key] for key in dict.fromkeys(t["instruction"] for t in trials)
         },

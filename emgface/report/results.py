@@ -55,7 +55,7 @@ class Results:
         Scores and status of every trial.
     study : StudyConfiguration or None
         All choices, those that were varied at their reference, where the cube carries them.
-    bench : Laboratory or None
+    laboratory : Laboratory or None
         The store and the face, where they can still be read.
     intake : Intake or None
         The recordings, where they can still be read.
@@ -66,7 +66,7 @@ class Results:
     folder: Path
     cube: xr.Dataset
     study: StudyConfiguration | None = None
-    bench: Laboratory | None = None
+    laboratory: Laboratory | None = None
     intake: Intake | None = None
     notes: list[str] = field(default_factory=list)
     _extents: dict[str, Result] | None = None
@@ -86,16 +86,16 @@ class Results:
         EmgfaceError, AnalysisError, SimulationError, StoredFailure
             What was not stored could not be computed either.
         """
-        if self.bench is None or self.intake is None:
+        if self.laboratory is None or self.intake is None:
             raise DataError("the recordings and the face of the study cannot be read")
         recording = next((r for r in self.intake.recordings if r.place == place), None)
         if recording is None or recording.error is not None or recording.excluded:
             raise DataError(f"there is no usable recording {' '.join(map(str, place))}")
-        bench, label = self.bench, " ".join(map(str, (*place, strategy)))
+        laboratory, label = self.laboratory, " ".join(map(str, (*place, strategy)))
         activation = self._activation(recording, strategy)
-        motion = bench.motion(activation.dataset["activation"], label)
-        aligned = bench.aligned(recording, motion, label)
-        scores = bench.scores(aligned, motion, label)
+        motion = laboratory.motion(activation.dataset["activation"], label)
+        aligned = laboratory.aligned(recording, motion, label)
+        scores = laboratory.scores(aligned, motion, label)
         return Trial(
             place,
             strategy,
@@ -117,10 +117,12 @@ class Results:
         return self._activation(recording, strategy).dataset
 
     def _activation(self, recording: Recording, strategy: str) -> Result:
-        assert self.bench is not None and self.intake is not None, "trials have both"
+        assert self.laboratory is not None and self.intake is not None, "trials have both"
         if self._extents is None:
-            self._extents = feature_extents(self.bench, self.intake)
-        return self.bench.activation(recording, strategy, self._extents.get(recording.place[0]))
+            self._extents = feature_extents(self.laboratory, self.intake)
+        return self.laboratory.activation(
+            recording, strategy, self._extents.get(recording.place[0])
+        )
 
 
 def open_results(folder: Path) -> Results:
@@ -168,7 +170,7 @@ def open_results(folder: Path) -> Results:
         return results
     try:
         results.intake = take_in(results.study.recordings, results.study.exclude)
-        results.bench = Laboratory(
+        results.laboratory = Laboratory(
             Store(folder / "store", report=results.notes.append),
             study_face(results.study.face),
             results.study,

@@ -125,13 +125,13 @@ class _SkinProbe:
 
 
 def skin_motion(
-    bench: Laboratory, activation: xr.DataArray, motion: xr.Dataset, skin: Skin, label: str
+    laboratory: Laboratory, activation: xr.DataArray, motion: xr.Dataset, skin: Skin, label: str
 ) -> Result:
     """Simulate a trial once more and keep the whole skin, at about 25 frames per second.
 
     Parameters
     ----------
-    bench : Laboratory
+    laboratory : Laboratory
         Store, face and configuration of the study.
     activation : DataArray
         What drove the trial.
@@ -153,17 +153,17 @@ def skin_motion(
     SimulationError
         The trial cannot be simulated, which it could before.
     """
-    parameters = bench.study.simulation.model_copy(
+    parameters = laboratory.study.simulation.model_copy(
         update={"sigma_max": float(motion.attrs["sigma_max"])}
     )
     every = frame_stride(parameters)
 
     def compute() -> xr.Dataset:
         moved = simulate_face(
-            bench.face,
+            laboratory.face,
             activation,
             parameters,
-            settled=bench.rest(parameters).dataset,
+            settled=laboratory.rest(parameters).dataset,
             further=(_SkinProbe(skin.node),),
         )
         frames = moved[["skin_position", "position"]].isel(time=slice(None, None, every))
@@ -171,9 +171,9 @@ def skin_motion(
         frames["skin_position"] = frames["skin_position"].astype(np.float32)
         return frames.assign_attrs(origin="simulated", sigma_max=parameters.sigma_max)
 
-    return bench.store.get_or_compute(
+    return laboratory.store.get_or_compute(
         SKIN,
-        {"face": bench.face_digest, "activation": activation_digest(activation)},
+        {"face": laboratory.face_digest, "activation": activation_digest(activation)},
         {**parameters.model_dump(mode="json"), "nodes": len(skin.node), "every": every},
         compute,
         label=label,

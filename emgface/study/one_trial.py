@@ -16,12 +16,12 @@ EXPECTED = (EmgfaceError, AnalysisError, SimulationError)
 """Failures of one trial that do not stop the others."""
 
 
-def run_trial(bench: Laboratory, trial: PlannedTrial, extent: Result | None = None) -> Trial:
+def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None = None) -> Trial:
     """Take one trial through all stages.
 
     Parameters
     ----------
-    bench : Laboratory
+    laboratory : Laboratory
         Store, face and configuration.
     trial : PlannedTrial
         Which one.
@@ -44,8 +44,8 @@ def run_trial(bench: Laboratory, trial: PlannedTrial, extent: Result | None = No
         return Trial.failed(*labels, recording.error, origin=origin)
     known: dict[str, Any] = {}
     try:
-        activation = bench.activation(recording, trial.strategy, extent)
-        motion = bench.motion(activation.dataset["activation"], trial.label)
+        activation = laboratory.activation(recording, trial.strategy, extent)
+        motion = laboratory.motion(activation.dataset["activation"], trial.label)
         attrs = motion.dataset.attrs
         known = {
             "sigma_max": float(attrs["sigma_max"]),
@@ -53,8 +53,8 @@ def run_trial(bench: Laboratory, trial: PlannedTrial, extent: Result | None = No
             "steps": steps_of(motion.dataset),
             "numerical_error": float(attrs.get("numerical_error", np.nan)),
         }
-        aligned = bench.aligned(recording, motion, trial.label)
-        scores = bench.scores(aligned, motion, trial.label)
+        aligned = laboratory.aligned(recording, motion, trial.label)
+        scores = laboratory.scores(aligned, motion, trial.label)
     except StoredFailure as failure:
         return Trial(
             *labels,

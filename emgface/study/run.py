@@ -105,13 +105,13 @@ def run_study(
     muted: set[str] = set()
     try:
         for variant in made:
-            bench = Laboratory(
+            laboratory = Laboratory(
                 store, study_face(variant.study.face), variant.study, observer.message
             )
             told = f"{variant.label}: " if variant.labels else ""
-            results = _run_trials(bench, intake, trials, workers, observer, told)
-            cubes[variant.labels] = _cube(bench, intake, trials, results)
-            muted |= bench.muted
+            results = _run_trials(laboratory, intake, trials, workers, observer, told)
+            cubes[variant.labels] = _cube(laboratory, intake, trials, results)
+            muted |= laboratory.muted
     finally:
         log.write(store.events)
     if muted:
@@ -133,7 +133,7 @@ def run_study(
 
 
 def _run_trials(
-    bench: Laboratory,
+    laboratory: Laboratory,
     intake: Intake,
     trials: list[PlannedTrial],
     workers: int,
@@ -141,9 +141,9 @@ def _run_trials(
     told: str,
 ) -> list[Trial]:
     """Take every trial through all stages; where it is asked for, with one sigma_max a volunteer."""
-    extents = feature_extents(bench, intake)
-    results = _through_stages(bench, trials, extents, workers, observer, told)
-    if bench.study.simulation.sigma_max_policy.scope == "trial":
+    extents = feature_extents(laboratory, intake)
+    results = _through_stages(laboratory, trials, extents, workers, observer, told)
+    if laboratory.study.simulation.sigma_max_policy.scope == "trial":
         return results
     done = {(r.volunteer, r.instruction, r.repetition, r.strategy): r for r in results}
     while again := sigma_max_to_share(done.values()):
@@ -158,12 +158,12 @@ def _run_trials(
                 if trial.place[0] == volunteer
                 and done[*trial.place, trial.strategy].sigma_max > lowest
             ]
-            simulation = bench.study.simulation.model_copy(update={"sigma_max": lowest})
-            study = bench.study.model_copy(update={"simulation": simulation})
-            lowered = Laboratory(bench.store, bench.face, study, bench.report)
+            simulation = laboratory.study.simulation.model_copy(update={"sigma_max": lowest})
+            study = laboratory.study.model_copy(update={"simulation": simulation})
+            lowered = Laboratory(laboratory.store, laboratory.face, study, laboratory.report)
             redone = _through_stages(lowered, higher, extents, workers, Silent(), told)
             done |= {(r.volunteer, r.instruction, r.repetition, r.strategy): r for r in redone}
-            bench.muted |= lowered.muted
+            laboratory.muted |= lowered.muted
     return list(done.values())
 
 
@@ -180,7 +180,7 @@ def sigma_max_to_share(results: Iterable[Trial]) -> dict[str, float]:
 
 
 def _through_stages(
-    bench: Laboratory,
+    laboratory: Laboratory,
     trials: list[PlannedTrial],
     extents: dict[str, Result],
     workers: int,
@@ -191,14 +191,14 @@ def _through_stages(
     if workers == 1:
         for trial in trials:
             observer.working(told + trial.label)
-            outcome = run_trial(bench, trial, extents.get(trial.place[0]))
+            outcome = run_trial(laboratory, trial, extents.get(trial.place[0]))
             results.append(outcome)
             observer.finished(told + trial.label, outcome.status)
         return results
-    for trial, done in in_parallel(bench, trials, extents, workers):
+    for trial, done in in_parallel(laboratory, trials, extents, workers):
         results.append(done.outcome)
-        bench.store.events.extend(done.events)
-        bench.muted |= done.muted
+        laboratory.store.events.extend(done.events)
+        laboratory.muted |= done.muted
         for text in done.messages:
             observer.message(text)
         observer.finished(told + trial.label, done.outcome.status)
@@ -206,7 +206,7 @@ def _through_stages(
 
 
 def _cube(
-    bench: Laboratory, intake: Intake, trials: list[PlannedTrial], results: list[Trial]
+    laboratory: Laboratory, intake: Intake, trials: list[PlannedTrial], results: list[Trial]
 ) -> xr.Dataset:
     """Collect the results under one configuration."""
     cube = build_cube(
@@ -214,34 +214,34 @@ def _cube(
         volunteers=list(dict.fromkeys(t.place[0] for t in trials)),
         instructions=list(dict.fromkeys(t.place[1] for t in trials)),
         repetitions=sorted({t.place[2] for t in trials}),
-        strategies=list(bench.study.strategy_names),
+        strategies=list(laboratory.study.strategy_names),
         markers=list(LIP_MARKERS),
         origin=_origin(intake),
     )
     return cube.assign_attrs(
-        name=bench.study.name,
-        face=str(bench.face.attrs["name"]),
-        face_origin=str(bench.face.attrs["origin"]),
+        name=laboratory.study.name,
+        face=str(laboratory.face.attrs["name"]),
+        face_origin=str(laboratory.face.attrs["origin"]),
     )
 
 
-def feature_extents(bench: Laboratory, intake: Intake) -> dict[str, Result]:
+def feature_extents(laboratory: Laboratory, intake: Intake) -> dict[str, Result]:
     """Range of the features per volunteer, where Eq. 8 reaches beyond the trial."""
-    reach = bench.study.signals.normalisation.reach
-    if reach == "trial" or bench.study.activation_source == "true":
+    reach = laboratory.study.signals.normalisation.reach
+    if reach == "trial" or laboratory.study.activation_source == "true":
         return {}
     volunteers = sorted({r.place[0] for r in intake.recordings if intake.of(r.place[0])})
     if reach == "session":
         return {
-            volunteer: bench.extent(
+            volunteer: laboratory.extent(
                 {r.digest: r.dataset for r in intake.of(volunteer)}, f"{volunteer}, session"
             )
             for volunteer in volunteers
         }
 
-    references = take_in_references(bench.study.recordings)
+    references = take_in_references(laboratory.study.recordings)
     return {
-        volunteer: bench.extent(
+        volunteer: laboratory.extent(
             {dataset_digest(r): r for r in references[volunteer]}, f"{volunteer}, reference"
         )
         for volunteer in volunteers

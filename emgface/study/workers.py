@@ -27,7 +27,7 @@ class Done:
 
 
 def in_parallel(
-    bench: Laboratory,
+    laboratory: Laboratory,
     trials: Sequence[PlannedTrial],
     extents: Mapping[str, Result],
     workers: int,
@@ -36,7 +36,7 @@ def in_parallel(
 
     Parameters
     ----------
-    bench : Laboratory
+    laboratory : Laboratory
         Store folder and configuration are handed to the workers.
     trials : sequence of PlannedTrial
         What to run.
@@ -52,22 +52,22 @@ def in_parallel(
     Done
         How.
     """
-    bench.rest(bench.study.simulation)  # once here, or every worker would compute it
+    laboratory.rest(laboratory.study.simulation)  # once here, or every worker would compute it
     jobs = [(_without_data(trial), extents.get(trial.place[0])) for trial in trials]
-    arguments = (bench.study, bench.store.folder)
+    arguments = (laboratory.study, laboratory.store.folder)
     for index, done in in_processes(_work, jobs, workers, begin=_begin, arguments=arguments):
         yield trials[index], done
 
 
-_bench: Laboratory | None = None
+_laboratory: Laboratory | None = None
 _messages: list[str] = []
 """The laboratory of a worker process, and what it has to say."""
 
 
 def _begin(study: StudyConfiguration, folder: Path) -> None:
-    global _bench
+    global _laboratory
     store = Store(folder, report=_messages.append)
-    _bench = Laboratory(store, study_face(study.face), study, _messages.append)
+    _laboratory = Laboratory(store, study_face(study.face), study, _messages.append)
 
 
 def _without_data(trial: PlannedTrial) -> PlannedTrial:
@@ -79,11 +79,11 @@ def _without_data(trial: PlannedTrial) -> PlannedTrial:
 
 
 def _work(job: tuple[PlannedTrial, Result | None]) -> Done:
-    assert _bench is not None, "every worker begins with its laboratory"
+    assert _laboratory is not None, "every worker begins with its laboratory"
     trial, extent = job
     recording = trial.recording
     if recording is not None and recording.error is None and not recording.excluded:
-        recording = load_recording(recording.path, _bench.study.recordings)
-    before, _messages[:] = len(_bench.store.events), []
-    outcome = run_trial(_bench, replace(trial, recording=recording), extent)
-    return Done(outcome, _bench.store.events[before:], set(_bench.muted), list(_messages))
+        recording = load_recording(recording.path, _laboratory.study.recordings)
+    before, _messages[:] = len(_laboratory.store.events), []
+    outcome = run_trial(_laboratory, replace(trial, recording=recording), extent)
+    return Done(outcome, _laboratory.store.events[before:], set(_laboratory.muted), list(_messages))

@@ -107,14 +107,14 @@ def test_motion_in_the_page_is_that_of_the_study(page: Path) -> None:
         return np.cumsum(change, axis=0, dtype=np.int16)
 
     results = open_results(page.parent / "study")
-    assert results.bench is not None
+    assert results.laboratory is not None
     stored = results.trial(("S01", "B", 1), "act_rel").motion
     wanted = (
         stored["position"]
         .transpose("time", "marker", "axis")
         .sel(time=trial["time"], method="nearest")
     )
-    rest = results.bench.face["position"].values[skin_of(results.bench.face).node]
+    rest = results.laboratory.face["position"].values[skin_of(results.laboratory.face).node]
     centre = (rest.min(axis=0) + rest.max(axis=0)) / 2
     simulated = decoded("simulated", 10) * QUANTUM + centre
     assert abs(simulated - wanted.values).max() <= QUANTUM / 2 * (1 + 1e-6)
@@ -210,7 +210,7 @@ def test_what_cannot_be_read_any_more_is_said(page: Path, tmp_path: Path) -> Non
     cube.attrs["configuration"] = json.dumps(configuration)
     write_netcdf(cube, tmp_path / "cube.nc", "cube")
     results = open_results(tmp_path)
-    assert results.bench is None and "recordings or face cannot be read" in results.notes[0]
+    assert results.laboratory is None and "recordings or face cannot be read" in results.notes[0]
     cube.attrs["configuration"] = '{"speed": 3}'
     write_netcdf(cube, tmp_path / "cube.nc", "cube")
     assert "of another version of this package" in open_results(tmp_path).notes[0]
