@@ -25,7 +25,7 @@ def artisynth(
     ],
     out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
     radius: Annotated[
-        float, typer.Option(help="Elements nearer to a fibre than this are muscle [m].")
+        float, typer.Option(help="Metres; elements nearer to a fibre are muscle.")
     ] = 5e-3,
     oop: Annotated[
         str, typer.Option(help="Elements of OOP: oldoop, active, block or radius.")

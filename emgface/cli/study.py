@@ -1,16 +1,19 @@
 """``emgface study``, ``report`` and ``demo``: whole studies."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from emgface.cli.console import BAD_INPUT, PARTIAL, ProgressObserver, out, progress, say
 from emgface.cli.machine import announce_compilation, cores, use_one_thread
 
+if TYPE_CHECKING:
+    from emgface.study.configuration import StudyConfiguration
+
 AccuracyOption = Annotated[
     str | None,
-    typer.Option(help="draft, study, reference, or the error wanted, such as '0.1 mm'."),
+    typer.Option(help="draft, study, reference, published, or the error wanted, such as '0.1 mm'."),
 ]
 
 app = typer.Typer(no_args_is_help=True, help="Whole studies, from recordings to the scored cube.")
@@ -50,7 +53,7 @@ def run(
     raise typer.Exit(_run(configuration, out_path, workers or cores()))
 
 
-def _as_accurate(configuration, accuracy: str | None):  # noqa: ANN001, ANN202
+def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "StudyConfiguration":
     """Study with another accuracy of its simulations, where one is given."""
     if accuracy is None:
         return configuration
@@ -58,7 +61,7 @@ def _as_accurate(configuration, accuracy: str | None):  # noqa: ANN001, ANN202
     return configuration.model_copy(update={"simulation": simulation})
 
 
-def _run(configuration, out_path: Path, workers: int) -> int:  # noqa: ANN001
+def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> int:
     """Run a study, print its tables and return the exit code."""
     from analysis.axes import NOT_IN_DESIGN
     from emgface.study.report import write_report

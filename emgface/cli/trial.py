@@ -1,12 +1,16 @@
 """``emgface activate``, ``simulate``, ``score``: the stages of one trial, one by one."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from emgface.cli.console import progress, say, show_table
 from emgface.cli.machine import announce_compilation
+from emgface.cli.study import AccuracyOption
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 StudyPath = Annotated[
     Path | None, typer.Option("--study", help="Study file whose parameters apply.")
@@ -63,12 +67,12 @@ def simulate(
         float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
     ] = None,
     solver: Annotated[
-        str | None, typer.Option(help="converged, trapezoidal, sdirk2 or linearly_implicit.")
-    ] = None,
-    accuracy: Annotated[
         str | None,
-        typer.Option(help="draft, study, reference, or the error wanted, such as '0.1 mm'."),
+        typer.Option(
+            help="sdirk2, converged, trapezoidal, linearly_implicit or linearly_implicit_trapezoidal."
+        ),
     ] = None,
+    accuracy: AccuracyOption = None,
 ) -> None:
     """Move the face by an activation."""
     from emgface.choices import configure
@@ -92,15 +96,12 @@ def simulate(
     announce_compilation()
     with progress("simulating") as bar:
 
-        def advance(done: int, total: int) -> None:
-            bar.show(done, total)
-
-        def once(parameters: SimulationParameters):
+        def once(parameters: SimulationParameters) -> "xr.Dataset":
             bar.working("settling under gravity")
             settled = settle_face(model, parameters)
             bar.working(f"simulating, sigma_max {parameters.sigma_max / 1e3:.4g} kPa")
             return simulate_face(
-                model, drive["activation"], parameters, settled=settled, progress=advance
+                model, drive["activation"], parameters, settled=settled, progress=bar.show
             )
 
         trajectory = lower_sigma_max(once, parameters, report=bar.message).trajectory
