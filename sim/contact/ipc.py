@@ -23,6 +23,12 @@ Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 CLOSEST = 0.1
 """Share of a gap that is left when a move is stopped."""
 
+NEAREST = 1e-9
+"""Gap that no move closes [m]; less cannot be told from nothing in double precision."""
+
+MOST_ADVANCES = 10_000
+"""Advances towards a first touch; each is safe, so that fewer shorten a move and miss nothing."""
+
 SLACK = 2e-4
 """How far vertices move before pairs are searched anew [m]; a longer move is searched on its own.
 
@@ -109,7 +115,7 @@ class CollisionPair:
         if not pairing.itself:
             self._separate(number)
         self._potential = self._ipc.BarrierPotential(barrier.distance, barrier.stiffness, True)
-        self._stop = self._ipc.AdditiveCCD(conservative_rescaling=1.0 - CLOSEST)
+        self._stop = self._ipc.AdditiveCCD(MOST_ADVANCES, 1.0 - CLOSEST)
         self._candidates = self._ipc.Candidates()
         self._reference: Array | None = None
 
@@ -218,7 +224,7 @@ class CollisionPair:
         near = self._near(x0, x1)
         if len(near) == 0:
             return 1.0
-        return near.compute_collision_free_stepsize(self.mesh, x0, x1, 0.0, self._stop)
+        return near.compute_collision_free_stepsize(self.mesh, x0, x1, NEAREST, self._stop)
 
     def smallest_distance(self, x: Array) -> float:
         """Smallest distance of pairs within the barrier's reach [m], infinite if there is none."""

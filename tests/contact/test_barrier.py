@@ -174,6 +174,17 @@ def test_a_body_thrown_through_a_thin_sheet_in_one_step_is_stopped(side):
         assert (side * state.q[:, 2]).min() > 0.0
 
 
+def test_moves_that_are_stopped_again_and_again_never_close_the_gap():
+    """Each leaves a tenth of the gap to a nanometre, which double precision still tells from nothing."""
+    system, _ = body_over(sheet(), 3e-4)
+    q, control = system.scene.mesh.X.copy(), system.control(REST)
+    for _ in range(14):
+        move = np.zeros_like(q)
+        move[:, 2] = -1e-3
+        q = q + system.largest_step(q, q + move, control) * move
+    assert q[:, 2].min() == pytest.approx(1e-9, rel=1e-3)
+
+
 def test_friction_is_the_derivative_of_its_potential_and_opposes_the_slip():
     system, term, q = squeezed(friction=0.4, stick_speed=1e-3)
     upper = system.scene.terms[-1].pairings[0].b.nodes
