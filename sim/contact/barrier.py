@@ -10,12 +10,15 @@ from scipy.spatial import cKDTree
 from sim.contact.clearance import cleared
 from sim.contact.ipc import Barrier, CollisionPair, Sliding
 from sim.contact.pairing import Pairing
-from sim.contact.places import Places
+from sim.contact.places import VertexPlaces
 from sim.contact.surfaces import NodeSurface
 from sim.errors import NotConverged, SceneError
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
+
+CREEP = 0.01
+"""Share of the distance by which what sticks may slip on its way to equilibrium."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +66,9 @@ class BarrierContact:
     no tissue ever goes deeper than it started. Two surfaces of the mesh must start apart.
 
     Friction is lagged: over a step it acts with the normal forces and in the tangent planes of the
-    step's start. Only an integrator that iterates can hold a barrier.
+    step's start. Only an integrator that iterates can hold a barrier, and friction needs one that is
+    L-stable: by the trapezoidal rule tissue bounces on a barrier at every step, and a block that slides
+    was found to feel half of its friction.
 
     Source: Li et al. 2020, Incremental potential contact, ACM Trans. Graph. 39(4), 49; weights by area:
     Li et al. 2023, Convergent incremental potential contact, arXiv:2307.15908. Computed with the IPC
@@ -116,7 +121,7 @@ class CompiledBarrier:
 
     def __init__(self, part: BarrierContact, layout: Layout) -> None:
         barrier = Barrier(part.distance, part.stiffness, part.friction, part.stick_speed)
-        self._part, self._places = part, Places(layout.pattern)
+        self._part, self._places = part, VertexPlaces(layout.pattern)
         self.pairs = tuple(cleared(p, layout.mesh.X, barrier) for p in part.pairings)
         self._sliding: tuple[Sliding, ...] | None = None
 
@@ -124,7 +129,7 @@ class CompiledBarrier:
         """Barriers over a step of length h [s] from a state, with the friction of its contacts."""
         if self._part.friction == 0.0 or h == 0.0:
             return self
-        slip = self._part.stick_speed * h if h < math.inf else 0.01 * self._part.distance
+        slip = self._part.stick_speed * h if h < math.inf else CREEP * self._part.distance
         step = copy(self)
         step._sliding = tuple(
             pair.sliding(pair.vertices(state.q, state.t), slip) for pair in self.pairs

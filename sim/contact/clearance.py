@@ -23,6 +23,10 @@ TOUCHING = 1e-8
 """Surfaces of the mesh that are nearer at rest cannot be told apart [m]."""
 
 ROUNDS = 200
+"""Moves of a shell's vertices; bodies without a way out end here."""
+
+MARGIN = 1e-3
+"""Share of the distance by which a cleared shell is farther away."""
 
 
 def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
@@ -107,7 +111,8 @@ class _Dents:
 
     def _ask(self, vertices: Index, moves: Array) -> None:
         """Vertices (n,) of the shell, numbered in itself, ought to move by `moves` (n, 3)."""
-        size, order = (moves**2).sum(axis=1), np.argsort((moves**2).sum(axis=1), kind="stable")
+        size = (moves**2).sum(axis=1)
+        order = np.argsort(size, kind="stable")
         own = (self._demand**2).sum(axis=1)
         last = np.zeros(len(own), dtype=np.int64)
         last[vertices[order]] = order  # the greatest is written last
@@ -129,12 +134,10 @@ class _Dents:
         """Nearest faces of points, by how much each point is too near or behind, outward normals."""
         found = nearest_faces(points, DEEPEST, x, faces.triangles)
         gap, normal = faces.signed(points, found, x)
-        lacking = np.where(gap < self._distance, self._distance - gap + self._margin, 0.0)
+        lacking = np.where(
+            gap < self._distance, self._distance - gap + MARGIN * self._distance, 0.0
+        )
         return found, np.where(np.isnan(gap), 0.0, lacking), normal
-
-    @property
-    def _margin(self) -> float:
-        return 1e-3 * self._distance
 
     def _crossing(self, x: Array) -> int:
         """Edges that still pass through triangles; returns their number."""
@@ -158,7 +161,7 @@ class _Dents:
             gap = float(np.linalg.norm(away))
             own = ids >= self._first
             w = np.asarray(weight)[own]
-            lacking = self._distance - gap + self._margin
+            lacking = self._distance - gap + MARGIN * self._distance
             if gap > 0.0 and (w**2).sum() > 0.0:
                 moves = np.outer(w, np.asarray(away) * (lacking / gap / (w**2).sum()))
                 self._ask(ids[own] - self._first, moves)

@@ -9,7 +9,7 @@ from sim.scene import Index
 from sim.state import Array
 
 
-class Places:
+class VertexPlaces:
     """Adds stiffness over vertices to the values of a pattern.
 
     What couples two nodes that the pattern does not is replaced by a bound from above on the diagonal

@@ -1,17 +1,7 @@
-"""Rows: one vertex against one face, and the force that an augmented Lagrangian lets act between them.
+"""Rows: one vertex against one face, and where their stiffness goes in the matrix.
 
 Of the relative displacement r of vertex and face since the start of the step, a row knows the gap
-g = gap0 + n . r at the end of the step. With the multipliers lambda (along n) and lambda_t (across) and
-the penalty rho, the force on the vertex is
-
-    f = max(0, lambda - rho g) n + tau min(1, bound/|tau|),   tau = lambda_t - rho (r - n n . r),
-
-with bound = friction lambda. It is minus the derivative of a convex potential; where the multipliers
-have converged it obeys 0 <= f_n, g >= 0, f_n g = 0 and Coulomb's law, whatever rho is.
-
-Source of the augmentation: Alart and Curnier 1991, A mixed formulation for frictional contact problems
-prone to Newton like solution methods; Simo and Laursen 1992, An augmented Lagrangian treatment of
-contact problems involving friction.
+g = gap0 + n . r at the end of the step.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +13,6 @@ from sim.errors import ContactFailure
 from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
-from sim.vectors import dot
 
 Flags = NDArray[np.bool_]
 
@@ -93,7 +82,7 @@ class Rows:
         return replace(self, gap=np.maximum(self.gap, 0.0))
 
 
-class Places:
+class RowPlaces:
     """Where the blocks of rows go in the values of a pattern.
 
     Parameters
@@ -103,7 +92,6 @@ class Places:
     names : names of the pairings, for the message.
     reach : float
         Declared reach, for the message [m].
-
     """
 
     def __init__(
@@ -148,125 +136,3 @@ class Places:
         # the transposed half of a pair of two nodes is stored by the pattern's upper triangle alone
         stored = (self._target >= 0) & (parts != 0.0)
         values += np.bincount(self._target[stored], parts[stored], self._nnz)
-
-
-@dataclass(eq=False)
-class Law:
-    """Multipliers and penalties of rows, and what acts at given displacements.
-
-    Attributes
-    ----------
-    rows : Rows
-    rho : (k,) penalties [N/m].
-    normal : (k,) multipliers along the normals [N].
-    tangent : (k, 3) multipliers across [N].
-    """
-
-    rows: Rows
-    rho: Array
-    normal: Array
-    tangent: Array
-
-    def __post_init__(self) -> None:
-        """Friction is bounded by the multipliers as they are."""
-        self.bound = self.rows.friction * self.normal
-        self.released = np.zeros(len(self.rows), dtype=bool)
-
-    def at(self, u: Array) -> "Acting":
-        """What acts at nodal displacements u (n_nodes, 3) since the start of the step."""
-        return self.at_relative(self.rows.displacement(u))
-
-    def at_relative(self, r: Array) -> "Acting":
-        """What acts at relative displacements r (k, 3)."""
-        n, rho = self.rows.normal, self.rho
-        along = np.einsum("ki,ki->k", n, r)
-        gap = self.rows.gap + along
-        force = np.where(self.released, 0.0, np.maximum(self.normal - rho * gap, 0.0))
-        energy = float((force * force / (2.0 * rho)).sum())
-        if not (self.rows.friction > 0.0).any():
-            none = np.zeros(len(n))
-            return Acting(gap, force, np.zeros_like(n), none > 0.0, none, 0.0, energy)
-        across = r - along[:, None] * n
-        tau = self.tangent - rho[:, None] * across
-        size = np.sqrt(np.einsum("ki,ki->k", tau, tau))
-        sticks = (size <= self.bound) & (self.bound > 0.0)
-        share = np.where(sticks, 1.0, self.bound / np.where(size > 0.0, size, 1.0))
-        friction = share[:, None] * tau
-        stuck: Array = 0.5 * size**2 / rho
-        slid: Array = self.bound * (size - 0.5 * self.bound) / rho
-        stored: Array = np.where(sticks, stuck, slid)
-        energy += dot(stored, np.ones(len(n)))
-        slip = float(np.abs(across[sticks]).max()) if sticks.any() else 0.0
-        turn = np.where(sticks, 0.0, share * rho)
-        return Acting(gap, force, friction, sticks, turn, slip, energy)
-
-    def stiffness(self, acting: "Acting", pushes: Flags | None = None) -> Array:
-        """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m].
-
-        With `pushes` (k,) these rows count as pushing, whether they do or not.
-        """
-        n = self.rows.normal
-        nn = n[:, :, None] * n[:, None, :]
-        pushing = acting.force > 0.0 if pushes is None else pushes
-        block = np.where(pushing, self.rho, 0.0)[:, None, None] * nn
-        if not (self.bound > 0.0).any():
-            return block
-        plane = np.eye(3) - nn
-        size = np.sqrt(np.einsum("ki,ki->k", acting.friction, acting.friction))
-        along = acting.friction / np.where(size > 0.0, size, 1.0)[:, None]
-        # a sliding contact resists a turn of its way only
-        turn = plane - along[:, :, None] * along[:, None, :]
-        block += np.where(acting.sticks, self.rho, 0.0)[:, None, None] * plane
-        return block + acting.turn[:, None, None] * turn
-
-    def held(self, acting: "Acting", pushes: Flags) -> Array:
-        """Forces (k,) along the normals if these rows push, or pull, and no others [N]."""
-        return np.where(pushes, self.normal - self.rho * acting.gap, 0.0)
-
-    def update(self, acting: "Acting") -> None:
-        """Take the forces that act as the new multipliers."""
-        self.normal, self.tangent = acting.force, acting.friction
-        self.bound = self.rows.friction * self.normal
-
-
-@dataclass(frozen=True, eq=False)
-class Acting:
-    """Gaps and forces of rows at some displacements.
-
-    Attributes
-    ----------
-    gap : (k,) [m]
-    force : (k,) along the normals [N].
-    friction : (k, 3) across [N].
-    sticks : (k,) whether friction holds.
-    turn : (k,) stiffness of a sliding contact against a change of direction [N/m].
-    slip : float
-        Largest slip of a row that should stick [m].
-    energy : float
-        Of the augmentation [J].
-    """
-
-    gap: Array
-    force: Array
-    friction: Array
-    sticks: Flags
-    turn: Array
-    slip: float
-    energy: float
-
-    def on_vertices(self, rows: Rows) -> Array:
-        """Whole forces (k, 3) on the vertices [N]."""
-        return self.force[:, None] * rows.normal + self.friction
-
-    def miss(self, law: Law, pushes: Flags | None = None) -> float:
-        """Largest gap of a row that pushes, penetration of one that does not, or slip [m].
-
-        With `pushes` (k,) those rows count as pushing that are among them.
-        """
-        pushing = self.force > 0.0
-        if pushes is not None:
-            miss = np.where(pushes & pushing, np.abs(self.gap), 0.0)
-        else:
-            inside = np.where(law.released, 0.0, np.maximum(-self.gap, 0.0))
-            miss = np.where(pushing, np.abs(self.gap), inside)
-        return max(float(miss.max(initial=0.0)), self.slip)

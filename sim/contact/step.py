@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from sim.contact.compiled import ALLOWED, FORCE, FRICTION, MEMORY, PUSH, CompiledContact
 from sim.contact.direction import Move
-from sim.contact.rows import Acting, Law, Places, Rows
+from sim.contact.multipliers import Acting, Multipliers
+from sim.contact.rows import RowPlaces, Rows
 from sim.pattern import SymmetricPattern
 from sim.state import Array, State
 
@@ -59,20 +60,20 @@ class ContactStep:
     def _move(self, q: Array) -> Move:
         return Move(self.q0, q, self._t0, self._t1)
 
-    def law(self, rows: Rows, rho: Array) -> Law:
+    def multipliers(self, rows: Rows, rho: Array) -> Multipliers:
         """Rows with the multipliers that the state remembers of their vertices."""
         return _shared(rows, rho, self._memory[:, PUSH], self._memory[:, FRICTION])
 
-    def places(self, pattern: SymmetricPattern, rows: Rows) -> Places:
+    def places(self, pattern: SymmetricPattern, rows: Rows) -> RowPlaces:
         """Where the blocks of rows go."""
-        return Places(pattern, rows, self.contact.names, self.contact.reach)
+        return RowPlaces(pattern, rows, self.contact.names, self.contact.reach)
 
-    def memory(self, q: Array, law: Law, acting: Acting) -> Mapping[str, Array]:
+    def memory(self, q: Array, multipliers: Multipliers, acting: Acting) -> Mapping[str, Array]:
         """What the state at the end remembers, at positions q."""
         new = np.zeros_like(self._memory)
-        slot = law.rows.slot
+        slot = multipliers.rows.slot
         np.add.at(new[:, FORCE], slot, acting.force)
-        np.add.at(new[:, PUSH], slot, acting.force[:, None] * law.rows.normal)
+        np.add.at(new[:, PUSH], slot, acting.force[:, None] * multipliers.rows.normal)
         np.add.at(new[:, FRICTION], slot, acting.friction)
         near = self.at(q)
         depth = self._allowed[near.slot] - near.gaps(q - self.q0)
@@ -109,16 +110,16 @@ def penalties(pattern: SymmetricPattern, diagonal: Array, rows: Rows, factor: fl
     return factor / felt
 
 
-def carried_over(law: Law, rows: Rows, rho: Array) -> Law:
+def carried_over(multipliers: Multipliers, rows: Rows, rho: Array) -> Multipliers:
     """Other rows with the multipliers of the same vertices."""
-    n = max(int(part.slot.max(initial=-1)) for part in (rows, law.rows)) + 1
+    n = max(int(part.slot.max(initial=-1)) for part in (rows, multipliers.rows)) + 1
     push, friction = np.zeros((n, 3)), np.zeros((n, 3))
-    np.add.at(push, law.rows.slot, law.normal[:, None] * law.rows.normal)
-    np.add.at(friction, law.rows.slot, law.tangent)
+    np.add.at(push, multipliers.rows.slot, multipliers.normal[:, None] * multipliers.rows.normal)
+    np.add.at(friction, multipliers.rows.slot, multipliers.tangent)
     return _shared(rows, rho, push, friction)
 
 
-def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Law:
+def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers:
     """Rows that share what their vertices (slots) push and rub: the first the friction, all the push.
 
     The multipliers are those >= 0 of which the sum along the normals is nearest to the push.
@@ -139,4 +140,4 @@ def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Law:
             left[rows.slot[row]] -= more[:, None] * n[row]
     tangent = np.where((rank == 0)[:, None], friction[rows.slot], 0.0)
     tangent -= np.einsum("ki,ki->k", tangent, n)[:, None] * n
-    return Law(rows, rho, normal, tangent)
+    return Multipliers(rows, rho, normal, tangent)

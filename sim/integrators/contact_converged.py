@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.contact.correction import AT_ALL, considerable, moved_out
-from sim.contact.rows import Law, Places, Rows
+from sim.contact.multipliers import Multipliers
+from sim.contact.rows import RowPlaces, Rows
 from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
@@ -51,8 +52,15 @@ class Settled:
 class Touching:
     """A potential and the augmentation of rows under their present multipliers."""
 
-    def __init__(self, potential: Placed, law: Law, places: Places, q0: Array) -> None:
-        self._potential, self._law, self._places, self._q0 = potential, law, places, q0
+    def __init__(
+        self, potential: Placed, multipliers: Multipliers, places: RowPlaces, q0: Array
+    ) -> None:
+        self._potential, self._multipliers, self._places, self._q0 = (
+            potential,
+            multipliers,
+            places,
+            q0,
+        )
         self.system: System = potential.system
         self.scale, self.shift = potential.scale, potential.shift
 
@@ -66,8 +74,8 @@ class Touching:
 
     def with_contact(self, point: Point) -> Point:
         """A point of the potential with the augmentation added."""
-        rows = self._law.rows
-        acting = self._law.at(self.positions(point.d) - self._q0)
+        rows = self._multipliers.rows
+        acting = self._multipliers.at(self.positions(point.d) - self._q0)
         f = rows.spread(acting.on_vertices(rows), len(self._q0))
         g = point.g - self.system.reduce(f)
         return Point(point.d, g, point.phi + acting.energy, point.here)
@@ -80,8 +88,8 @@ class Touching:
         """Scale times the second derivative of both."""
         A = self._potential.matrix(d)
         self.shift = self._potential.shift
-        acting = self._law.at(self.positions(d) - self._q0)
-        self._places.add(self._law.stiffness(acting), self.scale, A.values)
+        acting = self._multipliers.at(self.positions(d) - self._q0)
+        self._places.add(self._multipliers.stiffness(acting), self.scale, A.values)
         return A
 
 
@@ -142,46 +150,46 @@ def minimise_in_contact(
         # where a muscle makes the tangent negative its size still tells the stiffness
         stiffness = work.contact_stiffness = (key, np.abs(diagonal))
     rows = step.at_start(way)
-    law = step.law(rows, penalties(pattern, stiffness[1], rows, PENALTY))
+    multipliers = step.multipliers(rows, penalties(pattern, stiffness[1], rows, PENALTY))
     if grip:
-        law.normal = np.maximum(law.normal, law.rho * (TOUCH - rows.gap))
+        multipliers.normal = np.maximum(multipliers.normal, multipliers.rho * (TOUCH - rows.gap))
     places = step.places(pattern, rows)
     contested = np.empty(0, dtype=np.int64)
     point, went, renewals, miss = start, None, 0, np.inf
     before = np.full(len(rows), np.inf)
     for _ in range(UPDATES):
-        touching = Touching(potential, law, places, step.q0)
+        touching = Touching(potential, multipliers, places, step.q0)
         end, more = minimise(touching, touching.with_contact(point))
         went = more if went is None else went.joined(more)
         u = potential.positions(end.d) - step.q0
-        acting = law.at(u)
-        pushed = law.rows.spread(acting.on_vertices(law.rows), n_nodes)
+        acting = multipliers.at(u)
+        pushed = multipliers.rows.spread(acting.on_vertices(multipliers.rows), n_nodes)
         point = Point(end.d, end.g + system.reduce(pushed), end.phi, end.here)
-        miss, bound = acting.miss(law), law.bound
-        law.update(acting)
-        change = float(np.abs(law.bound - bound).max(initial=0.0))
+        miss, bound = acting.miss(multipliers), multipliers.bound
+        multipliers.update(acting)
+        change = float(np.abs(multipliers.bound - bound).max(initial=0.0))
         # forces are known no better than to the residual that the iteration leaves
-        known = 2.0 * float(law.rows.friction.max(initial=0.0)) * more.residual
-        if miss > SETTLED or change > FRICTION_SETTLED * law.bound.max(initial=0.0) + known:
+        known = 2.0 * float(multipliers.rows.friction.max(initial=0.0)) * more.residual
+        if miss > SETTLED or change > FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + known:
             left = np.where(acting.force > 0.0, np.abs(acting.gap), 0.0)
-            law.rho[(left > 2.0 * SETTLED) & (left > SLOW * before)] *= STIFFER
+            multipliers.rho[(left > 2.0 * SETTLED) & (left > SLOW * before)] *= STIFFER
             before = left
             continue
         q = potential.positions(end.d)
         near = step.at(q)
         passed = step.passed(q, near)
-        pushing = law.rows.slot[acting.force > 0.0]
+        pushing = multipliers.pushing(acting)
         found_all = not considerable(passed, u, pushing).any()
         if found_all or renewals == RENEWALS:
             q = moved_out(q, step.q0, near, pushing, pattern, stiffness[1], PENALTY, respond)
             if not found_all:
                 _require_outside(step, q, until)
-            return Settled(point, q, went, step.memory(q, law, acting))
+            return Settled(point, q, went, step.memory(q, multipliers, acting))
         renewals += 1
         new = near.joined(passed.take(np.flatnonzero(~np.isin(passed.slot, near.slot))))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
-        new = new.joined(_given_up(law.rows, new, contested))
-        law = carried_over(law, new, penalties(pattern, stiffness[1], new, PENALTY))
+        new = new.joined(_given_up(multipliers.rows, new, contested))
+        multipliers = carried_over(multipliers, new, penalties(pattern, stiffness[1], new, PENALTY))
         places, before = step.places(pattern, new), np.full(len(new), np.inf)
     raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")
 

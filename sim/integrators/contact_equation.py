@@ -6,7 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from sim.contact.rows import Acting, Flags, Law, Places, Rows
+from sim.contact.multipliers import Acting, Multipliers
+from sim.contact.rows import Flags, RowPlaces, Rows
 from sim.contact.step import TOUCH, ContactStep
 from sim.errors import NotConverged
 from sim.integrators.workspace import Workspace
@@ -24,6 +25,9 @@ ROUGHLY = 1e-5
 
 FRICTION_SETTLED = 1e-4
 """Change of the bounds of friction that is left, as a share of the largest."""
+
+NO_FORCE = 1e-12
+"""Change of a bound that is none [N]."""
 
 INSIDE = 1e-5
 """Depth of a row that does not push that is left to the correction [m]."""
@@ -113,7 +117,7 @@ class ContactEquation:
         """Nodal vector (n_nodes, 3) of x, zero at what is held."""
         return self._system.expand(x, np.zeros_like(self._state.q))
 
-    def settle(self, law: Law, x: Array) -> tuple[Array, Acting, Solve]:
+    def settle(self, multipliers: Multipliers, x: Array) -> tuple[Array, Acting, Solve]:
         """Solution with the rows that touch, from a guess x.
 
         Each pass solves for the rows that push and stick; when these stay as they are the multipliers
@@ -126,20 +130,20 @@ class ContactEquation:
         SingularSystem
             A matrix could not be factorised.
         """
-        system, rows = self._system, law.rows
+        system, rows = self._system, multipliers.rows
         n = self._state.q.shape[0]
         if not len(rows):
             solve = self._solver(None, rows, np.empty((0, 3, 3)))
             move = solve(self._b - self._A.times(x), LINEAR_ERROR)
-            return x + move, law.at(self.displacement(x + move)), solve
+            return x + move, multipliers.at(self.displacement(x + move)), solve
         places = self._step.places(system.pattern, rows)
-        acting = law.at(self.displacement(x))
+        acting = multipliers.at(self.displacement(x))
         # rows that pushed in the step before, and those that the motion would bring inside
-        pushes = (law.normal > 0.0) | (acting.gap < -TOUCH)
+        pushes = (multipliers.normal > 0.0) | (acting.gap < -TOUCH)
         factored, sticks, solve = pushes, acting.sticks, None
         flips, miss, last = np.zeros(len(rows), dtype=np.int64), np.inf, np.inf
         for _ in range(PASSES):
-            force = law.held(acting, pushes)[:, None] * rows.normal + acting.friction
+            force = multipliers.held(acting, pushes)[:, None] * rows.normal + acting.friction
             Ax = self._A.times(x)
             missing = self._b + self.scale * system.reduce(rows.spread(force, n)) - Ax
             left = norm(missing)
@@ -147,58 +151,60 @@ class ContactEquation:
             # the stiffness of a sliding contact turns with its way
             if solve is None or not same or (acting.turn.any() and left > TURNING * last):
                 first = solve is None
-                solve = self._solver(places, rows, law.stiffness(acting, pushes))
+                solve = self._solver(places, rows, multipliers.stiffness(acting, pushes))
                 factored, sticks = pushes, acting.sticks
             else:
                 first = False
             move, last = solve(missing, LINEAR_ERROR), left
             if first:
-                x, acting = x + move, law.at(self.displacement(x + move))
+                x, acting = x + move, multipliers.at(self.displacement(x + move))
             else:
-                x, acting = self._along(law, x, move, Ax - self._b)
-            rough = float(np.abs(move).max()) if law.bound.any() else 0.0
+                x, acting = self._along(multipliers, x, move, Ax - self._b)
+            rough = float(np.abs(move).max()) if multipliers.bound.any() else 0.0
             settled = np.array_equal(sticks, acting.sticks) and rough <= ROUGHLY
-            if not (settled and self._stand(law, acting, pushes)):
+            if not (settled and self._stand(multipliers, acting, pushes)):
                 now = acting.force > 0.0
                 flips += now != pushes
-                law.released |= flips > MAX_FLIPS
-                pushes = now & ~law.released
+                multipliers.released |= flips > MAX_FLIPS
+                pushes = now & ~multipliers.released
                 continue
-            miss, bound = acting.miss(law, pushes), law.bound
-            law.update(acting)
-            change = np.abs(law.bound - bound).max(initial=0.0)
-            small = FRICTION_SETTLED * law.bound.max(initial=0.0) + 1e-12
+            miss, bound = acting.miss(multipliers, pushes), multipliers.bound
+            multipliers.update(acting)
+            change = np.abs(multipliers.bound - bound).max(initial=0.0)
+            small = FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + NO_FORCE
             if max(miss, rough) <= SETTLED and change <= small:
                 return x, acting, solve
-            acting, last = law.at(self.displacement(x)), np.inf
+            acting, last = multipliers.at(self.displacement(x)), np.inf
         if miss > ROUGHLY:
             raise NotConverged((), self._until, f"contact did not settle, {miss:.2g} m are left")
         assert solve is not None  # the loop ran
         return x, acting, solve
 
-    def _stand(self, law: Law, acting: Acting, pushes: Flags) -> bool:
+    def _stand(self, multipliers: Multipliers, acting: Acting, pushes: Flags) -> bool:
         """Whether these rows may stay as they are for the step: nothing goes in, little is pulled."""
-        inside = float(-acting.gap[~pushes & ~law.released].min(initial=0.0))
+        inside = float(-acting.gap[~pushes & ~multipliers.released].min(initial=0.0))
         if inside > INSIDE:
             return False
-        force = law.held(acting, pushes)
+        force = multipliers.held(acting, pushes)
         pull = float(-force.min(initial=0.0))
         pushing = force[force > 0.0]
         return pull == 0.0 or (len(pushing) > 0 and pull <= PULL * float(pushing.mean()))
 
-    def _along(self, law: Law, x: Array, move: Array, residual: Array) -> tuple[Array, Acting]:
+    def _along(
+        self, multipliers: Multipliers, x: Array, move: Array, residual: Array
+    ) -> tuple[Array, Acting]:
         """Point of a move where the augmentation is lowest, its end if it falls till there.
 
         residual is A x - b.
         """
-        start = law.rows.displacement(self.displacement(x))
-        way = law.rows.displacement(self.displacement(x + move)) - start
+        start = multipliers.rows.displacement(self.displacement(x))
+        way = multipliers.rows.displacement(self.displacement(x + move)) - start
         straight = dot(residual, move)
         bent = dot(move, self._A.times(move))
 
         def slope(length: float) -> tuple[float, Acting]:
-            acting = law.at_relative(start + length * way)
-            pushed = self.scale * dot(acting.on_vertices(law.rows), way)
+            acting = multipliers.at_relative(start + length * way)
+            pushed = self.scale * dot(acting.on_vertices(multipliers.rows), way)
             return straight + length * bent - pushed, acting
 
         first, _ = slope(0.0)
@@ -214,7 +220,7 @@ class ContactEquation:
             low, high = (low, length) if here > 0.0 else (length, high)
         return x + length * move, acting
 
-    def _solver(self, places: Places | None, rows: Rows, block: Array) -> Solve:
+    def _solver(self, places: RowPlaces | None, rows: Rows, block: Array) -> Solve:
         """Solver for the matrix with the stiffness of rows, under the conditions of the scene."""
         system, work = self._system, self._work
         A = replace(self._A, values=self._A.values.copy())

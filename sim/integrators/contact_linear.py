@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.contact.correction import considerable, moved_out
-from sim.contact.rows import Acting, Law, Rows
+from sim.contact.multipliers import Acting, Multipliers
+from sim.contact.rows import Rows
 from sim.contact.step import TOUCH, ContactStep, penalties
 from sim.errors import NotConverged
 from sim.integrators.contact_equation import ContactEquation, Equation
@@ -80,20 +81,20 @@ class LinearContact:
             # rows turn from step to step, which the factor of an older step would not know
             self._work.linear.forget()
         speed = np.sqrt((self._state.v**2).sum(axis=1))
-        law = self._law(step.at_start(FASTER * h * speed))
+        multipliers = self._multipliers_of(step.at_start(FASTER * h * speed))
         x = h * self._v0
         for _ in range(ROUNDS):
-            x, acting, solve = equation.settle(law, x)
+            x, acting, solve = equation.settle(multipliers, x)
             q = self._positions(x)
             near = step.at(q)
-            missed = self._missed(law, acting, q, near)
+            missed = self._missed(multipliers, acting, q, near)
             if not len(missed):
                 break
-            law = self._law(law.rows.joined(missed), law)
+            multipliers = self._multipliers_of(multipliers.rows.joined(missed), multipliers)
         else:
             raise NotConverged((), self._state.t + h, "contact finds new rows in every round")
         if self._moves < 1.0:
-            near = near.joined(self._through(law.rows, q, near))
+            near = near.joined(self._through(multipliers.rows, q, near))
 
         def respond(push: Array, depth: float) -> Array:
             f = equation.scale * self._system.reduce(push)
@@ -103,7 +104,7 @@ class LinearContact:
             q,
             step.q0,
             near,
-            _pushing(law, acting),
+            multipliers.pushing(acting),
             self._system.pattern,
             equation.diagonal,
             PENALTY,
@@ -112,32 +113,32 @@ class LinearContact:
         return Touched(
             self._system.expand(x / h, self._state.v),
             q,
-            step.memory(q, law, acting),
+            step.memory(q, multipliers, acting),
             equation.solutions,
             equation.factorisations,
             equation.definite,
         )
 
-    def _law(self, rows: Rows, before: Law | None = None) -> Law:
+    def _multipliers_of(self, rows: Rows, before: Multipliers | None = None) -> Multipliers:
         """Rows that allow no way in, with their multipliers."""
         rho = penalties(self._system.pattern, self._equation.diagonal, rows, PENALTY)
-        law = self._step.law(rows.outside_gap(), rho)
+        multipliers = self._step.multipliers(rows.outside_gap(), rho)
         if before is not None:
             k = len(before.rows)
-            law.normal[:k], law.tangent[:k] = before.normal, before.tangent
-            law.normal[k:], law.tangent[k:] = 0.0, 0.0
-            law.bound = law.rows.friction * law.normal
-        return law
+            multipliers.normal[:k], multipliers.tangent[:k] = before.normal, before.tangent
+            multipliers.normal[k:], multipliers.tangent[k:] = 0.0, 0.0
+            multipliers.bound = multipliers.rows.friction * multipliers.normal
+        return multipliers
 
     def _positions(self, x: Array) -> Array:
         way = self._h * (1.0 - self._moves) * self._v0 + self._moves * x
         return self._system.expand(self._system.reduce(self._state.q) + way, self._state.q)
 
-    def _missed(self, law: Law, acting: Acting, q: Array, near: Rows) -> Rows:
+    def _missed(self, multipliers: Multipliers, acting: Acting, q: Array, near: Rows) -> Rows:
         """Rows that the step has passed and that are no matter of a small correction."""
         passed = self._step.passed(q, near)
-        deep = considerable(passed, q - self._state.q, _pushing(law, acting))
-        return passed.take(np.flatnonzero(deep & ~np.isin(_keys(passed), _keys(law.rows))))
+        deep = considerable(passed, q - self._state.q, multipliers.pushing(acting))
+        return passed.take(np.flatnonzero(deep & ~np.isin(_keys(passed), _keys(multipliers.rows))))
 
     def _through(self, rows: Rows, q: Array, near: Rows) -> Rows:
         """Rows that are broken where no face is near any more.
@@ -148,11 +149,6 @@ class LinearContact:
         broken = rows.gaps(q - self._state.q) < -TOUCH
         rows = rows.take(np.flatnonzero(broken & ~np.isin(rows.slot, near.slot)))
         return rows.take(np.unique(_keys(rows), return_index=True)[1])
-
-
-def _pushing(law: Law, acting: Acting) -> Index:
-    """Slots of the rows that push."""
-    return law.rows.slot[acting.force > 0.0]
 
 
 def _keys(rows: Rows) -> Index:
