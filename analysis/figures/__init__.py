@@ -8,9 +8,9 @@ from analysis.figures.contact import opening_over_time
 from analysis.figures.cost import cost_of_parts
 from analysis.figures.emg import emg_with_features
 from analysis.figures.faces import rendered_faces
-from analysis.figures.fresh import first_results
 from analysis.figures.growth import growth
 from analysis.figures.stability import limits_table, stability_table
+from analysis.figures.start import first_results
 from analysis.figures.style import save
 from analysis.figures.work_precision import error_control, work_precision
 

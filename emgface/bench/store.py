@@ -17,9 +17,9 @@ from analysis.figures import (
     work_precision,
 )
 from emgface.bench.contact import contact_table
-from emgface.bench.fresh import table as start_table
 from emgface.bench.stability.limits import limits
 from emgface.bench.stability.shown import limits_figure, stability_figure, stability_frame
+from emgface.bench.start import table as start_table
 from emgface.bench.work_precision.table import requested_and_achieved
 from emgface.bench.work_precision.table import table as work_precision_table
 

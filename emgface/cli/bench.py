@@ -189,7 +189,7 @@ def start(
     repeats: Annotated[int, typer.Option(help="Processes per case; times are medians.")] = 3,
 ) -> None:
     """Time fresh processes until their first result, their imports and their memory."""
-    from emgface.bench.fresh import VOLUMES, measure
+    from emgface.bench.start import VOLUMES, measure
 
     with progress("start") as bar:
         found = measure(

@@ -8,7 +8,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import sim
-from emgface.bench import cost, fresh, scaling, work_precision
+from emgface.bench import cost, scaling, start, work_precision
 from emgface.bench.drives import gesture
 from emgface.bench.scaling import slope
 from emgface.bench.stability import limits, run_battery
@@ -169,7 +169,7 @@ def started():
             "peak": ("volume", [4e8], {"units": "B"}),
             "import_time": ("module", [0.5], {"units": "s"}),
         },
-        {"volume": ["pointwise"], "phase": list(fresh.PHASES), "module": ["sim"]},
+        {"volume": ["pointwise"], "phase": list(start.PHASES), "module": ["sim"]},
         {"origin": "simulated"},
     )
 
@@ -219,9 +219,9 @@ def test_the_command_writes_its_files(tmp_path):
 
 
 def test_a_fresh_process_tells_its_phases_and_its_memory():
-    seconds, peak = fresh.first_result(None, "pointwise")
-    assert list(seconds) == list(fresh.PHASES)
+    seconds, peak = start.first_result(None, "pointwise")
+    assert list(seconds) == list(start.PHASES)
     assert min(seconds.values()) > 0.0
     assert 1e8 < peak < 1e9  # an interpreter with numba needs a tenth of a gigabyte
     with pytest.raises(DataError, match="fresh process failed: .*nowhere"):
-        fresh.first_result(Path("nowhere.nc"), "pointwise")
+        start.first_result(Path("nowhere.nc"), "pointwise")

@@ -63,7 +63,7 @@ def first_result(face: Path | None, volume: str) -> tuple[dict[str, float], floa
     task = json.dumps({"face": None if face is None else str(face), "volume": volume})
     start = time.perf_counter()
     child = subprocess.Popen(
-        [sys.executable, "-c", "from emgface.bench.fresh import work; work()", task],
+        [sys.executable, "-c", "from emgface.bench.start import work; work()", task],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
