@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.bench.unit import STEP, unit_seconds
+from emgface.face.lip_rounding import SIGMA_MAX
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import (
@@ -31,7 +32,6 @@ Progress = Callable[[int, int], None]
 
 LEVEL: Final = 0.02
 """Activation of all muscles; low, since the step is the first one and linear."""
-SIGMA_MAX: Final = 100e3
 PHASES: Final = ("force", "tangent", "damping", "factorisation", "solution", "step")
 
 

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from emgface.errors import FaceError
 from emgface.face.parts import SKULL
-from emgface.face.surface import boundary_faces
+from emgface.face.surface import faces_among
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.integer]
@@ -45,10 +45,7 @@ def ring_of_nodes(
         `rim_node` lies on no boundary loop of the sheet.
     """
     n = len(position)
-    on_sheet = np.zeros(n, dtype=bool)
-    on_sheet[sheet] = True
-    faces, _ = boundary_faces(connectivity)
-    faces = faces[on_sheet[faces].all(axis=1)]
+    faces, _ = faces_among(connectivity, sheet)
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edges = edges[edges[:, 0] != edges[:, 1]]
     edges, counts = np.unique(edges, axis=0, return_counts=True)
@@ -59,6 +56,7 @@ def ring_of_nodes(
         raise FaceError(f"node index {rim_node} lies on no boundary loop of the skin")
     distance = shortest_path(_graph(edges, n), unweighted=True, directed=False, indices=rim)
     nearest = distance.min(axis=0)
+    on_sheet = np.isin(np.arange(n), sheet)
     return np.where(np.isfinite(nearest) & on_sheet, nearest, -1).astype(np.int64)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
 from emgface.face.parts import OUTER
-from emgface.face.surface import boundary_edges, boundary_faces
+from emgface.face.surface import boundary_edges, faces_among
 from emgface.muscles import LIP_MARKERS
 
 Floats = NDArray[np.float64]
@@ -54,10 +54,7 @@ def lip_rim(face: xr.Dataset) -> LipRim:
         raise FaceError("the face has no lip_opening_node, expected one of either lip")
     top, bottom = (int(node) for node in face["lip_opening_node"].values)
     position = face["position"].values
-    skin = np.zeros(len(position), dtype=bool)
-    skin[sheet_nodes(face, OUTER)] = True
-    faces, _ = boundary_faces(face["connectivity"].values)
-    faces = faces[skin[faces].all(axis=1)]
+    faces, _ = faces_among(face["connectivity"].values, sheet_nodes(face, OUTER))
     neighbours: dict[int, list[int]] = {}
     for a, b in boundary_edges(faces):
         neighbours.setdefault(int(a), []).append(int(b))

@@ -16,7 +16,7 @@ from emgface.face.check import sheet_nodes
 from emgface.face.closed import check_closed
 from emgface.face.lip_shape import lip_rim
 from emgface.face.parts import FREE, LIPS, OUTER, arches_of
-from emgface.face.surface import boundary_faces, element_faces, triangles
+from emgface.face.surface import boundary_faces, element_faces, faces_among, triangles
 
 Integers = NDArray[np.int64]
 
@@ -126,9 +126,8 @@ def _without_overlap(parts: list[Integers]) -> Integers:
     kept: list[Integers] = []
     taken: set[tuple[int, int]] = set()
     for part in reversed(parts):
-        runs = [
-            {(a, b), (b, c), (c, a)} for a, b, c in part.tolist()
-        ]  # a directed edge has one triangle
+        # a directed edge has one triangle
+        runs = [{(a, b), (b, c), (c, a)} for a, b, c in part.tolist()]
         free = np.array([not (run & taken) for run in runs], dtype=bool)
         kept.append(part[free])
         taken.update(edge for run, ok in zip(runs, free, strict=True) if ok for edge in run)
@@ -153,10 +152,8 @@ def _from_elements(face: xr.Dataset, lip: str) -> Integers:
 def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
     """Elements of one lip: columns from skin to lining, by rings of skin facets from its margin."""
     position, connectivity = face["position"].values, face["connectivity"].values
-    skin = np.zeros(len(position), dtype=bool)
-    skin[sheet_nodes(face, OUTER)] = True
-    faces, owner = boundary_faces(connectivity)
-    here = (face["layer"].values[owner] == OUTER) & skin[faces].all(axis=1)
+    faces, owner = faces_among(connectivity, sheet_nodes(face, OUTER))
+    here = face["layer"].values[owner] == OUTER
     faces, owner = faces[here], owner[here]
     by_edge: dict[tuple[int, int], list[int]] = {}
     for k, row in enumerate(faces.tolist()):

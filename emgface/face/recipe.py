@@ -12,6 +12,7 @@ from emgface.face.bundles import project_into_mesh
 from emgface.face.check import sheet_nodes
 from emgface.face.contact import contact_term
 from emgface.face.parts import INNER, OUTER
+from emgface.face.quality import is_wedge
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.support import inner_support
 from emgface.face.tension_lines import skin_prestretch
@@ -84,7 +85,7 @@ def element_order(face: xr.Dataset) -> ElementOrder:
     -------
     ElementOrder
     """
-    wedge = face["connectivity"].values[:, -1] < 0
+    wedge = is_wedge(face["connectivity"].values)
     face_index = np.concatenate([np.flatnonzero(~wedge), np.flatnonzero(wedge)])
     scene_index = np.empty_like(face_index)
     scene_index[face_index] = np.arange(len(face_index))
@@ -157,7 +158,7 @@ def displacement_scene(face: xr.Dataset, parameters: SimulationParameters) -> Sc
 def _mesh(face: xr.Dataset, p: SimulationParameters) -> Mesh:
     """Mesh at rest; for a prestress by displaced nodes the inner sheet is shrunk in it."""
     connectivity = face["connectivity"].values
-    wedge = connectivity[:, -1] < 0
+    wedge = is_wedge(connectivity)
     blocks = {"hex8": connectivity[~wedge], "wedge6": connectivity[wedge, :6]}
     position = face["position"].values.copy()
     if p.prestress.method == "displaced":

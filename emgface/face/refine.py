@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.face.quality import is_wedge
 from emgface.face.validity import check_face
 from sim.elements import ELEMENT_TYPES
 
@@ -79,11 +80,11 @@ def refine_face(face: xr.Dataset) -> xr.Dataset:
         As `emgface.face.validity.check_face`.
     """
     connectivity = face["connectivity"].values.astype(np.int64)
-    is_wedge = connectivity[:, -1] < 0
+    wedge = is_wedge(connectivity)
     n_nodes, n_elements = face.sizes["node"], face.sizes["element"]
     parents: list[Integers] = []  # of every point: its corners, padded by repeating the first
     rows: list[tuple[Integers, list[list[int]], int]] = []
-    for mask, (points, children) in ((~is_wedge, _hexahedron()), (is_wedge, _wedge())):
+    for mask, (points, children) in ((~wedge, _hexahedron()), (wedge, _wedge())):
         own = connectivity[mask]
         corner_sets = [np.sort(own[:, corners], axis=1) for corners in points]
         padded = [
@@ -120,9 +121,8 @@ def refine_face(face: xr.Dataset) -> xr.Dataset:
         variable = face[name]
         if not set(variable.dims) <= _KEPT:
             continue
-        if "element" in variable.dims and name not in ("connectivity", "element_id"):
-            out[name] = (variable.dims, np.repeat(variable.values, CHILDREN, axis=0))
-        elif "bundle_element" in variable.dims:
+        per_element = "element" in variable.dims and name not in ("connectivity", "element_id")
+        if per_element or "bundle_element" in variable.dims:
             out[name] = (variable.dims, np.repeat(variable.values, CHILDREN, axis=0))
     n_all = n_nodes + len(new)
     child = np.tile(np.arange(CHILDREN), face.sizes["bundle_element"])

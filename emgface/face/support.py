@@ -6,7 +6,7 @@ import xarray as xr
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
 from emgface.face.parts import FREE, INNER
-from emgface.face.surface import boundary_faces
+from emgface.face.surface import faces_among
 from sim import Support
 
 
@@ -33,17 +33,15 @@ def inner_support(face: xr.Dataset, stiffness: float) -> Support:
         No node of the inner sheet is free.
     """
     position = face["position"].values
-    inner = np.zeros(len(position), dtype=bool)
-    inner[sheet_nodes(face, INNER)] = True
-    faces, _ = boundary_faces(face["connectivity"].values)
-    faces = faces[inner[faces].all(axis=1)]
+    inner = sheet_nodes(face, INNER)
+    faces, _ = faces_among(face["connectivity"].values, inner)
     corners = position[faces]
     area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal = np.zeros_like(position)
     for corner in range(4):
         np.add.at(normal, faces[:, corner], -area)  # faces look out of the tissue
     length = np.linalg.norm(normal, axis=1)
-    nodes = np.flatnonzero((face["fixed"].values == FREE) & inner & (length > 0.0))
+    nodes = inner[(face["fixed"].values[inner] == FREE) & (length[inner] > 0.0)]
     if not len(nodes):
         raise FaceError("no node of the inner sheet is free, expected some to support")
     return Support(nodes, normal[nodes] / length[nodes, None], stiffness)

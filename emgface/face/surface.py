@@ -58,6 +58,15 @@ def boundary_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np
     return faces[once], element[once]
 
 
+def faces_among(
+    connectivity: Indices, nodes: Indices
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Boundary faces all of whose nodes are among some, such as those of a sheet, and their element."""
+    faces, element = boundary_faces(connectivity)
+    inside = np.isin(faces, nodes).all(axis=1)
+    return faces[inside], element[inside]
+
+
 def boundary_edges(faces: Indices) -> NDArray[np.int64]:
     """Edges (n, 2) of one face only, the smaller node first; of faces (k, 4)."""
     edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
 from emgface.face.parts import OUTER
-from emgface.face.surface import boundary_faces
+from emgface.face.surface import faces_among
 from sim import stretch_field
 
 Floats = NDArray[np.float64]
@@ -41,10 +41,8 @@ def skin_axes(face: xr.Dataset, *, reach: float = REACH) -> tuple[NDArray[np.int
         The face has no skin or no fibres.
     """
     position, connectivity = face["position"].values, face["connectivity"].values
-    faces, element = boundary_faces(connectivity)
-    skin = np.zeros(len(position), dtype=bool)
-    skin[sheet_nodes(face, OUTER)] = True
-    mine = skin[faces].all(axis=1) & (face["layer"].values[element] == OUTER)
+    faces, element = faces_among(connectivity, sheet_nodes(face, OUTER))
+    mine = face["layer"].values[element] == OUTER
     faces, element = faces[mine], element[mine]
     segments, middle = _segments(face)
     if not len(faces) or not len(segments):

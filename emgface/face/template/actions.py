@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from emgface.choices import STAVNESS
 from emgface.errors import ActivationError
+from emgface.face.lip_rounding import SIGMA_MAX
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MODELLED, MUSCLE_NAMES
@@ -160,7 +161,7 @@ def steady_positions(
     activation; a steady state does not depend on it.
     """
     if parameters is None:
-        parameters = SimulationParameters(sigma_max=100e3, gravity=False)
+        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
     scene = compose_scene(face, parameters)
     damping = RestRayleigh(alpha=parameters.alpha, beta=parameters.beta)
     system = compile_scene(replace(scene, damping=damping))

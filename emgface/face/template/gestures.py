@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from emgface.errors import DataError
 from emgface.face.drawing import MM, VIEWS, draw_tissue, view_axes
-from emgface.face.lip_rounding import WALL
+from emgface.face.lip_rounding import SIGMA_MAX, WALL
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.actions import steady_positions
 
@@ -94,7 +94,7 @@ def gesture_positions(
     """
     runs = [gesture_activation(instruction) for instruction in instructions]
     if parameters is None:
-        parameters = SimulationParameters(sigma_max=100e3, gravity=False, support=WALL)
+        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, support=WALL)
     positions, _ = steady_positions(face, runs, parameters=parameters)
     return dict(zip(instructions, positions, strict=True))
 
