@@ -1,5 +1,7 @@
 """Signed distances to a surface, and their directions."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,9 @@ FLAT = 0.95
 
 CONCAVE = 0.1
 """Sine of the angle from which two faces make a groove."""
+
+ON_EDGE = 1e-6
+"""What lies no farther within a face counts as on its edge [m], as rounding would have it."""
 
 NO_LENGTH = 1e-6
 """Distances below this share of a side have no direction of their own."""
@@ -127,6 +132,7 @@ class SignedFaces:
         normal : (k, 3) unit vectors out of the surface, without blur the gradient of the gap.
         """
         by_face, by_corner = self.normals(x)
+        found = self._on_edges(found, x)
         f, what = found.face, found.feature
         outward, free = self._outward(found, by_face, by_corner)
         nearest = np.einsum("kj,kji->ki", found.weight, x[self.triangles[f]])
@@ -149,6 +155,30 @@ class SignedFaces:
         normal = np.where((what > 0)[:, None], mixed, normal)
         along = np.einsum("ki,ki->k", way, normal)
         return np.where((what > 0) & ~free, along, gap), normal
+
+    def _on_edges(self, found: Found, x: Array) -> Found:
+        """The same, with what is nearest within a face but a hair from its rim on the rim.
+
+        Bodies with their sides in one plane touch with their rims; a rounding error must not make their
+        sides touch instead.
+        """
+        corners = x[self.triangles[found.face]]
+        side = np.linalg.norm(corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]], axis=2)
+        double = np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
+        # distances of the nearest point from the sides opposite the corners
+        near = found.weight * double[:, None] < ON_EDGE * side
+        count, feature = near.sum(axis=1), found.feature.copy()
+        edge = np.flatnonzero((feature == INSIDE_FACE) & (count == 1))
+        first = (np.argmax(near[edge], axis=1) + 1) % 3
+        inner = self._across[found.face[edge], first] >= 0  # a free edge has no sign
+        feature[edge[inner]] = EDGE_0 + first[inner]
+        corner = np.flatnonzero((feature < CORNER_0) & (count == 2))
+        which = np.argmin(near[corner], axis=1)
+        inner = ~self._free[self.triangles[found.face[corner], which]]
+        feature[corner[inner]] = CORNER_0 + which[inner]
+        return replace(found, feature=feature)
 
     def _outward(
         self, found: Found, by_face: Array, by_corner: Array
