@@ -39,6 +39,11 @@ class Probe(Protocol):
         ...
 
 
+def _over_markers(name: str, markers: tuple[str, ...]) -> tuple[Variable, ...]:
+    """One variable of named nodes, (marker, axis) [m]."""
+    return (Variable(name, "m", ("marker", "axis"), {"marker": markers, "axis": AXES}),)
+
+
 @dataclass(frozen=True, eq=False)
 class Markers:
     """Positions of named nodes, (marker, axis) [m].
@@ -54,8 +59,7 @@ class Markers:
 
     def variables(self) -> tuple[Variable, ...]:
         """One variable ``position``."""
-        coords = {"marker": self.names, "axis": AXES}
-        return (Variable("position", "m", ("marker", "axis"), coords),)
+        return _over_markers("position", self.names)
 
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
@@ -123,8 +127,7 @@ class StepErrors:
 
     def variables(self) -> tuple[Variable, ...]:
         """One variable ``step_error``."""
-        coords = {"marker": self.names, "axis": AXES}
-        return (Variable("step_error", "m", ("marker", "axis"), coords),)
+        return _over_markers("step_error", self.names)
 
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
