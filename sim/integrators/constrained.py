@@ -5,7 +5,15 @@ from typing import Protocol
 import numpy as np
 
 from sim.errors import NotConverged
-from sim.integrators.newton import ARMIJO, MAX_HALVINGS, Iteration, Point, Potential, Tolerances
+from sim.integrators.newton import (
+    ARMIJO,
+    MAX_HALVINGS,
+    Iteration,
+    Point,
+    Potential,
+    Tolerances,
+    error_left,
+)
 from sim.integrators.workspace import Workspace
 from sim.state import Array
 from sim.system import System
@@ -64,10 +72,8 @@ def minimise_constrained(
         size = np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
         violation = float((np.abs(c) / np.where(size > 0.0, size, 1.0)).max())
         moved = length * float(np.abs(step).max())
-        theta = min(moved / last, 0.99) if last < np.inf else 0.5
-        left, last = moved * theta / (1.0 - theta), moved
-        near = left <= tolerances.position and violation <= tolerances.position
-        if near and residuals[-1] <= tolerances.residual:
+        left, last = error_left(moved, last), moved
+        if tolerances.met(left, residuals[-1]) and violation <= tolerances.position:
             work.multipliers = multiplier
             went = Iteration(iteration, factorisations, residuals[-1], left, shortest, shifts)
             return point, went

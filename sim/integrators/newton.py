@@ -86,6 +86,19 @@ class Tolerances:
     max_iterations: int
     keep_factor: float
 
+    def met(self, left: float, residual: float) -> bool:
+        """Whether an estimated error of the positions and a residual are small enough."""
+        return left <= self.position and residual <= self.residual
+
+
+def error_left(moved: float, last: float) -> float:
+    """What a linearly converging iteration leaves after a move, from the last two moves.
+
+    The rate is that of the two moves, or a half where there was none before (last infinite).
+    """
+    theta = min(moved / last, 0.99) if last < np.inf else 0.5
+    return moved * theta / (1.0 - theta)
+
 
 @dataclass(frozen=True)
 class Iteration:
@@ -187,6 +200,9 @@ def minimise(
         work.factor_of = key
         factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0
 
+    def account(iteration: int, left: float) -> Iteration:
+        return Iteration(iteration, factorisations, point.residual, left, shortest, shifts)
+
     negligible = tolerances.position * tolerances.residual
     made_here = not work.has_factor_for(*key)
     if made_here:
@@ -200,11 +216,9 @@ def minimise(
         if found is None:
             if made_here:
                 left = float(np.abs(direction).max())
-                if left <= tolerances.position and point.residual <= tolerances.residual:
+                if tolerances.met(left, point.residual):
                     # nothing descends because nothing is left but rounding: a step from rest to rest
-                    return point, Iteration(
-                        iteration, factorisations, point.residual, left, shortest, shifts
-                    )
+                    return point, account(iteration, left)
                 raise NotConverged(tuple(residuals), until, "no step lowers the potential")
         else:
             length, new = found
@@ -215,13 +229,9 @@ def minimise(
                 contraction = residuals[-1] / residuals[-2]
             shortest = min(shortest, length)
             moved = length * float(np.abs(direction).max())
-            # what a linearly converging iteration leaves after a move, from the last two moves
-            theta = min(moved / last, 0.99) if last < np.inf else 0.5
-            left, last = moved * theta / (1.0 - theta), moved
-            if left <= tolerances.position and point.residual <= tolerances.residual:
-                return point, Iteration(
-                    iteration, factorisations, point.residual, left, shortest, shifts
-                )
+            left, last = error_left(moved, last), moved
+            if tolerances.met(left, point.residual):
+                return point, account(iteration, left)
         slow = contraction > tolerances.keep_factor and age >= work.patience
         made_here = found is None or slow
         if made_here:
