@@ -15,6 +15,9 @@ from sim._kernels.triangles import within
 from sim.scene import Index
 from sim.state import Array
 
+ROUNDING = 1e-12
+"""Share of the largest coordinate by which boxes are wider, so that rounding hides nothing."""
+
 NO_NODES = np.empty(0, dtype=np.int64)
 NO_NORMALS = np.empty((0, 3))
 
@@ -62,8 +65,7 @@ class _Sweep:
     def over(cls, triangles: Index, *positions: Array) -> "_Sweep":
         corners = np.concatenate([x[triangles] for x in positions], axis=1)
         low, high = corners.min(axis=1), corners.max(axis=1)
-        # what rounding could hide behind a box
-        slack = 1e-12 * float(np.abs(corners).max())
+        slack = ROUNDING * float(np.abs(corners).max())
         low, high = low - slack, high + slack
         axis = int(np.argmax(high.max(axis=0) - low.min(axis=0)))
         order = np.argsort(low[:, axis], kind="stable")

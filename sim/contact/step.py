@@ -12,8 +12,11 @@ from sim.contact.rows import RowPlaces, Rows
 from sim.pattern import SymmetricPattern
 from sim.state import Array, State
 
-TOUCH = 1e-6  # what counts as passed [m]
-SHARING = 20  # sweeps that share a push among the walls of a groove
+TOUCH = 1e-6
+"""Depth that counts as passed [m]."""
+
+SHARING = 20
+"""Sweeps that share a push among the walls of a groove."""
 
 
 class ContactStep:
