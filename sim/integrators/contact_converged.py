@@ -144,13 +144,9 @@ def minimise_in_contact(
         x = work.solve(potential.scale * system.reduce(push))
         return system.expand(x, np.zeros_like(step.q0))
 
-    stiffness = work.contact_stiffness
-    if stiffness is None or stiffness[0] != key:
-        diagonal = potential.matrix(start.d).to_factorise()[pattern.diagonal] / potential.scale
-        # where a muscle makes the tangent negative its size still tells the stiffness
-        stiffness = work.contact_stiffness = (key, np.abs(diagonal))
+    diagonal = _stiffness_met(potential, start, key, work)
     rows = step.at_start(way)
-    multipliers = step.multipliers(rows, penalties(pattern, stiffness[1], rows, PENALTY))
+    multipliers = step.multipliers(rows, penalties(pattern, diagonal, rows, PENALTY))
     if grip:
         multipliers.normal = np.maximum(multipliers.normal, multipliers.rho * (TOUCH - rows.gap))
     places = step.places(pattern, rows)
@@ -181,7 +177,7 @@ def minimise_in_contact(
         pushing = multipliers.pushing(acting)
         found_all = not considerable(passed, u, pushing).any()
         if found_all or renewals == RENEWALS:
-            q = moved_out(q, step.q0, near, pushing, pattern, stiffness[1], PENALTY, respond)
+            q = moved_out(q, step.q0, near, pushing, pattern, diagonal, PENALTY, respond)
             if not found_all:
                 _require_outside(step, q, until)
             return Settled(point, q, went, step.memory(q, multipliers, acting))
@@ -189,9 +185,22 @@ def minimise_in_contact(
         new = near.joined(passed.take(np.flatnonzero(~np.isin(passed.slot, near.slot))))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
         new = new.joined(_given_up(multipliers.rows, new, contested))
-        multipliers = carried_over(multipliers, new, penalties(pattern, stiffness[1], new, PENALTY))
+        multipliers = carried_over(multipliers, new, penalties(pattern, diagonal, new, PENALTY))
         places, before = step.places(pattern, new), np.full(len(new), np.inf)
     raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")
+
+
+def _stiffness_met(
+    potential: Placed, start: Point, key: tuple[type, float], work: Workspace
+) -> Array:
+    """Diagonal (n_free,) of the stiffness that rows meet [N/m], once per integrator and step."""
+    known = work.contact_stiffness
+    if known is None or known[0] != key:
+        A = potential.matrix(start.d).to_factorise()
+        diagonal = A[potential.system.pattern.diagonal] / potential.scale
+        # where a muscle makes the tangent negative its size still tells the stiffness
+        known = work.contact_stiffness = (key, np.abs(diagonal))
+    return known[1]
 
 
 def _require_outside(step: ContactStep, q: Array, until: float) -> None:
