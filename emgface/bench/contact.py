@@ -130,11 +130,11 @@ def measure(
         Over (case, contact): ``status``, ``opening_rest``, ``opening_end`` in the midline along z [m],
         ``depth_lips`` and ``depth_teeth`` the deepest of every `CHUNK`-th output, the latter beyond
         where the node is at rest, ``gap`` the smallest of all outputs as contact itself has it [m];
-        over the last `TAIL`: ``speed`` of the fastest lip node [m/s], ``ripple``, range of the opening,
-        and ``chatter``, longest way that a coordinate of a lip node goes back on itself [m];
-        ``iterations``, ``factorisations`` and ``seconds`` (of the processor) per step, ``ratio`` of the
-        latter to the first method. Over (case, contact, time): ``opening`` [m]. Over (case, contact,
-        node, axis): ``node_position`` [m].
+        over the last `TAIL`, or half of `hold`: ``speed`` of the fastest lip node [m/s], ``ripple``,
+        range of the opening, and ``chatter``, longest way that a coordinate of a lip node goes back on
+        itself [m]; ``iterations``, ``factorisations`` and ``seconds`` (of the processor) per step,
+        ``ratio`` of the latter to the first method. Over (case, contact, time): ``opening`` [m]. Over
+        (case, contact, node, axis): ``node_position`` [m].
 
     Raises
     ------
@@ -156,7 +156,8 @@ def measure(
                 done += 1
                 if progress is not None:
                     progress(done, total)
-        rows.append([_judged(face, rim, run, outputs, base.step) for run in runs])
+        tail = round(min(TAIL, 0.5 * hold) / base.step)
+        rows.append([_judged(face, rim, run, outputs, tail) for run in runs])
     names = [name for name in rows[0][0] if name not in ("opening", "node_position")]
     table = {name: [[cell[name] for cell in row] for row in rows] for name in names}
     dims, time_axis = ("case", "contact"), base.step * np.arange(outputs + 1)
@@ -264,7 +265,7 @@ def _start(
     )
 
 
-def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, step: float) -> dict[str, Any]:
+def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, tail: int) -> dict[str, Any]:
     """Figures of one run, over as much of it as there is."""
     every = xr.concat(run.parts, "time") if run.parts else None
     shape = lip_shape(face, rim, run.state.q)
@@ -277,8 +278,7 @@ def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, step: float) ->
             "node_position": run.state.q,
         }
     opening[: every.sizes["time"]] = every["opening"].values
-    tail, path = round(TAIL / step), np.stack(list(run.probe.path.values()))
-    ended = not run.failure
+    path, ended = np.stack(list(run.probe.path.values())), not run.failure
     return {
         "status": run.failure or "ok",
         "opening_rest": opening[0],
