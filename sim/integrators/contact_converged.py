@@ -30,6 +30,9 @@ SETTLED = 2e-6
 FRICTION_SETTLED = 1e-3
 """Change of the bounds of friction that is left, as a share of the largest."""
 
+DEEPEST = 1e-5
+"""Depth that a correction may leave, before rows are taken anew [m]."""
+
 UPDATES, RENEWALS = 200, 20
 """How often multipliers, and how often rows, are taken anew."""
 
@@ -175,12 +178,13 @@ def minimise_in_contact(
         near = step.at(q)
         passed = step.passed(q, near)
         pushing = multipliers.pushing(acting)
-        found_all = not considerable(passed, u, pushing).any()
-        if found_all or renewals == RENEWALS:
+        last = renewals == RENEWALS
+        if last or not considerable(passed, u, pushing).any():
             q = moved_out(q, step.q0, near, pushing, pattern, diagonal, PENALTY, respond)
-            if not found_all:
+            if last:
                 _require_outside(step, q, until)
-            return Settled(point, q, went, step.memory(q, multipliers, acting))
+            if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -DEEPEST:
+                return Settled(point, q, went, step.memory(q, multipliers, acting))
         renewals += 1
         new = near.joined(passed.take(np.flatnonzero(~np.isin(passed.slot, near.slot))))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import sim
+from sim.contact.direction import Move
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, moved, square, system_of, two_bodies
 
@@ -138,3 +139,21 @@ def test_turned_with_everything_it_does_the_same():
         system = system_of(body, contact, sim.Gravity(tuple(g)))
         ends.append(moved(system, sim.LinearlyImplicitEuler(), 10)[-1].q @ Q)
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7)
+
+
+def test_what_starts_a_hair_inside_is_seen_to_enter_deep() -> None:
+    """5 micrometres, the rest of an earlier step, then 3 mm deeper than any search for near faces."""
+    mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
+    floor = box([-0.1, -0.1, -0.1], [0.1, 0.1, 0.0])
+    contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), floor),))
+    compiled = system_of(mesh, contact).contact
+    assert compiled is not None
+    q0, q = mesh.X - [0.0, 0.0, 5e-6], mesh.X - [0.0, 0.0, 3e-3]
+    none = np.zeros(len(compiled.vertex_of_slot))
+    rows = compiled.entered(Move(q0, q, 0.0, 0.01), none)
+    bottom = np.flatnonzero(mesh.X[:, 2] == 0.0)
+    assert sorted(compiled.vertex_of_slot[rows.slot]) == sorted(bottom)
+    np.testing.assert_allclose(rows.gaps(q - q0), -3e-3, rtol=1e-9)
+    np.testing.assert_allclose(rows.normal, np.tile([0.0, 0.0, 1.0], (len(bottom), 1)), atol=1e-12)
+    # what may be inside from the start does not enter
+    assert not len(compiled.entered(Move(q0, q, 0.0, 0.01), none + 5e-6))
