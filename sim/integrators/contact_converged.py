@@ -30,7 +30,7 @@ SETTLED = 2e-6
 FRICTION_SETTLED = 1e-3
 """Change of the bounds of friction that is left, as a share of the largest."""
 
-DEEPEST = 1e-5
+DEEPEST = 5e-6
 """Depth that a correction may leave, before rows are taken anew [m]."""
 
 UPDATES, RENEWALS = 200, 20
