@@ -141,7 +141,7 @@ def test_turned_with_everything_it_does_the_same():
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7)
 
 
-def test_what_starts_a_hair_inside_is_seen_to_enter_deep() -> None:
+def test_what_starts_a_hair_inside_is_seen_to_enter_deep():
     """5 micrometres, the rest of an earlier step, then 3 mm deeper than any search for near faces."""
     mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
     floor = box([-0.1, -0.1, -0.1], [0.1, 0.1, 0.0])
