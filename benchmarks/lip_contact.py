@@ -119,7 +119,7 @@ def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence
         }
         path = out / f"teeth-{factor:g}-outside.png"
         columns = ("front", "left side")
-        shrink(draw_displacement(face, shown, path, title=f"{title}\n", columns=columns, dpi=70))
+        shrink(draw_displacement(face, shown, path, title=title, columns=columns, dpi=70))
 
 
 def main() -> None:
