@@ -53,11 +53,19 @@ class SignedFaces:
         self._across = np.where(key[match] == back, match // 3, -1).reshape(-1, 3)
         self._free = np.zeros(size, dtype=bool)
         self._free[surface.open_edges] = True
+        self._latest: tuple[Array, Array, Array] | None = None
 
     def normals(self, x: Array) -> tuple[Array, Array]:
-        """Unit normals of the faces (k, 3) and of the positions x (m, 3), zero where none is named."""
+        """Unit normals of the faces (k, 3) and of the positions x (m, 3), zero where none is named.
+
+        Those of the latest positions are kept: a step asks for the same ones several times, and a shell
+        that does not move has no others.
+        """
+        if self._latest is not None and np.array_equal(self._latest[0], x):
+            return self._latest[1:]
         face, corner = np.empty((len(self.triangles), 3)), np.empty((len(x), 3))
         normals(x, self.triangles, face, corner)
+        self._latest = (x.copy(), face, corner)
         return face, corner
 
     def beside(
