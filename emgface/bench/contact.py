@@ -40,7 +40,8 @@ Floats = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 CLOSING: Final = "closing"
-"""Both parts of orbicularis oris of both sides at full activation."""
+FULL: Final = {CLOSING: ("OOP", "OOM"), "protrusion": ("OOP",)}
+"""Muscles of both sides that are fully active: parts of orbicularis oris."""
 RISE, HOLD, TAIL = 0.2, 1.0, 0.5
 """Rise of the activation, time it is held, and last part of that over which motion is judged [s]."""
 CHUNK: Final = 5
@@ -52,9 +53,9 @@ METHODS: Final[tuple[str, ...]] = get_args(ContactParameters.model_fields["metho
 
 
 def drive(name: str) -> dict[str, float]:
-    """Activation of a case: `CLOSING`, or the gesture of an instruction, A to F."""
-    if name == CLOSING:
-        return {f"{muscle}_{side}": 1.0 for muscle in ("OOP", "OOM") for side in "LR"}
+    """Activation of a case: one of `FULL`, or the gesture of an instruction, A to F."""
+    if name in FULL:
+        return {f"{muscle}_{side}": 1.0 for muscle in FULL[name] for side in "LR"}
     return gesture_activation(name)
 
 
@@ -114,7 +115,7 @@ def measure(
     methods : sequence of str
         Of `METHODS`; the first is what run time is compared with.
     cases : sequence of str
-        `CLOSING` and instructions A to F.
+        Of `FULL`, and instructions A to F.
     between, friction
         As `emgface.face.contact_parameters.ContactParameters`.
     hold : float
@@ -128,6 +129,7 @@ def measure(
     -------
     Dataset
         Over (case, contact): ``status``, ``opening_rest``, ``opening_end`` in the midline along z [m],
+        the rest of the shape at the end as of `lip_shape`,
         ``depth_lips`` and ``depth_teeth`` the deepest of every `CHUNK`-th output, the latter beyond
         where the node is at rest, ``gap`` the smallest of all outputs as contact itself has it [m];
         over the last `TAIL`, or half of `hold`: ``speed`` of the fastest lip node [m/s], ``ripple``,
@@ -198,6 +200,8 @@ SAID: Final[Mapping[str, str]] = {
     "opening_end": "opening",
     "gap_end": "widest gap in the middle",
     "area_end": "area seen",
+    "width": "width",
+    "roundness": "roundness",
     "protrusion": "protrusion",
     "depth_lips": "lips in lips",
     "depth_teeth": "lips in teeth",
@@ -213,19 +217,14 @@ SAID: Final[Mapping[str, str]] = {
 
 UNITS: Final[Mapping[str, str]] = {
     "status": "1",
-    "opening_rest": "m",
-    "opening_end": "m",
-    "gap_end": "m",
+    **dict.fromkeys(("opening_rest", "opening_end", "gap_end"), "m"),
     "area_end": "m^2",
-    "protrusion": "m",
-    "depth_lips": "m",
-    "depth_teeth": "m",
-    "gap": "m",
+    "width": "m",
+    "roundness": "1",
+    **dict.fromkeys(("protrusion", "depth_lips", "depth_teeth", "gap"), "m"),
     "speed": "m/s",
-    "ripple": "m",
-    "chatter": "m",
-    "iterations": "1",
-    "factorisations": "1",
+    **dict.fromkeys(("ripple", "chatter"), "m"),
+    **dict.fromkeys(("iterations", "factorisations"), "1"),
     "seconds": "s",
 }
 """Figures of a run and their units."""
@@ -285,7 +284,7 @@ def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, tail: int) -> d
         "opening_end": shape["height"],
         "gap_end": run.penetration.gap(run.state.q),
         "area_end": shape["area"],
-        "protrusion": shape["protrusion"],
+        **{name: shape[name] for name in ("width", "roundness", "protrusion")},
         "depth_lips": float(every["depth_lips"].max()),
         "depth_teeth": float(every["depth_teeth"].max()),
         "gap": float(every["gap"].min()),

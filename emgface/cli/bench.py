@@ -150,10 +150,13 @@ def contact(
     ] = "medium",
     case: Annotated[
         list[str] | None,
-        typer.Option(help="'closing', or an instruction A to F; all of them by default."),
+        typer.Option(help="'closing', 'protrusion', or an instruction A to F."),
     ] = None,
     method: Annotated[
         list[str] | None, typer.Option(help="none, constraint or barrier; all by default.")
+    ] = None,
+    between: Annotated[
+        list[str] | None, typer.Option(help="What may touch, lips or teeth; both by default.")
     ] = None,
     friction: Annotated[float, typer.Option(help="Coulomb coefficient.")] = 0.0,
     sigma_max: SigmaOption = 100e3,
@@ -170,6 +173,7 @@ def contact(
             face,
             methods=tuple(method or METHODS),
             cases=tuple(case or (CLOSING, *GESTURES)),
+            between=tuple(between or ("lips", "teeth")),
             friction=friction,
             hold=hold,
             parameters=SimulationParameters(sigma_max=sigma_max, gravity=False, **STEPPING),

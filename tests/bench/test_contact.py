@@ -97,6 +97,7 @@ def test_only_what_goes_back_on_itself_trembles() -> None:
 
 def test_cases() -> None:
     assert drive(CLOSING) == {"OOP_L": 1.0, "OOP_R": 1.0, "OOM_L": 1.0, "OOM_R": 1.0}
+    assert drive("protrusion") == {"OOP_L": 1.0, "OOP_R": 1.0}
     assert drive("B") == {"LLSAN_L": 0.5, "LLSAN_R": 0.5}
     said = CliRunner().invoke(app, ["bench", "contact", "--help"])
     assert said.exit_code == 0 and "penetration" in said.output
