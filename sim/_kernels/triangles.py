@@ -148,16 +148,25 @@ def normals(x: Reals, triangles: Indices, face: Reals, corner: Reals) -> None:
     weighted by their angles (Baerentzen and Aanaes 2005).
     """
     corner[:] = 0.0
+    u, v, n = np.empty(3), np.empty(3), np.empty(3)
     for f in range(len(triangles)):
-        t = triangles[f]
-        n = np.cross(x[t[1]] - x[t[0]], x[t[2]] - x[t[0]])
-        n /= np.sqrt(dot(n, n))
-        face[f] = n
         for k in range(3):
-            u, v = x[t[(k + 1) % 3]] - x[t[k]], x[t[(k + 2) % 3]] - x[t[k]]
+            a, b, c = triangles[f, k], triangles[f, (k + 1) % 3], triangles[f, (k + 2) % 3]
+            for i in range(3):
+                u[i], v[i] = x[b, i] - x[a, i], x[c, i] - x[a, i]
+            if k == 0:
+                n[0] = u[1] * v[2] - u[2] * v[1]
+                n[1] = u[2] * v[0] - u[0] * v[2]
+                n[2] = u[0] * v[1] - u[1] * v[0]
+                size = np.sqrt(dot(n, n))
+                for i in range(3):
+                    n[i] /= size
+                    face[f, i] = n[i]
             angle = np.arccos(min(max(dot(u, v) / np.sqrt(dot(u, u) * dot(v, v)), -1.0), 1.0))
-            corner[t[k]] += angle * n
-    for i in range(len(corner)):
-        size = np.sqrt(dot(corner[i], corner[i]))
+            for i in range(3):
+                corner[a, i] += angle * n[i]
+    for a in range(len(corner)):
+        size = np.sqrt(corner[a, 0] ** 2 + corner[a, 1] ** 2 + corner[a, 2] ** 2)
         if size > 0.0:
-            corner[i] /= size
+            for i in range(3):
+                corner[a, i] /= size

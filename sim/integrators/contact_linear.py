@@ -12,7 +12,6 @@ from sim.contact.step import TOUCH, ContactStep, penalties
 from sim.errors import NotConverged
 from sim.integrators.contact_equation import ContactEquation, Equation
 from sim.integrators.workspace import Workspace
-from sim.linear import ReusedFactor
 from sim.scene import Index
 from sim.state import Array, State
 from sim.system import System
@@ -77,9 +76,6 @@ class LinearContact:
             A matrix could not be factorised.
         """
         step, h, equation = self._step, self._h, self._equation
-        if isinstance(self._work.linear, ReusedFactor):
-            # rows turn from step to step, which the factor of an older step would not know
-            self._work.linear.forget()
         speed = np.sqrt((self._state.v**2).sum(axis=1))
         multipliers = self._multipliers_of(step.at_start(FASTER * h * speed))
         x = h * self._v0
