@@ -128,12 +128,11 @@ class Direction:
         x = x0 if move.at_start else x1
         points, may = move.q[self.vertices], allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
-        normals = self._signs.normals(x)
-        away = normals[1][self.vertices] if self._itself else NO_NORMALS
+        away = self._signs.normals(x)[1][self.vertices] if self._itself else NO_NORMALS
         found = nearest_faces(points, radius, x, faces.triangles, nodes=self._nodes, away=away)
         mine = away if self._itself else self._own.normals(move.q)[1][self.vertices]
-        gap, normal = self._signs.signed(points, found, x, blur, mine, normals)
-        beside, *more = self._signs.beside(points, found, x, blur, normals[0])
+        gap, normal = self._signs.signed(points, found, x, blur, mine)
+        beside, *more = self._signs.beside(points, found, x, blur)
         gap, normal = np.r_[gap, more[0]], np.r_[normal, more[1]]
         found = found.joined(beside)
         deepest = -SELF_DEPTH * self._approach if self._itself else -np.inf

@@ -69,7 +69,7 @@ class SignedFaces:
         return face, corner
 
     def beside(
-        self, points: Array, found: Found, x: Array, near: float, by_face: Array
+        self, points: Array, found: Found, x: Array, near: float
     ) -> tuple[Found, Array, Array]:
         """Faces that meet the nearest one at a concave edge, where a point is above both.
 
@@ -83,7 +83,6 @@ class SignedFaces:
         x : (m, 3) positions that the triangles name [m].
         near : float
             A further face counts where the point is above it, or nearer to it than this [m].
-        by_face : (n_faces, 3) normals of the faces at x.
 
         Returns
         -------
@@ -92,6 +91,7 @@ class SignedFaces:
         gap : (k,) distance from the plane of the face, negative behind [m].
         normal : (k, 3) its unit normal.
         """
+        by_face, _ = self.normals(x)
         across = self._across[found.face]
         row, side = np.nonzero(across >= 0)
         face, first = across[row, side], found.face[row]
@@ -117,7 +117,6 @@ class SignedFaces:
         x: Array,
         blur: float = 0.0,
         against: Array = NO_NORMALS,
-        normals: tuple[Array, Array] | None = None,
     ) -> tuple[Array, Array]:
         """Signed distances and their directions.
 
@@ -134,15 +133,13 @@ class SignedFaces:
         against : (n, 3), optional
             Outward normals of the points, which share in that mean: two rims that meet push each other
             straight, not along their diagonals.
-        normals : pair of arrays, optional
-            What `normals` says of x, where it is known.
 
         Returns
         -------
         gap : (k,) distance, negative inside [m]; NaN at a free edge.
         normal : (k, 3) unit vectors out of the surface, without blur the gradient of the gap.
         """
-        by_face, by_corner = normals or self.normals(x)
+        by_face, by_corner = self.normals(x)
         found = self._on_edges(found, x)
         f, what = found.face, found.feature
         outward, free = self._outward(found, by_face, by_corner)

@@ -1,6 +1,7 @@
 """Contact over one step: its rows, their multipliers, and what a state remembers of them."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,12 @@ from sim.state import Array, State
 
 TOUCH = 1e-6
 """Depth that counts as passed [m]."""
+
+ALIKE = 0.5
+"""Cosine of the angle from which a direction is one of its own, and no turn of that before."""
+
+STEADY = 2.0
+"""Weight of the direction of the step before against that of the face now."""
 
 SHARING = 20
 """Sweeps that share a push among the walls of a groove."""
@@ -40,7 +47,7 @@ class ContactStep:
     def at_start(self, way: Array) -> Rows:
         """Rows of the vertices near a face, which may come a way (n_nodes,) in the step [m]."""
         reach = way[self.contact.vertex_of_slot]
-        return self.contact.near(self._move(self.q0), self._allowed, reach)
+        return self._steadied(self.contact.near(self._move(self.q0), self._allowed, reach))
 
     def at(self, q: Array) -> Rows:
         """Rows of the vertices near a face at positions q near the end of the step."""
@@ -59,6 +66,21 @@ class ContactStep:
         behind = (entered.gaps(u) < -TOUCH) & ~np.isin(entered.slot, inside.slot)
         behind &= ~_beside(entered, near)
         return inside.joined(entered.take(np.flatnonzero(behind)))
+
+    def _steadied(self, rows: Rows) -> Rows:
+        """Directions between those of the step before and those of the faces now.
+
+        A vertex at a ridge is held along one face, slides past the ridge, is held along the other and
+        slides back: directions are those of the start of a step, so nothing within it stops that.
+        """
+        before = self._memory[rows.slot, PUSH]
+        size = np.linalg.norm(before, axis=1, keepdims=True)
+        before = before / np.where(size > 0.0, size, 1.0)
+        single = np.bincount(rows.slot, minlength=len(self._memory))[rows.slot] == 1
+        alike = single & (np.einsum("ki,ki->k", before, rows.normal) > ALIKE)
+        mean = rows.normal + STEADY * before
+        mean /= np.where(alike, np.linalg.norm(mean, axis=1), 1.0)[:, None]
+        return replace(rows, normal=np.where(alike[:, None], mean, rows.normal))
 
     def _move(self, q: Array) -> Move:
         return Move(self.q0, q, self._t0, self._t1)

@@ -45,6 +45,18 @@ def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
     assert bare["gap"].isnull()
 
 
+def test_lips_that_are_held_do_not_tremble() -> None:
+    """No node sways by a tenth of a millimetre in a quarter of a second; lips moved by millimetres."""
+    face = template_face(resolution="coarse")
+    parameters = SimulationParameters(
+        gravity=False, sigma_max=100e3, **accuracy_settings("study", constrained=True)
+    )
+    found = measure(
+        face, cases=(CLOSING,), methods=("constraint",), hold=0.5, parameters=parameters
+    )
+    assert found["chatter"] < 1e-4 and found["ripple"] < 1e-5
+
+
 def test_what_is_measured_is_stored_and_drawn(closed: xr.Dataset, tmp_path) -> None:
     table, paths = store("contact", closed, tmp_path)
     assert all(path.stat().st_size > 0 for path in paths)
