@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STACKED = ("tangent", "factorisation", "solution")
+NEW = "step with a new factor"
 
 
 @styled
@@ -21,14 +22,16 @@ def cost_of_parts(found: xr.Dataset, *, title: str = "") -> "Figure":
     Parameters
     ----------
     found : xarray.Dataset
-        ``seconds(scene, phase)`` [s] with the phases tangent, factorisation, solution and step.
+        ``seconds(scene, phase)`` [s] with the phases tangent, factorisation, solution, step and, if
+        there is one, step with a new factor.
     title : str
         Names the face.
 
     Returns
     -------
     matplotlib.figure.Figure
-        One bar per scene, divided into its phases; what is left of the step is its rest.
+        One bar per scene, divided into its phases; what is left of the step is its rest. What a new
+        factor adds stands empty.
 
     Raises
     ------
@@ -57,6 +60,11 @@ def cost_of_parts(found: xr.Dataset, *, title: str = "") -> "Figure":
         panel.barh(place, width, 0.75, left=left, **look)
         handles.append(Patch(label=name, **look))
         left = left + width
+    if NEW in phases:
+        more = np.maximum(milli[:, phases.index(NEW)] - left, 0.0)
+        empty: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.4", "linestyle": ":"}
+        panel.barh(place, more, 0.75, left=left, **empty)
+        handles.append(Patch(label="where a new factor is made", **empty))
     ticks(panel, "y", range(len(labels)), labels)
     panel.set_ylim(len(labels) - 0.5, -0.5)
     panel.set_xlabel("time of a step [ms]")
