@@ -12,7 +12,7 @@ from sim._kernels.lanes import LANES
 from sim._kernels.scatter import PAIRS, Places
 from sim.chunks import coloured_chunks
 from sim.mesh import Block, Mesh
-from sim.pattern import SymmetricPattern
+from sim.pattern import SymmetricPattern, distinct
 from sim.state import Array
 
 Index = NDArray[np.int64]
@@ -39,7 +39,7 @@ def element_pair_keys(mesh: Mesh) -> Index:
     nodes, used = slots(mesh)
     a, b = nodes[:, _A], nodes[:, _B]
     keys = np.minimum(a, b) * mesh.n_nodes + np.maximum(a, b)
-    return np.unique(keys[used[:, _A] & used[:, _B]])
+    return distinct(keys[used[:, _A] & used[:, _B]])
 
 
 def grouped(keys: Index, n_groups: int) -> tuple[Index, Index]:

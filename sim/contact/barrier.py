@@ -14,6 +14,7 @@ from sim.contact.places import VertexPlaces
 from sim.contact.surfaces import NodeSurface
 from sim.errors import NotConverged, SceneError
 from sim.mesh import Mesh
+from sim.pattern import distinct
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
 
@@ -212,7 +213,7 @@ def _within(mesh: Mesh, a: NodeSurface, b: NodeSurface, reach: float) -> Index:
     i, j, apart = (np.asarray(near[name]) for name in ("i", "j", "v"))
     within = apart <= reach + widest[0][i] + widest[1][j]
     i, j = a.nodes[i[within]], b.nodes[j[within]]
-    return np.unique(np.minimum(i, j) * mesh.n_nodes + np.maximum(i, j))
+    return distinct(np.minimum(i, j) * mesh.n_nodes + np.maximum(i, j))
 
 
 def _widest(X: Array, surface: NodeSurface) -> Array:

@@ -10,6 +10,7 @@ from sim.contact.search import faces_within
 from sim.contact.surfaces import NodeSurface
 from sim.errors import SceneError
 from sim.mesh import Mesh
+from sim.pattern import distinct
 from sim.scene import Index, Layout
 
 
@@ -107,7 +108,7 @@ class ConstraintContact:
                 corner = other.triangles[face].ravel()
                 keys.append(np.minimum(vertex, corner) * mesh.n_nodes + np.maximum(vertex, corner))
                 keys.append(other.edges[:, 0] * mesh.n_nodes + other.edges[:, 1])
-        return np.unique(np.concatenate(keys))
+        return distinct(np.concatenate(keys))
 
     def compile(self, layout: Layout) -> "CompiledContact":
         """Lay out the directions of all pairings."""

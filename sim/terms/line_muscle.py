@@ -12,6 +12,7 @@ from sim.embedding import embed
 from sim.errors import SceneError
 from sim.laws.line import ConstantForce, LineLaw
 from sim.mesh import Mesh
+from sim.pattern import distinct
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 
@@ -118,7 +119,7 @@ class LineMuscles:
     def pair_keys(self, mesh: Mesh) -> Index:
         """Node pairs of each segment, and of all segments of a fibre whose tension has a slope."""
         strands = _Strands(self, mesh)
-        return np.unique(strands.products()[0])
+        return distinct(strands.products()[0])
 
     def compile(self, layout: Layout) -> "CompiledLineMuscles":
         """Lay out segments and the map from them to the matrix."""

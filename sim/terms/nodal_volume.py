@@ -13,6 +13,7 @@ from sim._kernels import volume as kernel
 from sim.assembly import element_pair_keys, grouped, slots
 from sim.matrix import Product
 from sim.mesh import Mesh
+from sim.pattern import distinct
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 from sim.terms.volume import CompiledElementVolume, kappa_by_element, require_positive
@@ -63,7 +64,7 @@ class NodalVolume:
         """All pairs of nodes within the elements around a node."""
         star_start, star = _stars(mesh)
         _, a, b = _star_pairs(star_start, star)
-        return np.unique(star[a] * mesh.n_nodes + star[b])
+        return distinct(star[a] * mesh.n_nodes + star[b])
 
     def compile(self, layout: Layout) -> "CompiledNodalVolume":
         """Lay out volumes, stars and sums."""
@@ -168,7 +169,9 @@ class CompiledNodalVolume(_NodalPressures):
         super().__init__(term, layout)
         mesh, pattern, star = layout.mesh, layout.pattern, self._star
         centre, a, b = _star_pairs(self._star_start, star)
-        pair, group = np.unique(star[a] * mesh.n_nodes + star[b], return_inverse=True)
+        keys = star[a] * mesh.n_nodes + star[b]
+        pair = distinct(keys)
+        group = np.searchsorted(pair, keys)
         order, self._pair_start = grouped(group.astype(np.int64), len(pair))
         self._pair_node = centre[order].astype(np.int32)
         self._first, self._second = a[order].astype(np.int32), b[order].astype(np.int32)
@@ -246,7 +249,7 @@ def _stars(mesh: Mesh) -> tuple[Index, Index]:
     for a in range(nodes.shape[1]):
         both = used[:, a, None] & used
         keys.append((nodes[:, a, None] * mesh.n_nodes + nodes)[both])
-    centre, star = np.divmod(np.unique(np.concatenate(keys)), mesh.n_nodes)
+    centre, star = np.divmod(distinct(np.concatenate(keys)), mesh.n_nodes)
     start = np.concatenate([[0], np.cumsum(np.bincount(centre, minlength=mesh.n_nodes))])
     return start.astype(np.int64), star
 
