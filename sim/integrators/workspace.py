@@ -1,13 +1,12 @@
 """Solver memory of a simulation, kept between steps."""
 
 import math
-import time
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from sim.errors import SceneError
+from sim.integrators.clock import PhaseClock
 from sim.integrators.secant import SecantMemory
 from sim.linear import (
     Factor,
@@ -66,9 +65,13 @@ class Workspace:
         Solves with the matrix of a step.
     factor : Factor
         Makes the factors, for it and for iterations of other kinds.
+    timed, seconds, calls
+        Of the `PhaseClock` of all phases.
     """
 
     def __init__(self, system: System, linear: str = "auto") -> None:
+        clock = PhaseClock()
+        self.timed, self.seconds, self.calls = clock.timed, clock.seconds, clock.calls
         self.linear = solver_of_steps(linear, system.pattern.n)
         self._system, self._form = system, self.form(system)
         self._pattern, self._factored = system.pattern, self._form.pattern
@@ -92,18 +95,6 @@ class Workspace:
         """Start and end of the latest linearly implicit step, and the velocities at its start."""
         self.contact_stiffness: tuple[tuple[type, float], Array] | None = None
         """Integrator and step, and the diagonal of their stiffness that penalties of contact follow."""
-        self.seconds: dict[str, float] = {}
-        self.calls: dict[str, int] = {}
-
-    @contextmanager
-    def timed(self, phase: str) -> Generator[None]:
-        """Add the wall time of a block to a phase."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - start
-            self.calls[phase] = self.calls.get(phase, 0) + 1
 
     def factorise(self, A: Matrix, shift: Array, max_shifts: int = 12) -> int:
         """Factorise; while the matrix is not positive definite, add growing multiples of a diagonal.

@@ -1,5 +1,7 @@
 """Linear solvers that reuse factors: single precision, older factors, factors of a system nearby."""
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -205,3 +207,19 @@ def test_only_what_couples_many_nodes_has_a_system_nearby():
     assert body(sim.ElementVolume(25e3)).sparse is None
     hard = replace(body(sim.NodalVolume(25e3)).scene, constraints=(sim.HardElementVolume(),))
     assert sim.compile_scene(hard).sparse is None
+
+
+@pytest.mark.parametrize("name", ["gmres_superlu", "superlu"])
+def test_a_workspace_that_nobody_holds_is_freed_at_once(name):
+    """Factors take hundreds of megabytes, which would wait for the collection of garbage in a cycle."""
+    system = body()
+    work = sim.Workspace(system, name)
+    control = system.control(np.full(len(system.muscles), 0.1))
+    sim.LinearlyImplicitEuler().step(system, system.rest_state(), control, 0.01, work)
+    known = weakref.ref(work)
+    gc.disable()
+    try:
+        del work
+        assert known() is None
+    finally:
+        gc.enable()
