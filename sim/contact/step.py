@@ -68,16 +68,18 @@ class ContactStep:
         return inside.joined(entered.take(np.flatnonzero(behind)))
 
     def _steadied(self, rows: Rows) -> Rows:
-        """Directions between those of the step before and those of the faces now.
+        """Rows of the nearest faces turned towards the directions of the step before.
 
         A vertex at a ridge is held along one face, slides past the ridge, is held along the other and
         slides back: directions are those of the start of a step, so nothing within it stops that.
+        Further walls of a groove keep theirs.
         """
         before = self._memory[rows.slot, PUSH]
         size = np.linalg.norm(before, axis=1, keepdims=True)
         before = before / np.where(size > 0.0, size, 1.0)
-        single = np.bincount(rows.slot, minlength=len(self._memory))[rows.slot] == 1
-        alike = single & (np.einsum("ki,ki->k", before, rows.normal) > ALIKE)
+        nearest = np.zeros(len(rows), dtype=bool)
+        nearest[np.unique(rows.slot, return_index=True)[1]] = True
+        alike = nearest & (np.einsum("ki,ki->k", before, rows.normal) > ALIKE)
         mean = rows.normal + STEADY * before
         mean /= np.where(alike, np.linalg.norm(mean, axis=1), 1.0)[:, None]
         return replace(rows, normal=np.where(alike[:, None], mean, rows.normal))
