@@ -60,7 +60,7 @@ class LinearContact:
         self, system: System, state: State, equation: Equation, h: float, work: Workspace
     ) -> None:
         assert system.contact is not None  # callers choose this by it
-        self._system, self._state, self._work = system, state, work
+        self._system, self._state = system, state
         self._h, self._moves, self._v0 = h, equation.moves, system.reduce(state.v)
         self._step = ContactStep(system.contact, state, state.t + h)
         self._equation = ContactEquation(system, state, equation, self._step, h, work)
