@@ -15,10 +15,10 @@ from sim.state import Array, Control, State
 MEMORY = "contact"
 """Name of the memory in a state."""
 
-ALLOWED, FORCE, PUSH, FRICTION = 0, 1, slice(2, 5), slice(5, 8)
-"""Columns of the memory: depth allowed [m], normal force [N], its vector [N], friction [N]."""
+ALLOWED, FORCE, PUSH, FRICTION, DIRECTION = 0, 1, slice(2, 5), slice(5, 8), slice(8, 11)
+"""Columns of the memory: depth allowed [m], normal force, its vector, friction [N], row's direction."""
 
-COLUMNS = 8
+COLUMNS = 11
 
 
 class CompiledContact:
@@ -104,6 +104,15 @@ class CompiledContact:
         for direction in self._directions:
             new[direction.slots, ALLOWED] = direction.depths(q, t)
         return new
+
+    def turned(self, vectors: Array, t0: float, t1: float) -> Array:
+        """Vectors (n_slots, 3) turned as the shell that each belongs to turns from t0 to t1 [s]."""
+        out = vectors.copy()
+        for direction in self._directions:
+            turn = direction.turn(t0, t1)
+            if turn is not None:
+                out[direction.slots] = vectors[direction.slots] @ turn.T
+        return out
 
     def near(self, move: Move, allowed: Array, way: Array | None = None) -> Rows:
         """Rows of all vertices near a face; see `Direction.near`."""

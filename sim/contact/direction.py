@@ -112,6 +112,13 @@ class Direction:
         deep[found.point] = np.maximum(-np.nan_to_num(gap), 0.0)
         return deep
 
+    def turn(self, t0: float, t1: float) -> Array | None:
+        """Rotation (3, 3) of the faces from t0 to t1 [s], if they are a shell that moves."""
+        faces = self._faces
+        if not isinstance(faces, RigidShell) or faces.motion is None:
+            return None
+        return faces.place(t1)[0] @ faces.place(t0)[0].T
+
     def near(self, move: Move, allowed: Array, way: Array | None) -> Rows:
         """Rows of the vertices near a face.
 
@@ -145,8 +152,8 @@ class Direction:
             behind = np.flatnonzero(gap + may[found.point] < -SELF_DEPTH * self._approach)
             may[found.point[behind]] = -gap[behind]
             allowed[self.slots] = may
-        if isinstance(faces, RigidShell) and faces.motion is not None:
-            turn = faces.place(move.t1)[0] @ faces.place(move.t0)[0].T
+        turn = self.turn(move.t0, move.t1)
+        if turn is not None:
             way_out = gap[:, None] * normal
             normal = normal @ turn.T
             gap = np.einsum("ki,ki->k", way_out, normal)

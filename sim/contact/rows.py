@@ -59,6 +59,13 @@ class Rows:
         """Gaps (k,) for nodal displacements u [m]."""
         return self.gap + np.einsum("ki,ki->k", self.normal, self.displacement(u))
 
+    def face_normals(self, q: Array) -> Array:
+        """Unit normals (k, 3) of the faces at nodal positions q; zero of a rigid one."""
+        a, b, c = (q[self.nodes[:, i]] for i in (1, 2, 3))
+        normal = np.cross(b - a, c - a)
+        size = np.linalg.norm(normal, axis=1, keepdims=True)
+        return normal / np.where(size > 0.0, size, 1.0)
+
     def spread(self, force: Array, n_nodes: int) -> Array:
         """Nodal forces (n_nodes, 3) of the forces (k, 3) on the vertices."""
         at = self.nodes.ravel()

@@ -6,11 +6,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled import ALLOWED, FORCE, FRICTION, MEMORY, PUSH, CompiledContact
+from sim.contact.compiled import (
+    ALLOWED,
+    DIRECTION,
+    FORCE,
+    FRICTION,
+    MEMORY,
+    PUSH,
+    CompiledContact,
+)
 from sim.contact.direction import Move
 from sim.contact.multipliers import Acting, Multipliers
 from sim.contact.rows import RowPlaces, Rows
 from sim.pattern import SymmetricPattern
+from sim.scene import Index
 from sim.state import Array, State
 
 TOUCH = 1e-6
@@ -19,8 +28,8 @@ TOUCH = 1e-6
 ALIKE = 0.5
 """Cosine of the angle from which a direction is one of its own, and no turn of that before."""
 
-STEADY = 2.0
-"""Weight of the direction of the step before against that of the face now."""
+TURN, SLIDE = 0.2, 2.5e-4
+"""Time [s] and way [m] in which a vertex that rests, or slides, turns to another direction."""
 
 SHARING = 20
 """Sweeps that share a push among the walls of a groove."""
@@ -36,18 +45,26 @@ class ContactStep:
         Start of the step.
     t1 : float
         End of the step [s].
+    equilibrium : bool
+        Whether t1 only carries the load: directions are then those of the faces at once.
     """
 
-    def __init__(self, contact: CompiledContact, state: State, t1: float) -> None:
+    def __init__(
+        self, contact: CompiledContact, state: State, t1: float, *, equilibrium: bool = False
+    ) -> None:
         self.contact, self.q0 = contact, state.q
         self._t0, self._t1 = state.t, t1
+        h = t1 - state.t
+        self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
         self._memory = contact.remembered(state.memory, state.q, state.t)
         self._allowed = self._memory[:, ALLOWED].copy()
+        self._before = contact.turned(self._memory[:, DIRECTION], state.t, t1)
 
     def at_start(self, way: Array) -> Rows:
         """Rows of the vertices near a face, which may come a way (n_nodes,) in the step [m]."""
         reach = way[self.contact.vertex_of_slot]
-        return self._steadied(self.contact.near(self._move(self.q0), self._allowed, reach))
+        rows = self.contact.near(self._move(self.q0), self._allowed, reach)
+        return self._steadied(rows)
 
     def at(self, q: Array) -> Rows:
         """Rows of the vertices near a face at positions q near the end of the step."""
@@ -71,18 +88,19 @@ class ContactStep:
         """Rows of the nearest faces turned towards the directions of the step before.
 
         A vertex at a ridge is held along one face, slides past the ridge, is held along the other and
-        slides back: directions are those of the start of a step, so nothing within it stops that.
-        Further walls of a groove keep theirs.
+        slides back: directions are those of the start of a step, so nothing within it stops that. What
+        is remembered has turned with the face. Further walls of a groove keep theirs.
         """
-        before = self._memory[rows.slot, PUSH]
-        size = np.linalg.norm(before, axis=1, keepdims=True)
-        before = before / np.where(size > 0.0, size, 1.0)
-        nearest = np.zeros(len(rows), dtype=bool)
-        nearest[np.unique(rows.slot, return_index=True)[1]] = True
-        alike = nearest & (np.einsum("ki,ki->k", before, rows.normal) > ALIKE)
-        mean = rows.normal + STEADY * before
-        mean /= np.where(alike, np.linalg.norm(mean, axis=1), 1.0)[:, None]
-        return replace(rows, normal=np.where(alike[:, None], mean, rows.normal))
+        first = _nearest(rows)
+        before, normal = self._before[rows.slot[first]], rows.normal[first]
+        slide = rows.take(first).displacement(self._way)
+        slide -= np.einsum("ki,ki->k", slide, normal)[:, None] * normal
+        share = np.minimum(self._turn + np.linalg.norm(slide, axis=1) / SLIDE, 1.0)
+        share[np.einsum("ki,ki->k", before, normal) < ALIKE] = 1.0
+        turned = share[:, None] * normal + (1.0 - share[:, None]) * before
+        every = rows.normal.copy()
+        every[first] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+        return replace(rows, normal=every)
 
     def _move(self, q: Array) -> Move:
         return Move(self.q0, q, self._t0, self._t1)
@@ -102,10 +120,18 @@ class ContactStep:
         np.add.at(new[:, FORCE], slot, acting.force)
         np.add.at(new[:, PUSH], slot, acting.force[:, None] * multipliers.rows.normal)
         np.add.at(new[:, FRICTION], slot, acting.friction)
+        first = multipliers.rows.take(_nearest(multipliers.rows))
+        turned = first.normal + first.face_normals(q) - first.face_normals(self.q0)
+        new[first.slot, DIRECTION] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
         near = self.at(q)
         depth = self._allowed[near.slot] - near.gaps(q - self.q0)
         np.maximum.at(new[:, ALLOWED], near.slot, np.clip(depth, 0.0, self._allowed[near.slot]))
         return {MEMORY: new}
+
+
+def _nearest(rows: Rows) -> Index:
+    """The first row of every vertex."""
+    return np.unique(rows.slot, return_index=True)[1]
 
 
 def _beside(entered: Rows, near: Rows) -> NDArray[np.bool_]:

@@ -61,8 +61,8 @@ class Static(Iterative):
         if system.contact is None:
             end, went = settle(energy, start)
         else:
-            contact, way = ContactStep(system.contact, state, until), np.zeros(len(state.q))
-            key = (Static, 0.0)
+            contact = ContactStep(system.contact, state, until, equilibrium=True)
+            way, key = np.zeros(len(state.q)), (Static, 0.0)
             found = minimise_in_contact(
                 energy, start, contact, way, key, work, settle, until, grip=True
             )

@@ -1,0 +1,100 @@
+"""Directions of rows from step to step: those of faces that turn, and of vertices that slide."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sim
+from sim.contact.compiled import DIRECTION, MEMORY
+from sim.contact.step import SLIDE, TURN, ContactStep
+from tests.bodies import grid, rotation
+from tests.contact.scenes import box, moved, system_of, two_bodies
+
+H = 0.01
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def tilted(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def test_they_turn_with_a_plate():
+    """A plate that tilts at 1 rad/s with a block that friction holds: rows are square to the plate."""
+    mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
+    plate = box([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0], "plate", lambda t: (tilted(t), np.zeros(3)))
+    contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), plate),), friction=2.0)
+    system = system_of(mesh, contact, sim.Gravity((0.0, 0.0, -9.81)))
+    for state in moved(system, sim.ConvergedEuler(), 20, h=H)[1:]:
+        memory = state.memory[MEMORY]
+        held = memory[np.linalg.norm(memory[:, DIRECTION], axis=1) > 0.0, DIRECTION]
+        up = held[held @ UP > 0.5]
+        assert len(up) == 4
+        np.testing.assert_allclose(up, np.tile(tilted(state.t) @ UP, (4, 1)), atol=1e-6)
+
+
+@pytest.fixture
+def stacked():
+    """Two blocks on each other, the upper one smaller, and their contact."""
+    low, high = grid((2, 2, 1), (0.02, 0.02, 0.01)), grid((1, 1, 1), (0.01, 0.01, 0.01))
+    mesh, *surfaces = two_bodies(low, high, [0.004, 0.003, 0.01])
+    return mesh, system_of(mesh, sim.ConstraintContact((sim.Pairing(*surfaces),)))
+
+
+def started(system, q, direction, v=0.0):
+    """A step from positions q, where every vertex has been held along a direction."""
+    state = system.rest_state()
+    memory = np.zeros_like(system.contact.remembered(state.memory, state.q, 0.0))
+    memory[:, DIRECTION] = direction
+    velocity = np.broadcast_to(v, q.shape).copy()
+    state = replace(state, q=q, v=velocity, memory={**state.memory, MEMORY: memory})
+    return ContactStep(system.contact, state, H)
+
+
+def upward(rows):
+    return rows.take(np.flatnonzero(rows.normal @ UP > 0.5))
+
+
+def test_they_turn_with_a_face_of_the_mesh(stacked):
+    mesh, system = stacked
+    R = rotation(3)
+    step = started(system, mesh.X, 0.0)
+    rows = step.at_start(np.zeros(mesh.n_nodes))
+    multipliers = step.multipliers(rows, np.ones(len(rows)))
+    q = mesh.X @ R.T
+    memory = step.memory(q, multipliers, multipliers.at(q - mesh.X))[MEMORY]
+    np.testing.assert_allclose(memory[rows.slot, DIRECTION], rows.normal @ R.T, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("slide", "share"), [(0.0, H / TURN), (0.5, H / TURN + 0.5), (1.0, 1.0), (9.0, 1.0)]
+)
+def test_they_turn_in_time_at_rest_and_at_once_where_a_vertex_slides(stacked, slide, share):
+    mesh, system = stacked
+    before = tilted(0.3) @ UP
+    v = np.zeros_like(mesh.X)
+    v[-8:, 0] = slide * SLIDE / H
+    rows = upward(started(system, mesh.X, before, v).at_start(np.zeros(mesh.n_nodes)))
+    expected = share * UP + (1.0 - share) * before
+    assert len(rows)
+    np.testing.assert_allclose(
+        rows.normal, np.tile(expected / np.linalg.norm(expected), (len(rows), 1)), atol=1e-12
+    )
+
+
+def test_another_wall_is_taken_as_it_is(stacked):
+    mesh, system = stacked
+    rows = upward(started(system, mesh.X, tilted(1.2) @ UP).at_start(np.zeros(mesh.n_nodes)))
+    assert len(rows)
+    np.testing.assert_allclose(rows.normal, np.tile(UP, (len(rows), 1)), atol=1e-12)
+
+
+def test_equilibrium_takes_all_directions_as_they_are(stacked):
+    mesh, system = stacked
+    step = started(system, mesh.X, tilted(0.3) @ UP)
+    state = replace(system.rest_state(), memory={MEMORY: step._memory})
+    rows = upward(
+        ContactStep(system.contact, state, H, equilibrium=True).at_start(np.zeros(mesh.n_nodes))
+    )
+    np.testing.assert_allclose(rows.normal, np.tile(UP, (len(rows), 1)), atol=1e-12)
