@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 MARGIN: Final = 0.028
 """Skin shown round the lip markers [m]."""
+HEADING: Final = 0.6
+"""Height above the first row [inch]."""
 
 
 def draw_displacement(
@@ -66,7 +68,8 @@ def draw_displacement(
     )
     norm = Normalize(0.0, max(MM * largest, 1e-3))
     colours = mpl.colormaps["YlOrRd"]
-    figure = Figure(figsize=(3.2 * len(columns) + 1.0, 2.5 * len(shown) + 0.5))
+    height = 2.5 * len(shown) + HEADING
+    figure = Figure(figsize=(3.2 * len(columns) + 1.0, height))
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize="medium")
     for row, (name, position) in enumerate(shown.items()):
@@ -87,7 +90,7 @@ def draw_displacement(
                 )
             )
             axes.set_title(f"{name}, {view}" if column == 0 else view, fontsize="small")
-    figure.subplots_adjust(0.0, 0.0, 0.9, 0.94, 0.0, 0.08)
+    figure.subplots_adjust(0.0, 0.0, 0.9, 1.0 - HEADING / height, 0.0, 0.08)
     scale = ScalarMappable(norm, colours)
     bar = figure.colorbar(scale, cax=figure.add_axes((0.92, 0.2, 0.015, 0.6)))
     bar.set_label("displacement from rest (mm), simulated")

@@ -1,12 +1,13 @@
 """Rows of the battery that need a whole face."""
 
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 
 import numpy as np
 import xarray as xr
 
 import sim
-from emgface.bench.integrators import IMPLICIT, STATIC
+from emgface.bench.integrators import CONVERGED, IMPLICIT, STATIC
 from emgface.bench.stability.trial import Judge, Trial, stays
 from emgface.errors import FaceError
 from emgface.face.lips import lip_surface
@@ -20,8 +21,11 @@ WALL = 1000.0
 """Stiffness of the walls behind the lips [N/m]."""
 OVERLAP = 5e-4
 """How deep the inner nodes start behind their walls [m]."""
-TOUCHING = ("linearly implicit Euler", "Euler")
-"""Integrators that hold contact by constraints."""
+TOUCHING = {
+    "constraint": {name: IMPLICIT[name] for name in ("linearly implicit Euler", "Euler")},
+    **({"barrier": CONVERGED} if find_spec("ipctk") else {}),
+}
+"""Integrators that hold each kind of contact, of those that can be had."""
 DEPTH = 1e-4
 """How deep a node may stand in what it touches [m]."""
 
@@ -79,14 +83,16 @@ def _pressed(face: xr.Dataset) -> Iterator[Trial]:
                 _system(face, sigma_max=kilo * 1e3, support=support), ring, 0.3, STEP,
                 IMPLICIT | STATIC, f"sigma_max [kPa], {behind}", kilo,
             )  # fmt: skip
-    for kilo in (30, 100, 300) if (between := _surfaces(face)) else ():
-        contact = {"method": "constraint", "between": between}
-        yield Trial(
-            9, title, f"OOP + OOM to 1 in 0.1 s, {kilo} kPa, contact of {' and '.join(between)}",
-            _system(face, sigma_max=kilo * 1e3, contact=contact), ring, 0.3, STEP,
-            {name: IMPLICIT[name] for name in TOUCHING},
-            f"sigma_max [kPa], contact of {' and '.join(between)}", kilo, judge=_apart(face, between),
-        )  # fmt: skip
+    between = _surfaces(face)
+    for method, integrators in TOUCHING.items() if between else ():
+        said = f"{method} between {' and '.join(between)}"
+        for kilo in (30, 100, 300):
+            yield Trial(
+                9, title, f"OOP + OOM to 1 in 0.1 s, {kilo} kPa, {said}",
+                _system(face, sigma_max=kilo * 1e3, contact={"method": method, "between": between}),
+                ring, 0.3, STEP, integrators, f"sigma_max [kPa], {said}", kilo,
+                judge=_apart(face, between),
+            )  # fmt: skip
     for support in (WALL, 100.0 * WALL):
         yield Trial(
             9, title, f"start {1e3 * OVERLAP:g} mm inside walls of {support:g} N/m",
@@ -106,11 +112,15 @@ def _surfaces(face: xr.Dataset) -> tuple[str, ...]:
 
 
 def _apart(face: xr.Dataset, between: tuple[str, ...]) -> Judge:
-    """Judge that nothing has passed into what it touches."""
+    """Judge that nothing has passed into what it touches, or into teeth deeper than any node at rest."""
 
     def judge(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
         into = Penetration(face)
-        depth = max(into.lips(end.q), into.teeth(end.q) if "teeth" in between else 0.0)
+        depth = into.lips(end.q)
+        if "teeth" in between:
+            # a barrier dents the shell by as much as tissue starts inside
+            dent = max((deepest for _, deepest in into.at_rest().values()), default=0.0)
+            depth = max(depth, into.teeth(end.q) - dent)
         return "" if depth < DEPTH else f"surfaces pass by {1e3 * depth:.2g} mm"
 
     return judge
