@@ -7,7 +7,7 @@ import numpy as np
 from sim.contact.direction import Direction, Move
 from sim.contact.pairing import Pairing
 from sim.contact.rows import Rows
-from sim.contact.surfaces import RigidShell
+from sim.contact.surfaces import NodeSurface
 from sim.pattern import SymmetricPattern
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
@@ -36,7 +36,8 @@ class CompiledContact:
     Attributes
     ----------
     names : names of the pairings.
-    pairing_of_slot, vertex_of_slot : (n_slots,) pairing and node that each row of the memory is of.
+    pairing_of_slot : (n_slots,) pairing that each row of the memory is of.
+    vertex_of_slot : (n_slots,) node that it is of, -1 for a vertex of a shell.
     """
 
     def __init__(
@@ -58,9 +59,9 @@ class CompiledContact:
         for i, pairing in enumerate(pairings):
             pairs = (pairing.surfaces * 2)[:2]
             for a, b in (pairs,) if pairing.itself else (pairs, pairs[::-1]):
-                if isinstance(a, RigidShell):
-                    continue
-                vertices = np.setdiff1d(a.nodes, pairing.shared)
+                vertices = np.unique(a.triangles)
+                if isinstance(a, NodeSurface):
+                    vertices = np.setdiff1d(vertices, pairing.shared)
                 self._directions.append(
                     Direction(i, frictions[i], vertices, self._n_slots, a, b, approach, free)
                 )
@@ -69,7 +70,7 @@ class CompiledContact:
         self.pairing_of_slot: Index = np.concatenate(
             [none] + [np.full(len(d.slots), d.pairing) for d in self._directions]
         )
-        self.vertex_of_slot: Index = np.concatenate([none] + [d.vertices for d in self._directions])
+        self.vertex_of_slot: Index = np.concatenate([none] + [d.nodes for d in self._directions])
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Nothing: multipliers hold the surfaces apart."""

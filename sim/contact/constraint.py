@@ -18,11 +18,11 @@ from sim.scene import Index, Layout
 class ConstraintContact:
     """Vertices that may not pass the faces opposite, held by multipliers.
 
-    Every vertex of a surface of the mesh near the other surface of its pairing gets a row: the gap to
-    its nearest face, along the direction from that face, stays >= 0; in a groove it gets one for each
-    wall. Between two surfaces of the mesh both take the part of the vertices. Rows that would pull let
-    go. What still has come to lie inside is moved out by a correction of the positions that leaves the
-    velocities alone.
+    Every vertex near the other surface of its pairing gets a row: the gap to its nearest face, along the
+    direction from that face, stays >= 0; in a groove it gets one for each wall. Both surfaces take the
+    part of the vertices, shells too: a tooth may be narrower than a face of the lip. Rows that would
+    pull let go. What still has come to lie inside is moved out by a correction of the positions that
+    leaves the velocities alone.
 
     Attributes
     ----------

@@ -64,10 +64,10 @@ class Direction:
         Which one.
     friction : float
         Coulomb's coefficient.
-    vertices : (n,) nodes that take part.
+    vertices : (n,) nodes, or vertices of a shell, that take part.
     first_slot : int
         Slot of the first vertex; the others follow.
-    own : NodeSurface
+    own : NodeSurface or RigidShell
         Surface of the vertices.
     faces : NodeSurface or RigidShell
         Surface that they may not pass.
@@ -77,6 +77,7 @@ class Direction:
 
     Attributes
     ----------
+    nodes : (n,) nodes of the scene that the vertices are, -1 of a shell.
     slots : (n,) where what is remembered of each vertex stands.
     """
 
@@ -86,7 +87,7 @@ class Direction:
         friction: float,
         vertices: Index,
         first_slot: int,
-        own: NodeSurface,
+        own: Surface,
         faces: Surface,
         approach: float,
         free: Flags,
@@ -95,20 +96,22 @@ class Direction:
         self.slots = first_slot + np.arange(len(vertices))
         self._friction, self._faces, self._approach, self._free = friction, faces, approach, free
         self._own, self._signs = SignedFaces(own), SignedFaces(faces)
-        self._itself = own is faces
-        of_mesh = isinstance(faces, NodeSurface)
-        self._nodes = vertices if of_mesh else np.full(len(vertices), -1)
+        self._surface, self._itself = own, own is faces
+        none = np.full(len(vertices), -1)
+        self.nodes = vertices if isinstance(own, NodeSurface) else none
+        self._among = self.nodes if isinstance(faces, NodeSurface) else none
 
     def depths(self, q: Array, t: float) -> Array:
         """How deep each vertex lies inside at positions q and time t [m]; 0 for self-contact."""
         deep = np.zeros(len(self.vertices))
         if self._itself:
             return deep
-        x = Move(q, q, t, t).ends(self._faces)[0]
+        here = Move(q, q, t, t)
+        points, x = here.ends(self._surface)[0][self.vertices], here.ends(self._faces)[0]
         # an open surface has no inside, a closed one has all depths
         radius = np.inf if self._faces.closed else self._approach
-        found = nearest_faces(q[self.vertices], radius, x, self._faces.triangles)
-        gap, _ = self._signs.signed(q[self.vertices], found, x)
+        found = nearest_faces(points, radius, x, self._faces.triangles)
+        gap, _ = self._signs.signed(points, found, x)
         deep[found.point] = np.maximum(-np.nan_to_num(gap), 0.0)
         return deep
 
@@ -133,12 +136,13 @@ class Direction:
         faces, blur = self._faces, BLUR * self._approach
         x0, x1 = move.ends(faces)
         x = x0 if move.at_start else x1
-        points, may = move.q[self.vertices], allowed[self.slots]
+        mine = move.ends(self._surface)[0 if move.at_start else 1]
+        points, may = mine[self.vertices], allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
         away = self._signs.normals(x)[1][self.vertices] if self._itself else NO_NORMALS
-        found = nearest_faces(points, radius, x, faces.triangles, nodes=self._nodes, away=away)
-        mine = away if self._itself else self._own.normals(move.q)[1][self.vertices]
-        gap, normal = self._signs.signed(points, found, x, blur, mine)
+        found = nearest_faces(points, radius, x, faces.triangles, nodes=self._among, away=away)
+        outward = away if self._itself else self._own.normals(mine)[1][self.vertices]
+        gap, normal = self._signs.signed(points, found, x, blur, outward)
         beside, *more = self._signs.beside(points, found, x, blur)
         gap, normal = np.r_[gap, more[0]], np.r_[normal, more[1]]
         found = found.joined(beside)
@@ -146,7 +150,7 @@ class Direction:
         good = np.flatnonzero((gap > deepest) & (gap + may[found.point] < radius[found.point]))
         found, gap, normal = found.take(good), gap[good], normal[good]
         if not move.at_start:
-            return self._rows(found, normal, gap + may[found.point], move.q - move.q0, x0, x1)
+            return self._rows(move, found, normal, gap + may[found.point])
         if not faces.closed:
             # nothing that came through the front lies this deep: it came around a free edge
             behind = np.flatnonzero(gap + may[found.point] < -SELF_DEPTH * self._approach)
@@ -157,7 +161,7 @@ class Direction:
             way_out = gap[:, None] * normal
             normal = normal @ turn.T
             gap = np.einsum("ki,ki->k", way_out, normal)
-        return self._rows(found, normal, gap + may[found.point], None, x0, x1)
+        return self._rows(move, found, normal, gap + may[found.point])
 
     def entered(self, move: Move, allowed: Array) -> Rows:
         """Rows of the vertices that enter a face on their way, against that face.
@@ -170,41 +174,44 @@ class Direction:
         allowed : (n_slots,) depth that vertices may have [m].
         """
         x0, x1 = move.ends(self._faces)
-        before, after = self._outside(move, allowed), move.q[self.vertices]
+        before, after = self._outside(move, allowed), move.ends(self._surface)[1][self.vertices]
         triangles = self._faces.triangles
-        found = entered_faces(before, after, x0, x1, triangles, nodes=self._nodes)
+        found = entered_faces(before, after, x0, x1, triangles, nodes=self._among)
         normal = self._signs.normals(x1)[0][found.face]
         at = np.einsum("kj,kji->ki", found.weight, x1[triangles[found.face]])
         gap = np.einsum("ki,ki->k", normal, after[found.point] - at)
-        return self._rows(found, normal, gap, move.q - move.q0, x0, x1)
+        return self._rows(move, found, normal, gap)
 
     def _outside(self, move: Move, allowed: Array) -> Array:
         """Vertices (n, 3) at the start, those a hair inside put on the surface.
 
         What is left of an earlier step's contact lies there, and would enter unseen.
         """
-        points = move.q0[self.vertices]
+        points = move.ends(self._surface)[0][self.vertices]
         if self._itself or not self._faces.closed:
             return points
         x0 = move.ends(self._faces)[0]
-        found = nearest_faces(points, HAIR, x0, self._faces.triangles, nodes=self._nodes)
+        found = nearest_faces(points, HAIR, x0, self._faces.triangles, nodes=self._among)
         gap, normal = self._signs.signed(points, found, x0)
         hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
         points[found.point[hair]] += (LIFT - gap[hair])[:, None] * normal[hair]
         return points
 
-    def _rows(
-        self, found: Found, normal: Array, gap: Array, u: Array | None, x0: Array, x1: Array
-    ) -> Rows:
-        """Rows with their gaps, where nodes have moved by u, carried back to where none has."""
+    def _rows(self, move: Move, found: Found, normal: Array, gap: Array) -> Rows:
+        """Rows with their gaps, where nodes have moved, carried back to where none has."""
         vertex, k = self.vertices[found.point], len(found.point)
         corners = self._faces.triangles[found.face]
-        weight = np.ones((k, 4))
+        weight, carried = np.ones((k, 4)), np.zeros((k, 3))
         if isinstance(self._faces, NodeSurface):
-            nodes, weight[:, 1:] = np.c_[vertex, corners], -found.weight
-            carried = np.zeros((k, 3))
+            weight[:, 1:] = -found.weight
+            nodes = np.c_[vertex, corners]
+            if not isinstance(self._surface, NodeSurface):
+                nodes[:, 0], weight[:, 0] = corners[:, 0], 0.0
+                p0, p1 = move.ends(self._surface)
+                carried = p0[vertex] - p1[vertex]
         else:
             nodes, weight[:, 1:] = np.repeat(vertex[:, None], 4, axis=1), 0.0
+            x0, x1 = move.ends(self._faces)
             carried = np.einsum("kj,kji->ki", found.weight, x1[corners] - x0[corners])
         rows = Rows(
             self.slots[found.point],
@@ -217,7 +224,8 @@ class Direction:
             np.full(k, self._friction),
             np.full(k, self.pairing, dtype=np.int64),
         )
-        if u is not None:
+        if not move.at_start:
+            u = move.q - move.q0
             rows.gap[:] -= np.einsum("ki,ki->k", normal, rows.displacement(u))
         # a row whose direction no free unknown feels can neither be kept nor broken
         felt = (self._free[nodes] * (np.abs(normal)[:, None, :] * np.abs(weight)[:, :, None])).sum(

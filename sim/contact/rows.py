@@ -29,10 +29,10 @@ class Rows:
     slot : (k,) which vertex of which direction of a pairing.
     face : (k,) triangle of the opposing surface.
     nodes, weight : (k, 4) the vertex with weight 1, then the nodes of the face with minus their
-        barycentric weights; the weights of a rigid face are zero and its nodes repeat the vertex.
+        barycentric weights; those of a shell have weight zero and repeat a node of the other.
     normal : (k, 3) out of the opposing face.
     gap : (k,) gap at the end of the step if nothing of the mesh moved [m].
-    carried : (k, 3) displacement of a rigid face over the step [m].
+    carried : (k, 3) displacement of a rigid face over the step, or minus that of a rigid vertex [m].
     friction : (k,) coefficient.
     pairing : (k,) index of the pairing.
     """

@@ -62,7 +62,8 @@ class ContactStep:
 
     def at_start(self, way: Array) -> Rows:
         """Rows of the vertices near a face, which may come a way (n_nodes,) in the step [m]."""
-        reach = way[self.contact.vertex_of_slot]
+        # what a vertex of a shell comes near moves up to as far as anything
+        reach = np.r_[way, way.max(initial=0.0)][self.contact.vertex_of_slot]
         rows = self.contact.near(self._move(self.q0), self._allowed, reach)
         return self._steadied(rows)
 

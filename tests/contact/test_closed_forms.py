@@ -229,3 +229,40 @@ def test_a_sphere_follows_hertz(root, method):
         rise, force = hertz.pressed(cells, 4e-4, method, steps=1)
         errors.append(abs(force[-1] / hertz.hertz(rise[-1]) - 1.0))
     assert errors[0] > errors[1] and errors[1] < 0.05
+
+
+@pytest.mark.parametrize(("method", "integrator"), CASES)
+@pytest.mark.parametrize("speed", [0.0, 0.002])
+def test_spikes_carry_a_block_between_its_nodes(method, integrator, speed):
+    """Four rigid spikes below the only face of a block, far from its nodes; they rest, or rise."""
+    mesh, gap, t = grid((1, 1, 1), (0.01, 0.01, 0.01)), clearance_of(method), 0.3
+    cone = np.array([[0, 0, 0], [1e-3, 0, -4e-3], [-1e-3, 1e-3, -4e-3], [-1e-3, -1e-3, -4e-3]])
+    sides = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+    tips = np.array([[x, y, -gap] for x in (0.002, 0.007) for y in (0.003, 0.008)])
+    spikes = sim.RigidShell(
+        np.concatenate([cone + tip for tip in tips]),
+        np.concatenate([sides + 4 * k for k in range(4)]),
+        "spikes",
+        lambda t: (np.eye(3), np.array([0.0, 0.0, speed * t])),
+    )
+    surface = sim.boundary_surface(mesh)
+    system = system_of(
+        mesh,
+        contact_of(method, (sim.Pairing(surface, spikes),)),
+        sim.Gravity((0.0, 0.0, -9.81)),
+    )
+    record, end = run(system, t, 0.005, integrator, (sim.Contacts(),))
+    under = surface.triangles[(mesh.X[surface.triangles, 2] == 0.0).all(axis=1)]
+    above = [height(end.q[under], tip) - tip[2] - speed * t for tip in tips]
+    assert (0.0 if keeps_gap(method) else -5e-6) < min(above) < gap + 1e-6
+    weight = 9.81 * system.node_mass.sum()
+    assert record.contact_force.values[0, -1] == pytest.approx(weight, rel=0.01)
+
+
+def height(triangles, point):
+    """Height of triangles (k, 3, 3) over x and y of a point."""
+    for a, b, c in triangles:
+        share = np.linalg.solve(np.c_[b - a, c - a][:2], (point - a)[:2])
+        if share.min() >= 0.0 and share.sum() <= 1.0:
+            return a[2] + share @ [b[2] - a[2], c[2] - a[2]]
+    raise AssertionError("the block has left the spikes")
