@@ -31,6 +31,9 @@ ALIKE = 0.5
 TURN, SLIDE = 0.2, 2.5e-4
 """Time [s] and way [m] in which a vertex that rests, or slides, turns to another direction."""
 
+LOADED = 0.3
+"""Share of such a turn in a step of equilibrium, which has neither."""
+
 SHARING = 20
 """Sweeps that share a push among the walls of a groove."""
 
@@ -46,7 +49,7 @@ class ContactStep:
     t1 : float
         End of the step [s].
     equilibrium : bool
-        Whether t1 only carries the load: directions are then those of the faces at once.
+        Whether t1 only carries the load.
     """
 
     def __init__(
@@ -55,7 +58,7 @@ class ContactStep:
         self.contact, self.q0 = contact, state.q
         self._t0, self._t1 = state.t, t1
         h = t1 - state.t
-        self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
+        self._turn, self._way = LOADED if equilibrium else h / TURN, h * state.v
         self._memory = contact.remembered(state.memory, state.q, state.t)
         self._allowed = self._memory[:, ALLOWED].copy()
         self._before = contact.turned(self._memory[:, DIRECTION], state.t, t1)
@@ -89,8 +92,8 @@ class ContactStep:
         """Rows of the nearest faces turned towards the directions of the step before.
 
         A vertex at a ridge is held along one face, slides past the ridge, is held along the other and
-        slides back: directions are those of the start of a step, so nothing within it stops that. What
-        is remembered has turned with the face. Further walls of a groove keep theirs.
+        slides back: directions are those of the start of a step, so nothing within it stops that. Those
+        that pushed are remembered, turned with their face. Further walls of a groove keep theirs.
         """
         first = _nearest(rows)
         before, normal = self._before[rows.slot[first]], rows.normal[first]
@@ -121,7 +124,8 @@ class ContactStep:
         np.add.at(new[:, FORCE], slot, acting.force)
         np.add.at(new[:, PUSH], slot, acting.force[:, None] * multipliers.rows.normal)
         np.add.at(new[:, FRICTION], slot, acting.friction)
-        first = multipliers.rows.take(_nearest(multipliers.rows))
+        nearest = _nearest(multipliers.rows)
+        first = multipliers.rows.take(nearest[acting.force[nearest] > 0.0])
         turned = first.normal + first.face_normals(q) - first.face_normals(self.q0)
         new[first.slot, DIRECTION] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
         near = self.at(q)

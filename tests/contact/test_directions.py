@@ -7,7 +7,7 @@ import pytest
 
 import sim
 from sim.contact.compiled import DIRECTION, MEMORY
-from sim.contact.step import SLIDE, TURN, ContactStep
+from sim.contact.step import LOADED, SLIDE, TURN, ContactStep
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, moved, system_of, two_bodies
 
@@ -43,13 +43,17 @@ def stacked():
 
 
 def started(system, q, direction, v=0.0):
-    """A step from positions q, where every vertex has been held along a direction."""
+    """Positions q, where every vertex has been held along a direction."""
     state = system.rest_state()
     memory = np.zeros_like(system.contact.remembered(state.memory, state.q, 0.0))
     memory[:, DIRECTION] = direction
     velocity = np.broadcast_to(v, q.shape).copy()
-    state = replace(state, q=q, v=velocity, memory={**state.memory, MEMORY: memory})
-    return ContactStep(system.contact, state, H)
+    return replace(state, q=q, v=velocity, memory={**state.memory, MEMORY: memory})
+
+
+def first_rows(system, state, h=H, **kind):
+    step = ContactStep(system.contact, state, state.t + h, **kind)
+    return step.at_start(np.zeros(len(state.q)))
 
 
 def upward(rows):
@@ -59,12 +63,14 @@ def upward(rows):
 def test_they_turn_with_a_face_of_the_mesh(stacked):
     mesh, system = stacked
     R = rotation(3)
-    step = started(system, mesh.X, 0.0)
+    step = ContactStep(system.contact, started(system, mesh.X, 0.0), H)
     rows = step.at_start(np.zeros(mesh.n_nodes))
     multipliers = step.multipliers(rows, np.ones(len(rows)))
-    q = mesh.X @ R.T
-    memory = step.memory(q, multipliers, multipliers.at(q - mesh.X))[MEMORY]
-    np.testing.assert_allclose(memory[rows.slot, DIRECTION], rows.normal @ R.T, atol=1e-12)
+    q, push = mesh.X @ R.T, np.arange(len(rows)) % 2.0
+    acting = replace(multipliers.at(q - mesh.X), force=push)
+    memory = step.memory(q, multipliers, acting)[MEMORY]
+    expected = push[:, None] * (rows.normal @ R.T)
+    np.testing.assert_allclose(memory[rows.slot, DIRECTION], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +81,7 @@ def test_they_turn_in_time_at_rest_and_at_once_where_a_vertex_slides(stacked, sl
     before = tilted(0.3) @ UP
     v = np.zeros_like(mesh.X)
     v[-8:, 0] = slide * SLIDE / H
-    rows = upward(started(system, mesh.X, before, v).at_start(np.zeros(mesh.n_nodes)))
+    rows = upward(first_rows(system, started(system, mesh.X, before, v)))
     expected = share * UP + (1.0 - share) * before
     assert len(rows)
     np.testing.assert_allclose(
@@ -85,16 +91,19 @@ def test_they_turn_in_time_at_rest_and_at_once_where_a_vertex_slides(stacked, sl
 
 def test_another_wall_is_taken_as_it_is(stacked):
     mesh, system = stacked
-    rows = upward(started(system, mesh.X, tilted(1.2) @ UP).at_start(np.zeros(mesh.n_nodes)))
+    rows = upward(first_rows(system, started(system, mesh.X, tilted(1.2) @ UP)))
     assert len(rows)
     np.testing.assert_allclose(rows.normal, np.tile(UP, (len(rows), 1)), atol=1e-12)
 
 
-def test_equilibrium_takes_all_directions_as_they_are(stacked):
+@pytest.mark.parametrize("h", [1e-3, 1.0])
+def test_in_equilibrium_they_turn_by_a_part_in_every_step(stacked, h):
     mesh, system = stacked
-    step = started(system, mesh.X, tilted(0.3) @ UP)
-    state = replace(system.rest_state(), memory={MEMORY: step._memory})
-    rows = upward(
-        ContactStep(system.contact, state, H, equilibrium=True).at_start(np.zeros(mesh.n_nodes))
+    before = tilted(0.3) @ UP
+    state = started(system, mesh.X, before)
+    expected = LOADED * UP + (1.0 - LOADED) * before
+    rows = upward(first_rows(system, state, h, equilibrium=True))
+    assert len(rows)
+    np.testing.assert_allclose(
+        rows.normal, np.tile(expected / np.linalg.norm(expected), (len(rows), 1)), atol=1e-12
     )
-    np.testing.assert_allclose(rows.normal, np.tile(UP, (len(rows), 1)), atol=1e-12)
