@@ -31,9 +31,6 @@ ALIKE = 0.5
 TURN, SLIDE = 0.2, 2.5e-4
 """Time [s] and way [m] in which a vertex that rests, or slides, turns to another direction."""
 
-LOADED = 0.3
-"""Share of such a turn in a step of equilibrium, which has neither."""
-
 SHARING = 20
 """Sweeps that share a push among the walls of a groove."""
 
@@ -49,7 +46,7 @@ class ContactStep:
     t1 : float
         End of the step [s].
     equilibrium : bool
-        Whether t1 only carries the load.
+        Whether t1 only carries the load: directions are then those of the faces at once.
     """
 
     def __init__(
@@ -58,7 +55,7 @@ class ContactStep:
         self.contact, self.q0 = contact, state.q
         self._t0, self._t1 = state.t, t1
         h = t1 - state.t
-        self._turn, self._way = LOADED if equilibrium else h / TURN, h * state.v
+        self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
         self._memory = contact.remembered(state.memory, state.q, state.t)
         self._allowed = self._memory[:, ALLOWED].copy()
         self._before = contact.turned(self._memory[:, DIRECTION], state.t, t1)
