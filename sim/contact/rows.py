@@ -84,6 +84,15 @@ class Rows:
         names = self.__dataclass_fields__
         return Rows(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
 
+    @property
+    def keys(self) -> Index:
+        """One number (k,) per vertex and face."""
+        return self.slot * (1 << 32) + self.face
+
+    def without(self, others: "Rows") -> "Rows":
+        """Those rows of which vertex and face have none among others."""
+        return self.take(np.flatnonzero(~np.isin(self.keys, others.keys)))
+
     def outside_gap(self) -> "Rows":
         """The same with no gap below zero: what is inside already may stay, and not go deeper."""
         return replace(self, gap=np.maximum(self.gap, 0.0))

@@ -186,7 +186,7 @@ def minimise_in_contact(
             if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -DEEPEST:
                 return Settled(point, q, went, step.memory(q, multipliers, acting))
         renewals += 1
-        new = near.joined(_others(passed, near))
+        new = near.joined(passed.without(near))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
         new = new.joined(_given_up(multipliers.rows, new, contested))
         multipliers = carried_over(multipliers, new, penalties(pattern, diagonal, new, PENALTY))
@@ -215,18 +215,11 @@ def _require_outside(step: ContactStep, q: Array, until: float) -> None:
         raise NotConverged((), until, f"contact leaves a vertex {deepest:.2g} m inside")
 
 
-def _others(rows: Rows, among: Rows) -> Rows:
-    """Those rows of which vertex and face have no row among others."""
-    faces = 1 + max(int(some.face.max(initial=0)) for some in (rows, among))
-    lost = ~np.isin(rows.slot * faces + rows.face, among.slot * faces + among.face)
-    return rows.take(np.flatnonzero(lost))
-
-
 def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:
     """Those old rows that new ones would take turns with.
 
     A vertex in the valley between two faces, held off the one, comes to lie in the other, and the other
     way round for ever; vertices that came to lie inside (`contested` slots) keep both rows.
     """
-    lost = _others(old, new)
+    lost = old.without(new)
     return lost.take(np.flatnonzero(np.isin(lost.slot, contested)))

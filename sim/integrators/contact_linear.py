@@ -12,7 +12,6 @@ from sim.contact.step import TOUCH, ContactStep, penalties
 from sim.errors import NotConverged
 from sim.integrators.contact_equation import ContactEquation, Equation
 from sim.integrators.workspace import Workspace
-from sim.scene import Index
 from sim.state import Array, State
 from sim.system import System
 
@@ -134,7 +133,7 @@ class LinearContact:
         """Rows that the step has passed and that are no matter of a small correction."""
         passed = self._step.passed(q, near)
         deep = considerable(passed, q - self._state.q, multipliers.pushing(acting))
-        return passed.take(np.flatnonzero(deep & ~np.isin(_keys(passed), _keys(multipliers.rows))))
+        return passed.take(np.flatnonzero(deep)).without(multipliers.rows)
 
     def _through(self, rows: Rows, q: Array, near: Rows) -> Rows:
         """Rows that are broken where no face is near any more.
@@ -144,9 +143,4 @@ class LinearContact:
         rows = rows.joined(self._step.passed(q, near))
         broken = rows.gaps(q - self._state.q) < -TOUCH
         rows = rows.take(np.flatnonzero(broken & ~np.isin(rows.slot, near.slot)))
-        return rows.take(np.unique(_keys(rows), return_index=True)[1])
-
-
-def _keys(rows: Rows) -> Index:
-    """One number per vertex and face."""
-    return rows.slot * (1 << 32) + rows.face
+        return rows.take(np.unique(rows.keys, return_index=True)[1])
