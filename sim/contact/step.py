@@ -114,8 +114,10 @@ class ContactStep:
         """Where the blocks of rows go."""
         return RowPlaces(pattern, rows, self.contact.names, self.contact.reach)
 
-    def memory(self, q: Array, multipliers: Multipliers, acting: Acting) -> Mapping[str, Array]:
-        """What the state at the end remembers, at positions q."""
+    def memory(
+        self, q: Array, near: Rows, multipliers: Multipliers, acting: Acting
+    ) -> Mapping[str, Array]:
+        """What the state at the end remembers, at positions q or a little beside, with their rows."""
         new = np.zeros_like(self._memory)
         slot = multipliers.rows.slot
         np.add.at(new[:, FORCE], slot, acting.force)
@@ -125,7 +127,6 @@ class ContactStep:
         first = multipliers.rows.take(nearest[acting.force[nearest] > 0.0])
         turned = first.normal + first.face_normals(q) - first.face_normals(self.q0)
         new[first.slot, DIRECTION] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
-        near = self.at(q)
         depth = self._allowed[near.slot] - near.gaps(q - self.q0)
         np.maximum.at(new[:, ALLOWED], near.slot, np.clip(depth, 0.0, self._allowed[near.slot]))
         return {MEMORY: new}

@@ -184,7 +184,7 @@ def minimise_in_contact(
             if last:
                 _require_outside(step, q, until)
             if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -DEEPEST:
-                return Settled(point, q, went, step.memory(q, multipliers, acting))
+                return Settled(point, q, went, step.memory(q, near, multipliers, acting))
         renewals += 1
         new = near.joined(passed.without(near))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])

@@ -88,8 +88,9 @@ class LinearContact:
             multipliers = self._multipliers_of(multipliers.rows.joined(missed), multipliers)
         else:
             raise NotConverged((), self._state.t + h, "contact finds new rows in every round")
+        out_of = near
         if self._moves < 1.0:
-            near = near.joined(self._through(multipliers.rows, q, near))
+            out_of = near.joined(self._through(multipliers.rows, q, near))
 
         def respond(push: Array, depth: float) -> Array:
             f = equation.scale * self._system.reduce(push)
@@ -98,7 +99,7 @@ class LinearContact:
         q = moved_out(
             q,
             step.q0,
-            near,
+            out_of,
             multipliers.pushing(acting),
             self._system.pattern,
             equation.diagonal,
@@ -108,7 +109,7 @@ class LinearContact:
         return Touched(
             self._system.expand(x / h, self._state.v),
             q,
-            step.memory(q, multipliers, acting),
+            step.memory(q, near, multipliers, acting),
             equation.solutions,
             equation.factorisations,
             equation.definite,

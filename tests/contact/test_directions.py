@@ -68,7 +68,7 @@ def test_they_turn_with_a_face_of_the_mesh(stacked):
     multipliers = step.multipliers(rows, np.ones(len(rows)))
     q, push = mesh.X @ R.T, np.arange(len(rows)) % 2.0
     acting = replace(multipliers.at(q - mesh.X), force=push)
-    memory = step.memory(q, multipliers, acting)[MEMORY]
+    memory = step.memory(q, step.at(q), multipliers, acting)[MEMORY]
     expected = push[:, None] * (rows.normal @ R.T)
     np.testing.assert_allclose(memory[rows.slot, DIRECTION], expected, atol=1e-12)
 
