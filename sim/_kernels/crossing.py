@@ -1,6 +1,6 @@
 """Points that enter faces on straight ways within a step.
 
-The broad phase is the sweep of `nearest_faces`, over the boxes of the ways.
+The broad phase is the grid of `nearest_faces`, over the boxes of the ways.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false
@@ -10,8 +10,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.grid import Grid, boxes_near
 from sim._kernels.laws import FLAGS
-from sim._kernels.nearest_faces import first_reached, has_node
+from sim._kernels.nearest_faces import has_node
 from sim._kernels.triangles import dot, point_triangle
 
 Reals = NDArray[np.float64]
@@ -112,39 +113,31 @@ def entries(
     x0: Reals,
     x1: Reals,
     triangles: Indices,
-    order: Indices,
-    low: Reals,
-    high: Reals,
-    widest: float,
-    axis: int,
+    grid: Grid,
     face: Indices,
     when: Reals,
     weight: Reals,
 ) -> int:
     """First face that every point enters through its front on straight ways; -1 where there is none.
 
-    low, high: boxes of the ways of the faces in sweep order. Returns the number of pairs looked at.
+    grid: of the boxes of the ways of the faces. Returns the number of pairs looked at.
     """
     looked = 0
-    w = np.empty(3)
+    w, low, high = np.empty(3), np.empty(3), np.empty(3)
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    near = np.empty(len(triangles), np.int64)
     for i in range(len(p0)):
         face[i], when[i] = -1, 2.0
-        first, last = min(p0[i, axis], p1[i, axis]), max(p0[i, axis], p1[i, axis])
-        for k in range(first_reached(low[:, axis], first - widest), len(order)):
-            if low[k, axis] > last:
-                break
-            apart = False
-            for j in range(3):
-                if max(p0[i, j], p1[i, j]) < low[k, j] or min(p0[i, j], p1[i, j]) > high[k, j]:
-                    apart = True
-            if apart:
-                continue
-            f = order[k]
+        for j in range(3):
+            low[j], high[j] = min(p0[i, j], p1[i, j]), max(p0[i, j], p1[i, j])
+        for k in range(boxes_near(grid, low, high, first, last, near)):
+            f = near[k]
             t = triangles[f]
             if has_node(t, node[i]):
                 continue
             looked += 1
-            s = _entry(p0[i], p1[i], x0[t[0]], x1[t[0]], x0[t[1]], x1[t[1]], x0[t[2]], x1[t[2]], w)
+            a, b, c = t[0], t[1], t[2]
+            s = _entry(p0[i], p1[i], x0[a], x1[a], x0[b], x1[b], x0[c], x1[c], w)
             if s < when[i] or (s == when[i] and s < 2.0 and f < face[i]):
                 when[i], face[i] = s, f
                 weight[i, 0], weight[i, 1], weight[i, 2] = w[0], w[1], w[2]

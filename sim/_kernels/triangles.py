@@ -120,16 +120,6 @@ def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
 
 
 @nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
-def closest(
-    p: Reals, x: Reals, corners: Indices, weight: Reals, squared: Reals, feature: Indices
-) -> None:
-    """Nearest point of one triangle (row of corners) to each point."""
-    for i in range(len(p)):
-        t = corners[i]
-        squared[i], feature[i] = point_triangle(p[i], x[t[0]], x[t[1]], x[t[2]], weight[i])
-
-
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
 def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray[np.bool_]) -> None:
     """Whether each point (row of out) is within a distance of each face (column)."""
     w = np.empty(3)

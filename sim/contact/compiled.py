@@ -7,6 +7,7 @@ import numpy as np
 from sim.contact.direction import Direction, Move
 from sim.contact.pairing import Pairing
 from sim.contact.rows import Rows
+from sim.contact.signed_distance import SignedFaces
 from sim.contact.surfaces import NodeSurface
 from sim.pattern import SymmetricPattern
 from sim.scene import Contribution, Index, Layout
@@ -56,14 +57,18 @@ class CompiledContact:
         free = free.reshape(-1, 3)
         self._directions: list[Direction] = []
         self._n_slots = 0
+        # what is known of a surface's faces serves all who meet it
+        surfaces = {id(s): s for pairing in pairings for s in pairing.surfaces}
+        faces = {key: SignedFaces(surface) for key, surface in surfaces.items()}
         for i, pairing in enumerate(pairings):
             pairs = (pairing.surfaces * 2)[:2]
             for a, b in (pairs,) if pairing.itself else (pairs, pairs[::-1]):
                 vertices = np.unique(a.triangles)
                 if isinstance(a, NodeSurface):
                     vertices = np.setdiff1d(vertices, pairing.shared)
+                own, other = faces[id(a)], faces[id(b)]
                 self._directions.append(
-                    Direction(i, frictions[i], vertices, self._n_slots, a, b, approach, free)
+                    Direction(i, frictions[i], vertices, self._n_slots, own, other, approach, free)
                 )
                 self._n_slots += len(vertices)
         none = np.empty(0, dtype=np.int64)

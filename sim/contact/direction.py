@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.contact.rows import Flags, Rows
-from sim.contact.search import NO_NORMALS, Found, entered_faces, nearest_faces
+from sim.contact.search import NO_NODES, NO_NORMALS, Found
 from sim.contact.signed_distance import SignedFaces
 from sim.contact.surfaces import NodeSurface, RigidShell, Surface
 from sim.scene import Index
@@ -67,9 +67,9 @@ class Direction:
     vertices : (n,) nodes, or vertices of a shell, that take part.
     first_slot : int
         Slot of the first vertex; the others follow.
-    own : NodeSurface or RigidShell
+    own : SignedFaces
         Surface of the vertices.
-    faces : NodeSurface or RigidShell
+    faces : SignedFaces
         Surface that they may not pass.
     approach : float
         Rows are made for vertices nearer than this [m].
@@ -87,19 +87,19 @@ class Direction:
         friction: float,
         vertices: Index,
         first_slot: int,
-        own: Surface,
-        faces: Surface,
+        own: SignedFaces,
+        faces: SignedFaces,
         approach: float,
         free: Flags,
     ) -> None:
         self.pairing, self.vertices = pairing, vertices
         self.slots = first_slot + np.arange(len(vertices))
-        self._friction, self._faces, self._approach, self._free = friction, faces, approach, free
-        self._own, self._signs = SignedFaces(own), SignedFaces(faces)
-        self._surface, self._itself = own, own is faces
+        self._friction, self._approach, self._free = friction, approach, free
+        self._own, self._signs, self._itself = own, faces, own is faces
+        self._surface, self._faces = own.surface, faces.surface
         none = np.full(len(vertices), -1)
-        self.nodes = vertices if isinstance(own, NodeSurface) else none
-        self._among = self.nodes if isinstance(faces, NodeSurface) else none
+        self.nodes = vertices if isinstance(self._surface, NodeSurface) else none
+        self._among = self.nodes if isinstance(self._faces, NodeSurface) else none
 
     def depths(self, q: Array, t: float) -> Array:
         """How deep each vertex lies inside at positions q and time t [m]; 0 for self-contact."""
@@ -110,7 +110,7 @@ class Direction:
         points, x = here.ends(self._surface)[0][self.vertices], here.ends(self._faces)[0]
         # an open surface has no inside, a closed one has all depths
         radius = np.inf if self._faces.closed else self._approach
-        found = nearest_faces(points, radius, x, self._faces.triangles)
+        found = self._signs.nearest(points, radius, x, NO_NODES)
         gap, _ = self._signs.signed(points, found, x)
         deep[found.point] = np.maximum(-np.nan_to_num(gap), 0.0)
         return deep
@@ -140,7 +140,7 @@ class Direction:
         points, may = mine[self.vertices], allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
         away = self._signs.normals(x)[1][self.vertices] if self._itself else NO_NORMALS
-        found = nearest_faces(points, radius, x, faces.triangles, nodes=self._among, away=away)
+        found = self._signs.nearest(points, radius, x, self._among, away)
         outward = away if self._itself else self._own.normals(mine)[1][self.vertices]
         gap, normal = self._signs.signed(points, found, x, blur, outward)
         beside, *more = self._signs.beside(points, found, x, blur)
@@ -176,7 +176,7 @@ class Direction:
         x0, x1 = move.ends(self._faces)
         before, after = self._outside(move, allowed), move.ends(self._surface)[1][self.vertices]
         triangles = self._faces.triangles
-        found = entered_faces(before, after, x0, x1, triangles, nodes=self._among)
+        found = self._signs.entered(before, after, x0, x1, self._among)
         normal = self._signs.normals(x1)[0][found.face]
         at = np.einsum("kj,kji->ki", found.weight, x1[triangles[found.face]])
         gap = np.einsum("ki,ki->k", normal, after[found.point] - at)
@@ -191,7 +191,7 @@ class Direction:
         if self._itself or not self._faces.closed:
             return points
         x0 = move.ends(self._faces)[0]
-        found = nearest_faces(points, HAIR, x0, self._faces.triangles, nodes=self._among)
+        found = self._signs.nearest(points, HAIR, x0, self._among)
         gap, normal = self._signs.signed(points, found, x0)
         hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
         points[found.point[hair]] += (LIFT - gap[hair])[:, None] * normal[hair]

@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.crossing import entries
+from sim._kernels.grid import Grid, grid_of
 from sim._kernels.nearest_faces import nearest
 from sim._kernels.triangles import within
 from sim.scene import Index
 from sim.state import Array
-
-ROUNDING = 1e-12
-"""Share of the largest coordinate by which boxes are wider, so that rounding hides nothing."""
 
 NO_NODES = np.empty(0, dtype=np.int64)
 NO_NORMALS = np.empty((0, 3))
@@ -51,28 +49,6 @@ class Found:
         return Found(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
 
 
-@dataclass(frozen=True, eq=False)
-class _Sweep:
-    """Boxes of faces, sorted by their low ends along the longest axis."""
-
-    order: Index
-    low: Array
-    high: Array
-    widest: float
-    axis: int
-
-    @classmethod
-    def over(cls, triangles: Index, *positions: Array) -> "_Sweep":
-        corners = np.concatenate([x[triangles] for x in positions], axis=1)
-        low, high = corners.min(axis=1), corners.max(axis=1)
-        slack = ROUNDING * float(np.abs(corners).max())
-        low, high = low - slack, high + slack
-        axis = int(np.argmax(high.max(axis=0) - low.min(axis=0)))
-        order = np.argsort(low[:, axis], kind="stable")
-        widest = float((high - low)[:, axis].max())
-        return cls(order, low[order], high[order], widest, axis)
-
-
 def nearest_faces(
     points: Array,
     radius: Array | float,
@@ -81,6 +57,7 @@ def nearest_faces(
     *,
     nodes: Index = NO_NODES,
     away: Array = NO_NORMALS,
+    grid: Grid | None = None,
 ) -> Found:
     """Nearest face of every point within a radius.
 
@@ -95,6 +72,8 @@ def nearest_faces(
         Index of every point among `x`, -1 for none: faces that have it are left out.
     away : (n, 3), optional
         Outward normals of the points: faces that do not oppose them are left out.
+    grid : Grid, optional
+        Of the triangles at x, where it is known.
 
     Returns
     -------
@@ -104,18 +83,13 @@ def nearest_faces(
     n = len(points)
     face, weight = np.empty(n, dtype=np.int64), np.zeros((n, 3))
     squared, feature = np.empty(n), np.zeros(n, dtype=np.int64)
-    sweep = _Sweep.over(triangles, x)
     nearest(
         np.ascontiguousarray(points),
         np.array(np.broadcast_to(radius, n), dtype=np.float64),
         nodes if len(nodes) else np.full(n, -1, dtype=np.int64),
         x,
         triangles,
-        sweep.order,
-        sweep.low,
-        sweep.high,
-        sweep.widest,
-        sweep.axis,
+        grid or grid_of(x, x, triangles),
         away,
         face,
         weight,
@@ -141,6 +115,7 @@ def entered_faces(
     triangles: Index,
     *,
     nodes: Index = NO_NODES,
+    grid: Grid | None = None,
 ) -> Found:
     """First face that every point enters through its front, all on straight ways.
 
@@ -153,6 +128,8 @@ def entered_faces(
     triangles : (k, 3) int
     nodes : (n,) int, optional
         As in `nearest_faces`.
+    grid : Grid, optional
+        Of the triangles from x_before to x_after, where it is known.
 
     Returns
     -------
@@ -161,7 +138,6 @@ def entered_faces(
     """
     n = len(before)
     face, when, weight = np.empty(n, dtype=np.int64), np.empty(n), np.zeros((n, 3))
-    sweep = _Sweep.over(triangles, x_before, x_after)
     entries(
         np.ascontiguousarray(before),
         np.ascontiguousarray(after),
@@ -169,11 +145,7 @@ def entered_faces(
         x_before,
         x_after,
         triangles,
-        sweep.order,
-        sweep.low,
-        sweep.high,
-        sweep.widest,
-        sweep.axis,
+        grid or grid_of(x_before, x_after, triangles),
         face,
         when,
         weight,

@@ -1,30 +1,19 @@
-"""Signed distances to a surface, and their directions."""
-
-from dataclasses import replace
+"""The faces of a surface: which are near, signed distances to them, and their directions."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim._kernels.triangles import CORNER_0, EDGE_0, EDGE_2, INSIDE_FACE, closest, normals
+from sim._kernels.grid import Grid, grid_of
+from sim._kernels.signed import signed, walls
+from sim._kernels.triangles import normals
 from sim.contact.connectivity import sides_of
-from sim.contact.search import NO_NORMALS, Found
+from sim.contact.recent import Recent
+from sim.contact.search import NO_NORMALS, Found, entered_faces, nearest_faces
 from sim.contact.surfaces import Surface
+from sim.scene import Index
 from sim.state import Array
 
-OPPOSED = 0.5
-"""Length of the difference of two normals from which they face each other."""
-
-FLAT = 0.95
-"""Cosine of the angle between a face and a mean normal, below which an edge is sharp."""
-
-CONCAVE = 0.1
-"""Sine of the angle from which two faces make a groove."""
-
-ON_EDGE = 1e-6
-"""What lies no farther within a face counts as on its edge [m], as rounding would have it."""
-
-NO_LENGTH = 1e-6
-"""Distances below this share of a side have no direction of their own."""
+GRIDS = 3
+"""Grids that are kept: at the start, at the end and over a step."""
 
 
 class SignedFaces:
@@ -43,7 +32,7 @@ class SignedFaces:
     """
 
     def __init__(self, surface: Surface) -> None:
-        self.triangles = surface.triangles
+        self.surface, self.triangles = surface, surface.triangles
         sides = sides_of(surface.triangles)
         size = int(surface.triangles.max()) + 1
         key, back = sides[:, 0] * size + sides[:, 1], sides[:, 1] * size + sides[:, 0]
@@ -53,20 +42,31 @@ class SignedFaces:
         self._across = np.where(key[match] == back, match // 3, -1).reshape(-1, 3)
         self._free = np.zeros(size, dtype=bool)
         self._free[surface.open_edges] = True
-        self._latest: tuple[Array, Array, Array] | None = None
+        self._normals, self._grid = Recent(self._normals_at), Recent(self._grid_over, GRIDS)
 
     def normals(self, x: Array) -> tuple[Array, Array]:
-        """Unit normals of the faces (k, 3) and of the positions x (m, 3), zero where none is named.
+        """Unit normals of the faces (k, 3) and of the positions x (m, 3), zero where none is named."""
+        return self._normals(x)
 
-        Those of the latest positions are kept: a step asks for the same ones several times, and a shell
-        that does not move has no others.
-        """
-        if self._latest is not None and np.array_equal(self._latest[0], x):
-            return self._latest[1:]
+    def _normals_at(self, x: Array) -> tuple[Array, Array]:
         face, corner = np.empty((len(self.triangles), 3)), np.empty((len(x), 3))
         normals(x, self.triangles, face, corner)
-        self._latest = (x.copy(), face, corner)
         return face, corner
+
+    def nearest(
+        self, points: Array, radius: Array | float, x: Array, nodes: Index, away: Array = NO_NORMALS
+    ) -> Found:
+        """Nearest face of every point within a radius; see `nearest_faces`."""
+        grid = self._grid(x, x)
+        return nearest_faces(points, radius, x, self.triangles, nodes=nodes, away=away, grid=grid)
+
+    def entered(self, before: Array, after: Array, x0: Array, x1: Array, nodes: Index) -> Found:
+        """First face that every point enters while they move from x0 to x1; see `entered_faces`."""
+        grid = self._grid(x0, x1)
+        return entered_faces(before, after, x0, x1, self.triangles, nodes=nodes, grid=grid)
+
+    def _grid_over(self, x0: Array, x1: Array) -> Grid:
+        return grid_of(x0, x1, self.triangles)
 
     def beside(
         self, points: Array, found: Found, x: Array, near: float
@@ -92,23 +92,26 @@ class SignedFaces:
         normal : (k, 3) its unit normal.
         """
         by_face, _ = self.normals(x)
-        across = self._across[found.face]
-        row, side = np.nonzero(across >= 0)
-        face, first = across[row, side], found.face[row]
-        opposite = x[self.triangles[face]] - x[self.triangles[first, side]][:, None]
-        height = np.einsum("kji,ki->kj", opposite, by_face[first]).max(axis=1)
-        reach = np.sqrt((opposite**2).sum(axis=2).max(axis=1))
-        keep = np.flatnonzero(height > CONCAVE * reach)
-        row, face = row[keep], face[keep]
-        at, k = found.point[row], len(row)
-        weight, squared = np.empty((k, 3)), np.empty(k)
-        feature = np.empty(k, dtype=np.int64)
-        closest(np.ascontiguousarray(points[at]), x, self.triangles[face], weight, squared, feature)
-        keep = np.flatnonzero((feature == INSIDE_FACE) | (squared < near * near))
-        at, face, weight = at[keep], face[keep], weight[keep]
-        nearest = np.einsum("kj,kji->ki", weight, x[self.triangles[face]])
-        gap = np.einsum("ki,ki->k", points[at] - nearest, by_face[face])
-        return Found(at, face, weight, np.abs(gap), feature[keep]), gap, by_face[face]
+        room = 3 * len(found.point)
+        which, face, feature = (np.empty(room, dtype=np.int64) for _ in range(3))
+        weight, gap = np.empty((room + 1, 3)), np.empty(room)
+        n = walls(
+            np.ascontiguousarray(points),
+            found.point,
+            found.face,
+            x,
+            self.triangles,
+            self._across,
+            by_face,
+            near,
+            which,
+            face,
+            weight,
+            gap,
+            feature,
+        )
+        beside = Found(found.point[which[:n]], face[:n], weight[:n], np.abs(gap[:n]), feature[:n])
+        return beside, gap[:n], by_face[face[:n]]
 
     def signed(
         self,
@@ -140,77 +143,24 @@ class SignedFaces:
         normal : (k, 3) unit vectors out of the surface, without blur the gradient of the gap.
         """
         by_face, by_corner = self.normals(x)
-        found = self._on_edges(found, x)
-        f, what = found.face, found.feature
-        outward, free = self._outward(found, by_face, by_corner)
-        nearest = np.einsum("kj,kji->ki", found.weight, x[self.triangles[f]])
-        way = points[found.point] - nearest
-        side = np.einsum("ki,ki->k", way, outward)
-        sign = np.where(side < 0.0, -1.0, 1.0)
-        gap = np.where(free, np.nan, sign * found.value)
-        # within a face the normal is known better than the difference of two near points
-        reach = np.sqrt(((x[self.triangles[f, 1]] - x[self.triangles[f, 0]]) ** 2).sum(axis=1))
-        apart = (what > 0) & (found.value > NO_LENGTH * reach)
-        length = np.where(found.value > 0.0, found.value, 1.0)
-        normal = np.where(apart[:, None], (sign / length)[:, None] * way, outward)
-        if blur == 0.0:
-            return gap, normal
-        if len(against):
-            outward = _between(outward, against[found.point], by_face[f])
-        share = found.value / (found.value + blur)
-        mixed = share[:, None] * normal + (1.0 - share)[:, None] * outward
-        mixed /= np.linalg.norm(mixed, axis=1, keepdims=True)
-        normal = np.where((what > 0)[:, None], mixed, normal)
-        along = np.einsum("ki,ki->k", way, normal)
-        return np.where((what > 0) & ~free, along, gap), normal
-
-    def _on_edges(self, found: Found, x: Array) -> Found:
-        """The same, with what is nearest within a face but a hair from its rim on the rim.
-
-        Bodies with their sides in one plane touch with their rims; a rounding error must not make their
-        sides touch instead.
-        """
-        corners = x[self.triangles[found.face]]
-        side = np.linalg.norm(corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]], axis=2)
-        double = np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        k = len(found.point)
+        gap, normal = np.empty(k), np.empty((k, 3))
+        signed(
+            np.ascontiguousarray(points),
+            found.point,
+            found.face,
+            found.weight,
+            found.value,
+            found.feature,
+            x,
+            self.triangles,
+            self._across,
+            self._free,
+            by_face,
+            by_corner,
+            blur,
+            against,
+            gap,
+            normal,
         )
-        # distances of the nearest point from the sides opposite the corners
-        near = found.weight * double[:, None] < ON_EDGE * side
-        count, feature = near.sum(axis=1), found.feature.copy()
-        edge = np.flatnonzero((feature == INSIDE_FACE) & (count == 1))
-        first = (np.argmax(near[edge], axis=1) + 1) % 3
-        inner = self._across[found.face[edge], first] >= 0  # a free edge has no sign
-        feature[edge[inner]] = EDGE_0 + first[inner]
-        corner = np.flatnonzero((feature < CORNER_0) & (count == 2))
-        which = np.argmin(near[corner], axis=1)
-        inner = ~self._free[self.triangles[found.face[corner], which]]
-        feature[corner[inner]] = CORNER_0 + which[inner]
-        return replace(found, feature=feature)
-
-    def _outward(
-        self, found: Found, by_face: Array, by_corner: Array
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Mean normals (k, 3) of what is nearest, and whether that is a free edge."""
-        f, what = found.face, found.feature
-        outward = by_face[f].copy()
-        free = np.zeros(len(f), dtype=bool)
-        edge = np.flatnonzero((what >= EDGE_0) & (what <= EDGE_2))
-        across = self._across[f[edge], what[edge] - EDGE_0]
-        outward[edge] += np.where(across[:, None] >= 0, by_face[across], 0.0)
-        free[edge] = across < 0
-        corner = np.flatnonzero(what >= CORNER_0)
-        vertex = self.triangles[f[corner], what[corner] - CORNER_0]
-        outward[corner] = by_corner[vertex]
-        free[corner] = self._free[vertex]
-        size = np.linalg.norm(outward, axis=1, keepdims=True)
-        return outward / np.where(size > 0.0, size, 1.0), free
-
-
-def _between(outward: Array, against: Array, by_face: Array) -> Array:
-    """Mean of two opposed normals at a sharp edge, the given ones elsewhere."""
-    between = outward - against
-    size = np.linalg.norm(between, axis=1, keepdims=True)
-    sharp = np.einsum("ki,ki->k", outward, by_face) < FLAT
-    use = (size > OPPOSED) & sharp[:, None]
-    return np.where(use, between / np.maximum(size, OPPOSED), outward)
+        return gap, normal

@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull
 import sim
 from sim._kernels import triangles as kernel
 from sim.contact.distance import edge_edge, point_triangle
+from sim.contact.recent import Recent
 from sim.contact.search import entered_faces, nearest_faces
 from sim.contact.signed_distance import SignedFaces
 from tests.bodies import grid, rotation
@@ -128,6 +129,76 @@ def test_entered_faces_are_those_of_brute_force_on_1000_configurations():
             assert found.face[0] == which
             entered += 1
     assert entered > 100  # the comparison has something to compare
+
+
+def bumpy_sheet(rng):
+    """Some hundred small faces of many sizes, and two that reach over all of them."""
+    sheet = grid((20, 15, 1), (1.0, 0.7, 0.3)).X - [0.5, 0.35, 0.15]
+    x = np.r_[sheet + 0.01 * rng.normal(size=sheet.shape), [[-2.0, -2, 0], [3, -2, 0.5], [0, 4, 0]]]
+    near = np.argsort(((sheet[:, None] - sheet) ** 2).sum(axis=2), axis=1)[:, 1:9]
+    fans = np.c_[np.arange(len(sheet)), rng.permuted(near, axis=1)[:, :2]]
+    last = len(sheet) + np.arange(3)
+    wide = [last, last[::-1]]
+    return x, np.r_[fans, wide].astype(np.int64)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.03, 0.5, np.inf])
+def test_search_among_many_faces_is_that_of_brute_force(radius):
+    rng = np.random.default_rng(7)
+    x, triangles = bumpy_sheet(rng)
+    p = rng.uniform([-0.6, -0.5, -0.5], [0.6, 0.5, 0.5], size=(150, 3))
+    p[:20] = x[:20]
+    nodes = np.r_[np.arange(20), np.full(130, -1)]
+    found = nearest_faces(p, radius, x, triangles, nodes=nodes)
+    weight, expected = np.zeros(3), {}
+    for i in range(len(p)):
+        for f, t in enumerate(triangles):
+            d = kernel.point_triangle(p[i], x[t[0]], x[t[1]], x[t[2]], weight)[0]
+            if nodes[i] not in t and d < min(radius**2, expected.get(i, (np.inf, 0))[0]):
+                expected[i] = d, f
+    np.testing.assert_array_equal(found.point, list(expected))
+    np.testing.assert_allclose(found.value**2, [d for d, _ in expected.values()], rtol=1e-12)
+    if len(found.point):
+        assert (found.face == [f for _, f in expected.values()]).mean() > 0.95  # ties at corners
+
+
+def test_entries_among_many_faces_are_those_of_each_face_alone():
+    rng = np.random.default_rng(8)
+    x0, triangles = bumpy_sheet(rng)
+    x1 = x0 + 0.02 * rng.normal(size=x0.shape)
+    before = rng.uniform([-0.6, -0.5, -0.5], [0.6, 0.5, 0.5], size=(200, 3))
+    after = before + rng.normal(size=before.shape) * rng.choice([0.05, 0.5], size=(200, 1))
+    found = entered_faces(before, after, x0, x1, triangles)
+    first = np.full(len(before), np.inf)
+    for face in triangles:
+        alone = entered_faces(before, after, x0, x1, face[None])
+        first[alone.point] = np.minimum(first[alone.point], alone.value)
+    np.testing.assert_array_equal(found.point, np.flatnonzero(first < np.inf))
+    np.testing.assert_array_equal(found.value, first[found.point])
+    assert 40 < len(found.point) < 160
+
+
+def test_a_search_ends_where_positions_are_no_numbers():
+    x, triangles = bumpy_sheet(np.random.default_rng(9))
+    p = np.array([[np.nan, 0.0, 0.0], [0.1, 0.1, 0.0]])
+    assert 0 not in nearest_faces(p, 1.0, x, triangles).point
+    x[5] = np.nan
+    assert 1 in nearest_faces(p, 1.0, x, triangles).point
+    entered_faces(p, p + 1.0, x, x + 0.1, triangles)
+    assert len(nearest_faces(p, 1.0, x * np.nan, triangles).point) == 0
+
+
+def test_results_are_kept_for_the_latest_positions():
+    calls = []
+    recent = Recent(lambda x: calls.append(1) or x.sum(), 2)
+    a, b, c = np.ones(3), np.zeros(3), np.full(3, 2.0)
+    assert [recent(y) for y in (a, b, a, b)] == [3.0, 0.0, 3.0, 0.0]
+    assert len(calls) == 2
+    recent(c)
+    assert recent(a) == 3.0
+    assert len(calls) == 4  # a had to go
+    a[0] = 5.0
+    assert recent(a) == 7.0
 
 
 def test_signed_distance_against_half_spaces():

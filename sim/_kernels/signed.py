@@ -1,0 +1,172 @@
+"""Signed distances to the nearest faces, their directions, and further walls of grooves."""
+
+# pyright: basic, reportAttributeAccessIssue=false
+# numba compiles these functions; those called from Python carry types
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels.triangles import CORNER_0, EDGE_0, INSIDE_FACE, dot, point_triangle
+
+Reals = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+OPPOSED = 0.5
+"""Length of the difference of two normals from which they face each other."""
+
+FLAT = 0.95
+"""Cosine of the angle between a face and a mean normal, below which an edge is sharp."""
+
+CONCAVE = 0.1
+"""Sine of the angle from which two faces make a groove."""
+
+ON_EDGE = 1e-6
+"""What lies no farther within a face counts as on its edge [m], as rounding would have it."""
+
+NO_LENGTH = 1e-6
+"""Distances below this share of a side have no direction of their own."""
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _length(v):
+    return np.sqrt(dot(v, v))
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _on_edge(what, weight, x, triangle, across, free):
+    """Feature with what is nearest within a face but a hair from its rim on the rim.
+
+    Bodies with their sides in one plane touch with their rims; a rounding error must not make their
+    sides touch instead. A free edge has no sign, and stays the face's.
+    """
+    if what >= CORNER_0:
+        return what
+    double = _length(
+        np.cross(x[triangle[1]] - x[triangle[0]], x[triangle[2]] - x[triangle[0]]),
+    )
+    count = near = away = 0
+    for k in range(3):
+        side = _length(x[triangle[(k + 2) % 3]] - x[triangle[(k + 1) % 3]])
+        # distance of the nearest point from the side opposite the corner
+        if weight[k] * double < ON_EDGE * side:
+            count, near = count + 1, k
+        else:
+            away = k
+    first = (near + 1) % 3
+    if what == INSIDE_FACE and count == 1 and across[first] >= 0:
+        return EDGE_0 + first
+    if count == 2 and not free[triangle[away]]:
+        return CORNER_0 + away
+    return what
+
+
+@nb.njit(cache=True, error_model="numpy")
+def signed(
+    points: Reals,
+    at: Indices,
+    face: Indices,
+    weight: Reals,
+    distance: Reals,
+    feature: Indices,
+    x: Reals,
+    triangles: Indices,
+    across: Indices,
+    free: NDArray[np.bool_],
+    by_face: Reals,
+    by_corner: Reals,
+    blur: float,
+    against: Reals,
+    gap: Reals,
+    normal: Reals,
+) -> None:
+    """Signed distances and their directions; see `SignedFaces.signed`.
+
+    across: (m, 3) faces beyond the edges of each, -1 at a free one; free: of the vertices.
+    """
+    way, outward, along = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(len(at)):
+        f, value = face[i], distance[i]
+        t = triangles[f]
+        what = _on_edge(feature[i], weight[i], x, t, across[f], free)
+        outward[:] = by_face[f]
+        open_edge = False
+        if what >= CORNER_0:
+            vertex = t[what - CORNER_0]
+            outward[:], open_edge = by_corner[vertex], free[vertex]
+        elif what >= EDGE_0:
+            other = across[f, what - EDGE_0]
+            open_edge = other < 0
+            if not open_edge:
+                outward += by_face[other]
+        size = _length(outward)
+        if size > 0.0:
+            outward /= size
+        for j in range(3):
+            way[j] = points[at[i], j]
+            for k in range(3):
+                way[j] -= weight[i, k] * x[t[k], j]
+        sign = -1.0 if dot(way, outward) < 0.0 else 1.0
+        gap[i] = np.nan if open_edge else sign * value
+        # within a face the normal is known better than the difference of two near points
+        if what > 0 and value > NO_LENGTH * _length(x[t[1]] - x[t[0]]):
+            along[:] = sign / value * way
+        else:
+            along[:] = outward
+        if blur > 0.0 and what > 0:
+            if len(against) > 0:
+                between = outward - against[at[i]]
+                size = _length(between)
+                if size > OPPOSED and dot(outward, by_face[f]) < FLAT:
+                    outward[:] = between / size
+            share = value / (value + blur)
+            along[:] = share * along + (1.0 - share) * outward
+            along /= _length(along)
+            if not open_edge:
+                gap[i] = dot(way, along)
+        normal[i] = along
+
+
+@nb.njit(cache=True, error_model="numpy")
+def walls(
+    points: Reals,
+    at: Indices,
+    face: Indices,
+    x: Reals,
+    triangles: Indices,
+    across: Indices,
+    by_face: Reals,
+    near: float,
+    which: Indices,
+    wall: Indices,
+    weight: Reals,
+    gap: Reals,
+    feature: Indices,
+) -> int:
+    """Number of faces beside the nearest ones that make a groove; see `SignedFaces.beside`.
+
+    which: (3 k,) row of each; wall, weight, gap, feature: as those of the nearest.
+    """
+    n, nearest = 0, np.empty(3)
+    for i in range(len(at)):
+        first, p = face[i], points[at[i]]
+        for side in range(3):
+            f = across[first, side]
+            if f < 0:
+                continue
+            height = reach = 0.0
+            for k in range(3):
+                opposite = x[triangles[f, k]] - x[triangles[first, side]]
+                height = max(height, dot(opposite, by_face[first]))
+                reach = max(reach, _length(opposite))
+            if not height > CONCAVE * reach:
+                continue
+            a, b, c = x[triangles[f, 0]], x[triangles[f, 1]], x[triangles[f, 2]]
+            squared, what = point_triangle(p, a, b, c, weight[n])
+            if what == INSIDE_FACE or squared < near * near:
+                for j in range(3):
+                    nearest[j] = weight[n, 0] * a[j] + weight[n, 1] * b[j] + weight[n, 2] * c[j]
+                which[n], wall[n], feature[n] = i, f, what
+                gap[n] = dot(p - nearest, by_face[f])
+                n += 1
+    return n
