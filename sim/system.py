@@ -181,6 +181,11 @@ class System:
         """What belongs to the stiffness at q besides the values of `tangent`."""
         return tuple(term.product(q) for term in self.terms if isinstance(term, HasProduct))
 
+    @property
+    def has_products(self) -> bool:
+        """Whether the stiffness is more than the values of `tangent`."""
+        return any(isinstance(term, HasProduct) for term in self.terms)
+
     def stand_in(self, q: Array) -> Array:
         """Values near the products at q, to be added where a factor is made."""
         K = np.zeros(self.pattern.nnz)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.contact.compliance import Directions, solved_with_rows
 from sim.contact.correction import AT_ALL, considerable, moved_out
-from sim.contact.multipliers import Multipliers
+from sim.contact.multipliers import Acting, Multipliers
 from sim.contact.rows import RowPlaces, Rows
 from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
@@ -18,8 +19,12 @@ from sim.scene import Index
 from sim.state import Array
 from sim.system import System
 
-PENALTY = 3.0
-"""Penalty of a row, of the stiffness that it meets; with more, a factor is lost on rows that turn."""
+PENALTY, IN_MATRIX = 100.0, 3.0
+"""Penalty of a row, of the stiffness that it meets; less in a matrix, lest its factor is lost on rows
+that turn."""
+
+MOST = 800
+"""Vertices that may push where rows are apart from the matrix; with more its factors cost less."""
 
 SLOW, STIFFER = 0.5, 4.0
 """A gap that keeps this share after an update gets a penalty that many times as large."""
@@ -53,19 +58,16 @@ class Settled:
 
 
 class Touching:
-    """A potential and the augmentation of rows under their present multipliers."""
+    """A potential and the augmentation of rows under their present multipliers.
 
-    def __init__(
-        self, potential: Placed, multipliers: Multipliers, places: RowPlaces, q0: Array
-    ) -> None:
-        self._potential, self._multipliers, self._places, self._q0 = (
-            potential,
-            multipliers,
-            places,
-            q0,
-        )
+    Only the matrix of the potential is factorised; rows are solved in the space of their directions.
+    """
+
+    def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
+        self._potential, self._multipliers, self._q0 = potential, multipliers, q0
         self.system: System = potential.system
         self.scale, self.shift = potential.scale, potential.shift
+        self.learns = False
 
     def positions(self, d: Array) -> Array:
         """Nodal positions (n_nodes, 3)."""
@@ -77,8 +79,7 @@ class Touching:
 
     def with_contact(self, point: Point) -> Point:
         """A point of the potential with the augmentation added."""
-        rows = self._multipliers.rows
-        acting = self._multipliers.at(self.positions(point.d) - self._q0)
+        rows, acting = self._multipliers.rows, self._acting(point.d)
         f = rows.spread(acting.on_vertices(rows), len(self._q0))
         g = point.g - self.system.reduce(f)
         return Point(point.d, g, point.phi + acting.energy, point.here)
@@ -88,12 +89,39 @@ class Touching:
         return self._potential.largest_step(d, direction)
 
     def matrix(self, d: Array) -> Matrix:
-        """Scale times the second derivative of both."""
+        """Scale times the second derivative of the potential."""
         A = self._potential.matrix(d)
         self.shift = self._potential.shift
-        acting = self._multipliers.at(self.positions(d) - self._q0)
-        self._places.add(self._multipliers.stiffness(acting), self.scale, A.values)
         return A
+
+    def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
+        """With the rows that act at a point."""
+        block = self._multipliers.stiffness(self._acting(point.d))
+        directions = Directions.of(self.system.pattern, self._multipliers.rows, block)
+        return solved_with_rows(rhs, directions, self.scale, work.compliance, work.solve)
+
+    def _acting(self, d: Array) -> Acting:
+        return self._multipliers.at(self.positions(d) - self._q0)
+
+
+class TouchingInMatrix(Touching):
+    """The same with the rows as a part of the matrix, as where it is singular without them."""
+
+    def __init__(
+        self, potential: Placed, multipliers: Multipliers, q0: Array, places: RowPlaces
+    ) -> None:
+        super().__init__(potential, multipliers, q0)
+        self._places, self.learns = places, True
+
+    def matrix(self, d: Array) -> Matrix:
+        """Scale times the second derivative of both."""
+        A = super().matrix(d)
+        self._places.add(self._multipliers.stiffness(self._acting(d)), self.scale, A.values)
+        return A
+
+    def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
+        """By the latest factor."""
+        return work.solve(rhs)
 
 
 def minimise_in_contact(
@@ -141,23 +169,30 @@ def minimise_in_contact(
     """
     system, n_nodes = potential.system, len(step.q0)
     pattern = system.pattern
+    in_matrix = grip or _in_matrix(system, step, work)
+    penalty = IN_MATRIX if in_matrix else PENALTY
+
+    def touched(multipliers: Multipliers) -> Touching:
+        if not in_matrix:
+            return Touching(potential, multipliers, step.q0)
+        places = step.places(pattern, multipliers.rows)
+        return TouchingInMatrix(potential, multipliers, step.q0, places)
 
     def respond(push: Array, _: float) -> Array:
         """By the factor at hand."""
-        x = work.solve(potential.scale * system.reduce(push))
+        x = touching.solve(point, potential.scale * system.reduce(push), work)
         return system.expand(x, np.zeros_like(step.q0))
 
     diagonal = _stiffness_met(potential, start, key, work)
     rows = step.at_start(way)
-    multipliers = step.multipliers(rows, penalties(pattern, diagonal, rows, PENALTY))
+    multipliers = step.multipliers(rows, penalties(pattern, diagonal, rows, penalty))
     if grip:
         multipliers.normal = np.maximum(multipliers.normal, multipliers.rho * (TOUCH - rows.gap))
-    places = step.places(pattern, rows)
+    touching = touched(multipliers)
     contested = np.empty(0, dtype=np.int64)
     point, went, renewals, miss = start, None, 0, np.inf
     before = np.full(len(rows), np.inf)
     for _ in range(UPDATES):
-        touching = Touching(potential, multipliers, places, step.q0)
         end, more = minimise(touching, touching.with_contact(point))
         went = more if went is None else went.joined(more)
         u = potential.positions(end.d) - step.q0
@@ -180,7 +215,7 @@ def minimise_in_contact(
         pushing = multipliers.pushing(acting)
         last = renewals == RENEWALS
         if last or not considerable(passed, u, pushing).any():
-            q = moved_out(q, step.q0, near, pushing, pattern, diagonal, PENALTY, respond)
+            q = moved_out(q, step.q0, near, pushing, pattern, diagonal, penalty, respond)
             if last:
                 _require_outside(step, q, until)
             if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -DEEPEST:
@@ -189,9 +224,21 @@ def minimise_in_contact(
         new = near.joined(passed.without(near))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
         new = new.joined(_given_up(multipliers.rows, new, contested))
-        multipliers = carried_over(multipliers, new, penalties(pattern, diagonal, new, PENALTY))
-        places, before = step.places(pattern, new), np.full(len(new), np.inf)
+        multipliers = carried_over(multipliers, new, penalties(pattern, diagonal, new, penalty))
+        touching, before = touched(multipliers), np.full(len(new), np.inf)
     raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")
+
+
+def _in_matrix(system: System, step: ContactStep, work: Workspace) -> bool:
+    """Whether rows are a part of the matrix, as where it is not solved by a factor alone.
+
+    A factor of the other kind is dropped.
+    """
+    beside = system.constraints is not None or system.has_products
+    within = beside or step.n_pushing > MOST
+    if work.rows_in_factor != within:
+        work.rows_in_factor, work.factor_of = within, None
+    return within
 
 
 def _stiffness_met(

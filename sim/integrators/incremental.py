@@ -22,6 +22,8 @@ class PotentialOfMoves:
         For its run times.
     """
 
+    learns = True
+
     def __init__(self, system: System, q: Array, control: Control, work: Workspace) -> None:
         self.system = system
         self._q, self._control, self._work = q, control, work
@@ -37,6 +39,10 @@ class PotentialOfMoves:
             return 1.0
         ends = self.positions(d), self.positions(d + direction)
         return self.system.largest_step(*ends, self._control)
+
+    def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
+        """By the latest factor."""
+        return work.solve(rhs)
 
     def _evaluate(self, d: Array) -> Evaluation:
         """Forces and energy at d."""

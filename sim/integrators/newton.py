@@ -8,6 +8,7 @@ import numpy as np
 
 from sim.errors import NotConverged
 from sim.integrators.workspace import Workspace
+from sim.linear import NotPositiveDefinite
 from sim.matrix import Matrix
 from sim.state import Array, Evaluation
 from sim.vectors import dot
@@ -48,10 +49,13 @@ class Potential(Protocol):
     scale : float
         `matrix` is this times the second derivative.
     shift : (n_free,) positive diagonal that makes the matrix positive definite when added often enough.
+    learns : bool
+        Whether moves may tell its curvature; not where `solve` follows what comes and goes.
     """
 
     scale: float
     shift: Array
+    learns: bool
 
     def point(self, d: Array) -> Point:
         """Evaluate potential and gradient; with det F <= 0 somewhere they mean nothing."""
@@ -62,7 +66,11 @@ class Potential(Protocol):
         ...
 
     def matrix(self, d: Array) -> Matrix:
-        """Scale times the second derivative at d."""
+        """Scale times the second derivative at d, or the part of it that is factorised."""
+        ...
+
+    def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
+        """Solve with scale times the second derivative near a point, by the latest factor."""
         ...
 
 
@@ -186,7 +194,8 @@ def minimise(
     Raises
     ------
     NotConverged
-        The tolerances were not met, or no step length lowers the potential.
+        The tolerances were not met, no step length lowers the potential, or its matrix cannot be
+        shifted to be definite.
     SingularSystem
         The matrix could not be factorised.
     """
@@ -196,20 +205,27 @@ def minimise(
         nonlocal factorisations, shifts, age
         with work.timed("tangent"):
             A = potential.matrix(point.d)
-        more = work.factorise(A, potential.shift)
+        try:
+            more = work.factorise(A, potential.shift)
+        except NotPositiveDefinite as error:
+            reason = "the matrix stays indefinite, however it is shifted"
+            raise NotConverged(tuple(residuals), until, reason) from error
         work.factor_of = key
         factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0
+
+    def solve(r: Array) -> Array:
+        return potential.solve(point, potential.scale * r, work)
 
     def account(iteration: int, left: float) -> Iteration:
         return Iteration(iteration, factorisations, point.residual, left, shortest, shifts)
 
     negligible = tolerances.position * tolerances.residual
+    residuals, last, shortest = [point.residual], np.inf, 1.0
     made_here = not work.has_factor_for(*key)
     if made_here:
         renew()
-    residuals, last, shortest = [point.residual], np.inf, 1.0
     for iteration in range(1, tolerances.max_iterations + 1):
-        direction = work.secants.direction(point.g, lambda r: work.solve(potential.scale * r))
+        direction = work.secants.direction(point.g, solve)
         longest = potential.largest_step(point.d, direction)
         found = search(potential.point, point, direction, longest, negligible)
         contraction, age = np.inf, age + 1
@@ -222,7 +238,8 @@ def minimise(
                 raise NotConverged(tuple(residuals), until, "no step lowers the potential")
         else:
             length, new = found
-            work.secants.learn(new.d - point.d, new.g - point.g)
+            if potential.learns:
+                work.secants.learn(new.d - point.d, new.g - point.g)
             point = new
             residuals.append(point.residual)
             if length == 1.0:

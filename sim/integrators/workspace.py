@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from sim.contact.compliance import Compliance
 from sim.errors import SceneError
 from sim.integrators.clock import PhaseClock
 from sim.integrators.secant import SecantMemory
@@ -82,6 +83,7 @@ class Workspace:
         else:
             self.factor = self.linear
         self._beside: Matrix | None = None
+        self._compliance: Compliance | None = None
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
         self.factor_of: tuple[type, float] | None = None
@@ -93,6 +95,8 @@ class Workspace:
         """Multipliers of the latest constrained step, where the next one starts."""
         self.velocities: tuple[float, float, Array] | None = None
         """Start and end of the latest linearly implicit step, and the velocities at its start."""
+        self.rows_in_factor = False
+        """Whether rows of a contact are a part of the latest factor."""
         self.contact_stiffness: tuple[tuple[type, float], Array] | None = None
         """Integrator and step, and the diagonal of their stiffness that penalties of contact follow."""
 
@@ -188,7 +192,7 @@ class Workspace:
         """Drop what belongs to the latest factor."""
         self.factor_of = None
         self.secants.clear()
-        self._beside = None
+        self._beside = self._compliance = None
         if isinstance(self.linear, ReusedFactor):
             self.linear.forget()
 
@@ -255,6 +259,18 @@ class Workspace:
         """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
         made = self.factor_of
         return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
+
+    @property
+    def compliance(self) -> Compliance:
+        """Of the latest factor, in its own precision; not with products."""
+        if self._compliance is None:
+
+            def solve_many(rhs: Array) -> Array:
+                with self.timed("solution"):
+                    return self.factor.approximate_many(rhs)
+
+            self._compliance = Compliance(self._factored.n, solve_many)
+        return self._compliance
 
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor, in its own precision; with products roughly.

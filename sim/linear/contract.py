@@ -68,6 +68,10 @@ class Factor(LinearSolver, Protocol):
         """Solve by one pass through the latest factor, in its own precision."""
         ...
 
+    def approximate_many(self, rhs: Array) -> Array:
+        """As `approximate`, for several right-hand sides (k, n) at once."""
+        ...
+
 
 def require_finite_matrix(values: Array) -> None:
     """Raise SingularSystem unless all values of a matrix are finite."""

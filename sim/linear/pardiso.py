@@ -103,8 +103,11 @@ class _Handle:
         self.rhs: NDArray[Any] = np.zeros(pattern.n, dtype=precision)
         self.x: NDArray[Any] = np.zeros(pattern.n, dtype=precision)
 
-    def call(self, phase: int) -> int:
-        """Run a phase; returns PARDISO's error code."""
+    def call(
+        self, phase: int, rhs: NDArray[Any] | None = None, x: NDArray[Any] | None = None
+    ) -> int:
+        """Run a phase, with several right-hand sides (k, n) if given; returns PARDISO's error code."""
+        b, into = (self.rhs, self.x) if rhs is None or x is None else (rhs, x)
         integer = ctypes.POINTER(ctypes.c_int32)
         error = ctypes.c_int32(0)
 
@@ -125,11 +128,11 @@ class _Handle:
             data(self._indptr, integer),
             data(self._indices, integer),
             data(self._order, integer),
-            number(1),  # right-hand sides
+            number(b.size // self._n),  # right-hand sides
             data(self.iparm, integer),
             number(0),  # no messages
-            data(self.rhs),
-            data(self.x),
+            data(b),
+            data(into),
             ctypes.byref(error),
         )
         return error.value
@@ -166,7 +169,10 @@ class Pardiso:
         weakref.finalize(self, self._handle.call, RELEASE)
 
     def _call(self, phase: int) -> None:
-        code = self._handle.call(phase)
+        self._check(self._handle.call(phase), phase)
+
+    @staticmethod
+    def _check(code: int, phase: int) -> None:
         if code == NOT_DEFINITE:
             raise NotPositiveDefinite(
                 "PARDISO met a non-positive pivot, expected a positive definite matrix"
@@ -203,8 +209,7 @@ class Pardiso:
         SingularSystem
             There is no factor, or the solution is not finite.
         """
-        if not self._factorised:
-            raise SingularSystem("no factor at hand: the last factorisation failed")
+        self._require_factor()
         self._handle.rhs[:] = rhs
         self._call(SOLVE)
         x = self._handle.x.astype(np.float64)
@@ -214,6 +219,20 @@ class Pardiso:
     def approximate(self, rhs: Array) -> Array:
         """As `solve`."""
         return self.solve(rhs)
+
+    def approximate_many(self, rhs: Array) -> Array:
+        """As `solve`, for right-hand sides (k, n), in a fraction of the time of as many solutions."""
+        self._require_factor()
+        handle = self._handle
+        b = np.ascontiguousarray(rhs).astype(handle.values.dtype)
+        x = np.zeros_like(b)
+        self._check(handle.call(SOLVE, b, x), SOLVE)
+        require_finite_solution(x)
+        return x.astype(np.float64)
+
+    def _require_factor(self) -> None:
+        if not self._factorised:
+            raise SingularSystem("no factor at hand: the last factorisation failed")
 
 
 class PardisoLDLt(Pardiso):

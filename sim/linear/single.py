@@ -85,6 +85,10 @@ class SinglePardiso:
         """Solve by one pass, to about six digits over the condition number."""
         return self._factor.approximate(rhs)
 
+    def approximate_many(self, rhs: Array) -> Array:
+        """As `approximate`, for right-hand sides (k, n)."""
+        return self._factor.approximate_many(rhs)
+
     def solve(self, rhs: Array) -> Array:
         """Solve to double precision.
 

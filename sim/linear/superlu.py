@@ -75,6 +75,10 @@ class SuperLU:
         """As `solve`."""
         return self.solve(rhs)
 
+    def approximate_many(self, rhs: Array) -> Array:
+        """As `solve`, for right-hand sides (k, n)."""
+        return self.solve(np.asfortranarray(rhs.T)).T
+
 
 class PivotingSuperLU(SuperLU):
     """SuperLU with partial pivoting, for matrices that are not positive definite."""
