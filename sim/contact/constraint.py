@@ -30,8 +30,9 @@ class ConstraintContact:
     friction : float or tuple of float
         Coulomb's coefficient, of all pairings or of each.
     reach : float
-        Largest distance at rest of a vertex and a face of the mesh that may ever touch [m]; all such
-        pairs have a place in the matrix, so that it is analysed once.
+        Largest distance at rest of a vertex and a face of the mesh that may touch where rows are in the
+        matrix [m]; all such pairs have a place in it, so that it is analysed once. Steps of
+        `ConvergedEuler` without conditions or products know no such bound.
     approach : float
         Rows are made for vertices nearer than this to a face [m]. A vertex that meets a face from
         farther away within one step is found by the way it takes, and its step is solved again.
@@ -41,8 +42,8 @@ class ConstraintContact:
     SceneError
         A number is out of range, or there is no pairing.
     ContactFailure
-        On compiling: a surface is unusable; in a step: a vertex and a face touch that lie
-        farther apart at rest than `reach`.
+        On compiling: a surface is unusable; in a step with rows in the matrix: a vertex and a face
+        touch that lie farther apart at rest than `reach`.
 
     Notes
     -----

@@ -23,7 +23,7 @@ PENALTY, IN_MATRIX = 100.0, 3.0
 """Penalty of a row, of the stiffness that it meets; less in a matrix, lest its factor is lost on rows
 that turn."""
 
-MOST = 800
+MOST = 400
 """Vertices that may push where rows are apart from the matrix; with more its factors cost less."""
 
 SLOW, STIFFER = 0.5, 4.0
