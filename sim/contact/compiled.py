@@ -37,6 +37,7 @@ class CompiledContact:
     Attributes
     ----------
     names : names of the pairings.
+    rubs : whether any has friction.
     pairing_of_slot : (n_slots,) pairing that each row of the memory is of.
     vertex_of_slot : (n_slots,) node that it is of, -1 for a vertex of a shell.
     """
@@ -51,7 +52,7 @@ class CompiledContact:
     ) -> None:
         self.pattern: SymmetricPattern = layout.pattern
         self.names: tuple[str, ...] = tuple(pairing.name for pairing in pairings)
-        self.reach = reach
+        self.reach, self.rubs = reach, any(friction > 0.0 for friction in frictions)
         free = np.zeros(3 * layout.mesh.n_nodes, dtype=bool)
         free[layout.pattern.free] = True
         free = free.reshape(-1, 3)

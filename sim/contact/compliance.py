@@ -22,9 +22,6 @@ from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
 
-NO_STIFFNESS = 1e-9
-"""Share of a row's greatest stiffness that is none."""
-
 AT_ONCE = 128
 """Right-hand sides that are solved together."""
 
@@ -45,21 +42,19 @@ class Directions:
     stiffness: Array
 
     @classmethod
-    def of(cls, pattern: SymmetricPattern, rows: Rows, block: Array) -> "Directions":
-        """Those of rows with stiffnesses `block` (k, 3, 3), positive semidefinite [N/m]."""
-        stiff = np.flatnonzero(block.any(axis=(1, 2)))
-        value, vector = np.linalg.eigh(block[stiff])
-        row, which = np.nonzero(value > NO_STIFFNESS * value[:, -1:])
-        along = vector[row, :, which]
-        nodes, weight = rows.nodes[stiff[row]], rows.weight[stiff[row]]
+    def of(cls, pattern: SymmetricPattern, rows: Rows, stiffness: Array) -> "Directions":
+        """Normals of those rows (k,) of which the stiffness is not zero [N/m]."""
+        stiff = np.flatnonzero(stiffness)
         place = np.full(3 * pattern.n_nodes, -1)
         place[pattern.free] = np.arange(len(pattern.free))
-        column = place[(3 * nodes[:, :, None] + np.arange(3)).reshape(len(row), 12)]
-        entry = (weight[:, :, None] * along[:, None, :]).reshape(len(row), 12)
+        nodes, k = rows.nodes[stiff], len(stiff)
+        column = place[(3 * nodes[:, :, None] + np.arange(3)).reshape(k, 12)]
+        entry = rows.weight[stiff][:, :, None] * rows.normal[stiff][:, None, :]
+        entry = entry.reshape(k, 12)
         used = (column >= 0) & (entry != 0.0)
         ends = np.r_[0, np.cumsum(used.sum(axis=1))]
-        D = csr_array((entry[used], column[used], ends), shape=(len(row), len(pattern.free)))
-        return cls(D, value[row, which])
+        D = csr_array((entry[used], column[used], ends), shape=(k, len(pattern.free)))
+        return cls(D, stiffness[stiff])
 
 
 class Compliance:

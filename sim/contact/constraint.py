@@ -32,7 +32,7 @@ class ConstraintContact:
     reach : float
         Largest distance at rest of a vertex and a face of the mesh that may touch where rows are in the
         matrix [m]; all such pairs have a place in it, so that it is analysed once. Steps of
-        `ConvergedEuler` without conditions or products know no such bound.
+        `ConvergedEuler` without friction, conditions and products know no such bound.
     approach : float
         Rows are made for vertices nearer than this to a face [m]. A vertex that meets a face from
         farther away within one step is found by the way it takes, and its step is solved again.

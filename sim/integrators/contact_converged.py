@@ -60,7 +60,7 @@ class Settled:
 class Touching:
     """A potential and the augmentation of rows under their present multipliers.
 
-    Only the matrix of the potential is factorised; rows are solved in the space of their directions.
+    Only the matrix of the potential is factorised; rows without friction are solved in their own space.
     """
 
     def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
@@ -96,8 +96,8 @@ class Touching:
 
     def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
         """With the rows that act at a point."""
-        block = self._multipliers.stiffness(self._acting(point.d))
-        directions = Directions.of(self.system.pattern, self._multipliers.rows, block)
+        stiffness = self._multipliers.normal_stiffness(self._acting(point.d))
+        directions = Directions.of(self.system.pattern, self._multipliers.rows, stiffness)
         return solved_with_rows(rhs, directions, self.scale, work.compliance, work.solve)
 
     def _acting(self, d: Array) -> Acting:
@@ -232,10 +232,11 @@ def minimise_in_contact(
 def _in_matrix(system: System, step: ContactStep, work: Workspace) -> bool:
     """Whether rows are a part of the matrix, as where it is not solved by a factor alone.
 
-    A factor of the other kind is dropped.
+    With friction they are as well: each has three directions, and what slides turns. A factor of the
+    other kind is dropped.
     """
     beside = system.constraints is not None or system.has_products
-    within = beside or step.n_pushing > MOST
+    within = beside or step.contact.rubs or step.n_pushing > MOST
     if work.rows_in_factor != within:
         work.rows_in_factor, work.factor_of = within, None
     return within
