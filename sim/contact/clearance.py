@@ -76,6 +76,8 @@ class _Dents:
         self._edges, self._faces = np.asarray(pair.mesh.edges), np.asarray(pair.mesh.faces)
         self._x, self._first = pair.vertices(X, 0.0), pair.n_soft
         self._demand = np.zeros((len(shell.vertices), 3))
+        # of the shell as it came: those of its dents would lead along them
+        self._normals = pair.mesh.face_normals(self._x)
 
     def find(self) -> Array:
         """Displacements (k, 3) [m].
@@ -142,7 +144,7 @@ class _Dents:
     def _crossing(self, x: Array) -> int:
         """Edges that still pass through triangles; returns their number."""
         crossings = 0
-        normals = self._pair.mesh.face_normals(x)
+        normals = self._normals
         for edge, face in crossed(self._pair, x):
             crossings += 1
             into_tissue = self._faces[face][0] < self._first
