@@ -80,7 +80,9 @@ def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
             side = max(side, high[f, j] - low[f, j])
         mean, widest = mean + side / m, max(widest, side)
     edge, shape = max(mean, widest / PER_EDGE), np.ones(3, np.int64)
-    if edge > 0.0 and edge < np.inf:
+    extent = (top[0] - corner[0]) + (top[1] - corner[1]) + (top[2] - corner[2])
+    # one cell for what is no number or a point
+    if edge > 0.0 and edge < np.inf and extent >= 0.0 and extent < np.inf:
         while True:
             cells = 1.0
             for j in range(3):

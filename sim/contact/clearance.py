@@ -144,12 +144,11 @@ class _Dents:
     def _crossing(self, x: Array) -> int:
         """Edges that still pass through triangles; returns their number."""
         crossings = 0
-        normals = self._normals
         for edge, face in crossed(self._pair, x):
             crossings += 1
             into_tissue = self._faces[face][0] < self._first
             own = self._edges[edge] if into_tissue else self._faces[face]
-            move = (1.0 if into_tissue else -1.0) * self._distance * normals[face]
+            move = (1.0 if into_tissue else -1.0) * self._distance * self._normals[face]
             self._ask(own.astype(np.int64) - self._first, np.tile(move, (len(own), 1)))
         return crossings
 

@@ -17,7 +17,7 @@ GRIDS = 3
 
 
 class SignedFaces:
-    """Outward directions of a surface, for the signed distance to it.
+    """The faces of a surface: the nearest to points, those that points enter, and signed distances.
 
     Parameters
     ----------

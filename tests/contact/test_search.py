@@ -182,8 +182,14 @@ def test_a_search_ends_where_positions_are_no_numbers():
     x, triangles = bumpy_sheet(np.random.default_rng(9))
     p = np.array([[np.nan, 0.0, 0.0], [0.1, 0.1, 0.0]])
     assert 0 not in nearest_faces(p, 1.0, x, triangles).point
-    x[5] = np.nan
-    assert 1 in nearest_faces(p, 1.0, x, triangles).point
+    for node in (*triangles[0], *triangles[-1], 5):
+        for nothing in (np.nan, np.inf, -np.inf):
+            bad = x.copy()
+            bad[node, node % 3] = nothing
+            found = nearest_faces(p, 1.0, bad, triangles).point
+            assert 0 not in found
+            assert 1 in found or np.isinf(nothing)  # others are found where one is NaN
+            entered_faces(p, p + 1.0, x, bad, triangles)
     entered_faces(p, p + 1.0, x, x + 0.1, triangles)
     assert len(nearest_faces(p, 1.0, x * np.nan, triangles).point) == 0
 
