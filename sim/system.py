@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.constraints.union import Constraints, unite
 from sim.contact.compiled import CompiledContact
-from sim.contact.constraint import ConstraintContact
+from sim.contact.constraint import ConstraintContact, RowsApart
 from sim.errors import ControlError, SceneError
 from sim.matrix import Matrix, Product, merged
 from sim.pattern import SymmetricPattern, symmetric_pattern
@@ -95,6 +95,19 @@ class System:
     def contact(self) -> CompiledContact | None:
         """Contact that integrators hold by its rows."""
         return next((term for term in self.terms if isinstance(term, CompiledContact)), None)
+
+    @cached_property
+    def apart(self) -> "System | None":
+        """The same without places for the rows of a contact, where they can be solved for apart.
+
+        Not with friction (each row has three directions, and what slides turns), conditions or products.
+        """
+        contact = self.contact
+        if contact is None or contact.rubs or self.scene.constraints or self.has_products:
+            return None
+        terms = self.scene.terms
+        alone = (RowsApart(contact) if isinstance(t, ConstraintContact) else t for t in terms)
+        return compile_scene(replace(self.scene, terms=tuple(alone)))
 
     def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
         """Share of the move from q0 to q1, in (0, 1], that no term stops; 1 without such terms."""

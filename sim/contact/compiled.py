@@ -1,6 +1,7 @@
 """Contact by constraints laid out for a scene: its rows, and what states remember of its vertices."""
 
 from collections.abc import Mapping
+from copy import copy
 
 import numpy as np
 
@@ -38,6 +39,7 @@ class CompiledContact:
     ----------
     names : names of the pairings.
     rubs : whether any has friction.
+    in_matrix : whether the pattern of the scene has places for the rows.
     pairing_of_slot : (n_slots,) pairing that each row of the memory is of.
     vertex_of_slot : (n_slots,) node that it is of, -1 for a vertex of a shell.
     """
@@ -53,6 +55,7 @@ class CompiledContact:
         self.pattern: SymmetricPattern = layout.pattern
         self.names: tuple[str, ...] = tuple(pairing.name for pairing in pairings)
         self.reach, self.rubs = reach, any(friction > 0.0 for friction in frictions)
+        self.in_matrix = True
         free = np.zeros(3 * layout.mesh.n_nodes, dtype=bool)
         free[layout.pattern.free] = True
         free = free.reshape(-1, 3)
@@ -77,6 +80,17 @@ class CompiledContact:
             [none] + [np.full(len(d.slots), d.pairing) for d in self._directions]
         )
         self.vertex_of_slot: Index = np.concatenate([none] + [d.nodes for d in self._directions])
+
+    def apart(self, pattern: SymmetricPattern) -> "CompiledContact":
+        """The same over a pattern without places for the rows."""
+        other = copy(self)
+        other.pattern, other.in_matrix = pattern, False
+        return other
+
+    def n_pushing(self, state: State) -> int:
+        """Number of vertices that push in a state."""
+        memory = state.memory.get(MEMORY)
+        return 0 if memory is None else int(np.count_nonzero(memory[:, FORCE] > 0.0))
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Nothing: multipliers hold the surfaces apart."""

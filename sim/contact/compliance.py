@@ -1,20 +1,21 @@
-"""Contact in the space of its rows: how surfaces give way, by a factor of the tissue alone.
+"""How surfaces give way where they touch: compliances, and rows in the space of their forces.
 
-What touches changes in every iteration, the tissue does not. With A of the tissue and rows of directions
-D with stiffnesses b, Woodbury's identity solves (A + D' diag(b) D) x = r by two solutions with A and a
-small dense matrix,
+What touches changes in every iteration, the tissue does not. With the compliance C of the unknowns of a
+surface and rows of directions D, forces f of the rows open them by W f with W = D C D', so what pushes,
+and how much, is found in a small dense matrix (`sim.contact.pushes`) however large the tissue is.
 
-    x = A^-1 (r - D' y),   (D A^-1 D' + diag(1/b)) y = D A^-1 r,
+A compliance outlives the factor that it was found by. Where tissue has since become stiffer, or softer,
+each motion u that a newer factor answers to forces f with corrects it,
 
-however stiff the rows are.
+    C <- C - C f f' C / (f' C f) + u u' / (f' u),
+
+the update of Broyden, Fletcher, Goldfarb and Shanno for a matrix that is to map f to u (Nocedal and
+Wright, Numerical Optimization, equation 6.19 with C as the Hessian), which keeps it positive definite.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve
 from scipy.sparse import csr_array
 
 from sim.contact.rows import Rows
@@ -25,36 +26,25 @@ from sim.state import Array
 AT_ONCE = 128
 """Right-hand sides that are solved together."""
 
+KNOWN = 0.1
+"""Error of an answer, relative to it, that teaches nothing."""
+
+LEARNT = 64
+"""Answers that are kept beside the matrix."""
+
 Solve = Callable[[Array], Array]
 
 
-@dataclass(frozen=True, eq=False)
-class Directions:
-    """Directions in which rows are stiff.
-
-    Attributes
-    ----------
-    D : (m, n_free) sparse, motion along each by the free unknowns.
-    stiffness : (m,) > 0 [N/m].
-    """
-
-    D: csr_array
-    stiffness: Array
-
-    @classmethod
-    def of(cls, pattern: SymmetricPattern, rows: Rows, stiffness: Array) -> "Directions":
-        """Normals of those rows (k,) of which the stiffness is not zero [N/m]."""
-        stiff = np.flatnonzero(stiffness)
-        place = np.full(3 * pattern.n_nodes, -1)
-        place[pattern.free] = np.arange(len(pattern.free))
-        nodes, k = rows.nodes[stiff], len(stiff)
-        column = place[(3 * nodes[:, :, None] + np.arange(3)).reshape(k, 12)]
-        entry = rows.weight[stiff][:, :, None] * rows.normal[stiff][:, None, :]
-        entry = entry.reshape(k, 12)
-        used = (column >= 0) & (entry != 0.0)
-        ends = np.r_[0, np.cumsum(used.sum(axis=1))]
-        D = csr_array((entry[used], column[used], ends), shape=(k, len(pattern.free)))
-        return cls(D, stiffness[stiff])
+def directions(pattern: SymmetricPattern, rows: Rows) -> csr_array:
+    """D (k, n_free), motion along the normals of rows by the free unknowns."""
+    k = len(rows)
+    place = np.full(3 * pattern.n_nodes, -1)
+    place[pattern.free] = np.arange(len(pattern.free))
+    column = place[(3 * rows.nodes[:, :, None] + np.arange(3)).reshape(k, 12)]
+    entry = (rows.weight[:, :, None] * rows.normal[:, None, :]).reshape(k, 12)
+    used = (column >= 0) & (entry != 0.0)
+    ends = np.r_[0, np.cumsum(used.sum(axis=1))]
+    return csr_array((entry[used], column[used], ends), shape=(k, len(pattern.free)))
 
 
 class Compliance:
@@ -65,22 +55,50 @@ class Compliance:
     n : int
         Number of free unknowns.
     solve_many : callable
-        Solutions (k, n) with A for right-hand sides (k, n).
+        Solutions (k, n) with the present A for right-hand sides (k, n).
     """
 
     def __init__(self, n: int, solve_many: Solve) -> None:
         self._solve_many = solve_many
         self._known = np.empty(0, dtype=np.int64)
         self._place = np.full(n, -1)
-        self._of_known = np.empty((0, 0))
+        self._found = np.empty((0, 0))
+        # what was learnt since then is a sum of dyads, C = found + more' more - less' less
+        self._n_learnt = 0
+        self._dyads = np.zeros((2, LEARNT, 0))
 
-    def between(self, D: csr_array) -> Array:
-        """D A^-1 D' (m, m)."""
-        self._extend(np.unique(D.indices).astype(np.int64))
-        n = len(self._known)
-        near: Any = csr_array((D.data, self._place[D.indices], D.indptr), shape=(D.shape[0], n))
-        W: Array = near @ (near @ self._of_known).T
-        return 0.5 * (W + W.T)
+    def between(self, D: csr_array, other: csr_array) -> Array:
+        """D C other' (m, k)."""
+        self._extend(np.unique(np.r_[D.indices, other.indices]).astype(np.int64))
+        one, two = self._near(D), self._near(other)
+        more, less = self._learnt
+        found: Array = one @ (two @ self._found).T
+        return found + (one @ more.T) @ (two @ more.T).T - (one @ less.T) @ (two @ less.T).T
+
+    def learn(self, f: Array, u: Array) -> None:
+        """Answer forces f (n,) on known unknowns by motions u (n,) from now on."""
+        f, u = f[self._known], u[self._known]
+        more, less = self._learnt
+        Cf = self._found @ f + (more @ f) @ more - (less @ f) @ less
+        fu, fCf = float(f @ u), float(f @ Cf)
+        if not (fu > 0.0 and fCf > 0.0):
+            return
+        self._dyads[:, self._n_learnt] = u / np.sqrt(fu), Cf / np.sqrt(fCf)
+        self._n_learnt += 1
+        if self._n_learnt == LEARNT:
+            more, less = self._learnt
+            self._found += more.T @ more - less.T @ less
+            self._n_learnt = 0
+
+    @property
+    def _learnt(self) -> Array:
+        """Dyads to be added, and to be taken away (2, m, k)."""
+        return self._dyads[:, : self._n_learnt]
+
+    def _near(self, D: csr_array) -> csr_array:
+        """Directions (m, k) by the known unknowns alone."""
+        shape = (D.shape[0], len(self._known))
+        return csr_array((D.data, self._place[D.indices], D.indptr), shape=shape)
 
     def _extend(self, unknowns: Index) -> None:
         """Know these unknowns too."""
@@ -91,7 +109,7 @@ class Compliance:
         self._place[new] = np.arange(before, n)
         self._known = np.r_[self._known, new]
         C = np.empty((n, n))
-        C[:before, :before] = self._of_known
+        C[:before, :before] = self._found
         for first in range(0, len(new), AT_ONCE):
             some = new[first : first + AT_ONCE]
             unit = np.zeros((len(some), len(self._place)))
@@ -99,33 +117,62 @@ class Compliance:
             at = before + first + np.arange(len(some))
             C[at] = self._solve_many(unit)[:, self._known]
         C[:before, before:] = C[before:, :before].T
-        self._of_known = C
+        self._found = C
+        self._dyads = np.concatenate([self._dyads, np.zeros((2, LEARNT, len(new)))], axis=2)
 
 
-def solved_with_rows(
-    rhs: Array, directions: Directions, scale: float, compliance: Compliance, solve_one: Solve
-) -> Array:
-    """Solution (n,) of (A + scale D' diag(stiffness) D) x = rhs.
+class RowCompliance:
+    """W = scale D C D' between the rows of a step [m/N], found as rows come to push.
 
     Parameters
     ----------
-    rhs : (n,)
-    directions : Directions
-    scale : float
-        Of the matrix, by the stiffness.
+    D : (m, n) sparse
+        Directions of all rows.
     compliance : Compliance
-        Of A.
-    solve_one : callable
-        Solution (n,) with A.
+        Of the matrix of the step.
+    scale : float
+        That matrix is this times the stiffness [kg m/N].
     """
-    x, D = solve_one(rhs), directions.D
-    if D.shape[0] == 0:
-        return x
-    W = compliance.between(D)
-    W[np.diag_indices_from(W)] += 1.0 / (scale * directions.stiffness)
-    try:
-        y = solve(W, D @ x, assume_a="pos", check_finite=False)
-    except LinAlgError:
-        # rows that repeat each other, in single precision
-        y = np.linalg.lstsq(W, D @ x)[0]
-    return x - solve_one(D.T @ y)
+
+    def __init__(self, D: csr_array, compliance: Compliance, scale: float) -> None:
+        self._all, self._compliance, self._scale = D, compliance, scale
+        self._known = np.empty(0, dtype=np.int64)
+        self._place = np.full(D.shape[0], -1)
+        self._directions: csr_array = D[self._known]
+        self._between = np.empty((0, 0))
+
+    def among(self, rows: Index) -> Array:
+        """W (k, k) between some rows."""
+        new = rows[self._place[rows] < 0]
+        if len(new):
+            self._between = self.beside(self._all[new], self._known)
+            n = len(new)
+            self._between = np.roll(self._between, (-n, -n), axis=(0, 1))
+            self._place[new] = np.arange(len(self._known), len(self._known) + n)
+            self._known = np.r_[self._known, new]
+            self._directions = self._all[self._known]
+        at = self._place[rows]
+        return self._between[at[:, None], at]
+
+    def beside(self, D: csr_array, rows: Index) -> Array:
+        """W between directions D (m, n) that are none of the rows, then some rows."""
+        own = self._scale * self._compliance.between(D, D)
+        cross = self._scale * self._compliance.between(D, self._all[rows])
+        return np.block([[0.5 * (own + own.T), cross], [cross.T, self.among(rows)]])
+
+    def learn(self, forces: Array, motion: Array) -> tuple[float, float]:
+        """Answer forces (m,) of known rows by a motion (n,) from now on.
+
+        Returns
+        -------
+        missed, size : float
+            Largest error of the answer until now, and the largest motion of a row [m].
+        """
+        f, r = forces[self._known], self._directions @ motion
+        Wf = self._between @ f
+        fr, fWf = float(f @ r), float(f @ Wf)
+        missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Wf, r))
+        if missed > KNOWN * size and fr > 0.0 and fWf > 0.0:
+            self._between += np.outer(r / fr, r) - np.outer(Wf / fWf, Wf)
+            self._compliance.learn(self._scale * (self._directions.T @ f), motion)
+        return missed, size

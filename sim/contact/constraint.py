@@ -111,6 +111,21 @@ class ConstraintContact:
                 keys.append(other.edges[:, 0] * mesh.n_nodes + other.edges[:, 1])
         return distinct(np.concatenate(keys))
 
-    def compile(self, layout: Layout) -> "CompiledContact":
+    def compile(self, layout: Layout) -> CompiledContact:
         """Lay out the directions of all pairings."""
         return CompiledContact(self.pairings, self.frictions, self.reach, self.approach, layout)
+
+
+@dataclass(frozen=True, eq=False)
+class RowsApart:
+    """A contact laid out already, with no places for its rows in the matrix."""
+
+    compiled: CompiledContact
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """None: rows are solved for in their own space."""
+        return np.empty(0, dtype=np.int64)
+
+    def compile(self, layout: Layout) -> CompiledContact:
+        """Lay out nothing anew: what is known of the surfaces serves both."""
+        return self.compiled.apart(layout.pattern)

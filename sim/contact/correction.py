@@ -26,8 +26,8 @@ CORRECTIONS = 4
 FARTHEST = 2.0
 """Multiple of a move at most; the moves are meant to be right as they are."""
 
-Respond = Callable[[Array, float], Array]
-"""Displacements (n_nodes, 3) by nodal forces, for a largest depth to be corrected [m]."""
+Opened = Callable[[Rows, Array], Array]
+"""Displacements (n_nodes, 3) meant to open rows by distances (k,) [m]."""
 
 
 def considerable(rows: Rows, u: Array, pushing: Index) -> Flags:
@@ -40,16 +40,7 @@ def considerable(rows: Rows, u: Array, pushing: Index) -> Flags:
     return -rows.gaps(u) > np.where(np.isin(rows.slot, pushing), CONSIDERABLE, AT_ALL)
 
 
-def moved_out(
-    q: Array,
-    q0: Array,
-    near: Rows,
-    pushing: Index,
-    pattern: SymmetricPattern,
-    diagonal: Array,
-    penalty: float,
-    respond: Respond,
-) -> Array:
+def moved_out(q: Array, q0: Array, near: Rows, opened: Opened) -> Array:
     """Positions with what lies inside moved out, as the tissue gives way.
 
     Parameters
@@ -57,12 +48,7 @@ def moved_out(
     q, q0 : (n_nodes, 3) positions at the end and the start of the step [m].
     near : Rows
         Those at q.
-    pushing : slots that push.
-    pattern : SymmetricPattern
-    diagonal : (n_free,) of the stiffness [N/m].
-    penalty : float
-        Multiple of the stiffness by which the matrix answers to rows that push.
-    respond : callable
+    opened : callable
     """
     none = np.zeros_like(q)
     for _ in range(CORRECTIONS):
@@ -71,11 +57,31 @@ def moved_out(
         if not len(deep):
             break
         rows, wanted = near.take(deep), -gap[deep]
-        factor = np.where(np.isin(rows.slot, pushing), penalty, 1.0)
-        rho = factor * penalties(pattern, diagonal, rows, 1.0)
-        push = rows.spread((rho * wanted)[:, None] * rows.normal, len(q))
-        move = respond(push, float(wanted.max()))
+        move = opened(rows, wanted)
         moved = rows.gaps(move) - rows.gaps(none)
         share = float(moved @ wanted) / max(float(moved @ moved), np.finfo(float).tiny)
         q = q + min(max(share, 0.0), FARTHEST) * move
     return q
+
+
+def pressed(
+    rows: Rows,
+    wanted: Array,
+    pushing: Index,
+    pattern: SymmetricPattern,
+    diagonal: Array,
+    penalty: float,
+) -> Array:
+    """Nodal forces (n_nodes, 3) that open rows by about what is wanted (k,) [m], by a matrix with rows.
+
+    Parameters
+    ----------
+    pushing : slots that push.
+    pattern : SymmetricPattern
+    diagonal : (n_free,) of the stiffness [N/m].
+    penalty : float
+        Multiple of the stiffness by which the matrix answers to rows that push.
+    """
+    factor = np.where(np.isin(rows.slot, pushing), penalty, 1.0)
+    rho = factor * penalties(pattern, diagonal, rows, 1.0)
+    return rows.spread((rho * wanted)[:, None] * rows.normal, pattern.n_nodes)

@@ -106,11 +106,6 @@ class ContactStep:
     def _move(self, q: Array) -> Move:
         return Move(self.q0, q, self._t0, self._t1)
 
-    @property
-    def n_pushing(self) -> int:
-        """Number of vertices that push at the start."""
-        return int(np.count_nonzero(self._memory[:, FORCE] > 0.0))
-
     def multipliers(self, rows: Rows, rho: Array) -> Multipliers:
         """Rows with the multipliers that the state remembers of their vertices."""
         return _shared(rows, rho, self._memory[:, PUSH], self._memory[:, FRICTION])

@@ -2,29 +2,27 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from sim.contact.compliance import Directions, solved_with_rows
 from sim.contact.correction import AT_ALL, considerable, moved_out
-from sim.contact.multipliers import Acting, Multipliers
-from sim.contact.rows import RowPlaces, Rows
+from sim.contact.multipliers import Multipliers
+from sim.contact.rows import Rows
 from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
 from sim.integrators.newton import Iteration, Point
+from sim.integrators.touching import (
+    APART,
+    IN_MATRIX,
+    InContact,
+    TouchingApart,
+    TouchingInMatrix,
+)
 from sim.integrators.workspace import Workspace
-from sim.matrix import Matrix
 from sim.scene import Index
 from sim.state import Array
-from sim.system import System
-
-PENALTY, IN_MATRIX = 100.0, 3.0
-"""Penalty of a row, of the stiffness that it meets; less in a matrix, lest its factor is lost on rows
-that turn."""
-
-MOST = 400
-"""Vertices that may push where rows are apart from the matrix; with more its factors cost less."""
 
 SLOW, STIFFER = 0.5, 4.0
 """A gap that keeps this share after an update gets a penalty that many times as large."""
@@ -55,73 +53,6 @@ class Settled:
     q: Array
     went: Iteration
     memory: Mapping[str, Array]
-
-
-class Touching:
-    """A potential and the augmentation of rows under their present multipliers.
-
-    Only the matrix of the potential is factorised; rows without friction are solved in their own space.
-    """
-
-    def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
-        self._potential, self._multipliers, self._q0 = potential, multipliers, q0
-        self.system: System = potential.system
-        self.scale, self.shift = potential.scale, potential.shift
-        self.learns = False
-
-    def positions(self, d: Array) -> Array:
-        """Nodal positions (n_nodes, 3)."""
-        return self._potential.positions(d)
-
-    def point(self, d: Array) -> Point:
-        """Evaluate both and their gradients."""
-        return self.with_contact(self._potential.point(d))
-
-    def with_contact(self, point: Point) -> Point:
-        """A point of the potential with the augmentation added."""
-        rows, acting = self._multipliers.rows, self._acting(point.d)
-        f = rows.spread(acting.on_vertices(rows), len(self._q0))
-        g = point.g - self.system.reduce(f)
-        return Point(point.d, g, point.phi + acting.energy, point.here)
-
-    def largest_step(self, d: Array, direction: Array) -> float:
-        """As of the potential."""
-        return self._potential.largest_step(d, direction)
-
-    def matrix(self, d: Array) -> Matrix:
-        """Scale times the second derivative of the potential."""
-        A = self._potential.matrix(d)
-        self.shift = self._potential.shift
-        return A
-
-    def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
-        """With the rows that act at a point."""
-        stiffness = self._multipliers.normal_stiffness(self._acting(point.d))
-        directions = Directions.of(self.system.pattern, self._multipliers.rows, stiffness)
-        return solved_with_rows(rhs, directions, self.scale, work.compliance, work.solve)
-
-    def _acting(self, d: Array) -> Acting:
-        return self._multipliers.at(self.positions(d) - self._q0)
-
-
-class TouchingInMatrix(Touching):
-    """The same with the rows as a part of the matrix, as where it is singular without them."""
-
-    def __init__(
-        self, potential: Placed, multipliers: Multipliers, q0: Array, places: RowPlaces
-    ) -> None:
-        super().__init__(potential, multipliers, q0)
-        self._places, self.learns = places, True
-
-    def matrix(self, d: Array) -> Matrix:
-        """Scale times the second derivative of both."""
-        A = super().matrix(d)
-        self._places.add(self._multipliers.stiffness(self._acting(d)), self.scale, A.values)
-        return A
-
-    def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
-        """By the latest factor."""
-        return work.solve(rhs)
 
 
 def minimise_in_contact(
@@ -167,21 +98,14 @@ def minimise_in_contact(
     SingularSystem
         A matrix could not be factorised.
     """
-    system, n_nodes = potential.system, len(step.q0)
-    pattern = system.pattern
-    in_matrix = grip or _in_matrix(system, step, work)
-    penalty = IN_MATRIX if in_matrix else PENALTY
+    pattern, in_matrix = potential.system.pattern, step.contact.in_matrix
+    penalty = IN_MATRIX if in_matrix else APART
 
-    def touched(multipliers: Multipliers) -> Touching:
+    def touched(multipliers: Multipliers) -> TouchingInMatrix | TouchingApart:
         if not in_matrix:
-            return Touching(potential, multipliers, step.q0)
+            return TouchingApart(potential, multipliers, step.q0)
         places = step.places(pattern, multipliers.rows)
         return TouchingInMatrix(potential, multipliers, step.q0, places)
-
-    def respond(push: Array, _: float) -> Array:
-        """By the factor at hand."""
-        x = touching.solve(point, potential.scale * system.reduce(push), work)
-        return system.expand(x, np.zeros_like(step.q0))
 
     diagonal = _stiffness_met(potential, start, key, work)
     rows = step.at_start(way)
@@ -194,11 +118,10 @@ def minimise_in_contact(
     before = np.full(len(rows), np.inf)
     for _ in range(UPDATES):
         end, more = minimise(touching, touching.with_contact(point))
+        assert isinstance(end, InContact)  # made by `touching`
         went = more if went is None else went.joined(more)
         u = potential.positions(end.d) - step.q0
-        acting = multipliers.at(u)
-        pushed = multipliers.rows.spread(acting.on_vertices(multipliers.rows), n_nodes)
-        point = Point(end.d, end.g + system.reduce(pushed), end.phi, end.here)
+        acting, point = touching.settled(end.d), end.alone
         miss, bound = acting.miss(multipliers), multipliers.bound
         multipliers.update(acting)
         change = float(np.abs(multipliers.bound - bound).max(initial=0.0))
@@ -215,7 +138,8 @@ def minimise_in_contact(
         pushing = multipliers.pushing(acting)
         last = renewals == RENEWALS
         if last or not considerable(passed, u, pushing).any():
-            q = moved_out(q, step.q0, near, pushing, pattern, diagonal, penalty, respond)
+            opened = partial(touching.opened, pushing=pushing, diagonal=diagonal, work=work)
+            q = moved_out(q, step.q0, near, opened)
             if last:
                 _require_outside(step, q, until)
             if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -DEEPEST:
@@ -227,19 +151,6 @@ def minimise_in_contact(
         multipliers = carried_over(multipliers, new, penalties(pattern, diagonal, new, penalty))
         touching, before = touched(multipliers), np.full(len(new), np.inf)
     raise NotConverged((), until, f"contact did not settle, {miss:.2g} m are left")
-
-
-def _in_matrix(system: System, step: ContactStep, work: Workspace) -> bool:
-    """Whether rows are a part of the matrix, as where it is not solved by a factor alone.
-
-    With friction they are as well: each has three directions, and what slides turns. A factor of the
-    other kind is dropped.
-    """
-    beside = system.constraints is not None or system.has_products
-    within = beside or step.contact.rubs or step.n_pushing > MOST
-    if work.rows_in_factor != within:
-        work.rows_in_factor, work.factor_of = within, None
-    return within
 
 
 def _stiffness_met(

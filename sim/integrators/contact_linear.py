@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.correction import considerable, moved_out
+from sim.contact.correction import considerable, moved_out, pressed
 from sim.contact.multipliers import Acting, Multipliers
 from sim.contact.rows import Rows
 from sim.contact.step import TOUCH, ContactStep, penalties
@@ -92,20 +92,14 @@ class LinearContact:
         if self._moves < 1.0:
             out_of = near.joined(self._through(multipliers.rows, q, near))
 
-        def respond(push: Array, depth: float) -> Array:
-            f = equation.scale * self._system.reduce(push)
-            return equation.displacement(solve(f, SHARE * depth))
+        pattern, pushing = self._system.pattern, multipliers.pushing(acting)
 
-        q = moved_out(
-            q,
-            step.q0,
-            out_of,
-            multipliers.pushing(acting),
-            self._system.pattern,
-            equation.diagonal,
-            PENALTY,
-            respond,
-        )
+        def opened(rows: Rows, wanted: Array) -> Array:
+            push = pressed(rows, wanted, pushing, pattern, equation.diagonal, PENALTY)
+            f = equation.scale * self._system.reduce(push)
+            return equation.displacement(solve(f, SHARE * float(wanted.max())))
+
+        q = moved_out(q, step.q0, out_of, opened)
         return Touched(
             self._system.expand(x / h, self._state.v),
             q,

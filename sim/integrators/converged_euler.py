@@ -42,7 +42,7 @@ class ConvergedEuler(Converged):
         SingularSystem
             The matrix could not be factorised.
         """
-        system = work.form(system).during(state, h)
+        system = work.form(system, state).during(state, h)
         t1 = state.t + h
         at_end = control(t1)
         with work.timed("force"):

@@ -22,7 +22,8 @@ class PotentialOfMoves:
         For its run times.
     """
 
-    learns = True
+    scale: float
+    patience = 1
 
     def __init__(self, system: System, q: Array, control: Control, work: Workspace) -> None:
         self.system = system
@@ -40,9 +41,14 @@ class PotentialOfMoves:
         ends = self.positions(d), self.positions(d + direction)
         return self.system.largest_step(*ends, self._control)
 
-    def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
-        """By the latest factor."""
-        return work.solve(rhs)
+    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
+        """The point, and a motion by the latest factor and what moves since have told."""
+        return point, work.direction(point.g, self.scale)
+
+    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
+        """The end; secants learn."""
+        work.secants.learn(end.d - start.d, end.g - start.g)
+        return end
 
     def _evaluate(self, d: Array) -> Evaluation:
         """Forces and energy at d."""

@@ -49,13 +49,13 @@ class Potential(Protocol):
     scale : float
         `matrix` is this times the second derivative.
     shift : (n_free,) positive diagonal that makes the matrix positive definite when added often enough.
-    learns : bool
-        Whether moves may tell its curvature; not where `solve` follows what comes and goes.
+    patience : int
+        Iterations that a factor serves before it is renewed for being slow.
     """
 
     scale: float
     shift: Array
-    learns: bool
+    patience: int
 
     def point(self, d: Array) -> Point:
         """Evaluate potential and gradient; with det F <= 0 somewhere they mean nothing."""
@@ -69,8 +69,12 @@ class Potential(Protocol):
         """Scale times the second derivative at d, or the part of it that is factorised."""
         ...
 
-    def solve(self, point: Point, rhs: Array, work: Workspace) -> Array:
-        """Solve with scale times the second derivative near a point, by the latest factor."""
+    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
+        """The point as the potential is now, and a motion (n_free,) that lowers it there."""
+        ...
+
+    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
+        """The end of a move of this share of a direction, as it is judged; what moves tell is learnt."""
         ...
 
 
@@ -213,9 +217,6 @@ def minimise(
         work.factor_of = key
         factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0
 
-    def solve(r: Array) -> Array:
-        return potential.solve(point, potential.scale * r, work)
-
     def account(iteration: int, left: float) -> Iteration:
         return Iteration(iteration, factorisations, point.residual, left, shortest, shifts)
 
@@ -225,9 +226,9 @@ def minimise(
     if made_here:
         renew()
     for iteration in range(1, tolerances.max_iterations + 1):
-        direction = work.secants.direction(point.g, solve)
+        start, direction = potential.direction(point, work)
         longest = potential.largest_step(point.d, direction)
-        found = search(potential.point, point, direction, longest, negligible)
+        found = search(potential.point, start, direction, longest, negligible)
         contraction, age = np.inf, age + 1
         if found is None:
             if made_here:
@@ -237,10 +238,8 @@ def minimise(
                     return point, account(iteration, left)
                 raise NotConverged(tuple(residuals), until, "no step lowers the potential")
         else:
-            length, new = found
-            if potential.learns:
-                work.secants.learn(new.d - point.d, new.g - point.g)
-            point = new
+            length, end = found
+            point = potential.accepted(start, end, length, work)
             residuals.append(point.residual)
             if length == 1.0:
                 contraction = residuals[-1] / residuals[-2]
@@ -249,7 +248,7 @@ def minimise(
             left, last = error_left(moved, last), moved
             if tolerances.met(left, point.residual):
                 return point, account(iteration, left)
-        slow = contraction > tolerances.keep_factor and age >= work.patience
+        slow = contraction > tolerances.keep_factor and age >= potential.patience
         made_here = found is None or slow
         if made_here:
             renew()

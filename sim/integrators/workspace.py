@@ -8,6 +8,7 @@ from functools import cached_property
 from sim.contact.compliance import Compliance
 from sim.errors import SceneError
 from sim.integrators.clock import PhaseClock
+from sim.integrators.inverse_secants import InverseSecants
 from sim.integrators.secant import SecantMemory
 from sim.linear import (
     Factor,
@@ -20,11 +21,12 @@ from sim.linear import (
 from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.linear.saddle import Saddle
 from sim.matrix import Matrix
-from sim.state import Array
+from sim.pattern import Sparsity
+from sim.state import Array, State
 from sim.system import System
 
-CONTACT_PATIENCE = 6
-"""Iterations that a factor serves where rows of a contact come and go."""
+MOST = 400
+"""Vertices that may push where rows are apart from the matrix; with more its factors cost less."""
 
 DIRECTION_SHARE, DIRECTION_SOLUTIONS = 0.1, 12
 """How well a direction is found, and in how many solutions at most."""
@@ -73,30 +75,30 @@ class Workspace:
     def __init__(self, system: System, linear: str = "auto") -> None:
         clock = PhaseClock()
         self.timed, self.seconds, self.calls = clock.timed, clock.seconds, clock.calls
-        self.linear = solver_of_steps(linear, system.pattern.n)
+        self._name = linear
+        self._take_solver(system.pattern.n)
         self._system, self._form = system, self.form(system)
-        self._pattern, self._factored = system.pattern, self._form.pattern
-        self.linear.analyse(self._factored)
-        if isinstance(self.linear, ReusedFactor):
-            self.linear.timed = self.timed
-            self.factor: Factor = self.linear.factor
-        else:
-            self.factor = self.linear
+        self._pattern = system.pattern
+        self._factored: Sparsity | None = None
+        if self._form.contact is None:
+            # with a contact the first step tells which form serves
+            self._analyse(self._form.pattern)
         self._beside: Matrix | None = None
-        self._compliance: Compliance | None = None
+        self._compliance: tuple[tuple[type, float] | None, Compliance] | None = None
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
         self.factor_of: tuple[type, float] | None = None
         """Integrator and step that the latest factor was made for, set by one that reuses factors."""
+        self.factor_number = 0
+        """Changes with every factor."""
         self.secants = SecantMemory()
+        self.inverse_secants = InverseSecants()
         self.level = 0
         """Halvings of the latest step of an error control, where the next interval starts."""
         self.multipliers: Array | None = None
         """Multipliers of the latest constrained step, where the next one starts."""
         self.velocities: tuple[float, float, Array] | None = None
         """Start and end of the latest linearly implicit step, and the velocities at its start."""
-        self.rows_in_factor = False
-        """Whether rows of a contact are a part of the latest factor."""
         self.contact_stiffness: tuple[tuple[type, float], Array] | None = None
         """Integrator and step, and the diagonal of their stiffness that penalties of contact follow."""
 
@@ -111,6 +113,7 @@ class Workspace:
         NotPositiveDefinite
             Not even the largest shift helped.
         """
+        self._analyse(A.pattern)
         values, tau = A.to_factorise(), 0.0
         shifted = values
         self._forget()
@@ -132,19 +135,40 @@ class Workspace:
             return shifts
         raise AssertionError("unreachable: the loop returns or raises")
 
-    def form(self, system: System) -> System:
-        """Return the system in the form that the solver works with: products apart, or all entries."""
-        if isinstance(self.linear, ReusedFactor) and system.sparse is not None:
-            return system.sparse
-        return system
+    def form(self, system: System, state: State | None = None) -> System:
+        """Return the system in the form that the solver works with: products apart, or all entries.
 
-    @property
-    def patience(self) -> int:
-        """Iterations that a factor serves before it is renewed for being slow.
-
-        With contact the secants learn the rows that come and go.
+        With the `state` where a step begins also without places for the rows of a contact, if they are
+        solved for apart; a factor of another form is dropped.
         """
-        return 1 if self._system.contact is None else CONTACT_PATIENCE
+        form = system
+        if isinstance(self.linear, ReusedFactor) and system.sparse is not None:
+            form = system.sparse
+        contact = form.contact
+        if state is None or contact is None:
+            return form
+        if contact.n_pushing(state) <= MOST and form.apart is not None:
+            form = form.apart
+        if form.pattern is not self._factored:
+            self._forget()
+        return form
+
+    def _take_solver(self, n: int) -> None:
+        self.linear = solver_of_steps(self._name, n)
+        if isinstance(self.linear, ReusedFactor):
+            self.linear.timed = self.timed
+            self.factor: Factor = self.linear.factor
+        else:
+            self.factor = self.linear
+
+    def _analyse(self, pattern: Sparsity) -> None:
+        """Have a solver for a sparsity, unless it is the latest."""
+        if pattern is self._factored:
+            return
+        if self._factored is not None:
+            self._take_solver(pattern.n)
+        self.linear.analyse(pattern)
+        self._factored = pattern
 
     def solve_any(self, A: Matrix, rhs: Array, start: Array, error: float) -> Solution:
         """Solve with a matrix that need not be positive definite.
@@ -165,7 +189,8 @@ class Workspace:
         SingularSystem
             The matrix is singular or holds NaN.
         """
-        if isinstance(self.linear, ReusedFactor) and A.pattern is self._factored:
+        if isinstance(self.linear, ReusedFactor) and A.pattern is self._form.pattern:
+            self._analyse(A.pattern)
             self.factor_of = None
             self.secants.clear()
             if A.products:
@@ -191,8 +216,10 @@ class Workspace:
     def _forget(self) -> None:
         """Drop what belongs to the latest factor."""
         self.factor_of = None
+        self.factor_number += 1
         self.secants.clear()
-        self._beside = self._compliance = None
+        self.inverse_secants.clear()
+        self._beside = None
         if isinstance(self.linear, ReusedFactor):
             self.linear.forget()
 
@@ -202,7 +229,7 @@ class Workspace:
         Tells whether it is. Raises as `solve_any`.
         """
         self._forget()
-        solver = self._whole
+        solver = whole = self._whole
         try:
             with self.timed("factorisation"):
                 solver.factorise(values)
@@ -218,13 +245,18 @@ class Workspace:
             with self.timed("solution"):
                 return solver.solve(rhs)
 
-        return solve, solver is self._whole
+        return solve, solver is whole
 
-    @cached_property
+    @property
     def _whole(self) -> LinearSolver:
         """Direct solver of the system's own matrix, analysed when it is first needed."""
-        if self._factored is self._pattern:
+        if self._form.pattern is self._pattern:
+            self._analyse(self._pattern)
             return self.factor
+        return self._beside_products
+
+    @cached_property
+    def _beside_products(self) -> LinearSolver:
         whole = linear_solver()
         whole.analyse(self._pattern)
         return whole
@@ -257,20 +289,31 @@ class Workspace:
 
     def has_factor_for(self, integrator: type, h: float) -> bool:
         """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
-        made = self.factor_of
-        return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
+        return _alike(self.factor_of, integrator, h)
 
     @property
     def compliance(self) -> Compliance:
-        """Of the latest factor, in its own precision; not with products."""
-        if self._compliance is None:
+        """Of the matrix that the latest factor was made for, or of earlier ones of its kind.
+
+        Without products; new parts come from the latest factor, in its own precision.
+        """
+        known, kind = self._compliance, self.factor_of
+        if known is None or kind is None or not _alike(known[0], *kind):
 
             def solve_many(rhs: Array) -> Array:
                 with self.timed("solution"):
                     return self.factor.approximate_many(rhs)
 
-            self._compliance = Compliance(self._factored.n, solve_many)
-        return self._compliance
+            known = self._compliance = (kind, Compliance(self._pattern.n, solve_many))
+        return known[1]
+
+    def forget_compliance(self) -> None:
+        """Find it anew when it is needed next."""
+        self._compliance = None
+
+    def direction(self, g: Array, scale: float) -> Array:
+        """-H g, with H the inverse of the latest factor's matrix over a scale, and of later moves."""
+        return self.secants.direction(g, lambda r: self.solve(scale * r))
 
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor, in its own precision; with products roughly.
@@ -284,3 +327,8 @@ class Workspace:
             return conjugate_gradients(
                 times, precondition, rhs, DIRECTION_SHARE, DIRECTION_SOLUTIONS
             )
+
+
+def _alike(made: tuple[type, float] | None, integrator: type, h: float) -> bool:
+    """Whether what was made belongs to this integrator and step, but for rounding of h."""
+    return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)

@@ -1,0 +1,51 @@
+"""Forces of rows against a body of known compliance."""
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import nnls
+
+from sim.contact.rows import Flags
+from sim.state import Array
+
+CHANGES = 20
+"""How often what pushes is taken anew, before the search is left to a method that needs no guess."""
+
+SOFTENED = 1e-6
+"""Share of the largest eigenvalue that the smallest is given."""
+
+
+def pushes(G: Array, c: Array, pushing: Flags) -> Array:
+    """Forces f (m,) with f >= 0, G f + c >= 0 and f . (G f + c) = 0.
+
+    Parameters
+    ----------
+    G : (m, m) symmetric [m/N]
+        Softened until it is positive definite.
+    c : (m,) gaps without the forces [m].
+    pushing : (m,)
+        Guess of what pushes.
+
+    Notes
+    -----
+    Source: Hintermueller, Ito and Kunisch 2002, The primal-dual active set strategy as a semismooth
+    Newton method, SIAM J. Optim. 13, 865-888. It may cycle for a general G; then G = L L' leaves the
+    least squares |L' f + L^-1 c| with f >= 0 of Lawson and Hanson 1974, which always ends.
+    """
+    try:
+        return _pushes(G, c, pushing)
+    except LinAlgError:
+        lowest, largest = np.linalg.eigvalsh(G)[[0, -1]]
+        return _pushes(G + (SOFTENED * largest - lowest) * np.eye(len(G)), c, pushing)
+
+
+def _pushes(G: Array, c: Array, pushing: Flags) -> Array:
+    for _ in range(CHANGES):
+        f, on = np.zeros(len(c)), np.flatnonzero(pushing)
+        factor = cho_factor(G[on[:, None], on], check_finite=False)
+        f[on] = cho_solve(factor, -c[on], check_finite=False)
+        new = np.where(pushing, f > 0.0, G @ f + c < 0.0)
+        if np.array_equal(new, pushing):
+            return f
+        pushing = new
+    L = cholesky(G, lower=True)
+    return np.asarray(nnls(L.T, -solve_triangular(L, c, lower=True))[0])

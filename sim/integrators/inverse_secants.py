@@ -1,0 +1,63 @@
+"""Limited-memory secant updates of an inverse, as a sum: for a factor whose compliance is known too."""
+
+from collections import deque
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sim.state import Array
+from sim.vectors import dot, norm
+
+
+class InverseSecants:
+    """BFGS corrections H = H0 + E' M E of an inverse H0, with E of the latest moves and their answers.
+
+    Source: Byrd, Nocedal and Schnabel 1994, Representations of quasi-Newton matrices and their use in
+    limited memory methods, Math. Programming 63, equation (2.6), with any H0.
+
+    Parameters
+    ----------
+    size : int
+        Number of pairs kept.
+    """
+
+    def __init__(self, size: int = 8) -> None:
+        self._pairs: deque[tuple[Array, Array, Array]] = deque(maxlen=size)
+        self._sides = np.empty((0, 0))
+        self._middle = np.empty((0, 0))
+
+    def clear(self) -> None:
+        """Forget all pairs, as after a factorisation."""
+        self._pairs.clear()
+        self._lay_out()
+
+    def learn(self, s: Array, y: Array, z: Array) -> None:
+        """Add a move s, the change y of the gradient along it and z = H0 y, if it is convex."""
+        if dot(s, y) > 1e-10 * norm(s) * norm(y):
+            self._pairs.append((s, y, z))
+            self._lay_out()
+
+    def _lay_out(self) -> None:
+        m = len(self._pairs)
+        if not m:
+            self._sides, self._middle = np.empty((0, 0)), np.empty((0, 0))
+            return
+        S, Y, Z = (np.stack(part) for part in zip(*self._pairs, strict=True))
+        SY, YZ = S @ Y.T, Y @ Z.T
+        R = np.linalg.inv(np.triu(SY))
+        middle = R.T @ (np.diag(np.diag(SY)) + 0.5 * (YZ + YZ.T)) @ R
+        self._sides = np.concatenate([S, Z])
+        self._middle = np.block([[middle, -R.T], [-R, np.zeros((m, m))]])
+
+    def added(self, r: Array) -> Array:
+        """(H - H0) r."""
+        if not len(self._middle):
+            return np.zeros_like(r)
+        return self._sides.T @ (self._middle @ (self._sides @ r))
+
+    def between(self, D: csr_array) -> Array:
+        """D (H - H0) D' (m, m)."""
+        if not len(self._middle):
+            return np.zeros((D.shape[0], D.shape[0]))
+        E = D @ self._sides.T
+        return E @ self._middle @ E.T

@@ -1,0 +1,274 @@
+"""Potentials with the rows of a contact, as the iteration of a step minimises them.
+
+Both are augmented Lagrangians of the rows' gaps g >= 0 (`sim.contact.multipliers`).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.contact.compliance import RowCompliance, directions
+from sim.contact.correction import pressed
+from sim.contact.multipliers import Acting, Multipliers
+from sim.contact.pushes import pushes
+from sim.contact.rows import RowPlaces, Rows
+from sim.integrators.constrained import Placed
+from sim.integrators.newton import Point
+from sim.integrators.workspace import Workspace
+from sim.matrix import Matrix
+from sim.scene import Index
+from sim.state import Array
+from sim.system import System
+
+IN_MATRIX, APART = 3.0, 300.0
+"""Penalty of a row, of the stiffness that it meets; less in a matrix, lest its factor is lost on rows
+that turn."""
+
+PASSES = 6
+"""How often forces are found anew in one iteration."""
+
+EXPECTED = 0.5
+"""Error of the answer to a change of forces, relative, that the next iteration makes good."""
+
+CLOSED = 1e-6
+"""Depth that a row left out may come to before forces are found anew [m]."""
+
+PATIENCE = 6
+"""Iterations that a factor serves where rows that come and go are a part of it."""
+
+SOFT = 1e-3
+"""Share of their own compliance by which rows that repeat each other may differ in a correction."""
+
+
+@dataclass(frozen=True, eq=False)
+class InContact(Point):
+    """A trial configuration with contact.
+
+    Attributes
+    ----------
+    alone : Point
+        The same of the potential without.
+    """
+
+    alone: Point
+
+
+class Touching:
+    """A potential and the augmentation of rows under their present multipliers.
+
+    Parameters
+    ----------
+    potential : Placed
+    multipliers : Multipliers
+    q0 : (n_nodes, 3) positions at the start of the step [m].
+    """
+
+    penalty: float
+    patience = 1
+
+    def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
+        self._potential, self._multipliers, self._q0 = potential, multipliers, q0
+        self.system: System = potential.system
+        self.scale, self.shift = potential.scale, potential.shift
+
+    def positions(self, d: Array) -> Array:
+        """Nodal positions (n_nodes, 3)."""
+        return self._potential.positions(d)
+
+    def point(self, d: Array) -> InContact:
+        """Evaluate both and their gradients."""
+        return self.with_contact(self._potential.point(d))
+
+    def with_contact(self, point: Point) -> InContact:
+        """A point of the potential with the augmentation added."""
+        rows, acting = self._multipliers.rows, self.acting(point.d)
+        f = rows.spread(acting.on_vertices(rows), len(self._q0))
+        g = point.g - self.system.reduce(f)
+        return InContact(point.d, g, point.phi + acting.energy, point.here, point)
+
+    def largest_step(self, d: Array, direction: Array) -> float:
+        """As of the potential."""
+        return self._potential.largest_step(d, direction)
+
+    def matrix(self, d: Array) -> Matrix:
+        """Scale times the second derivative of the potential."""
+        A = self._potential.matrix(d)
+        self.shift = self._potential.shift
+        return A
+
+    def acting(self, d: Array) -> Acting:
+        """What acts at displacements d."""
+        return self._multipliers.at(self.positions(d) - self._q0)
+
+
+class TouchingInMatrix(Touching):
+    """Rows as a part of the matrix, as with friction or where it is singular without them."""
+
+    penalty, patience = IN_MATRIX, PATIENCE
+
+    def __init__(
+        self, potential: Placed, multipliers: Multipliers, q0: Array, places: RowPlaces
+    ) -> None:
+        super().__init__(potential, multipliers, q0)
+        self._places = places
+
+    def matrix(self, d: Array) -> Matrix:
+        """Scale times the second derivative of both."""
+        A = super().matrix(d)
+        self._places.add(self._multipliers.stiffness(self.acting(d)), self.scale, A.values)
+        return A
+
+    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
+        """The point, and a motion by the latest factor and what moves since have told."""
+        return point, work.direction(point.g, self.scale)
+
+    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
+        """The end; secants learn."""
+        work.secants.learn(end.d - start.d, end.g - start.g)
+        return end
+
+    def settled(self, d: Array) -> Acting:
+        """What acts where the iteration has ended."""
+        return self.acting(d)
+
+    def opened(
+        self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
+    ) -> Array:
+        """Displacements (n_nodes, 3) that open rows by about what is wanted (k,) [m].
+
+        Parameters
+        ----------
+        pushing : slots that push.
+        diagonal : (n_free,) of the stiffness [N/m].
+        """
+        push = pressed(rows, wanted, pushing, self.system.pattern, diagonal, self.penalty)
+        x = work.solve(self.scale * self.system.reduce(push))
+        return self.system.expand(x, np.zeros_like(self._q0))
+
+
+class TouchingApart(Touching):
+    """Rows without friction beside a factor of the potential alone.
+
+    Each iteration minimises a quadratic model of the potential under all rows: their forces in the space
+    of the rows, then the motion by them. Its multipliers become those forces at once.
+    """
+
+    penalty, patience = APART, 2
+
+    def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
+        super().__init__(potential, multipliers, q0)
+        self._directions = directions(self.system.pattern, multipliers.rows)
+        self._compliance: RowCompliance | None = None
+        self._tried: _Tried | None = None
+        self._moved: _Moved | None = None
+
+    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
+        """The point under the present multipliers, and the motion to the minimum of the model.
+
+        The gradient of the model is that of the potential; its matrix is the one that was factorised,
+        with later moves.
+        """
+        assert isinstance(point, InContact)  # made by this potential
+        if self._tried is not None:
+            # a refused direction tells that what it was found by has little to do with the tissue
+            work.forget_compliance()
+            self._compliance = None
+        alone, forces, secants = point.alone, self._multipliers.normal, work.inverse_secants
+        rest = self._directions.T @ forces - alone.g
+        by_factor = work.solve(self.scale * rest)
+        moved, self._moved = self._moved, None
+        if moved is not None and moved.factor == work.factor_number:
+            answer = moved.by_factor - by_factor
+            secants.learn(alone.d - moved.start.d, alone.g - moved.start.g, answer)
+        free = by_factor + secants.added(rest)
+        gap = self.acting(point.d).gap + self._directions @ free
+        new, answer, pushed = self._pushed(gap, self._rows(work), work)
+        self._tried = _Tried(new, by_factor, answer)
+        return self.with_contact(alone), free + pushed
+
+    def _rows(self, work: Workspace) -> RowCompliance:
+        if self._compliance is None:
+            self._compliance = RowCompliance(self._directions, work.compliance, self.scale)
+        return self._compliance
+
+    def _pushed(
+        self, gap: Array, compliance: RowCompliance, work: Workspace
+    ) -> tuple[Array, Array, Array]:
+        """Forces (m,) of the model, and motions (n,) by their change: by the factor, and in all.
+
+        Parameters
+        ----------
+        gap : (m,) after the motion without a change of the forces [m].
+        """
+        forces, soft = self._multipliers.normal, 1.0 / self._multipliers.rho
+        secants, D = work.inverse_secants, self._directions
+        new, answer = forces, np.zeros(D.shape[1])
+        pushed, on = answer, (forces > 0.0) | (gap < 0.0)
+        for _ in range(PASSES):
+            rows = np.flatnonzero(on)
+            if not len(rows):
+                break
+            G = compliance.among(rows) + secants.between(D[rows])
+            G[np.diag_indices_from(G)] += soft[rows]
+            new = np.zeros_like(forces)
+            new[rows] = pushes(G, gap[rows] - G @ forces[rows], forces[rows] > 0.0)
+            change = D.T @ (new - forces)
+            answer = work.solve(self.scale * change)
+            pushed = answer + secants.added(change)
+            missed, size = compliance.learn(new - forces, answer)
+            more = ~on & (gap + D @ pushed < -CLOSED)
+            if missed <= max(CLOSED, EXPECTED * size) and not more.any():
+                break
+            on |= more
+        return new, answer, pushed
+
+    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
+        """The end with the residual that the forces of the model leave, now the multipliers."""
+        assert isinstance(start, InContact) and isinstance(end, InContact)
+        tried, self._tried = self._tried, None
+        assert tried is not None  # the direction of this move
+        multipliers = self._multipliers
+        multipliers.normal = multipliers.normal + length * (tried.forces - multipliers.normal)
+        by_factor = tried.by_factor + length * tried.answer
+        self._moved = _Moved(start.alone, by_factor, work.factor_number)
+        return replace(end, g=end.alone.g - self._directions.T @ multipliers.normal)
+
+    def settled(self, d: Array) -> Acting:
+        """What acts where the iteration has ended: the multipliers."""
+        return replace(self.acting(d), force=self._multipliers.normal)
+
+    def opened(
+        self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
+    ) -> Array:
+        """As `TouchingInMatrix.opened`, with what pushes elsewhere kept apart."""
+        own = self._multipliers.rows
+        elsewhere = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
+        D = directions(self.system.pattern, rows)
+        G = self._rows(work).beside(D, elsewhere)
+        G[np.diag_indices_from(G)] *= 1.0 + SOFT
+        gap = np.r_[-wanted, np.zeros(len(elsewhere))]
+        force = pushes(G, gap, gap < 0.0)
+        push = D.T @ force[: len(rows)] + self._directions[elsewhere].T @ force[len(rows) :]
+        x = work.solve(self.scale * push)
+        return self.system.expand(x, np.zeros_like(self._q0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A direction: the forces (m,) that it was found with, and motions (n,) by the factor alone.
+
+    Those are to the minimum without a change of the forces, and by that change.
+    """
+
+    forces: Array
+    by_factor: Array
+    answer: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """A move: where it started, its motion (n,) by the factor alone, and which factor that is."""
+
+    start: Point
+    by_factor: Array
+    factor: int
