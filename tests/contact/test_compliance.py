@@ -1,12 +1,17 @@
-"""Rows in the space of their directions, against dense matrices and against rows in the matrix."""
+"""Rows in the space of their forces, against dense matrices and against rows in the matrix."""
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 import sim
-from sim.contact.compliance import AT_ONCE, Compliance, Directions, solved_with_rows
+from sim.contact import pushes as pushes_module
+from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, RowCompliance, directions
+from sim.contact.pushes import pushes
 from sim.contact.rows import Rows
-from sim.integrators import contact_converged
+from sim.integrators import workspace
+from sim.integrators.inverse_secants import InverseSecants
+from sim.integrators.secant import SecantMemory
 from sim.linear import FACTORS, linear_solver, pardiso_is_available, symmetric_product
 from tests.bodies import grid
 from tests.contact.scenes import box, moved, system_of, two_bodies
@@ -68,59 +73,166 @@ def test_several_right_hand_sides_at_once_are_solved_as_one_by_one(name):
         assert np.abs(got[3] - factor.approximate(rhs[3])).max() < known * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
-def test_rows_are_solved_as_in_a_dense_matrix(share):
-    mesh, system, _, whole = block()
-    rng = np.random.default_rng(1)
-    rows = rows_of(mesh, 12, rng)
-    stiffness = np.where(rng.permutation(12) < 12 * share, 10.0 ** rng.uniform(2, 7, size=12), 0.0)
-    rhs = rng.normal(size=len(whole))
-    G = spread(rows, mesh.n_nodes)[:, system.free].reshape(12, 3, -1)
-    N = np.einsum("ki,kin->kn", rows.normal, G)
-    expected = np.linalg.solve(whole + SCALE * N.T @ np.diag(stiffness) @ N, rhs)
-    directions = Directions.of(system.pattern, rows, stiffness)
-    assert len(directions.stiffness) == np.count_nonzero(stiffness)
-    compliance = Compliance(len(whole), lambda b: np.linalg.solve(whole, b.T).T)
-    x = solved_with_rows(rhs, directions, SCALE, compliance, lambda b: np.linalg.solve(whole, b))
-    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
-
-
-def test_rows_that_repeat_each_other_are_solved():
-    mesh, system, _, whole = block()
-    rows = rows_of(mesh, 4, np.random.default_rng(2))
-    twice = rows.joined(rows)
-    stiffness = np.full(len(twice), 1e12)
-    rhs = np.ones(len(whole))
-    directions = Directions.of(system.pattern, twice, stiffness)
-    compliance = Compliance(len(whole), lambda b: np.linalg.solve(whole, b.T).T)
-    x = solved_with_rows(rhs, directions, 1.0, compliance, lambda b: np.linalg.solve(whole, b))
-    assert (
-        np.abs(directions.D @ x).max()
-        < 1e-9 * np.abs(directions.D @ np.linalg.solve(whole, rhs)).max()
+def test_directions_are_those_of_the_gaps():
+    mesh, system, _, _ = block()
+    rows = rows_of(mesh, 12, np.random.default_rng(1))
+    normals = spread(rows, mesh.n_nodes).reshape(12, 3, -1)
+    expected = np.einsum("ki,kin->kn", rows.normal, normals)[:, system.free]
+    np.testing.assert_allclose(
+        directions(system.pattern, rows).toarray(), expected, rtol=0, atol=1e-15
     )
+
+
+def compliance_of(whole, asked=None):
+    """Compliance of a dense matrix; the numbers of right-hand sides go to `asked`."""
+
+    def solve_many(rhs):
+        if asked is not None:
+            asked.append(len(rhs))
+        return np.linalg.solve(whole, rhs.T).T
+
+    return Compliance(len(whole), solve_many)
 
 
 def test_compliance_is_found_once_per_unknown():
     mesh, system, _, whole = block((5, 5, 2))
-    asked = []
-
-    def solve_many(rhs):
-        asked.append(len(rhs))
-        return np.linalg.solve(whole, rhs.T).T
-
-    compliance = Compliance(len(whole), solve_many)
-    rng, inverse = np.random.default_rng(3), np.linalg.inv(whole)
+    asked, rng, inverse = [], np.random.default_rng(3), np.linalg.inv(whole)
+    compliance = compliance_of(whole, asked)
     for k in (3, 3, 40):
-        D = Directions.of(system.pattern, rows_of(mesh, k, rng), np.ones(k)).D
-        expected = D @ (D @ inverse).T
+        D, other = (directions(system.pattern, rows_of(mesh, n, rng)) for n in (k, 5))
+        expected = D @ (other @ inverse).T
         np.testing.assert_allclose(
-            compliance.between(D), expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+            compliance.between(D, other), expected, rtol=0, atol=1e-9 * np.abs(expected).max()
         )
     assert sum(asked) <= len(whole)
     assert max(asked) <= AT_ONCE
     before = len(asked)
-    compliance.between(D)
+    compliance.between(D, other)
     assert len(asked) == before
+
+
+def test_rows_know_how_they_give_way_also_beside_others():
+    mesh, system, _, whole = block()
+    rng, inverse = np.random.default_rng(4), np.linalg.inv(whole)
+    D = directions(system.pattern, rows_of(mesh, 12, rng))
+    other = directions(system.pattern, rows_of(mesh, 4, rng))
+    rows = RowCompliance(D, compliance_of(whole), SCALE)
+    scale = SCALE * np.abs(D @ (D @ inverse).T).max()
+    for some in ([7, 2], [2, 5, 11, 0], [7], []):
+        near = D[some]
+        expected = SCALE * (near @ (near @ inverse).T)
+        got = rows.among(np.array(some, dtype=np.int64))
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9 * scale)
+    every = np.concatenate([other.toarray(), D[[5, 3]].toarray()])
+    got = rows.beside(other, np.array([5, 3]))
+    np.testing.assert_allclose(got, SCALE * every @ inverse @ every.T, rtol=0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("answers", [3, 2 * LEARNT])
+def test_a_compliance_learns_that_the_body_became_stiffer(answers):
+    """Every answer is known from then on; it stays symmetric and positive definite."""
+    mesh, system, _, whole = block()
+    rng = np.random.default_rng(5)
+    D = directions(system.pattern, rows_of(mesh, 9, rng))
+    stiffer = 2.0 * whole + np.diag(rng.uniform(0.0, 3.0, len(whole)) * np.diag(whole))
+    compliance, now = compliance_of(whole), np.linalg.inv(stiffer)
+    rows = RowCompliance(D, compliance, SCALE)
+    every = np.arange(9)
+    before = np.abs(rows.among(every) - SCALE * (D @ (D @ now).T)).max()
+    for _ in range(answers):
+        f = rng.normal(size=9)
+        motion = SCALE * now @ (D.T @ f)
+        rows.learn(f, motion)
+        answer = D @ motion
+        known = KNOWN * np.abs(answer).max()
+        np.testing.assert_allclose(rows.among(every) @ f, answer, rtol=0, atol=known)
+        again = RowCompliance(D, compliance, SCALE).among(every)
+        np.testing.assert_allclose(
+            again, rows.among(every), rtol=0, atol=1e-9 * np.abs(again).max()
+        )
+    left = np.abs(again - SCALE * (D @ (D @ now).T)).max()
+    assert left < (0.9 if answers == 3 else 0.2) * before
+    assert np.linalg.eigvalsh(again)[0] > 0.0
+    # what is asked for only now is of the body as it was, and fits in
+    more = directions(system.pattern, rows_of(mesh, 30, rng))
+    assert np.isfinite(compliance.between(more, more)).all()
+
+
+def test_what_is_known_teaches_nothing_and_no_motion_is_no_answer():
+    mesh, system, _, whole = block()
+    D = directions(system.pattern, rows_of(mesh, 5, np.random.default_rng(6)))
+    rows, inverse = RowCompliance(D, compliance_of(whole), SCALE), np.linalg.inv(whole)
+    before, f = rows.among(np.arange(5)), np.ones(5)
+    motion = SCALE * inverse @ (D.T @ f)
+    missed, size = rows.learn(f, motion)
+    assert missed < 1e-9 * size
+    assert rows.learn(np.zeros(5), np.zeros(len(whole))) == (0.0, 0.0)
+    # a motion against the force is no answer of a body
+    assert rows.learn(f, -motion)[0] == pytest.approx(2.0 * size)
+    np.testing.assert_array_equal(rows.among(np.arange(5)), before)
+
+
+def positive(n, rng, condition=1e4):
+    """A dense symmetric matrix of that condition."""
+    Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    return (Q * np.geomspace(1.0, condition, n)) @ Q.T
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_pushes_is_found_from_any_guess(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 40))
+    G, c = positive(n, rng), rng.normal(size=n)
+    for guess in (np.zeros(n, dtype=bool), np.ones(n, dtype=bool), rng.random(n) < 0.5):
+        f = pushes(G, c, guess)
+        gap = G @ f + c
+        assert f.min() >= 0.0
+        assert gap.min() > -1e-8
+        assert np.abs(f * gap).max() < 1e-8 * max(1.0, np.abs(f).max())
+
+
+def test_a_search_that_cycles_ends_all_the_same(monkeypatch):
+    """Without a single change of the guess the least squares find it."""
+    rng = np.random.default_rng(1)
+    G, c = positive(12, rng), rng.normal(size=12)
+    expected = pushes(G, c, c < 0.0)
+    monkeypatch.setattr(pushes_module, "CHANGES", 0)
+    np.testing.assert_allclose(pushes(G, c, c < 0.0), expected, atol=1e-8)
+    L = np.linalg.cholesky(G)
+    np.testing.assert_allclose(expected, nnls(L.T, -np.linalg.solve(L, c))[0], atol=1e-8)
+
+
+def test_rows_that_repeat_each_other_share_what_pushes():
+    G = np.array([[1.0, 1.0], [1.0, 1.0]])
+    for noise in (0.0, -1e-7):
+        f = pushes(G + noise * np.eye(2), np.array([-2.0, -2.0]), np.array([True, True]))
+        assert f.min() >= 0.0
+        assert f.sum() == pytest.approx(2.0, rel=1e-4)
+
+
+def test_secants_of_an_inverse_are_those_of_the_recursion():
+    """Byrd, Nocedal and Schnabel's sum against Nocedal and Wright's Algorithm 7.4."""
+    rng = np.random.default_rng(2)
+    n, size = 20, 5
+    A, old = positive(n, rng, 10.0), positive(n, rng, 10.0)
+    one, two = SecantMemory(size), InverseSecants(size)
+    D = np.asarray(rng.normal(size=(3, n)))
+    for _ in range(8):
+        s = rng.normal(size=n)
+        y = A @ s
+        one.learn(s, y)
+        two.learn(s, y, np.linalg.solve(old, y))
+        g = rng.normal(size=n)
+        expected = one.direction(g, lambda r: np.linalg.solve(old, r))
+        got = -np.linalg.solve(old, g) - two.added(g)
+        np.testing.assert_allclose(got, expected, atol=1e-9 * np.abs(expected).max())
+        between = np.stack([D @ two.added(row) for row in D], axis=1)
+        np.testing.assert_allclose(two.between(D), between, atol=1e-9 * np.abs(between).max())
+    two.learn(s, -y, -np.linalg.solve(old, y))
+    np.testing.assert_array_equal(-np.linalg.solve(old, g) - two.added(g), got)
+    two.clear()
+    assert not two.added(g).any()
+    assert not two.between(D).any()
 
 
 def test_rows_apart_and_rows_in_the_matrix_lead_to_the_same_motion(monkeypatch):
@@ -134,34 +246,76 @@ def test_rows_apart_and_rows_in_the_matrix_lead_to_the_same_motion(monkeypatch):
     contact = sim.ConstraintContact((sim.Pairing(*surfaces), floor))
     system = system_of(mesh, contact, sim.Gravity((0.5, 0.0, -9.81)))
     ends = []
-    for most in (contact_converged.MOST, -1):
-        monkeypatch.setattr(contact_converged, "MOST", most)
+    for most in (workspace.MOST, -1):
+        monkeypatch.setattr(workspace, "MOST", most)
         ends.append(moved(system, sim.ConvergedEuler(), 12, h=0.005)[-1].q)
     assert np.abs(ends[0] - mesh.X).max() > 5e-4
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-5)
 
 
-def test_a_step_may_change_from_the_one_to_the_other(monkeypatch):
-    mesh = grid((2, 2, 2), (0.02, 0.02, 0.02))
-    contact = sim.ConstraintContact(
-        (sim.Pairing(sim.boundary_surface(mesh), box([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0])),)
-    )
-    system = system_of(mesh, contact, sim.Gravity((0.0, 0.0, -9.81)))
-    work, state, control = sim.Workspace(system), system.rest_state(), system.control(np.zeros(0))
-    for most, within in ((800, False), (-1, True), (800, False)):
-        monkeypatch.setattr(contact_converged, "MOST", most)
+def lying(friction=0.0, n=(2, 2, 2), *terms):
+    """A block on a floor that is drawn down."""
+    mesh = grid(n, (0.02, 0.02, 0.02))
+    floor = box([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0])
+    pairing = sim.Pairing(sim.boundary_surface(mesh), floor)
+    contact = sim.ConstraintContact((pairing,), friction=friction)
+    return system_of(mesh, contact, sim.Gravity((0.0, 0.0, -9.81)), *terms)
+
+
+@pytest.mark.parametrize("linear", ["auto", "superlu"])
+def test_a_step_may_change_from_the_one_to_the_other(monkeypatch, linear):
+    system = lying()
+    work, state = sim.Workspace(system, linear), system.rest_state()
+    control = system.control(np.zeros(0))
+    for most, apart in ((800, True), (-1, False), (800, True)):
+        monkeypatch.setattr(workspace, "MOST", most)
+        assert (work.form(system, state) is system.apart) is apart
         state, report = sim.ConvergedEuler().step(system, state, control, 0.01, work)
-        assert work.rows_in_factor is within
         assert report.factorisations >= 1
+    # another integrator, whose rows are in its matrix, may go on with the same memory
+    state, _ = sim.LinearlyImplicitEuler().step(system, state, control, 0.01, work)
+    state, _ = sim.ConvergedEuler().step(system, state, control, 0.01, work)
     assert abs(state.q[:, 2].min()) < 1e-5
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_rows_that_rub_are_in_the_matrix(friction):
-    mesh = grid((1, 1, 1), (0.02, 0.02, 0.02))
-    floor = box([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0])
-    pairing = sim.Pairing(sim.boundary_surface(mesh), floor)
-    system = system_of(mesh, sim.ConstraintContact((pairing,), friction=friction))
-    work = sim.Workspace(system)
-    sim.ConvergedEuler().step(system, system.rest_state(), system.control(np.zeros(0)), 0.01, work)
-    assert work.rows_in_factor is (friction > 0.0)
+def test_rows_that_do_not_rub_have_no_places_in_the_matrix_of_a_step():
+    """Two bodies that may touch: the matrix is that of both without a contact."""
+    mesh, *surfaces = two_bodies(
+        grid((2, 2, 2), (0.02, 0.02, 0.02)), grid((2, 2, 2), (0.02, 0.02, 0.02)), [0, 0, 0.0205]
+    )
+    without = system_of(mesh)
+    system = system_of(mesh, sim.ConstraintContact((sim.Pairing(*surfaces),)))
+    assert system.apart is not None
+    assert system.apart.apart is not None
+    assert system.pattern.nnz > system.apart.pattern.nnz == without.pattern.nnz
+    rubs = system_of(mesh, sim.ConstraintContact((sim.Pairing(*surfaces),), friction=0.3))
+    assert rubs.apart is None
+    assert without.apart is None
+    work = sim.Workspace(rubs)
+    assert work.form(rubs, rubs.rest_state()) is rubs
+    # equilibrium finds what holds a body by its rows in the matrix
+    assert sim.Workspace(system).form(system) is system
+
+
+def test_conditions_keep_rows_in_the_matrix():
+    system = lying()
+    whole = sim.compile_scene(
+        sim.Scene(system.scene.mesh, system.scene.terms, constraints=(sim.HardElementVolume(),))
+    )
+    assert whole.apart is None
+
+
+def test_a_compliance_that_misleads_is_found_anew():
+    """Of a body a thousand times as soft, as if learnt from noise: the step is the same."""
+    system = lying()
+    state, control = system.rest_state(), system.control(np.zeros(0))
+    ends = []
+    for wrong in (False, True):
+        work, now = sim.Workspace(system), state
+        for _ in range(4):
+            now, _ = sim.ConvergedEuler().step(system, now, control, 0.005, work)
+            if wrong:
+                known = work.compliance
+                known._found = 1e3 * known._found
+        ends.append(now.q)
+    np.testing.assert_allclose(*ends, rtol=0, atol=2e-6)
