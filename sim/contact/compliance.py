@@ -16,7 +16,7 @@ Wright, Numerical Optimization, equation 6.19 with C as the Hessian), which keep
 from collections.abc import Callable
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from sim.contact.rows import Rows
 from sim.pattern import SymmetricPattern
@@ -156,9 +156,11 @@ class RowCompliance:
 
     def beside(self, D: csr_array, rows: Index) -> Array:
         """W between directions D (m, n) that are none of the rows, then some rows."""
-        own = self._scale * self._compliance.between(D, D)
-        cross = self._scale * self._compliance.between(D, self._all[rows])
-        return np.block([[0.5 * (own + own.T), cross], [cross.T, self.among(rows)]])
+        every = vstack([D, self._all[rows]], format="csr")
+        # the fewer rows come second, where they meet the whole compliance
+        found = self._scale * self._compliance.between(every, D)
+        own, cross = np.split(found, [D.shape[0]])
+        return np.block([[0.5 * (own + own.T), cross.T], [cross, self.among(rows)]])
 
     def learn(self, forces: Array, motion: Array) -> tuple[float, float]:
         """Answer forces (m,) of known rows by a motion (n,) from now on.
