@@ -69,7 +69,8 @@ class Compliance:
 
     def between(self, D: csr_array, other: csr_array) -> Array:
         """D C other' (m, k)."""
-        self._extend(np.unique(np.r_[D.indices, other.indices]).astype(np.int64))
+        self.expect(D)
+        self.expect(other)
         one, two = self._near(D), self._near(other)
         more, less = self._learnt
         found: Array = one @ (two @ self._found).T
@@ -100,11 +101,14 @@ class Compliance:
         shape = (D.shape[0], len(self._known))
         return csr_array((D.data, self._place[D.indices], D.indptr), shape=shape)
 
-    def _extend(self, unknowns: Index) -> None:
+    def expect(self, D: csr_array) -> None:
+        """Know what these directions will ask for: many at once take little longer than one."""
+        new = np.unique(D.indices[self._place[D.indices] < 0]).astype(np.int64)
+        if len(new):
+            self._extend(new)
+
+    def _extend(self, new: Index) -> None:
         """Know these unknowns too."""
-        new = unknowns[self._place[unknowns] < 0]
-        if not len(new):
-            return
         before, n = len(self._known), len(self._known) + len(new)
         self._place[new] = np.arange(before, n)
         self._known = np.r_[self._known, new]
@@ -140,6 +144,10 @@ class RowCompliance:
         self._place = np.full(D.shape[0], -1)
         self._directions: csr_array = D[self._known]
         self._between = np.empty((0, 0))
+
+    def expect(self, rows: Index) -> None:
+        """Be ready for rows that may come to push."""
+        self._compliance.expect(self._all[rows])
 
     def among(self, rows: Index) -> Array:
         """W (k, k) between some rows."""

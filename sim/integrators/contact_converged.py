@@ -20,7 +20,7 @@ from sim.integrators.touching import (
     TouchingApart,
     TouchingInMatrix,
 )
-from sim.integrators.workspace import Workspace
+from sim.integrators.workspace import Workspace, alike
 from sim.scene import Index
 from sim.state import Array
 
@@ -158,7 +158,7 @@ def _stiffness_met(
 ) -> Array:
     """Diagonal (n_free,) of the stiffness that rows meet [N/m], once per integrator and step."""
     known = work.contact_stiffness
-    if known is None or known[0] != key:
+    if known is None or not alike(known[0], *key):
         A = potential.matrix(start.d).to_factorise()
         diagonal = A[potential.system.pattern.diagonal] / potential.scale
         # where a muscle makes the tangent negative its size still tells the stiffness

@@ -24,6 +24,7 @@ class PotentialOfMoves:
 
     scale: float
     patience = 1
+    haste = 1.0
 
     def __init__(self, system: System, q: Array, control: Control, work: Workspace) -> None:
         self.system = system

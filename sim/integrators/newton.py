@@ -51,11 +51,14 @@ class Potential(Protocol):
     shift : (n_free,) positive diagonal that makes the matrix positive definite when added often enough.
     patience : int
         Iterations that a factor serves before it is renewed for being slow.
+    haste : float
+        Share of `Tolerances.keep_factor` that counts as slow, less where an iteration costs more.
     """
 
     scale: float
     shift: Array
     patience: int
+    haste: float
 
     def point(self, d: Array) -> Point:
         """Evaluate potential and gradient; with det F <= 0 somewhere they mean nothing."""
@@ -248,7 +251,7 @@ def minimise(
             left, last = error_left(moved, last), moved
             if tolerances.met(left, point.residual):
                 return point, account(iteration, left)
-        slow = contraction > tolerances.keep_factor and age >= potential.patience
+        slow = contraction > potential.haste * tolerances.keep_factor and age >= potential.patience
         made_here = found is None or slow
         if made_here:
             renew()

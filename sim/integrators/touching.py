@@ -33,8 +33,14 @@ EXPECTED = 0.5
 CLOSED = 1e-6
 """Depth that a row left out may come to before forces are found anew [m]."""
 
+LIKELY = 1e-4
+"""Gap of rows that may come to push in the same iteration [m]."""
+
 PATIENCE = 6
 """Iterations that a factor serves where rows that come and go are a part of it."""
+
+HASTE = 0.5
+"""Share of what else counts as slow: an iteration takes twice as many solutions."""
 
 SOFT = 1e-3
 """Share of their own compliance by which rows that repeat each other may differ in a correction."""
@@ -65,6 +71,7 @@ class Touching:
 
     penalty: float
     patience = 1
+    haste = 1.0
 
     def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
         self._potential, self._multipliers, self._q0 = potential, multipliers, q0
@@ -153,7 +160,7 @@ class TouchingApart(Touching):
     of the rows, then the motion by them. Its multipliers become those forces at once.
     """
 
-    penalty, patience = APART, 2
+    penalty, patience, haste = APART, 2, HASTE
 
     def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
         super().__init__(potential, multipliers, q0)
@@ -204,6 +211,7 @@ class TouchingApart(Touching):
         secants, D = work.inverse_secants, self._directions
         new, answer = forces, np.zeros(D.shape[1])
         pushed, on = answer, (forces > 0.0) | (gap < 0.0)
+        compliance.expect(np.flatnonzero(on | (gap < LIKELY)))
         for _ in range(PASSES):
             rows = np.flatnonzero(on)
             if not len(rows):

@@ -289,7 +289,7 @@ class Workspace:
 
     def has_factor_for(self, integrator: type, h: float) -> bool:
         """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
-        return _alike(self.factor_of, integrator, h)
+        return alike(self.factor_of, integrator, h)
 
     @property
     def compliance(self) -> Compliance:
@@ -298,7 +298,7 @@ class Workspace:
         Without products; new parts come from the latest factor, in its own precision.
         """
         known, kind = self._compliance, self.factor_of
-        if known is None or kind is None or not _alike(known[0], *kind):
+        if known is None or kind is None or not alike(known[0], *kind):
 
             def solve_many(rhs: Array) -> Array:
                 with self.timed("solution"):
@@ -329,6 +329,6 @@ class Workspace:
             )
 
 
-def _alike(made: tuple[type, float] | None, integrator: type, h: float) -> bool:
+def alike(made: tuple[type, float] | None, integrator: type, h: float) -> bool:
     """Whether what was made belongs to this integrator and step, but for rounding of h."""
     return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
