@@ -48,18 +48,18 @@ def directions(pattern: SymmetricPattern, rows: Rows) -> csr_array:
 
 
 class Compliance:
-    """Motion of unknowns of a surface by unit forces on them, C = E' A^-1 E, found as it is asked for.
+    """Motion of unknowns of a surface by unit forces on them, C = E' H E, found as it is asked for.
 
     Parameters
     ----------
     n : int
         Number of free unknowns.
     solve_many : callable
-        Solutions (k, n) with the present A for right-hand sides (k, n).
+        Motions H f (k, n) [m] of the present tissue by forces f (k, n) [N]; replaced as it changes.
     """
 
     def __init__(self, n: int, solve_many: Solve) -> None:
-        self._solve_many = solve_many
+        self.solve_many = solve_many
         self._known = np.empty(0, dtype=np.int64)
         self._place = np.full(n, -1)
         self._found = np.empty((0, 0))
@@ -119,27 +119,24 @@ class Compliance:
             unit = np.zeros((len(some), len(self._place)))
             unit[np.arange(len(some)), some] = 1.0
             at = before + first + np.arange(len(some))
-            C[at] = self._solve_many(unit)[:, self._known]
+            C[at] = self.solve_many(unit)[:, self._known]
         C[:before, before:] = C[before:, :before].T
         self._found = C
         self._dyads = np.concatenate([self._dyads, np.zeros((2, LEARNT, len(new)))], axis=2)
 
 
 class RowCompliance:
-    """W = scale D C D' between the rows of a step [m/N], found as rows come to push.
+    """W = D C D' between the rows of a step [m/N], found as rows come to push.
 
     Parameters
     ----------
     D : (m, n) sparse
         Directions of all rows.
     compliance : Compliance
-        Of the matrix of the step.
-    scale : float
-        That matrix is this times the stiffness [kg m/N].
     """
 
-    def __init__(self, D: csr_array, compliance: Compliance, scale: float) -> None:
-        self._all, self._compliance, self._scale = D, compliance, scale
+    def __init__(self, D: csr_array, compliance: Compliance) -> None:
+        self._all, self._compliance = D, compliance
         self._known = np.empty(0, dtype=np.int64)
         self._place = np.full(D.shape[0], -1)
         self._directions: csr_array = D[self._known]
@@ -166,7 +163,7 @@ class RowCompliance:
         """W between directions D (m, n) that are none of the rows, then some rows."""
         every = vstack([D, self._all[rows]], format="csr")
         # the fewer rows come second, where they meet the whole compliance
-        found = self._scale * self._compliance.between(every, D)
+        found = self._compliance.between(every, D)
         own, cross = np.split(found, [D.shape[0]])
         return np.block([[0.5 * (own + own.T), cross.T], [cross, self.among(rows)]])
 
@@ -184,5 +181,5 @@ class RowCompliance:
         missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Wf, r))
         if missed > KNOWN * size and fr > 0.0 and fWf > 0.0:
             self._between += np.outer(r / fr, r) - np.outer(Wf / fWf, Wf)
-            self._compliance.learn(self._scale * (self._directions.T @ f), motion)
+            self._compliance.learn(self._directions.T @ f, motion)
         return missed, size

@@ -11,7 +11,7 @@ CHANGES = 20
 """How often what pushes is taken anew, before the search is left to a method that needs no guess."""
 
 SOFTENED = 1e-6
-"""Share of the largest eigenvalue that the smallest is given."""
+"""Share of the largest eigenvalue, by size, that the smallest is given."""
 
 
 def pushes(G: Array, c: Array, pushing: Flags) -> Array:
@@ -34,8 +34,9 @@ def pushes(G: Array, c: Array, pushing: Flags) -> Array:
     try:
         return _pushes(G, c, pushing)
     except LinAlgError:
-        lowest, largest = np.linalg.eigvalsh(G)[[0, -1]]
-        return _pushes(G + (SOFTENED * largest - lowest) * np.eye(len(G)), c, pushing)
+        values = np.linalg.eigvalsh(G)
+        more = SOFTENED * np.abs(values).max() - values[0]
+        return _pushes(G + more * np.eye(len(G)), c, pushing)
 
 
 def _pushes(G: Array, c: Array, pushing: Flags) -> Array:

@@ -195,7 +195,7 @@ class TouchingApart(Touching):
 
     def _rows(self, work: Workspace) -> RowCompliance:
         if self._compliance is None:
-            self._compliance = RowCompliance(self._directions, work.compliance, self.scale)
+            self._compliance = RowCompliance(self._directions, work.compliance(self.scale))
         return self._compliance
 
     def _pushed(

@@ -84,7 +84,7 @@ class Workspace:
             # with a contact the first step tells which form serves
             self._analyse(self._form.pattern)
         self._beside: Matrix | None = None
-        self._compliance: tuple[tuple[type, float] | None, Compliance] | None = None
+        self._compliance: Compliance | None = None
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
         self.factor_of: tuple[type, float] | None = None
@@ -291,21 +291,21 @@ class Workspace:
         """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
         return alike(self.factor_of, integrator, h)
 
-    @property
-    def compliance(self) -> Compliance:
-        """Of the matrix that the latest factor was made for, or of earlier ones of its kind.
+    def compliance(self, scale: float) -> Compliance:
+        """Of the tissue that the latest factor was made for, or of that of earlier ones.
 
-        Without products; new parts come from the latest factor, in its own precision.
+        Without products; new parts come from the latest factor, of `scale` times the stiffness, in its
+        own precision.
         """
-        known, kind = self._compliance, self.factor_of
-        if known is None or kind is None or not alike(known[0], *kind):
 
-            def solve_many(rhs: Array) -> Array:
-                with self.timed("solution"):
-                    return self.factor.approximate_many(rhs)
+        def solve_many(rhs: Array) -> Array:
+            with self.timed("solution"):
+                return scale * self.factor.approximate_many(rhs)
 
-            known = self._compliance = (kind, Compliance(self._pattern.n, solve_many))
-        return known[1]
+        if self._compliance is None:
+            self._compliance = Compliance(self._pattern.n, solve_many)
+        self._compliance.solve_many = solve_many
+        return self._compliance
 
     def forget_compliance(self) -> None:
         """Find it anew when it is needed next."""
