@@ -25,6 +25,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.gestures import GESTURES, gesture_activation
 from sim import (
     Activation,
+    ConvergedEuler,
     HalvingStep,
     Iterations,
     SimulationError,
@@ -251,15 +252,20 @@ def _start(
     penetration: Penetration,
 ) -> _Run:
     peak = np.array([levels.get(name, 0.0) for name in system.muscles])
+    integrator, state = integrator_of(base), system.rest_state()
+    work = Workspace(system, base.linear_solver)
+    if isinstance(integrator, ConvergedEuler):
+        # no step pays for what is done once
+        work.prepare(state)
     return _Run(
         system=system,
         activation=Activation(np.array([0.0, RISE]), np.stack([0.0 * peak, peak])),
         steps=HalvingStep(base.step),
-        integrator=integrator_of(base),
+        integrator=integrator,
         penetration=penetration,
         probe=LipProbe(face, penetration, CHUNK * base.step),
-        state=system.rest_state(),
-        work=Workspace(system, base.linear_solver),
+        state=state,
+        work=work,
         parts=[],
     )
 

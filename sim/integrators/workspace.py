@@ -153,6 +153,10 @@ class Workspace:
             self._forget()
         return form
 
+    def prepare(self, state: State) -> None:
+        """Compile and analyse what a converged step from a state needs, else done by the first."""
+        self._analyse(self.form(self._system, state).pattern)
+
     def _take_solver(self, n: int) -> None:
         self.linear = solver_of_steps(self._name, n)
         if isinstance(self.linear, ReusedFactor):
