@@ -51,6 +51,10 @@ class PotentialOfMoves:
         work.secants.learn(end.d - start.d, end.g - start.g)
         return end
 
+    def refused(self, work: Workspace) -> bool:
+        """No: another factor may serve."""
+        return False
+
     def _evaluate(self, d: Array) -> Evaluation:
         """Forces and energy at d."""
         with self._work.timed("force"):

@@ -80,6 +80,10 @@ class Potential(Protocol):
         """The end of a move of this share of a direction, as it is judged; what moves tell is learnt."""
         ...
 
+    def refused(self, work: Workspace) -> bool:
+        """Whether another direction by the same factor may serve where one did not descend."""
+        ...
+
 
 @dataclass(frozen=True)
 class Tolerances:
@@ -234,6 +238,8 @@ def minimise(
         found = search(potential.point, start, direction, longest, negligible)
         contraction, age = np.inf, age + 1
         if found is None:
+            if potential.refused(work):
+                continue
             if made_here:
                 left = float(np.abs(direction).max())
                 if tolerances.met(left, point.residual):

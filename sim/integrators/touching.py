@@ -27,8 +27,9 @@ that turn."""
 PASSES = 6
 """How often forces are found anew in one iteration."""
 
-EXPECTED = 0.5
-"""Error of the answer to a change of forces, relative, that the next iteration makes good."""
+ROUGH, SURE = (0.5, 1e-6), (0.02, 1e-9)
+"""Error of the answer to a change of forces, relative and [m], that is left to the next iteration: while
+moves are taken in full, and once one was cut short or refused."""
 
 CLOSED = 1e-6
 """Depth that a row left out may come to before forces are found anew [m]."""
@@ -134,6 +135,10 @@ class TouchingInMatrix(Touching):
         work.secants.learn(end.d - start.d, end.g - start.g)
         return end
 
+    def refused(self, work: Workspace) -> bool:
+        """No: another factor may serve."""
+        return False
+
     def settled(self, d: Array) -> Acting:
         """What acts where the iteration has ended."""
         return self.acting(d)
@@ -168,6 +173,7 @@ class TouchingApart(Touching):
         self._compliance: RowCompliance | None = None
         self._tried: _Tried | None = None
         self._moved: _Moved | None = None
+        self._left = ROUGH
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
         """The point under the present multipliers, and the motion to the minimum of the model.
@@ -176,10 +182,6 @@ class TouchingApart(Touching):
         with later moves.
         """
         assert isinstance(point, InContact)  # made by this potential
-        if self._tried is not None:
-            # a refused direction tells that what it was found by has little to do with the tissue
-            work.forget_compliance()
-            self._compliance = None
         alone, forces, secants = point.alone, self._multipliers.normal, work.inverse_secants
         rest = self._directions.T @ forces - alone.g
         by_factor = work.solve(self.scale * rest)
@@ -209,6 +211,7 @@ class TouchingApart(Touching):
         """
         forces, soft = self._multipliers.normal, 1.0 / self._multipliers.rho
         secants, D = work.inverse_secants, self._directions
+        share, least = self._left
         new, answer = forces, np.zeros(D.shape[1])
         pushed, on = answer, (forces > 0.0) | (gap < 0.0)
         compliance.expect(np.flatnonzero(on | (gap < LIKELY)))
@@ -225,7 +228,7 @@ class TouchingApart(Touching):
             pushed = answer + secants.added(change)
             missed, size = compliance.learn(new - forces, answer)
             more = ~on & (gap + D @ pushed < -CLOSED)
-            if missed <= max(CLOSED, EXPECTED * size) and not more.any():
+            if missed <= max(share * size, least) and not more.any():
                 break
             on |= more
         return new, answer, pushed
@@ -233,6 +236,8 @@ class TouchingApart(Touching):
     def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
         """The end with the residual that the forces of the model leave, now the multipliers."""
         assert isinstance(start, InContact) and isinstance(end, InContact)
+        if length < 1.0:
+            self._left = SURE
         tried, self._tried = self._tried, None
         assert tried is not None  # the direction of this move
         multipliers = self._multipliers
@@ -240,6 +245,12 @@ class TouchingApart(Touching):
         by_factor = tried.by_factor + length * tried.answer
         self._moved = _Moved(start.alone, by_factor, work.factor_number)
         return replace(end, g=end.alone.g - self._directions.T @ multipliers.normal)
+
+    def refused(self, work: Workspace) -> bool:
+        """Whether the compliance may be why: it is then found anew, by the factor at hand."""
+        self._left = SURE
+        self._compliance = None
+        return work.forget_compliance()
 
     def settled(self, d: Array) -> Acting:
         """What acts where the iteration has ended: the multipliers."""

@@ -85,6 +85,7 @@ class Workspace:
             self._analyse(self._form.pattern)
         self._beside: Matrix | None = None
         self._compliance: Compliance | None = None
+        self._compliance_by: int | None = None
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
         self.factor_of: tuple[type, float] | None = None
@@ -308,12 +309,16 @@ class Workspace:
 
         if self._compliance is None:
             self._compliance = Compliance(self._pattern.n, solve_many)
+            self._compliance_by = self.factor_number
         self._compliance.solve_many = solve_many
         return self._compliance
 
-    def forget_compliance(self) -> None:
-        """Find it anew when it is needed next."""
-        self._compliance = None
+    def forget_compliance(self) -> bool:
+        """Find it anew when it is needed next, if it is not all of the latest factor; whether so."""
+        if self._compliance_by == self.factor_number:
+            return False
+        self._compliance, self._compliance_by = None, None
+        return True
 
     def direction(self, g: Array, scale: float) -> Array:
         """-H g, with H the inverse of the latest factor's matrix over a scale, and of later moves."""

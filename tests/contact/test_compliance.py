@@ -6,6 +6,7 @@ from scipy.optimize import nnls
 
 import sim
 from sim.contact import pushes as pushes_module
+from sim.contact.compiled import FORCE, MEMORY
 from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, RowCompliance, directions
 from sim.contact.pushes import pushes
 from sim.contact.rows import Rows
@@ -253,6 +254,25 @@ def test_rows_apart_and_rows_in_the_matrix_lead_to_the_same_motion(monkeypatch):
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize(("h", "seed"), [(0.02, 3), (0.02, 5), (0.01, 8)])
+def test_hard_landings_settle(h, seed):
+    """Blocks that meet at ten to a hundred times their weight, in few long steps, at any place."""
+    rng = np.random.default_rng(seed)
+    mesh, *surfaces = two_bodies(
+        grid((3, 2, 2), (0.03, 0.03, 0.02), distort=0.15),
+        grid((2, 3, 2), tuple(rng.uniform(0.012, 0.028, 3)), distort=0.15),
+        [*rng.uniform(0.0, 0.01, 2), 0.0205],
+    )
+    floor = sim.Pairing(surfaces[0], box([-0.1, -0.1, -0.01], [0.1, 0.1, -1e-4]))
+    contact = sim.ConstraintContact((sim.Pairing(*surfaces), floor))
+    pull = (*rng.uniform(-20.0, 20.0, 2), -98.1)
+    system = system_of(mesh, contact, sim.Gravity(pull))
+    for state in moved(system, sim.ConvergedEuler(), 10, h=h)[1:]:
+        assert state.memory[MEMORY][:, FORCE].min() >= 0.0
+        _, gap, _ = system.contact.measure(state, system.control(np.zeros(0)))
+        assert np.nanmin(gap) > -1e-5
+
+
 def lying(friction=0.0, n=(2, 2, 2), *terms):
     """A block on a floor that is drawn down."""
     mesh = grid(n, (0.02, 0.02, 0.02))
@@ -314,9 +334,12 @@ def test_a_compliance_that_misleads_is_corrected_or_found_anew(monkeypatch, wron
     system = lying()
     control, ends, forgotten = system.control(np.zeros(0)), [], []
     forget = sim.Workspace.forget_compliance
-    monkeypatch.setattr(
-        sim.Workspace, "forget_compliance", lambda work: (forgotten.append(1), forget(work))
-    )
+
+    def noted(work):
+        forgotten.append(1)
+        return forget(work)
+
+    monkeypatch.setattr(sim.Workspace, "forget_compliance", noted)
     for factor in (1.0, wrong):
         work, state = sim.Workspace(system), system.rest_state()
         for _ in range(4):
