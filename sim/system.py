@@ -105,6 +105,8 @@ class System:
         contact = self.contact
         if contact is None or contact.rubs or self.scene.constraints or self.has_products:
             return None
+        if not contact.in_matrix:
+            return self
         terms = self.scene.terms
         alone = (RowsApart(contact) if isinstance(t, ConstraintContact) else t for t in terms)
         return compile_scene(replace(self.scene, terms=tuple(alone)))

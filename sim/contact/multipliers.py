@@ -92,10 +92,6 @@ class Multipliers:
         block += np.where(acting.sticks, self.rho, 0.0)[:, None, None] * plane
         return block + acting.turn[:, None, None] * turn
 
-    def normal_stiffness(self, acting: "Acting") -> Array:
-        """Stiffness (k,) along the normals [N/m]."""
-        return np.where(acting.force > 0.0, self.rho, 0.0)
-
     def held(self, acting: "Acting", pushes: Flags) -> Array:
         """Forces (k,) along the normals if these rows push, or pull, and no others [N]."""
         return np.where(pushes, self.normal - self.rho * acting.gap, 0.0)

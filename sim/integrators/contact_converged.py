@@ -13,13 +13,7 @@ from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
 from sim.integrators.newton import Iteration, Point
-from sim.integrators.touching import (
-    APART,
-    IN_MATRIX,
-    InContact,
-    TouchingApart,
-    TouchingInMatrix,
-)
+from sim.integrators.touching import InContact, TouchingApart, TouchingInMatrix
 from sim.integrators.workspace import Workspace, alike
 from sim.scene import Index
 from sim.state import Array
@@ -99,7 +93,7 @@ def minimise_in_contact(
         A matrix could not be factorised.
     """
     pattern, in_matrix = potential.system.pattern, step.contact.in_matrix
-    penalty = IN_MATRIX if in_matrix else APART
+    penalty = (TouchingInMatrix if in_matrix else TouchingApart).penalty
 
     def touched(multipliers: Multipliers) -> TouchingInMatrix | TouchingApart:
         if not in_matrix:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sim.integrators.by_secants import BySecants
 from sim.integrators.newton import Point
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
@@ -10,7 +11,7 @@ from sim.system import System
 from sim.vectors import dot
 
 
-class PotentialOfMoves:
+class PotentialOfMoves(BySecants):
     """A potential of displacements d of the free unknowns from a base, under one control.
 
     Parameters
@@ -21,10 +22,6 @@ class PotentialOfMoves:
     work : Workspace
         For its run times.
     """
-
-    scale: float
-    patience = 1
-    haste = 1.0
 
     def __init__(self, system: System, q: Array, control: Control, work: Workspace) -> None:
         self.system = system
@@ -41,19 +38,6 @@ class PotentialOfMoves:
             return 1.0
         ends = self.positions(d), self.positions(d + direction)
         return self.system.largest_step(*ends, self._control)
-
-    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """The point, and a motion by the latest factor and what moves since have told."""
-        return point, work.direction(point.g, self.scale)
-
-    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
-        """The end; secants learn."""
-        work.secants.learn(end.d - start.d, end.g - start.g)
-        return end
-
-    def refused(self, work: Workspace) -> bool:
-        """No: another factor may serve."""
-        return False
 
     def _evaluate(self, d: Array) -> Evaluation:
         """Forces and energy at d."""

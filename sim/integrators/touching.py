@@ -12,6 +12,7 @@ from sim.contact.correction import pressed
 from sim.contact.multipliers import Acting, Multipliers
 from sim.contact.pushes import pushes
 from sim.contact.rows import RowPlaces, Rows
+from sim.integrators.by_secants import BySecants
 from sim.integrators.constrained import Placed
 from sim.integrators.newton import Point
 from sim.integrators.workspace import Workspace
@@ -71,8 +72,6 @@ class Touching:
     """
 
     penalty: float
-    patience = 1
-    haste = 1.0
 
     def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
         self._potential, self._multipliers, self._q0 = potential, multipliers, q0
@@ -109,7 +108,7 @@ class Touching:
         return self._multipliers.at(self.positions(d) - self._q0)
 
 
-class TouchingInMatrix(Touching):
+class TouchingInMatrix(BySecants, Touching):
     """Rows as a part of the matrix, as with friction or where it is singular without them."""
 
     penalty, patience = IN_MATRIX, PATIENCE
@@ -125,19 +124,6 @@ class TouchingInMatrix(Touching):
         A = super().matrix(d)
         self._places.add(self._multipliers.stiffness(self.acting(d)), self.scale, A.values)
         return A
-
-    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """The point, and a motion by the latest factor and what moves since have told."""
-        return point, work.direction(point.g, self.scale)
-
-    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
-        """The end; secants learn."""
-        work.secants.learn(end.d - start.d, end.g - start.g)
-        return end
-
-    def refused(self, work: Workspace) -> bool:
-        """No: another factor may serve."""
-        return False
 
     def settled(self, d: Array) -> Acting:
         """What acts where the iteration has ended."""

@@ -320,10 +320,6 @@ class Workspace:
         self._compliance, self._compliance_by = None, None
         return True
 
-    def direction(self, g: Array, scale: float) -> Array:
-        """-H g, with H the inverse of the latest factor's matrix over a scale, and of later moves."""
-        return self.secants.direction(g, lambda r: self.solve(scale * r))
-
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor, in its own precision; with products roughly.
 
