@@ -1,0 +1,79 @@
+"""The page docs/science, from nothing: simulated volunteers, their studies, figures and text.
+
+    python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
+
+Nothing that the store holds is computed again.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+from emgface.files import replace_file
+from emgface.study.observer import Silent
+from studies.science.sections import SECTIONS
+from studies.science.setup import REPETITIONS, RESOLUTION, SEED, run_world
+
+WORLDS = ("matched",)
+HEAD = """# What a simulated study can and cannot show
+
+    python -m studies.science
+
+makes this page: {volunteers} simulated volunteers, six instructions, {repetitions} repetitions, seed
+{seed}, faces of resolution {resolution}. **Everything here is simulated.** No score of this page says
+how well the method does with people.
+"""
+
+
+class Told(Silent):
+    """Prints a line now and then."""
+
+    def __init__(self) -> None:
+        self._started, self._done, self._total = time.monotonic(), 0, 0
+
+    def begin(self, total: int) -> None:
+        """Begin to count."""
+        self._done, self._total = 0, total
+
+    def message(self, text: str) -> None:
+        """Print a sentence."""
+        print(text, flush=True)
+
+    def finished(self, label: str, status: str) -> None:
+        """Print where the run is, every tenth time."""
+        self._done += 1
+        if self._done % 10 == 0 or self._done == self._total or status != "ok":
+            spent = time.monotonic() - self._started
+            print(f"[{spent:6.0f} s] {self._done}/{self._total} {label}: {status}", flush=True)
+
+
+def main() -> None:
+    """Make volunteers, studies and the page."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("docs/science"))
+    parser.add_argument("--store", type=Path, default=Path("studies-store"))
+    parser.add_argument("--volunteers", type=int, default=6)
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
+    observer = Told()
+    studies = {
+        world: run_world(
+            world,
+            given.store,
+            volunteers=given.volunteers,
+            workers=given.workers,
+            observer=observer,
+        )
+        for world in WORLDS
+    }
+    given.out.mkdir(parents=True, exist_ok=True)
+    head = HEAD.format(
+        volunteers=given.volunteers, repetitions=REPETITIONS, seed=SEED, resolution=RESOLUTION
+    )
+    text = "\n".join([head, *(make(studies, given.out) for make in SECTIONS)])
+    replace_file(given.out / "README.md", lambda path: path.write_text(text, encoding="utf-8"))
+    print(f"wrote {given.out / 'README.md'}")
+
+
+if __name__ == "__main__":
+    main()
