@@ -1,10 +1,17 @@
-"""When the motion is recorded: at the ends of steps, or between them by interpolation."""
+"""When the motion is recorded: at the ends of steps, or between them by checked interpolation."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 
 from sim.errors import ControlError
-from sim.state import Array, State
+from sim.state import Array, State, StepReport
+from sim.steps.contract import Watch
+
+KEPT = 0.5
+"""Share of the smallest det F at the ends of an interval that states inside it must have."""
+
+Advance = Callable[[State, float, Watch | None], tuple[State, StepReport]]
+"""Carries a state to a time [s] with a step control, which tells its steps to the watch."""
 
 
 def between(before: State, after: State, t: float) -> State:
@@ -105,3 +112,54 @@ class Between:
 
     def _of(self, t0: float, t1: float) -> Iterator[float]:
         return (t for t in self.wanted[len(self.states) :] if t0 < t <= t1)
+
+
+def outputs_of(
+    advance: Advance,
+    state: State,
+    interval: Interval,
+    smallest_J: Callable[[Array], float],
+) -> list[tuple[State, StepReport | None]]:
+    """States at all instants of an interval, its end last; the report is None inside a step.
+
+    A cubic knows nothing of the tissue: it may invert an element that both its ends hold upright. Where
+    the smallest det F of a state inside falls below `KEPT` times that of the ends, the interval is
+    covered again by steps that end at its outputs.
+
+    Parameters
+    ----------
+    advance : callable
+    state : State
+        At the start of the interval.
+    interval : Interval
+    smallest_J : callable
+        Smallest det F (1) at positions (n_nodes, 3) [m].
+
+    Raises
+    ------
+    InvertedElement, NotConverged, SingularSystem
+        As `advance`.
+    """
+    if not interval.inside:
+        return [advance(state, interval.until, None)]
+    inner = Between(interval.inside)
+    end, report = advance(state, interval.until, inner)
+    least = KEPT * min(smallest_J(state.q), smallest_J(end.q))
+    if all(smallest_J(passed.q) >= least for passed in inner.states):
+        return [*((passed, None) for passed in inner.states), (end, report)]
+    found: list[tuple[State, StepReport | None]] = []
+    for t in (*interval.inside, interval.until):
+        state, again = advance(state, t, None)
+        found.append((state, again if found else _after(report, again)))
+    return found
+
+
+def _after(refused: StepReport, report: StepReport) -> StepReport:
+    """The report with what was spent on an attempt that was refused."""
+    return replace(
+        report,
+        rejected=report.rejected + refused.rejected + refused.steps,
+        iterations=report.iterations + refused.iterations,
+        factorisations=report.factorisations + refused.factorisations,
+        shifts=report.shifts + refused.shifts,
+    )

@@ -106,8 +106,8 @@ class SmallestJ:
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
-        """Taken from the report of the step, computed only for the initial state."""
-        return (report.smallest_J if report else system.smallest_J(state.q)[0],)
+        """Evaluate det F in the state itself, not at the ends of the steps that led to it."""
+        return (system.smallest_J(state.q)[0],)
 
 
 @dataclass(frozen=True, eq=False)

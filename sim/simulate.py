@@ -9,10 +9,10 @@ import xarray as xr
 
 from sim.errors import ControlError, SceneError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
-from sim.outputs import Between, intervals
+from sim.outputs import intervals, outputs_of
 from sim.probes import Probe, SmallestJ
 from sim.state import Array, Control, State, StepReport
-from sim.steps import FixedStep, StepControl, united
+from sim.steps import FixedStep, StepControl, Watch, united
 from sim.system import System
 
 Progress = Callable[[int, int], None]
@@ -90,8 +90,10 @@ def simulate(
         `FixedStep` of 10 ms by default.
     every : float, optional
         Time between outputs [s], ``steps.h`` by default; a whole multiple of it or a whole part. Within
-        a step positions are interpolated by a cubic that knows the velocities at both ends; counts
-        and residuals stand at the output at or after the end of their step.
+        a step positions are interpolated by a cubic that knows the velocities at both ends, unless that
+        would halve the smallest det F (`sim.outputs.outputs_of`); counts and residuals stand at the
+        output at or after the end of their step. With contact or conditions, which hold at the ends of
+        steps, no step passes an output.
     probes : sequence of Probe
     initial : State, optional
         Rest by default.
@@ -103,7 +105,7 @@ def simulate(
     Returns
     -------
     trajectory : xarray.Dataset
-        One variable per probe variable over ``time`` [s]; attrs say solver, step and run time.
+        One variable per probe variable over ``time`` [s]; attrs say solver, largest step and run time.
     final : State
 
     Raises
@@ -122,7 +124,8 @@ def simulate(
     _require_finite(state)
     work = work or Workspace(system)
     every = steps.h if every is None else every
-    plan = intervals(state.t, duration, steps.h, every)
+    longest = min(steps.h, every) if system.holds_at_ends else steps.h
+    plan = intervals(state.t, duration, longest, every)
 
     def control(t: float) -> Control:
         return system.control(activation.at(t), t)
@@ -133,26 +136,32 @@ def simulate(
     records = [_record(probes, system, state, control(state.t), None)]
     times = [state.t]
     reports: list[StepReport] = []
+
+    def advance(state: State, until: float, watch: Watch | None) -> tuple[State, StepReport]:
+        return steps.advance(integrator, system, state, control, until, work, watch)
+
+    def smallest_J(q: Array) -> float:
+        return system.smallest_J(q)[0]
+
     for i, interval in enumerate(plan):
-        inner = Between(interval.inside)
-        watch = inner if interval.inside else None
-        state, report = steps.advance(
-            integrator, system, state, control, interval.until, work, watch
-        )
-        for passed in inner.states:
-            records.append(_record(probes, system, passed, control(passed.t), None))
-            times.append(passed.t)
-        reports.append(report)
-        if interval.ends_output:
-            whole, reports = united(reports, 0), []
-            records.append(_record(probes, system, state, control(interval.until), whole))
-            times.append(interval.until)
+        passed = outputs_of(advance, state, interval, smallest_J)
+        state = passed[-1][0]
+        for at, report in passed:
+            whole = None
+            if report is not None:
+                reports.append(report)
+            if at is state and not interval.ends_output:
+                continue
+            if report is not None:
+                whole, reports = united(reports, 0), []
+            records.append(_record(probes, system, at, control(at.t), whole))
+            times.append(at.t)
         if progress is not None:
             progress(i + 1, len(plan))
     attrs = {
         "integrator": type(integrator).__name__,
         "step_control": type(steps).__name__,
-        "step_s": steps.h,
+        "step_s": longest,
         "output_s": every,
         "linear_solver": work.linear.name,
         "run_time_s": time.perf_counter() - start,

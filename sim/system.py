@@ -111,6 +111,11 @@ class System:
         alone = (RowsApart(contact) if isinstance(t, ConstraintContact) else t for t in terms)
         return compile_scene(replace(self.scene, terms=tuple(alone)))
 
+    @property
+    def holds_at_ends(self) -> bool:
+        """Whether contact or conditions hold at the ends of steps, and nowhere between."""
+        return bool(self.stops) or self.contact is not None or self.constraints is not None
+
     def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
         """Share of the move from q0 to q1, in (0, 1], that no term stops; 1 without such terms."""
         return min((term.largest_step(q0, q1, control) for term in self.stops), default=1.0)

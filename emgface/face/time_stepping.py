@@ -39,7 +39,8 @@ class TimeStepping(Parameters):
         "Time between outputs, a whole multiple of step or a whole part of it.",
         unit="s",
         source=OWN,
-        note="within a step the motion is a cubic with the positions and velocities of its ends",
+        note="within a step the motion is a cubic with the positions and velocities of its ends; with "
+        "contact, and where that cubic would crush an element, steps end at outputs",
         gt=0,
         le=0.1,
     )

@@ -1,7 +1,7 @@
 """The minimum of a potential with contact: an augmented Lagrangian around the shared iteration."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -12,11 +12,12 @@ from sim.contact.rows import Rows
 from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
+from sim.integrators.contract import require_upright
 from sim.integrators.newton import Iteration, Point
 from sim.integrators.touching import InContact, TouchingApart, TouchingInMatrix
 from sim.integrators.workspace import Workspace, alike
 from sim.scene import Index
-from sim.state import Array
+from sim.state import Array, Evaluation
 
 SLOW, STIFFER = 0.5, 4.0
 """A gap that keeps this share after an update gets a penalty that many times as large."""
@@ -40,11 +41,13 @@ Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
 class Settled:
     """End of an iteration with contact: the point of the potential itself, positions, and memory.
 
-    Positions differ from those of the point by what had come to lie inside and was moved out.
+    Positions differ from those of the point by what had come to lie inside and was moved out; `here`
+    is the evaluation at the point with the smallest det F of the positions.
     """
 
     point: Point
     q: Array
+    here: Evaluation
     went: Iteration
     memory: Mapping[str, Array]
 
@@ -86,6 +89,8 @@ def minimise_in_contact(
 
     Raises
     ------
+    InvertedElement
+        Moving out what lies inside inverts an element.
     NotConverged
         An iteration failed, the gaps did not close, or rows that were found anew again and again still
         leave a vertex inside.
@@ -137,7 +142,8 @@ def minimise_in_contact(
             if last:
                 _require_outside(step, q, until)
             if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -DEEPEST:
-                return Settled(point, q, went, step.memory(q, near, multipliers, acting))
+                here = _moved_upright(potential, point, q, until)
+                return Settled(point, q, here, went, step.memory(q, near, multipliers, acting))
         renewals += 1
         new = near.joined(passed.without(near))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
@@ -166,6 +172,13 @@ def _require_outside(step: ContactStep, q: Array, until: float) -> None:
     deepest = float(depth.max(initial=0.0))
     if deepest > AT_ALL:
         raise NotConverged((), until, f"contact leaves a vertex {deepest:.2g} m inside")
+
+
+def _moved_upright(potential: Placed, point: Point, q: Array, until: float) -> Evaluation:
+    """Evaluation at a point with the smallest det F at positions moved from it, which is positive."""
+    least, element = potential.system.smallest_J(q)
+    require_upright(element, least, until)
+    return replace(point.here, smallest_J=least, element=element)
 
 
 def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:

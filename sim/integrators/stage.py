@@ -81,7 +81,7 @@ class Converged(Iterative):
         way = stage.s * np.sqrt((stage.v**2).sum(axis=1))
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t)
         end = found.point
-        return Solved(found.q, phi.velocities(end.d), end.here, found.went, found.memory)
+        return Solved(found.q, phi.velocities(end.d), found.here, found.went, found.memory)
 
 
 def middle_damping(system: System, state: State, control: ControlAt, h: float) -> Matrix:

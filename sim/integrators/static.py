@@ -60,6 +60,7 @@ class Static(Iterative):
         moved: Array | None = None
         if system.contact is None:
             end, went = settle(energy, start)
+            least = end.here.smallest_J
         else:
             contact = ContactStep(system.contact, state, until, equilibrium=True)
             way, key = np.zeros(len(state.q)), (Static, 0.0)
@@ -67,9 +68,10 @@ class Static(Iterative):
                 energy, start, contact, way, key, work, settle, until, grip=True
             )
             end, went, moved, memory = found.point, found.went, found.q, dict(found.memory)
+            least = found.here.smallest_J
         q1 = energy.positions(end.d) if moved is None else moved
         new = State(until, q1, np.zeros_like(q1), {**system.remember(q1), **memory})
-        return new, StepReport(h=h, smallest_J=end.here.smallest_J, **asdict(went))
+        return new, StepReport(h=h, smallest_J=least, **asdict(went))
 
 
 class _Energy(PotentialOfMoves):

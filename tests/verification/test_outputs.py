@@ -1,5 +1,7 @@
 """Outputs between the steps, and several steps to one output."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -95,3 +97,111 @@ def test_a_duration_of_half_steps_ends_with_a_shorter_one(block):
 def test_instants_that_do_not_fit_are_refused(h, every, duration):
     with pytest.raises(sim.ControlError, match="whole"):
         intervals(0.0, duration, h, every)
+
+
+# Stress [Pa] at which the cubic through upright ends inverts an element inside a step of 20 ms.
+INVERTING = {"Trapezoidal": 5e4, "Sdirk2": 3e5, "ConvergedEuler": 3e5}
+
+
+def jerked(sigma_max, integrator, steps, probes, every=0.005):
+    """A block whose muscles are fully active after 20 ms, and its motion."""
+    mesh = grid((2, 2, 2))
+    system = solid_system(
+        mesh,
+        sim.NeoHooke(2500.0),
+        muscles=crossed_muscles(mesh, sim.Constant(sigma_max)),
+        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
+    )
+    rise = sim.Activation(np.array([0.0, 0.02]), np.array([[0.0, 0.0], [1.0, 1.0]]))
+    found, _ = sim.simulate(
+        system,
+        rise,
+        duration=0.08,
+        integrator=integrator,
+        steps=steps,
+        every=every,
+        probes=(sim.Positions(), *probes),
+    )
+    return system, found, found["node_position"].transpose("time", "node", "axis").values
+
+
+@pytest.mark.parametrize("name", INVERTING)
+@pytest.mark.parametrize(
+    "control", [sim.FixedStep(0.02), sim.HalvingStep(0.02), sim.ErrorControlledStep(1.0, 0.02)]
+)
+def test_no_output_is_inverted_where_the_cubic_of_its_step_is(name, control):
+    """Both ends of a step upright, the state between them not: the step is taken to the output."""
+    integrator = getattr(sim, name)()
+    ends = []
+
+    def kept(system, state, *_):
+        ends.append(state)
+        return ()
+
+    watcher = type("Ends", (), {"variables": lambda self: (), "record": lambda self, *a: kept(*a)})
+    system, _, at_ends = jerked(INVERTING[name], integrator, control, (watcher(),), every=0.02)
+    cubic = [between(a, b, a.t + 0.005 * k) for a, b in pairwise(ends) for k in (1, 2, 3)]
+    assert min(system.smallest_J(state.q)[0] for state in cubic) < 0.0
+    assert min(system.smallest_J(q)[0] for q in at_ends) > 0.0
+
+    system, found, written = jerked(
+        INVERTING[name], integrator, control, (sim.SmallestJ(), sim.Iterations())
+    )
+    least = np.array([system.smallest_J(q)[0] for q in written])
+    assert (least > 0.0).all()
+    np.testing.assert_array_equal(found["smallest_J"], least)
+    assert found["rejected"].sum() > 0
+
+
+@pytest.mark.parametrize("kind", sim.integrators.INTEGRATORS)
+@pytest.mark.parametrize("control", [sim.FixedStep, sim.HalvingStep, sim.ErrorControlledStep])
+@pytest.mark.parametrize(("h", "every"), [(0.004, 0.001), (0.001, 0.002)])
+def test_probes_tell_the_state_that_is_written(block, kind, control, h, every):
+    """Values at outputs inside steps, and after several, are those of the positions beside them."""
+    if kind.stability == "conditional":
+        h, every = 0.01 * h, 0.01 * every
+    steps = control(h=h) if control is not sim.ErrorControlledStep else control(1.0, h)
+    t = np.array([0.0, 4.0 * max(h, every)])
+    drive = sim.Activation(t, np.array([[0.0, 0.2], [1.0, 0.6]]))
+    nodes = np.array([26, 25])
+    found, _ = sim.simulate(
+        block,
+        drive,
+        duration=t[1],
+        integrator=kind(),
+        steps=steps,
+        every=every,
+        probes=(
+            sim.Positions(),
+            sim.Markers(nodes, ("a", "b")),
+            sim.SmallestJ(),
+            sim.Energies(),
+        ),
+    )
+    written = found["node_position"].transpose("time", "node", "axis").values
+    for k, q in enumerate(written):
+        control_then = block.control(drive.at(found["time"].values[k]))
+        now = block.force(q, control_then)
+        assert found["smallest_J"].values[k] == pytest.approx(now.smallest_J, abs=1e-14)
+        assert found["potential_energy"].values[k] == pytest.approx(now.energy, rel=1e-12)
+        np.testing.assert_array_equal(found["position"].transpose("time", ...)[k], q[nodes])
+    assert np.ptp(found["smallest_J"].values) > 0.0
+
+
+def test_conditions_hold_in_every_output():
+    """Elements of a fixed volume keep it also at the outputs inside the steps asked for."""
+    mesh = grid((2, 2, 2))
+    system = solid_system(
+        mesh,
+        muscles=crossed_muscles(mesh, sim.Constant(1e4)),
+        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
+        damping=sim.RestRayleigh(19.0, 0.01),
+        constraints=(sim.HardElementVolume(),),
+    )
+    found = motion(system, sim.FixedStep(0.02), 0.005, integrator=sim.Sdirk2(tolerance=1e-9))
+    assert found.attrs["step_s"] == 0.005
+    written = found["node_position"].transpose("time", "node", "axis").values
+    volume = mesh.volumes().mean()
+    missed = [np.abs(system.constraints.evaluate(q)[0]).max() for q in written]
+    assert max(missed) < 1e-8 * volume
+    assert np.abs(written[-1] - written[0]).max() > 1e-4
