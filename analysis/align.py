@@ -11,7 +11,7 @@ A measured instant t_m falls on the simulated instant t_s through
 so a positive shift moves the measurement to later times and a scale above 1 slows it down.
 """
 
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -19,15 +19,31 @@ from scipy.interpolate import CubicSpline
 
 from analysis.components import principal_component
 from analysis.errors import AlignmentError
-from analysis.lag import LEAST_MOTION, Array, Search, within
-from analysis.trajectory import SMALLEST_MOTION, checked, motion, same_markers, without_gaps
-from analysis.typed import coordinates
-
-Scaling = Literal["length", "search", "none"]
-Sign = Literal["correlation", "direction"]
+from analysis.lag import Array, within
+from analysis.matching import (
+    CLEAR_COSINE,
+    Options,
+    Pair,
+    Scaling,
+    Sign,
+    scale_at_bound,
+    signed_match,
+)
+from analysis.noise import SMALLEST_SNR, marker_noise, sampled_share
+from analysis.trajectory import (
+    SMALLEST_MOTION,
+    checked,
+    measured_span,
+    motion,
+    same_markers,
+    without_gaps,
+)
+from analysis.typed import coordinates, selected
 
 LEAST_SAMPLES: Final = 8
 """Fewest samples of a trajectory that is aligned; a correlation over fewer says nothing."""
+WEAK_MATCH: Final = 0.7
+"""Correlation of the aligned components below which they share less than half of their variance."""
 
 
 def align(
@@ -41,10 +57,12 @@ def align(
     least_overlap: float = 0.75,
     least_gain: float = 0.2,
     cutoff: float | None = 10.0,
-    sign: Sign = "correlation",
+    sign: Sign = "direction",
+    clear_cosine: float = CLEAR_COSINE,
     centred: bool = True,
     subsample: bool = True,
     smallest_motion: float = SMALLEST_MOTION,
+    smallest_snr: float = SMALLEST_SNR,
 ) -> xr.Dataset:
     """Shift and stretch a measured trajectory in time so that it matches a simulated one.
 
@@ -58,13 +76,17 @@ def align(
     ----------
     measured, simulated : xarray.Dataset or xarray.DataArray
         Positions, dims (marker, axis, time) [m], the same markers in any order; the time dims may
-        have other names, lengths and sampling rates.
+        have other names, lengths and sampling rates. Where a marker was not seen at the beginning
+        or the end of the measured trial, all are taken from the first to the last instant at
+        which every marker was. A measured dataset may carry ``noise`` (marker) [m] of the
+        recorded frames and ``weight`` (frame, time), their shares in its samples; the noise is
+        estimated by `analysis.noise.marker_noise` otherwise.
     scaling : {"length", "search", "none"}
-        ``"length"``: the measured duration is stretched to the simulated one (durations that
-        differ by at most one sampling period count as equal). ``"search"``: besides, factors of
-        `scale_range` times that stretch are tried. ``"none"``: scale 1.
+        ``"length"``: the measured duration, unseen ends included, is stretched to the simulated
+        one (durations that differ by at most one sampling period count as equal). ``"search"``:
+        besides, factors of `scale_range` times that stretch are tried. ``"none"``: scale 1.
     scale_range : (float, float)
-        Least and greatest factor of the search [1].
+        Least and greatest factor of the search, and of a scale that is not flagged [1].
     scale_step : float
         Relative step of the factors [1]; the best one is refined between its neighbours.
     max_shift : float, optional
@@ -76,10 +98,13 @@ def align(
     cutoff : float, optional
         Low-pass [Hz, simulated time] of both coefficient vectors in the search only; at most a
         fifth of the slower sampling rate. None leaves them as they are.
-    sign : {"correlation", "direction"}
-        The sign of a principal component is arbitrary. ``"correlation"``: the larger of the two
-        correlation maxima decides. ``"direction"``: the one for which both components point the
-        same way, u_measured . u_simulated > 0.
+    sign : {"direction", "correlation"}
+        The sign of a principal component is arbitrary. ``"direction"``: both components point the
+        same way, u_measured . u_simulated > 0, where the size of that cosine reaches
+        `clear_cosine`; elsewhere, and everywhere with ``"correlation"``, the larger of the two
+        correlation maxima decides, which may match a movement with its mirror image.
+    clear_cosine : float
+        See `sign` [1].
     centred : bool
         See `principal_component`.
     subsample : bool
@@ -87,26 +112,32 @@ def align(
         of the simulated period.
     smallest_motion : float
         Root-mean-square displacement [m] below which a trajectory does not move.
+    smallest_snr : float
+        Variance of the measured motion over that of its noise below which it does not move [1].
 
     Returns
     -------
     xarray.Dataset
         ``position`` (marker, axis, time) [m], the measured positions at the simulated times, NaN
-        where nothing was measured; ``shift`` [s]; ``scale`` [1]; ``sign`` [1], applied to
-        ``b_measured``; ``b_correlation`` [1] of the aligned and low-passed vectors;
-        ``overlap`` [1], fraction of the simulated samples covered;
+        where nothing was measured; ``noise`` (marker) [m] of them; ``shift`` [s]; ``scale`` [1];
+        ``sign`` [1], applied to ``b_measured``; ``sign_by_direction``, 1 where the direction of
+        the components decided it; ``b_correlation`` [1] of the aligned and low-passed vectors;
+        ``overlap`` [1], fraction of the simulated samples covered; ``unseen_ends`` [s],
+        measured time before the first and after the last instant at which every marker was seen;
         ``explained_variance_measured`` and ``explained_variance_simulated`` [1];
-        ``direction_cosine`` [1], u_measured . u_simulated after the sign; ``shift_at_bound`` 0
-        or 1: no peak lay inside the allowed shifts; ``b_measured`` (time_measured),
-        ``b_simulated`` (time), ``b_aligned`` (time) [m].
+        ``direction_cosine`` [1], u_measured . u_simulated after the sign; ``b_measured``
+        (time_measured), ``b_simulated`` (time), ``b_aligned`` (time) [m]; and 0 or 1, in the words
+        of `analysis.flags.FLAGS`: ``sign_disagrees``, ``shift_at_bound``, ``scale_at_bound``,
+        ``little_overlap``, ``weak_match``.
 
     Raises
     ------
     TrajectoryError
-        Different markers, gaps, fewer than 8 samples, wrong dims or units.
+        Different markers, gaps between instants at which all were seen, fewer than 8 samples,
+        wrong dims or units.
     AlignmentError
-        A trajectory does not move, no shift leaves enough overlap, or an option lies outside its
-        range.
+        A trajectory does not move (the measured one: no more than its noise), no shift leaves
+        enough overlap, or an option lies outside its range.
 
     Notes
     -----
@@ -115,97 +146,112 @@ def align(
     white marker noise the search reaches the Cramer-Rao bound of shift and scale; with the
     default `least_gain` it stretches 2 to 7 % of 160-sample trials that need no stretch.
     """
-    _check_options(
-        scaling, scale_range, scale_step, max_shift, least_overlap, least_gain, cutoff, sign
-    )
+    options = Options(
+        scaling, scale_range, scale_step, max_shift, least_overlap, least_gain, cutoff, sign,
+        clear_cosine, centred, subsample,
+    )  # fmt: skip
     model = checked(simulated, "simulated")
-    given = same_markers(checked(measured, "measured"), model)
+    whole = same_markers(checked(measured, "measured"), model)
+    seen = measured_span(whole)
+    given = whole.isel(time=seen)
     for role, data in (("measured", given), ("simulated", model)):
         without_gaps(data, role, least=LEAST_SAMPLES)
-        moved = motion(data)
-        if not moved >= smallest_motion:
-            raise AlignmentError(
-                f"the {role} trajectory does not move (root-mean-square displacement "
-                f"{moved:.2g} m, expected at least {smallest_motion:.2g} m): it cannot be aligned"
-            )
+    noise, weight = _noise_of(measured, whole, seen)
+    t_whole, t_m, t_s = (data["time"].values for data in (whole, given, model))
+    _check_motion({"measured": given, "simulated": model}, smallest_motion)
     component_m = principal_component(given, centred=centred)
+    level = noise * sampled_share(weight, t_m, t_m) ** 0.5
+    _check_signal(component_m["b"].values, level, smallest_snr)
     component_s = principal_component(model, centred=centred)
-    t_m, t_s = given["time"].values, model["time"].values
     b_m, b_s = component_m["b"].values, component_s["b"].values
     cosine = float((component_m["u"] * component_s["u"]).sum())
-    fixed = None if sign == "correlation" else (1 if cosine >= 0 else -1)
+    nominal = 1.0 if scaling == "none" else _length_ratio(t_whole, t_s)
+    pair = Pair((t_m, b_m), (t_s, b_s), float(t_whole[0]), nominal)
+    chosen, best, clear, disagrees = signed_match(pair, cosine, options)
 
-    nominal = 1.0 if scaling == "none" else _length_ratio(t_m, t_s)
-    search = Search(
-        (t_m, b_m),
-        (t_s, b_s),
-        nominal=nominal,
-        sign=fixed,
-        cutoff=cutoff,
-        max_shift=max_shift,
-        least_overlap=least_overlap,
-        least_gain=least_gain,
-    )
-    best = search.at_scale(nominal, subsample=subsample)
-    if scaling == "search":
-        least, most = nominal * scale_range[0], nominal * scale_range[1]
-        top = search.over_scales(nominal, least, most, scale_step, subsample=subsample)
-        if best is None or (
-            top is not None and top.unexplained < (1.0 - least_gain) * best.unexplained
-        ):
-            best = top
-    if best is None:
-        raise AlignmentError(
-            f"no shift leaves an overlap of {least_overlap:.0%} of the time and "
-            f"{LEAST_MOTION:.0%} of the motion (measured {np.ptp(t_m):.3g} s, simulated "
-            f"{np.ptp(t_s):.3g} s): widen max_shift, lower least_overlap, or use scaling='length'"
-        )
-
-    chosen = fixed if fixed is not None else (1 if best.r >= 0 else -1)
-    source = t_m[0] + (t_s - t_s[0] - best.shift) / best.scale
+    source = t_whole[0] + (t_s - t_s[0] - best.shift) / best.scale
     inside, source = within(source, t_m)
     aligned = np.full(model.shape, np.nan)
     aligned[:, :, inside] = CubicSpline(t_m, given.values, axis=2)(source[inside])
     b_aligned = np.full(len(t_s), np.nan)
     b_aligned[inside] = chosen * CubicSpline(t_m, b_m)(source[inside])
-
-    metre, one = {"units": "m"}, {"units": "1"}
-    second = {"units": "s"}
+    overlap, matched = float(inside.mean()), chosen * best.r
+    flags = {
+        "sign_disagrees": disagrees,
+        "shift_at_bound": best.at_bound,
+        "scale_at_bound": scale_at_bound(best.scale, nominal, options),
+        "little_overlap": overlap < least_overlap * (1 - 1e-12),
+        "weak_match": matched < WEAK_MATCH,
+    }
+    metre, second, one = {"units": "m"}, {"units": "s"}, {"units": "1"}
     coords = {name: coord for name, coord in coordinates(model).items() if name in model.dims}
+    kept = noise * sampled_share(weight, t_m, source[inside]) ** 0.5
+    unseen = float(np.ptp(t_whole) - np.ptp(t_m))
     result = xr.Dataset(
         {
             "position": (("marker", "axis", "time"), aligned, metre),
+            "noise": ("marker", kept.values, metre),
             "shift": ((), best.shift, second),
             "scale": ((), best.scale, one),
             "sign": ((), chosen, one),
-            "b_correlation": ((), chosen * best.r, one),
-            "overlap": ((), float(inside.mean()), one),
+            "sign_by_direction": ((), int(clear and sign == "direction"), one),
+            "b_correlation": ((), matched, one),
+            "overlap": ((), overlap, one),
+            "unseen_ends": ((), unseen, second),
             "explained_variance_measured": component_m["explained_variance"],
             "explained_variance_simulated": component_s["explained_variance"],
             "direction_cosine": ((), chosen * cosine, one),
-            "shift_at_bound": ((), int(best.at_bound), one),
+            **{name: ((), int(raised), one) for name, raised in flags.items()},
             "b_measured": ("time_measured", chosen * b_m, metre),
             "b_simulated": ("time", b_s, metre),
             "b_aligned": ("time", b_aligned, metre),
         },
         coords={**coords, "time_measured": ("time_measured", t_m, second)},
-        attrs=_identity(measured, simulated),
+        attrs=_identity(measured, simulated) | options.recorded(),
     )
     result["time"].attrs["units"] = "s"
-    result.attrs |= {
-        "scaling": scaling,
-        "scale_range": list(scale_range),
-        "scale_step": scale_step,
-        "max_shift": "bounded by least_overlap" if max_shift is None else max_shift,
-        "least_overlap": least_overlap,
-        "least_gain": least_gain,
-        "cutoff": "none" if cutoff is None else cutoff,
-        "sign_by": sign,
-        "centred": int(centred),
-        "subsample": int(subsample),
-        "time_mapping": "t_s - t_s[0] = scale (t_m - t_m[0]) + shift",
-    }
+    result.attrs["time_mapping"] = "t_s - t_s[0] = scale (t_m - t_m[0]) + shift"
     return result
+
+
+def _noise_of(
+    measured: xr.Dataset | xr.DataArray, whole: xr.DataArray, seen: slice
+) -> tuple[xr.DataArray, Array | None]:
+    """Noise of the recorded frames, markers as in `whole`, and their shares in its samples."""
+    if not isinstance(measured, xr.Dataset) or "noise" not in measured:
+        return marker_noise(whole), None
+    noise = selected(measured["noise"], {"marker": whole["marker"].values})
+    if "weight" not in measured:
+        return noise, None
+    weight = measured["weight"]
+    return noise, weight.transpose("frame", ...).values[:, seen]
+
+
+def _check_motion(sides: dict[str, xr.DataArray], smallest: float) -> None:
+    """Raise for a trajectory that stands still."""
+    for role, data in sides.items():
+        moved = motion(data)
+        if not moved >= smallest:
+            raise AlignmentError(
+                f"the {role} trajectory does not move (root-mean-square displacement "
+                f"{moved:.2g} m, expected at least {smallest:.2g} m): it cannot be aligned"
+            )
+
+
+def _check_signal(b: Array, noise: xr.DataArray, smallest_snr: float) -> None:
+    """Raise for a measured component that is no more than noise would give.
+
+    White noise of variance s^2 in each of p coordinates and n samples has a first component of
+    variance s^2 (1 + sqrt(p / n))^2 (Marchenko and Pastur 1967).
+    """
+    per_axis = float((noise**2).mean()) / 3.0
+    chance = per_axis * (1.0 + (3 * noise.size / len(b)) ** 0.5) ** 2
+    if float(np.var(b)) < (1.0 + smallest_snr) * chance:
+        raise AlignmentError(
+            f"the measured trajectory does not move beyond its noise (first component "
+            f"{np.std(b):.2g} m, that of noise {chance**0.5:.2g} m, expected {1 + smallest_snr:g} "
+            "times its variance): it cannot be aligned"
+        )
 
 
 def _length_ratio(t_m: Array, t_s: Array) -> float:
@@ -226,32 +272,3 @@ def _identity(
     if "origin" in measured.attrs:
         kept["origin"] = measured.attrs["origin"]
     return kept
-
-
-def _check_options(
-    scaling: str,
-    scale_range: tuple[float, float],
-    scale_step: float,
-    max_shift: float | None,
-    least_overlap: float,
-    least_gain: float,
-    cutoff: float | None,
-    sign: str,
-) -> None:
-    """Raise for an option outside its range."""
-    if scaling not in ("length", "search", "none"):
-        raise AlignmentError(f"scaling is {scaling!r}, expected 'length', 'search' or 'none'")
-    if sign not in ("correlation", "direction"):
-        raise AlignmentError(f"sign is {sign!r}, expected 'correlation' or 'direction'")
-    if not 0 < scale_range[0] <= 1 <= scale_range[1]:
-        raise AlignmentError(f"scale_range is {scale_range}, expected 0 < least <= 1 <= greatest")
-    if not 0 < scale_step < 0.5:
-        raise AlignmentError(f"scale_step is {scale_step}, expected a value between 0 and 0.5")
-    if max_shift is not None and not max_shift >= 0:
-        raise AlignmentError(f"max_shift is {max_shift} s, expected 0 or more")
-    if not 0 < least_overlap <= 1:
-        raise AlignmentError(f"least_overlap is {least_overlap}, expected above 0 and at most 1")
-    if cutoff is not None and not cutoff > 0:
-        raise AlignmentError(f"cutoff is {cutoff} Hz, expected above 0 or None")
-    if not 0 <= least_gain < 1:
-        raise AlignmentError(f"least_gain is {least_gain}, expected from 0 to below 1")

@@ -12,6 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from analysis.errors import CubeError
+from analysis.flags import FLAGS
 from analysis.trajectory import names
 from analysis.trial import Origin, Trial
 
@@ -25,6 +26,11 @@ PER_MARKER: Final = {
     "amplitude_ratio": ("1", "simulated over measured size of movement"),
     "rmse": ("m", "root-mean-square distance"),
 }
+OF_NOISE: Final = {
+    "noise": ("m", "noise of the measured marker, three axes together"),
+    "attenuation": ("1", "factor by which that noise is expected to lower rho"),
+}
+"""Per marker, where the noise is known."""
 PER_TRIAL: Final = {
     "shift": ("s", "time added to the measured trajectory"),
     "scale": ("1", "stretch of the measured time"),
@@ -33,15 +39,17 @@ PER_TRIAL: Final = {
     "explained_variance_measured": ("1", "variance in the first component"),
     "explained_variance_simulated": ("1", "variance in the first component"),
     "direction_cosine": ("1", "cosine between the first components"),
-    "shift_at_bound": ("1", "1 where the shift lies at its bound"),
+    "sign_by_direction": ("1", "1 where the direction of the components gave their sign"),
+    "unseen_ends": ("s", "time at the trial's ends at which some marker was not seen"),
+    **{name: ("1", f"1 where {meaning}") for name, meaning in FLAGS.items()},
     "sigma_max": ("Pa", "maximum muscle stress that was used"),
     "steps": ("1", "time steps computed"),
     "run_time": ("s", "computing time"),
     "numerical_error": ("m", "estimated error of the time steps"),
 }
 CHOICES: Final = ("form", "reference", "smallest_motion", "scaling", "scale_range", "scale_step",
-                  "max_shift", "least_overlap", "least_gain", "cutoff", "sign_by", "centred",
-                  "subsample")  # fmt: skip
+                  "max_shift", "least_overlap", "least_gain", "cutoff", "sign_by", "clear_cosine",
+                  "centred", "subsample", "smallest_snr")  # fmt: skip
 """Attributes of scores that all trials of a cube share."""
 
 
@@ -70,10 +78,12 @@ def build_cube(
     Returns
     -------
     xarray.Dataset
-        ``rho`` [1], ``amplitude_ratio`` [1], ``rmse`` [m] and text ``marker_reason``, dims
+        ``rho`` [1], ``amplitude_ratio`` [1], ``rmse`` [m], ``noise`` [m] of the measured marker,
+        ``attenuation`` [1] of rho expected from it, and text ``marker_reason``, dims
         (volunteer, instruction, repetition, strategy, marker); per trial text ``status`` and
         ``reason``, ``shift`` [s], ``sigma_max`` [Pa], ``steps`` [1], ``run_time`` [s] and the
-        rest of the alignment. Attributes: ``origin`` and the choices common to all scores.
+        rest of the alignment with its flags (`analysis.flags.FLAGS`). Attributes: ``origin`` and
+        the choices common to all scores.
 
     Raises
     ------
@@ -102,7 +112,8 @@ def build_cube(
             raise CubeError(f"there is no {dim}: give at least one trial, or the labels expected")
     place = {dim: {label: i for i, label in enumerate(found)} for dim, found in labels.items()}
     shape = tuple(len(labels[dim]) for dim in TRIAL_DIMS)
-    per_marker = {name: np.full((*shape, len(labels["marker"])), np.nan) for name in PER_MARKER}
+    of_marker = {**PER_MARKER, **OF_NOISE}
+    per_marker = {name: np.full((*shape, len(labels["marker"])), np.nan) for name in of_marker}
     per_trial = {name: np.full(shape, np.nan) for name in PER_TRIAL}
     status = np.full(shape, "missing", dtype=object)
     reason = np.full(shape, "no result was handed in", dtype=object)
@@ -120,7 +131,8 @@ def build_cube(
             continue
         scores = _ordered(trial, labels["marker"])
         for name, values in per_marker.items():
-            values[index] = scores[name].values
+            if name in scores:
+                values[index] = scores[name].values
         if "reason" in scores:
             marker_reason[index] = scores["reason"].values
         for name, values in per_trial.items():
@@ -134,7 +146,7 @@ def build_cube(
         }
     )
     for name, values in per_marker.items():
-        units, meaning = PER_MARKER[name]
+        units, meaning = of_marker[name]
         cube[name] = (MARKER_DIMS, values, {"units": units, "long_name": meaning})
     cube["marker_reason"] = (
         MARKER_DIMS,
@@ -166,7 +178,8 @@ def trials(cube: xr.Dataset) -> pd.DataFrame:
     -------
     pandas.DataFrame
         One row per trial: the labels, ``status``, ``reason``, ``median_rho``, ``n_defined`` and
-        ``n_undefined`` markers (both 0 for a trial that is not ok), then the values per trial.
+        ``n_undefined`` markers (both 0 for a trial that is not ok), the values per trial, and the
+        names of the ``flags`` that are raised.
     """
     stacked = cube.transpose(*MARKER_DIMS)
     rho = stacked["rho"].values.reshape(-1, stacked.sizes["marker"])
@@ -187,6 +200,11 @@ def trials(cube: xr.Dataset) -> pd.DataFrame:
     for name in PER_TRIAL:
         if name in stacked:
             table[name] = stacked[name].values.ravel()
+    raised = [name for name in FLAGS if name in table]
+    table["flags"] = [
+        ", ".join(name for name in raised if row[name] == 1.0)
+        for row in table[raised].to_dict("records")
+    ]
     return table
 
 

@@ -17,6 +17,9 @@ LEAST_MOTION: Final = 0.5
 
 Without it an overlap of two nearly still stretches, matched by chance, could win.
 """
+LEAST_SEEN: Final = 0.5
+"""Least overlap, as a fraction of the shorter vector, at which a shift that is not allowed is
+looked at, to tell whether the bound hides a better one."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Match:
     `r` is the correlation over the overlap. `unexplained` is (1 - r^2) max(1, v), where v is the
     measured variance inside the overlap over that of the whole: leaving out a still stretch,
     where there is only noise, raises r without explaining anything, and v takes that gain back.
+    `at_bound`: no peak lies inside the allowed shifts, or a clearly better one outside.
     """
 
     shift: float
@@ -89,6 +93,8 @@ class Search:
 
     Both vectors are low-passed alike first. Interpolation between noisy samples averages the
     noise, so without it every fractional shift and every stretch would seem to fit better.
+
+    The measured vector may begin `offset` seconds after the instant that a shift is counted from.
     """
 
     def __init__(
@@ -102,8 +108,9 @@ class Search:
         max_shift: float | None,
         least_overlap: float,
         least_gain: float,
+        offset: float = 0.0,
     ) -> None:
-        self.sign, self.max_shift = sign, max_shift
+        self.sign, self.max_shift, self.offset = sign, max_shift, offset
         self.least_overlap, self.least_gain = least_overlap, least_gain
         # The lags need a uniform grid; a simulation with halved steps has none of its own.
         self.grid, self.x = _uniform(*simulated)
@@ -125,23 +132,28 @@ class Search:
             return None
         source = np.minimum(self.period * np.arange(count) / scale, self.t_m[-1])
         lags, r, overlap, moved, variance = overlap_correlation(self.x, self.spline(source))
-        enough = self.least_overlap * min(len(self.grid), count)
-        allowed = (overlap >= enough * (1 - 1e-12)) & (moved >= LEAST_MOTION)
+        shifts = lags * self.period - scale * self.offset
+        shorter = min(len(self.grid), count)
+        allowed = (overlap >= self.least_overlap * shorter * (1 - 1e-12)) & (moved >= LEAST_MOTION)
         if self.max_shift is not None:
-            allowed &= np.abs(lags) * self.period <= self.max_shift * (1 + 1e-12)
+            allowed &= np.abs(shifts) <= self.max_shift * (1 + 1e-12)
         if not allowed.any():
             return None
-        loss = np.where(allowed, self._unexplained(r, variance), np.inf)
+        anywhere = self._unexplained(r, variance)
+        loss = np.where(allowed, anywhere, np.inf)
         best = int(np.argmin(loss))
-        padded = np.concatenate([[np.inf], loss, [np.inf]])
         # At the edge of what is allowed a low value may be the flank of a peak outside.
-        inner = np.isfinite(padded[:-2]) & np.isfinite(padded[2:])
-        peak = allowed & inner & (loss <= padded[:-2]) & (loss <= padded[2:])
+        inner, peak = _peaks(loss)
         peak[best] = True
         peak &= loss * (1.0 - self.least_gain) <= loss[best] + 1e-12
         index = np.flatnonzero(peak)
-        chosen = int(index[np.argmin(np.abs(lags[index]))])
-        whole = self.at(float(lags[chosen]) * self.period, scale, not bool(inner[chosen]))
+        chosen = int(index[np.argmin(np.abs(shifts[index]))])
+        # A peak inside is no proof either: the bound may hide a better one.
+        seen = (overlap >= LEAST_SEEN * shorter) & (moved >= LEAST_MOTION)
+        _, hidden = _peaks(np.where(seen | allowed, anywhere, np.inf))
+        hidden &= ~allowed & (anywhere < (1.0 - self.least_gain) * loss[chosen] - 1e-12)
+        at_bound = bool(not inner[chosen] or hidden.any())
+        whole = self.at(float(shifts[chosen]), scale, at_bound)
         return self._climbed(whole, self.period) if subsample else whole
 
     def over_scales(
@@ -169,7 +181,7 @@ class Search:
 
     def at(self, shift: float, scale: float, at_bound: bool = False) -> Match:
         """Return the agreement at any shift and scale, over the covered simulated samples."""
-        inside, source = within((self.grid - shift) / scale, self.t_m)
+        inside, source = within((self.grid - shift) / scale - self.offset, self.t_m)
         if inside.sum() < 2:
             return Match(shift, scale, 0.0, 1.0, at_bound)
         x = self.x[inside] - self.x[inside].mean()
@@ -199,6 +211,13 @@ class Search:
         good = np.abs(r) if self.sign is None else self.sign * r
         growth = np.maximum(1.0, variance / self.variance)
         return (1.0 - np.clip(good, 0.0, 1.0) ** 2) * growth
+
+
+def _peaks(loss: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Samples whose neighbours are both finite, and those of them that are local minima."""
+    padded = np.concatenate([[np.inf], loss, [np.inf]])
+    inner = np.isfinite(padded[:-2]) & np.isfinite(padded[2:])
+    return inner, np.isfinite(loss) & inner & (loss <= padded[:-2]) & (loss <= padded[2:])
 
 
 def within(source: Array, t_m: Array) -> tuple[NDArray[np.bool_], Array]:

@@ -6,8 +6,10 @@ import numpy as np
 import xarray as xr
 
 from analysis.errors import TrajectoryError
+from analysis.flags import FLAGS
+from analysis.noise import SMALLEST_SNR, attenuation
 from analysis.trajectory import SMALLEST_MOTION, checked, pair, same_markers, same_time
-from analysis.typed import texts
+from analysis.typed import selected, texts
 
 Form = Literal["consistent", "as_printed"]
 Reference = Literal["mean", "first", "origin"]
@@ -15,16 +17,22 @@ Reference = Literal["mean", "first", "origin"]
 ROUNDING: Final = 64 * float(np.finfo(np.float64).eps)
 """Displacement relative to the position below which only rounding errors move."""
 
+DROWNED: Final = "measured moves no more than noise"
+"""Reason of a marker whose motion cannot be told from the noise of its camera."""
+
 CARRIED: Final = (
     "shift",
     "scale",
     "sign",
+    "sign_by_direction",
     "b_correlation",
     "overlap",
+    "unseen_ends",
     "explained_variance_measured",
     "explained_variance_simulated",
     "direction_cosine",
-    "shift_at_bound",
+    "noise",
+    *FLAGS,
 )
 """What a score keeps of the alignment."""
 
@@ -95,6 +103,8 @@ def undefined_reason(
     *,
     dim: str = "time",
     smallest_motion: float = 0.0,
+    noise: xr.DataArray | None = None,
+    smallest_snr: float = SMALLEST_SNR,
 ) -> xr.DataArray:
     """Why a correlation is undefined, as text; empty where it is defined.
 
@@ -102,11 +112,18 @@ def undefined_reason(
     ----------
     measured, simulated, dim, smallest_motion
         As in `correlation_3d`.
+    noise : xarray.DataArray, optional
+        Root mean square of the noise of the measured positions, three axes together, dims (...),
+        in their unit.
+    smallest_snr : float
+        Variance of the measured motion over that of its noise, V / N - 1, below which it does not
+        move [1].
 
     Returns
     -------
     xarray.DataArray
-        Dims (...): ``""``, or which of the two "has gaps" or "does not move".
+        Dims (...): ``""``, or which of the two "has gaps" or "does not move"; "measured moves no
+        more than noise" where V < (1 + `smallest_snr`) N.
 
     Raises
     ------
@@ -117,16 +134,21 @@ def undefined_reason(
     gaps = {role: data.isnull().any(["axis", dim]) for role, data in both.items()}
     still: dict[str, xr.DataArray] = {}
     for role, data in both.items():
-        centred = data - data.mean(dim, skipna=False)
-        moved = (_sum_of_squares(centred, dim) / data.sizes[dim]) ** 0.5
+        moved = _size(data, dim)
         rounding = ROUNDING * abs(data).max(["axis", dim])
         still[role] = ~(moved > rounding) | (moved < smallest_motion)
-    reason = xr.full_like(gaps["measured"], "", dtype="U24")
+    drowned = xr.zeros_like(still["measured"])
+    if noise is not None:
+        below = _size(both["measured"], dim) ** 2 < (1.0 + smallest_snr) * noise**2
+        drowned = below & ~still["measured"]
+        still["measured"] = still["measured"] | below
+    reason = xr.full_like(gaps["measured"], "", dtype="U36")
     for what, one_of in (("does not move", still), ("has gaps", gaps)):
         bad_both = one_of["measured"] & one_of["simulated"]
         for role, bad in one_of.items():
             reason = reason.where(~bad, f"{role} {what}")
         reason = reason.where(~bad_both, "neither moves" if one_of is still else "both have gaps")
+    reason = reason.where(~(drowned & (reason == "measured does not move")), DROWNED)
     return _named(texts(reason), "reason", {"long_name": "why rho is undefined"})
 
 
@@ -221,6 +243,7 @@ def score(
     form: Form = "consistent",
     reference: Reference = "mean",
     smallest_motion: float = SMALLEST_MOTION,
+    smallest_snr: float = SMALLEST_SNR,
 ) -> xr.Dataset:
     """Score one trial.
 
@@ -230,7 +253,8 @@ def score(
     Parameters
     ----------
     aligned : xarray.Dataset or xarray.DataArray
-        Measured positions on the simulated time base, dims (marker, axis, time) [m].
+        Measured positions on the simulated time base, dims (marker, axis, time) [m]; a dataset
+        may carry their ``noise`` (marker) [m].
     simulated : xarray.Dataset or xarray.DataArray
         Simulated positions, the same dims and markers.
     form : {"consistent", "as_printed"}
@@ -239,12 +263,17 @@ def score(
         See `rmse`.
     smallest_motion : float
         Root-mean-square displacement [m] below which a marker does not move.
+    smallest_snr : float
+        Variance of a measured marker's motion over that of its noise below which it does not
+        move [1].
 
     Returns
     -------
     xarray.Dataset
         ``rho`` (marker) [1], ``amplitude_ratio`` (marker) [1], ``rmse`` (marker) [m], ``reason``
-        (marker) why rho is undefined, ``samples`` scored [1], and what the alignment found
+        (marker) why rho is undefined, ``samples`` scored [1], ``attenuation`` (marker) [1], the
+        factor by which noise is expected to lower rho (`analysis.noise.attenuation`; rho is as
+        measured, not corrected), where the noise is known, and what the alignment found
         (``shift`` [s], ``scale`` [1], ...) where `aligned` carries it.
 
     Raises
@@ -258,21 +287,30 @@ def score(
     covered = np.flatnonzero(np.isfinite(given.values).any(axis=(0, 1)))
     span = slice(int(covered[0]), int(covered[-1]) + 1) if len(covered) else slice(0, 0)
     v, w = given.isel(time=span), model.isel(time=span)
-    rho = correlation_3d(v, w, form=form, smallest_motion=smallest_motion)
+    noise = aligned.get("noise") if isinstance(aligned, xr.Dataset) else None
+    noise = noise if noise is None else selected(noise, {"marker": model["marker"].values})
+    reason = undefined_reason(
+        v, w, smallest_motion=smallest_motion, noise=noise, smallest_snr=smallest_snr
+    )
+    ratio = amplitude_ratio(v, w, smallest_motion=smallest_motion)
     result = xr.Dataset(
         {
-            "rho": rho,
-            "amplitude_ratio": amplitude_ratio(v, w, smallest_motion=smallest_motion),
+            "rho": correlation_3d(v, w, form=form, smallest_motion=smallest_motion),
+            "amplitude_ratio": ratio.where(reason.isin(["", "simulated does not move"])),
             "rmse": rmse(v, w, reference=reference),
-            "reason": undefined_reason(v, w, smallest_motion=smallest_motion),
+            "reason": reason,
             "samples": ((), v.sizes["time"], {"units": "1"}),
         }
     )
+    result["rho"] = result["rho"].where(reason == "")
+    if noise is not None:
+        result["attenuation"] = attenuation(_size(v, "time"), noise)
     if isinstance(aligned, xr.Dataset):
         result = result.assign({name: aligned[name] for name in CARRIED if name in aligned})
     result.attrs = {name: value for name, value in aligned.attrs.items() if name != "units"}
-    result.attrs |= {"form": form, "reference": reference, "smallest_motion": smallest_motion}
-    return result
+    return result.assign_attrs(
+        form=form, reference=reference, smallest_motion=smallest_motion, smallest_snr=smallest_snr
+    )
 
 
 def _named(data: xr.DataArray, name: str, attrs: dict[str, str]) -> xr.DataArray:
@@ -280,6 +318,12 @@ def _named(data: xr.DataArray, name: str, attrs: dict[str, str]) -> xr.DataArray
     data = data.rename(name)
     data.attrs = dict(attrs)
     return data
+
+
+def _size(data: xr.DataArray, dim: str) -> xr.DataArray:
+    """Root-mean-square displacement from the mean, all axes together."""
+    centred = data - data.mean(dim, skipna=False)
+    return (_sum_of_squares(centred, dim) / data.sizes[dim]) ** 0.5
 
 
 def _sum_of_squares(data: xr.DataArray, dim: str) -> xr.DataArray:

@@ -254,11 +254,11 @@ def trial_table(cube: xr.Dataset) -> Table:
     -------
     Table
         One row per trial: labels, status, median rho over markers, markers undefined, shift,
-        scale, sigma_max, steps, run time, numerical error of the markers, reason.
+        scale, sigma_max, steps, run time, numerical error of the markers, flags, reason.
     """
     listed = trials(cube)
     names = ["status", "median_rho", "n_undefined", "shift", "scale", "sigma_max", "steps",
-             "run_time", "numerical_error", "reason"]  # fmt: skip
+             "run_time", "numerical_error", "flags", "reason"]  # fmt: skip
     columns = tuple(
         Column(name, *SHOWN.get("rho" if name == "median_rho" else name, ("", "", 1.0, 0)))
         for name in (*TRIAL_DIMS, *names)

@@ -137,9 +137,26 @@ def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:
         instants = int(bad.any(axis=(0, 1)).sum())
         raise TrajectoryError(
             f"the {role} trajectory has gaps at {instants} of {count} instants "
-            f"({names([str(marker) for marker in markers])}): interpolate short gaps first, or "
-            "leave the trial out"
+            f"({names([str(marker) for marker in markers])}) between instants at which every "
+            "marker was seen: interpolate short gaps first, or leave the trial out"
         )
+
+
+def measured_span(position: xr.DataArray) -> slice:
+    """Find the samples from the first to the last at which every marker is finite.
+
+    Parameters
+    ----------
+    position : xarray.DataArray
+        Dims (marker, axis, and one of time).
+
+    Returns
+    -------
+    slice
+        Along time; empty where no sample is whole.
+    """
+    whole = np.flatnonzero(np.isfinite(position.values).all(axis=(0, 1)))
+    return slice(int(whole[0]), int(whole[-1]) + 1) if len(whole) else slice(0, 0)
 
 
 def pair(

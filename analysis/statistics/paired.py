@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from analysis.cube import MARKER_DIMS
 from analysis.errors import StatisticsError
-from analysis.statistics.scope import told_scope, too_few_volunteers
 from analysis.tables import SHOWN
 from analysis.trajectory import names
 from analysis.typed import selected, texts
@@ -64,9 +63,7 @@ class Paired:
         return f"{value * self.factor:+z.2f}{self.unit}"
 
     def shown_interval(self, lower: float, upper: float, level: float) -> str:
-        """Write an interval with its level, or why there is none."""
-        if few := too_few_volunteers(len(self.values)):
-            return few
+        """Write an interval with its level."""
         if np.isnan(lower) or np.isnan(upper):
             return "no interval"
         if np.isinf(lower) or np.isinf(upper):
@@ -256,7 +253,6 @@ def analysed(
         "scale": "Fisher z" if used == "z" else "as it is",
         "units": str(cube[variable].attrs.get("units", "1")),
         "origin": str(cube.attrs["origin"]),
-        "scope": told_scope("these instructions", cube.sizes["instruction"]),
     }
     return data, used, attrs | ({"clipped_at": limit} if used == "z" else {})
 

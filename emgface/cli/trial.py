@@ -148,6 +148,7 @@ def score(
         measured,
         motion,
         smallest_motion=configuration.score.smallest_motion,
+        smallest_snr=configuration.score.smallest_snr,
         **configuration.alignment.arguments(),
     )
     scores = score_trial(aligned, motion, **configuration.score.model_dump())

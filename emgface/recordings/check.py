@@ -65,8 +65,9 @@ def check_recording(
     Notes
     -----
     Errors are what the study cannot use: a gap in EMG, which no filter bridges; a constant
-    channel, whose normalisation is 0/0; a marker never seen or lost for longer than `max_gap`;
-    a clock that is not uniform. Warnings are what a person should look at.
+    channel, whose normalisation is 0/0; a marker never seen, or lost for longer than `max_gap`
+    between frames that show it; a clock that is not uniform. Warnings are what a person should
+    look at.
     """
     limit = HeadFrameParameters().max_gap if max_gap is None else max_gap
     rows: list[dict[str, object]] = []
@@ -81,7 +82,7 @@ def check_recording(
         clock = _clock(position["time_marker"].values)
         for label, values in zip(position["marker"].values, position.values, strict=True):
             row = _row(str(label), "marker", "m", values, clock)
-            rows.append(_judged(row, _marker(row, clock, limit)))
+            rows.append(_judged(row, _marker(values, row, clock, limit)))
     if quality:
         rows = _with_quality(rows, recording)
     if study:
@@ -227,11 +228,15 @@ def _channel(values: np.ndarray, row: dict[str, object], clock: _Clock) -> list[
     return found
 
 
-def _marker(row: dict[str, object], clock: _Clock, limit: float) -> list[_Finding]:
+def _marker(
+    values: np.ndarray, row: dict[str, object], clock: _Clock, limit: float
+) -> list[_Finding]:
     found = _common(row, clock)
     if found:
         return found
-    gap = float(str(row["longest_gap"]))
+    seen: np.ndarray = np.all(np.isfinite(values), axis=0)
+    first, last = int(np.argmax(seen)), seen.size - int(np.argmax(seen[::-1]))
+    gap, ends = _longest_run(~seen[first:last]) / clock.rate, (first + seen.size - last)
     # Half a frame of room, so that a gap of exactly the limit is not judged by its rounding.
     if gap > limit + 0.5 / clock.rate:
         found.append(
@@ -239,6 +244,14 @@ def _marker(row: dict[str, object], clock: _Clock, limit: float) -> list[_Findin
         )
     elif gap > 0:
         found.append(_Finding("warning", f"lost for up to {gap:.4g} s, to be interpolated"))
+    if ends:
+        found.append(
+            _Finding(
+                "warning",
+                f"not seen for {ends / clock.rate:.4g} s at the ends: the trial is scored on the "
+                "rest",
+            )
+        )
     if row["constant"]:
         found.append(_Finding("error", "never moves at all: see whether it is a copied frame"))
     return found

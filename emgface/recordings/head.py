@@ -45,16 +45,18 @@ def in_head_frame(
     Returns
     -------
     DataArray, dims (marker, axis, time_marker) [m]
-        Positions in the head frame; a face marker lost for longer than `max_gap` stays NaN there.
-        Attrs ``head_reference``, ``residual_rms`` and ``residual_max`` [m] of the face markers
-        about the reference (shape differences, skin motion, noise), ``bridged`` (number of
-        bridged marker frames), ``face_markers_left_out`` (names, lost in any frame).
+        Positions in the head frame; NaN where a marker was lost at either end of the recording,
+        or a face marker for longer than `max_gap`. Attrs ``head_reference``, ``residual_rms`` and
+        ``residual_max`` [m] of the face markers about the reference (shape differences, skin
+        motion, noise), ``bridged`` (number of bridged marker frames), ``face_markers_left_out``
+        (names, lost in any frame).
 
     Raises
     ------
     MarkerError
-        If a marker is missing, a dropout of a lip marker is longer than `max_gap` or reaches the
-        end of the trial, or a frame has fewer than three face markers that are not collinear.
+        If a marker is missing, a lip marker is never seen or lost for longer than `max_gap`, no
+        frame has three face markers that are not collinear, or one between two such frames has
+        not.
     UnitsError
         If positions are not in metres.
     SignalError
@@ -74,19 +76,22 @@ def in_head_frame(
     face = np.array([names.index(name) for name in FACE_MARKERS])
     points = values[:, face]
     present = np.isfinite(points[:, :, 0])
-    _check_frames(points, present, time, rate)
+    fitted = _check_frames(points, present, time, rate)
     if reference is not None:
         target, described = _given_reference(reference), "given"
     else:
         described = f"own, {parameters.own_reference}"
         target = points[int(np.argmax(present.sum(axis=1)))]
         present = present & np.isfinite(target[:, 0])  # only what the first frame shows as well
-        _check_frames(points, present, time, rate)
+        fitted = _check_frames(points, present, time, rate)
         if parameters.own_reference == "mean":
-            target = _aligned_mean(points, present, target)
-    rotation, origin, goal = _fit(points, present, target)
-    moved = np.einsum("tij,tmj->tmi", rotation, values - origin[:, None]) + goal[:, None]
+            target = _aligned_mean(points[fitted], present[fitted], target)
+    rotation, origin, goal = _fit(points[fitted], present[fitted], target)
+    moved = np.full_like(values, np.nan)
+    moved[fitted] = np.einsum("tij,tmj->tmi", rotation, values[fitted] - origin[:, None])
+    moved[fitted] += goal[:, None]
     distance = np.linalg.norm(moved[:, face] - target, axis=2)[present]
+    distance = distance[np.isfinite(distance)]
     bridged = _bridge(moved, names, time, rate, parameters.max_gap)
     result = position.copy(data=moved.transpose(1, 2, 0))
     throughout = np.all(present, axis=0).tolist()
@@ -125,18 +130,28 @@ def _checked(position: xr.DataArray) -> xr.DataArray:
     return position.sel(axis=list(AXES)).transpose("marker", "axis", "time_marker")
 
 
-def _check_frames(points: np.ndarray, present: np.ndarray, time: np.ndarray, rate: float) -> None:
-    """Require three face markers that are not on one line in every frame."""
+def _check_frames(points: np.ndarray, present: np.ndarray, time: np.ndarray, rate: float) -> slice:
+    """Frames from the first to the last with three face markers that are not on one line.
+
+    Raises
+    ------
+    MarkerError
+        If there is none, or a frame between them has not.
+    """
     count = present.sum(axis=1)
     mean = np.where(present[:, :, None], points, 0.0).sum(axis=1) / np.maximum(count, 1)[:, None]
     centred = np.where(present[:, :, None], points - mean[:, None], 0.0)
     singular = np.linalg.svd(centred, compute_uv=False)
     # Written so that fewer than two points (all singular values zero) fail too.
     poor = (count < 3) | ~(singular[:, 1] > COLLINEAR * singular[:, 0])
+    good = np.flatnonzero(~poor)
+    span = slice(int(good[0]), int(good[-1]) + 1) if good.size else slice(0, poor.size)
+    poor = poor[span]
     if not poor.any():
-        return
-    start = int(np.argmax(poor))
-    length = int(np.argmin(poor[start:])) or poor.size - start
+        return span
+    first = int(np.argmax(poor))
+    length = int(np.argmin(poor[first:])) or poor.size - first
+    start = span.start + first
     lost = [n for n, seen in zip(FACE_MARKERS, present[start], strict=True) if not seen]
     state = (
         f"only {count[start]} face markers are present"
@@ -145,8 +160,8 @@ def _check_frames(points: np.ndarray, present: np.ndarray, time: np.ndarray, rat
     )
     raise MarkerError(
         f"{state} at t = {time[start]:.6g} s for {length / rate:.4g} s ({length} frames; lost: "
-        f"{', '.join(lost) or 'none'}), expected at least three that are not collinear: cut the "
-        "trial there or leave it out"
+        f"{', '.join(lost) or 'none'}), expected at least three that are not collinear: label the "
+        "markers there, or exclude the trial"
     )
 
 
@@ -216,20 +231,24 @@ def _bridge(
         if not lost.any():
             continue
         must = name in LIP_MARKERS
+        if must and lost.all():
+            raise MarkerError(
+                f"marker {name} is never seen, expected it in at least a part of the trial: label "
+                "it, or exclude the trial"
+            )
         edges = np.flatnonzero(np.diff(np.concatenate([[0], lost.astype(int), [0]])))
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
             length = (stop - start) / rate
             inside = start > 0 and stop < lost.size
             if inside and length <= max_gap * (1 + 1e-9):
                 continue
-            if must:
-                where = "" if inside else " at the edge of the trial, where nothing bridges it"
+            if must and inside:
                 raise MarkerError(
                     f"marker {name} is lost for {length:.4g} s ({stop - start} frames) from t = "
-                    f"{time[start]:.6g} s{where}, expected gaps of at most {max_gap:g} s: cut the "
-                    "trial there, raise max_gap or leave the trial out"
+                    f"{time[start]:.6g} s, expected gaps of at most {max_gap:g} s: raise "
+                    "head_frame.max_gap if that much may be interpolated, or exclude the trial"
                 )
-            lost[start:stop] = False  # a face marker lost for long stays lost
+            lost[start:stop] = False  # at an end nothing bridges it; a face marker stays lost
         if lost.any():
             seen = np.isfinite(moved[:, m, 0])
             curve = PchipInterpolator(time[seen], moved[seen, m], axis=0)

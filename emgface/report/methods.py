@@ -4,7 +4,6 @@ from typing import Any
 
 import xarray as xr
 
-from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
 from emgface.choices import parameter_table
 from emgface.study.configuration import StudyConfiguration
 
@@ -55,7 +54,7 @@ def methods(study: StudyConfiguration, cube: xr.Dataset) -> str:
         One paragraph in the past tense, numbers in the units of the field.
     """
     told = [*_recordings(study, cube), *_signals(study), *_mechanics(study, cube), *_scores(study)]
-    return " ".join([*told, *_comparison(cube)])
+    return " ".join(told)
 
 
 def _recordings(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
@@ -164,28 +163,24 @@ def _scores(study: StudyConfiguration) -> list[str]:
         "search": "stretched by a searched factor",
         "none": "not stretched",
     }[a.scaling]
+    sign = (
+        "The arbitrary sign of a component was set so that both pointed the same way where the "
+        f"cosine between them reached {a.clear_cosine:g}, and by the larger correlation elsewhere."
+        if a.sign == "direction"
+        else "The arbitrary sign of a component was set by the larger of the two correlations."
+    )
     form = "with equal divisors" if study.score.form == "consistent" else "as printed"
     return [
         f"Measured marker motion was {scaling} and shifted to the maximum of the cross-correlation "
         "of the first principal components of both motions "
         f"({'centred' if a.centred else 'uncentred'} singular value decomposition, Eqs 9-10).",
+        sign,
         "Each marker was scored by the 3D correlation of Pitermann and Munhall (Eqs 11-13, "
         f"{form}), beside the ratio of amplitudes and the root-mean-square distance.",
-    ]
-
-
-def _comparison(cube: xr.Dataset) -> list[str]:
-    if cube.sizes.get("strategy", 0) < 2 or cube.sizes["volunteer"] < 2:
-        return []
-    n = cube.sizes["instruction"]
-    these = f"the {n} instructions recorded" if n > 1 else "the one instruction recorded"
-    return [
-        "Strategies were compared by Fisher's z of the correlation, paired within trial and "
-        f"marker: for {these}, by sign-flip permutation of the means of the volunteers; for "
-        "instructions in general, by a linear mixed model of the differences with crossed random "
-        "slopes of volunteer and instruction (restricted maximum likelihood, degrees of freedom "
-        f"after Satterthwaite). Intervals were given from {LEAST_VOLUNTEERS} volunteers on, of "
-        f"instructions in general from {LEAST_INSTRUCTIONS} instructions on."
+        "The noise of a marker was estimated from third differences of its positions; a marker "
+        f"whose motion had less than {study.score.smallest_snr:g} times the variance of its noise "
+        "was not scored, and the attenuation by noise that is expected stands beside rho, which is "
+        "not corrected.",
     ]
 
 

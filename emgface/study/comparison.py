@@ -4,6 +4,9 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
+from analysis.matching import CLEAR_COSINE
+from analysis.noise import SMALLEST_SNR
+from analysis.trajectory import SMALLEST_MOTION
 from emgface.choices import ESKES, OWN, Parameters, choice, parameter
 
 
@@ -16,7 +19,10 @@ class AlignmentParameters(Parameters):
         source=f"{ESKES}, Synchronisation",
     )
     scale_range: tuple[float, float] = parameter(
-        (0.8, 1.25), "Least and greatest factor of the search.", unit="1", source=OWN
+        (0.8, 1.25),
+        "Least and greatest factor of the search, and of a scale that is not flagged.",
+        unit="1",
+        source=OWN,
     )
     scale_step: float = parameter(
         0.01, "Relative step of the search.", unit="1", source=OWN, gt=0, lt=0.5
@@ -53,11 +59,22 @@ class AlignmentParameters(Parameters):
         note="the positions that are scored are not filtered",
         ge=0,
     )
-    sign: Literal["correlation", "direction"] = choice(
-        "correlation",
-        "What decides the arbitrary sign of a principal component: the larger correlation "
-        "maximum, or the direction of the component.",
+    sign: Literal["direction", "correlation"] = choice(
+        "direction",
+        "What decides the arbitrary sign of a principal component: the direction of the two "
+        "components where it is clear, or the larger correlation maximum.",
         source="the paper does not say",
+        note="by correlation, left-right-left may match its mirror image",
+    )
+    clear_cosine: float = parameter(
+        CLEAR_COSINE,
+        "Cosine of the two components beyond which their direction decides their sign; the "
+        "correlation does below.",
+        unit="1",
+        source=OWN,
+        note="95 % point between random directions in six dimensions",
+        ge=0,
+        le=1,
     )
     centred: bool = choice(
         True,
@@ -98,9 +115,19 @@ class ScoreParameters(Parameters):
         "What positions are counted from in the root-mean-square error.",
     )
     smallest_motion: float = parameter(
-        1e-9,
+        SMALLEST_MOTION,
         "Root-mean-square displacement below which a marker does not move and has no rho.",
         unit="m",
         source=OWN,
+        note="for simulated markers, which have no noise; above the tolerance of the solver",
+        ge=0,
+    )
+    smallest_snr: float = parameter(
+        SMALLEST_SNR,
+        "Variance of a measured marker's motion over that of its noise below which it does not "
+        "move and has no rho.",
+        unit="1",
+        source=OWN,
+        note="at 1, noise alone lowers a correlation to 0.71 of itself",
         ge=0,
     )

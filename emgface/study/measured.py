@@ -1,7 +1,10 @@
 """Measured lip positions while a simulation lasts."""
 
+import numpy as np
 import xarray as xr
 
+from analysis.noise import marker_noise
+from analysis.trajectory import measured_span
 from emgface.errors import MarkerError
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.head import in_head_frame
@@ -29,29 +32,53 @@ def measured_during(
     Returns
     -------
     Dataset
-        ``position(marker, axis, time)`` [m], time [s] as simulated, sampled with its period.
+        ``position(marker, axis, time)`` [m] at all instants [s] of the simulation, NaN before the
+        first and after the last frame in which every lip marker was seen; ``noise(marker)`` [m]
+        of the recorded frames in the head frame; ``weight(frame, time)`` [1], the share of each
+        frame in each sample, for the noise of what is interpolated.
 
     Raises
     ------
     MarkerError, SignalError
-        If markers are missing or lost too long, or do not cover the time.
+        If markers are missing or lost too long, or were not seen during the simulated time.
     """
     head = in_head_frame(recording["position"], head_frame, face["face_marker_position"])
     lips = head.sel(marker=list(LIP_MARKERS))
-    simulated, frames = motion["time"].values, lips["time_marker"].values
+    simulated = motion["time"].values
     times = motion.attrs["recorded_start"] + motion.attrs["recorded_pace"] * simulated
+    seen = lips.isel(time_marker=measured_span(lips))
+    frames = seen["time_marker"].values
     # The activation may end between two frames: rounding must not ask for one beyond the last.
-    covered = (times >= frames[0] - 1e-9) & (times <= frames[-1] + 1e-9)
-    if not covered.any():
+    covered = np.zeros(len(times), dtype=bool)
+    if frames.size:
+        covered = (times >= frames[0] - 1e-9) & (times <= frames[-1] + 1e-9)
+    if covered.sum() < 2:
+        when = f"from {frames[0]:.4g} to {frames[-1]:.4g} s" if frames.size else "at no instant"
         raise MarkerError(
-            f"markers were recorded from {frames[0]:.4g} to {frames[-1]:.4g} s, the motion was "
-            f"simulated for {times[0]:.4g} to {times[-1]:.4g} s of the recording: expected the "
-            "recording that the activation came from"
+            f"all lip markers were seen {when}, the motion was simulated for {times[0]:.4g} to "
+            f"{times[-1]:.4g} s of the recording: expected the recording that the activation came "
+            "from, with its markers"
         )
-    sampled = resample(lips, times[covered], dim="time_marker")
-    sampled = sampled.assign_coords(time=("time", simulated[covered], {"units": "s"}))
-    sampled.attrs = {"units": "m"}
+    coords = {"time": ("time", simulated, {"units": "s"})}
+
+    def at_simulated(data: xr.DataArray) -> xr.DataArray:
+        sampled = resample(data, times[covered], dim="time_marker")
+        values = np.full((*sampled.shape[:-1], len(times)), np.nan)
+        values[..., covered] = sampled.values
+        return xr.DataArray(values, dims=sampled.dims).assign_coords(coords)
+
+    position = at_simulated(seen).assign_coords(marker=seen["marker"], axis=seen["axis"])
+    each = xr.DataArray(
+        np.eye(frames.size), dims=("frame", "time_marker"), coords={"time_marker": frames}
+    )
     keep = ("volunteer", "instruction", "repetition", "origin")
     attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
     attrs |= {k: head.attrs[k] for k in ("residual_rms", "bridged") if k in head.attrs}
-    return sampled.to_dataset(name="position").assign_attrs(attrs)
+    return xr.Dataset(
+        {
+            "position": position.assign_attrs(units="m"),
+            "noise": marker_noise(lips),
+            "weight": at_simulated(each).assign_attrs(units="1"),
+        },
+        attrs=attrs,
+    )

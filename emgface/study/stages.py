@@ -40,6 +40,8 @@ _ALIGNMENT = (
     "analysis.align",
     "analysis.components",
     "analysis.lag",
+    "analysis.matching",
+    "analysis.noise",
     "analysis.trajectory",
     "analysis.typed",
     "emgface.recordings.head",
@@ -53,7 +55,16 @@ ACTIVATION = Stage("activation", _SIGNALS)
 REST = Stage("rest", MECHANICS)
 MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))
 ALIGNED = Stage("aligned", _ALIGNMENT)
-SCORES = Stage("scores", ("analysis.scores", "analysis.trajectory", "analysis.typed"))
+SCORES = Stage(
+    "scores",
+    (
+        "analysis.flags",
+        "analysis.noise",
+        "analysis.scores",
+        "analysis.trajectory",
+        "analysis.typed",
+    ),
+)
 STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)
 
 
@@ -230,12 +241,13 @@ class Laboratory:
             {
                 "alignment": choices.model_dump(mode="json"),
                 "head_frame": head.model_dump(mode="json"),
-                "smallest_motion": self.study.score.smallest_motion,
+                **self.study.score.model_dump(include={"smallest_motion", "smallest_snr"}),
             },
             lambda: align(
                 measured_during(recording.dataset, motion.dataset, self.face, head),
                 motion.dataset,
                 smallest_motion=self.study.score.smallest_motion,
+                smallest_snr=self.study.score.smallest_snr,
                 **choices.arguments(),
             ),
             label=label,

@@ -164,12 +164,33 @@ def test_long_dropout_of_a_lip_marker_is_named():
     assert np.isfinite(in_head_frame(positions_of(moved), relaxed, reference()).values).all()
 
 
-@pytest.mark.parametrize("frames", [slice(0, 2), slice(-2, None), slice(None)])
-def test_dropout_at_the_edge_cannot_be_bridged(frames):
-    moved = head_motion(still_face_moving_lips())
+@pytest.mark.parametrize("frames", [slice(0, 2), slice(-2, None)])
+def test_dropout_at_an_end_stays_and_the_rest_is_kept(frames):
+    truth = still_face_moving_lips()
+    moved = head_motion(truth)
     moved[frames, 7] = np.nan
-    with pytest.raises(MarkerError, match="upper_lateral_left is lost .* edge of the trial"):
+    moved[30:33, 7] = np.nan  # one between frames is bridged as ever
+    result = frames_of(in_head_frame(positions_of(moved), PARAMETERS, reference()))
+    lost = np.isnan(result[:, 7, 0])
+    assert np.flatnonzero(lost).tolist() == np.arange(FRAMES)[frames].tolist()
+    kept = np.delete(np.arange(16), 7)
+    np.testing.assert_allclose(result[:, kept], truth[:, kept], atol=1e-14)
+
+
+def test_marker_that_is_never_seen():
+    moved = head_motion(still_face_moving_lips())
+    moved[:, 7] = np.nan
+    with pytest.raises(MarkerError, match="upper_lateral_left is never seen"):
         in_head_frame(positions_of(moved), PARAMETERS, reference())
+
+
+def test_head_that_cannot_be_placed_at_an_end_leaves_the_rest():
+    truth = still_face_moving_lips()
+    moved = head_motion(truth)
+    moved[:10, :4] = np.nan
+    result = frames_of(in_head_frame(positions_of(moved), PARAMETERS, reference()))
+    assert np.isnan(result[:10]).all()
+    np.testing.assert_allclose(result[10:], truth[10:], atol=1e-14)
 
 
 def test_fewer_than_three_face_markers():
@@ -187,7 +208,7 @@ def test_collinear_face_markers():
     truth = still_face_moving_lips()
     truth[:, 1] = 0.5 * (FACE[0] + FACE[4])
     moved = head_motion(truth)
-    moved[100:, [2, 3, 5]] = np.nan  # leaves three on one line
+    moved[100:110, [2, 3, 5]] = np.nan  # leaves three on one line
     with pytest.raises(MarkerError, match=r"3 face markers present lie on one line at t = 1 s"):
         in_head_frame(positions_of(moved), PARAMETERS)
     line = reference().copy(data=np.linspace([0, 0, 0], [1, 1, 1], 6))

@@ -216,6 +216,25 @@ def test_a_bad_recording_fails_alone_with_its_reason(
     )
 
 
+def test_a_marker_unseen_at_an_end_is_scored_on_the_rest(laboratory, finished, tmp_path) -> None:
+    """0.15 s at the beginning, of which the simulation uses 0.05 s, and 0.05 s at the end, unused."""
+
+    def cut(recording: xr.Dataset) -> xr.Dataset:
+        recording["position"].loc[{"marker": "corner_left"}][:, :15] = np.nan
+        recording["position"].loc[{"marker": "upper_lateral_left"}][:, -5:] = np.nan
+        return recording
+
+    study = spoiled(laboratory, tmp_path, cut)
+    shutil.copytree(laboratory / "study", tmp_path / "study")
+    cube = run_study(study, tmp_path / "study").cube.sel(instruction="B").squeeze()
+    whole = finished.cube.sel(instruction="B").squeeze()
+    assert cube["status"].item() == "ok"
+    assert float(cube["unseen_ends"]) == pytest.approx(0.05, abs=0.011)
+    assert float(cube["overlap"]) == pytest.approx(float(whole["overlap"]), abs=0.05)
+    assert float(cube["scale"]) == 1.0
+    np.testing.assert_allclose(cube["rho"], whole["rho"], atol=0.05)
+
+
 def test_a_simulation_that_fails_is_kept_with_the_last_sigma_max(
     laboratory, finished, tmp_path, monkeypatch
 ) -> None:

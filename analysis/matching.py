@@ -1,0 +1,189 @@
+"""Choices of an alignment, and the shift and scale that they lead to."""
+
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from analysis.errors import AlignmentError
+from analysis.lag import LEAST_MOTION, Array, Match, Search
+
+Scaling = Literal["length", "search", "none"]
+Sign = Literal["direction", "correlation"]
+
+CLEAR_COSINE: Final = 0.75
+"""Cosine of two components beyond which their direction gives the sign.
+
+The 95 % point of |cos| between two random directions in six dimensions, where it has the density
+(1 - c^2)^(3/2). The thirty coordinates of ten markers on one mouth are far from independent: the
+components of different instructions of simulated volunteers (D and F apart, which share a smile)
+have cosines up to 0.68 (simulated; three volunteers on the coarse face).
+"""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choices of `analysis.align.align`, which describes them.
+
+    Raises
+    ------
+    AlignmentError
+        An option lies outside its range.
+    """
+
+    scaling: Scaling
+    scale_range: tuple[float, float]
+    scale_step: float
+    max_shift: float | None
+    least_overlap: float
+    least_gain: float
+    cutoff: float | None
+    sign: Sign
+    clear_cosine: float
+    centred: bool
+    subsample: bool
+
+    def __post_init__(self) -> None:
+        """Raise for an option outside its range."""
+        if self.scaling not in ("length", "search", "none"):
+            raise AlignmentError(
+                f"scaling is {self.scaling!r}, expected 'length', 'search' or 'none'"
+            )
+        if self.sign not in ("direction", "correlation"):
+            raise AlignmentError(f"sign is {self.sign!r}, expected 'direction' or 'correlation'")
+        if not 0 < self.scale_range[0] <= 1 <= self.scale_range[1]:
+            raise AlignmentError(
+                f"scale_range is {self.scale_range}, expected 0 < least <= 1 <= greatest"
+            )
+        if not 0 < self.scale_step < 0.5:
+            raise AlignmentError(
+                f"scale_step is {self.scale_step}, expected a value between 0 and 0.5"
+            )
+        if self.max_shift is not None and not self.max_shift >= 0:
+            raise AlignmentError(f"max_shift is {self.max_shift} s, expected 0 or more")
+        if not 0 < self.least_overlap <= 1:
+            raise AlignmentError(
+                f"least_overlap is {self.least_overlap}, expected above 0 and at most 1"
+            )
+        if self.cutoff is not None and not self.cutoff > 0:
+            raise AlignmentError(f"cutoff is {self.cutoff} Hz, expected above 0 or None")
+        if not 0 <= self.least_gain < 1:
+            raise AlignmentError(f"least_gain is {self.least_gain}, expected from 0 to below 1")
+        if not 0 <= self.clear_cosine <= 1:
+            raise AlignmentError(f"clear_cosine is {self.clear_cosine}, expected from 0 to 1")
+
+    def recorded(self) -> dict[str, Any]:
+        """Return the choices as attributes of a result."""
+        values = asdict(self)
+        values["scale_range"] = list(self.scale_range)
+        values["sign_by"] = values.pop("sign")
+        values["centred"], values["subsample"] = int(self.centred), int(self.subsample)
+        if self.max_shift is None:
+            values["max_shift"] = "bounded by least_overlap"
+        if self.cutoff is None:
+            values["cutoff"] = "none"
+        return values
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The two coefficient vectors with their instants [s].
+
+    `start` is the instant of the measured trial that a shift is counted from, before the first
+    measured sample where markers were not seen at once. `nominal` is the scale that the two
+    durations give.
+    """
+
+    measured: tuple[Array, Array]
+    simulated: tuple[Array, Array]
+    start: float
+    nominal: float
+
+
+def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
+    """Find shift and scale, for one sign of the measured vector or for the better of both.
+
+    Raises
+    ------
+    AlignmentError
+        No shift leaves enough overlap.
+    """
+    t_m, t_s, nominal = pair.measured[0], pair.simulated[0], pair.nominal
+    search = Search(
+        pair.measured,
+        pair.simulated,
+        nominal=nominal,
+        sign=sign,
+        cutoff=options.cutoff,
+        max_shift=options.max_shift,
+        least_overlap=options.least_overlap,
+        least_gain=options.least_gain,
+        offset=float(t_m[0]) - pair.start,
+    )
+    best = search.at_scale(nominal, subsample=options.subsample)
+    if options.scaling == "search":
+        least, most = (nominal * factor for factor in options.scale_range)
+        top = search.over_scales(
+            nominal, least, most, options.scale_step, subsample=options.subsample
+        )
+        if best is None or (
+            top is not None and top.unexplained < (1.0 - options.least_gain) * best.unexplained
+        ):
+            best = top
+    if best is None:
+        raise AlignmentError(
+            f"no shift leaves an overlap of {options.least_overlap:.0%} of the time and "
+            f"{LEAST_MOTION:.0%} of the motion (measured {np.ptp(t_m):.3g} s, simulated "
+            f"{np.ptp(t_s):.3g} s): widen max_shift, lower least_overlap, or use scaling='length'"
+        )
+    return best
+
+
+def signed_match(pair: Pair, cosine: float, options: Options) -> tuple[int, Match, bool, bool]:
+    """Settle the sign of the measured vector, and the match under it.
+
+    Parameters
+    ----------
+    pair : Pair
+        The two vectors.
+    cosine : float
+        Between the two components, of arbitrary sign [1].
+    options : Options
+        `sign` and `clear_cosine` decide.
+
+    Returns
+    -------
+    sign : int
+        1 or -1.
+    match : Match
+        Shift and scale under it.
+    clear : bool
+        Whether the direction of the components is.
+    disagrees : bool
+        Whether direction and correlation call for different signs.
+
+    Raises
+    ------
+    AlignmentError
+        No shift leaves enough overlap.
+    """
+    best = best_match(pair, options, sign=None)
+    by_correlation = 1 if best.r >= 0 else -1
+    by_direction = 1 if cosine >= 0 else -1
+    clear = abs(cosine) >= options.clear_cosine
+    sign = by_correlation
+    if options.sign == "direction" and clear:
+        sign, best = by_direction, best_match(pair, options, sign=by_direction)
+    return sign, best, clear, by_direction != by_correlation
+
+
+def scale_at_bound(scale: float, nominal: float, options: Options) -> bool:
+    """Tell whether a scale lies outside `scale_range`, or a searched one at its end."""
+    least, most = options.scale_range
+    if not least * (1 - 1e-9) <= scale <= most * (1 + 1e-9):
+        return True
+    if options.scaling != "search":
+        return False
+    factor = scale / nominal
+    end = 0.5 * options.scale_step
+    return bool(abs(np.log(factor / least)) < end or abs(np.log(factor / most)) < end)
