@@ -1,5 +1,6 @@
 """Probes: what is recorded at every output time; a scene without a probe pays nothing for it."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -70,19 +71,38 @@ class Markers:
 
 @dataclass(frozen=True)
 class Opening:
-    """Distance between two nodes, as the lip opening in the midline [m].
+    """How far one node lies above another along a direction, as the lip opening in the midline [m].
+
+    e . (x_upper - x_lower) with the unit vector e: negative where the upper node has come below the
+    lower one. A direction fixed in space, because a distance has no sign, that of the nodes turns over
+    where one slides in front of the other, and normals turn as lips roll.
 
     Attributes
     ----------
     upper, lower : int
         Node indices.
+    direction : tuple of float
+        Points from the lower to the upper node as they are meant; of any length above zero.
     name : str
         Name of the variable.
+
+    Raises
+    ------
+    SceneError
+        The direction is no vector of a length above zero.
     """
 
     upper: int
     lower: int
+    direction: tuple[float, float, float]
     name: str = "lip_opening"
+
+    def __post_init__(self) -> None:
+        """Check the direction."""
+        if len(self.direction) != 3 or not 0.0 < math.hypot(*self.direction) < math.inf:
+            raise SceneError(
+                f"Opening: direction = {self.direction!r}, expected three numbers that are not all zero"
+            )
 
     def variables(self) -> tuple[Variable, ...]:
         """One variable."""
@@ -91,8 +111,9 @@ class Opening:
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
-        """Distance of the two nodes."""
-        return (float(np.linalg.norm(state.q[self.upper] - state.q[self.lower])),)
+        """Signed distance along the direction."""
+        apart = state.q[self.upper] - state.q[self.lower]
+        return (float(np.array(self.direction) @ apart) / math.hypot(*self.direction),)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import xarray as xr
 from PIL import Image
 
 from emgface.face.check import face_report
+from emgface.face.lip_shape import lip_opening
 from emgface.face.parts import FREE, MANDIBLE, SKULL
 from emgface.face.quality import element_quality
 from emgface.face.show import draw_face
@@ -146,9 +147,11 @@ ms each):
 def actions() -> str:
     """Every muscle pair alone."""
     table = muscle_actions(template_face(resolution="fine")).drop(columns=["name"])
-    return f"""Fine face, activation 0.5, sigma_max 100 kPa, no gravity, no contact, at 0.8 s;
-displacement
-in mm, x positive medially (left markers), y forward, z up. `agrees`: every sign of the action.
+    return f"""Fine face, activation 0.5, sigma_max 100 kPa, no gravity, lips held apart by constraints,
+at 0.8 s; displacement in mm, x positive medially (left markers), y forward, z up. `opening` (mm):
+height of the upper above the lower margin in the midline, negative where one lip has come in front of
+the other; `lips in lips` (mm): how deep they lie in each other. `agrees`: every sign of the action, and
+the lips have not passed through each other.
 
 {markdown(table)}"""
 
@@ -176,10 +179,13 @@ def gestures() -> str:
             "lower lip up": lower[2],
             "lower lip forward": lower[1],
             "mouth to the left": -u[:, 0].mean(),
+            "opening": 1e3 * lip_opening(fine, position),
         }
     table = pd.DataFrame.from_dict(moved, orient="index").rename_axis("instruction (mm)")
+    rest = 1e3 * lip_opening(fine, fine["position"].values)
     return f"""Before (rest) and after, by muscles of Table 1 of Eskes et al. 2017, simulated.
-Walls behind the lining of lips and cheeks stand for teeth and gums; lips do not meet lips.
+Walls behind the lining of lips and cheeks stand for teeth and gums; lips do not meet lips. The
+opening is {rest:.2f} mm at rest, and negative where the lips have passed through each other.
 
 ![Rest and six gestures](gestures.jpg)
 

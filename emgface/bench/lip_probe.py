@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.face.lip_shape import lip_opening
 from emgface.face.lips import lip_surface
 from emgface.face.parts import LIPS
 from emgface.face.penetration import Penetration
@@ -61,7 +62,7 @@ class LipProbe:
     def __init__(self, face: xr.Dataset, penetration: Penetration, period: float) -> None:
         self._depth, self._period = penetration, period
         self._nodes = np.unique(np.concatenate([lip_surface(face, lip) for lip in LIPS]))
-        self._top, self._bottom = (int(node) for node in face["lip_opening_node"].values)
+        self._face = face[["lip_opening_node"]]
         self.seconds = 0.0
         self.path: dict[float, Floats] = {}
 
@@ -84,7 +85,7 @@ class LipProbe:
             self._depth.lips(state.q) if due else np.nan,
             self._depth.teeth(state.q) if due else np.nan,
             float(np.fmin.reduce(np.atleast_1d(gaps))),
-            float(state.q[self._top, 2] - state.q[self._bottom, 2]),
+            lip_opening(self._face, state.q),
             float(np.linalg.norm(state.v[self._nodes], axis=1).max()),
         )
         self.seconds += time.process_time() - start

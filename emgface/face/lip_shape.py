@@ -1,6 +1,7 @@
 """Shape of the mouth opening: width, height, area, overlap, rounding and protrusion of the lips."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -86,6 +87,30 @@ def _walk(start: int, neighbours: dict[int, list[int]]) -> Integers:
         loop.append(here)
 
 
+UP: Final = (0.0, 0.0, 1.0)
+"""Direction from the lower to the upper lip: the z axis of every face model is superior."""
+
+
+def lip_opening(face: xr.Dataset, position: Floats) -> float:
+    """Height of the margin of the upper lip above that of the lower in the midline.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with `lip_opening_node`.
+    position : ndarray, shape (nodes, 3)
+        [m]
+
+    Returns
+    -------
+    float
+        Along `UP`, negative where the margins have passed each other [m]; also that of
+        ``lip_opening`` of a trajectory.
+    """
+    top, bottom = (int(node) for node in face["lip_opening_node"].values)
+    return float((position[top] - position[bottom]) @ np.array(UP))
+
+
 def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, float]:
     """Measure the mouth of a deformed face.
 
@@ -101,8 +126,8 @@ def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, floa
     Returns
     -------
     dict
-        `width` between the corners of the opening along x [m]; `height` of the opening in the midline
-        along z, negative where the lips pass through each other [m]; `area` of the opening seen from
+        `width` between the corners of the opening along x [m]; `height` of the opening in the midline,
+        as `lip_opening` [m]; `area` of the opening seen from
         the front and `overlap` of the lips likewise [m^2]; `roundness`, height over width [1];
         `protrusion`, mean forward displacement of the four paramedian markers, and
         `margin_protrusion`, of the two margins in the midline [m].
@@ -117,7 +142,7 @@ def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, floa
     node = face["marker_node"].values
     paramedian = [node[k] for k, name in enumerate(LIP_MARKERS) if "paramedian" in name]
     forward = (position - face["position"].values)[:, 1]
-    height = float(position[top, 2] - position[bottom, 2])
+    height = lip_opening(face, position)
     return {
         "width": high - low,
         "height": height,

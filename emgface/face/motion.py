@@ -9,6 +9,7 @@ import xarray as xr
 
 from emgface.errors import ActivationError
 from emgface.face.accuracy import SET_BY_ACCURACY
+from emgface.face.lip_shape import UP
 from emgface.face.numerical_error import numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
@@ -162,9 +163,10 @@ def simulate_face(
     -------
     Dataset
         ``position(marker, axis, time)`` [m] of the lip markers from time 0, with ``smallest_J``,
-        ``iterations``, ``lip_opening`` [m], energies [J], ``numerical_error`` [m] of the markers as
-        estimated by `emgface.face.numerical_error`; attrs ``solver``, ``step`` and
-        ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated", and where the motion
+        ``iterations``, ``lip_opening`` [m] (negative where the lips have passed each other), energies
+        [J], ``numerical_error`` [m] of the markers as estimated by `emgface.face.numerical_error`; attrs
+        ``solver``, ``step`` and ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin``
+        "simulated", and where the motion
         lies in the recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second).
 
     Raises
@@ -255,7 +257,7 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
     probes: list[Probe] = [Markers(nodes, names)]
     if "lip_opening_node" in face:
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
-        probes.append(Opening(upper, lower))
+        probes.append(Opening(upper, lower, UP))
     return (*probes, StepErrors(nodes, names), SmallestJ(), Energies(), Iterations())
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import FaceError
+from emgface.face.lip_shape import lip_opening
 from emgface.face.quality import element_quality
 from emgface.schema.validation import validate
 
@@ -28,7 +29,7 @@ def check_face(ds: xr.Dataset) -> xr.Dataset:
     FaceError
         An element refers to a node that does not exist or mixes node counts, or is inverted at a
         quadrature point or corner; a node belongs to no element; a muscle owns no element or one
-        twice; a marker or lip-opening node is fixed.
+        twice; a marker or lip-opening node is fixed; that of the upper lip lies below that of the lower.
     """
     _check_indices(ds)
     ds = validate(ds, "face_model")
@@ -44,7 +45,23 @@ def check_face(ds: xr.Dataset) -> xr.Dataset:
                     f"{dim} {label} sits on node {ds['node_id'].values[node]}, which is fixed: "
                     "expected a node that moves, choose another"
                 )
+    _check_lips(ds)
     return ds
+
+
+def _check_lips(ds: xr.Dataset) -> None:
+    """Refuse lips that are named upside down: their opening would have the wrong sign."""
+    if "lip_opening_node" not in ds:
+        return
+    nodes = ds["lip_opening_node"].values
+    opening = lip_opening(ds, ds["position"].values)
+    if opening < 0.0:
+        upper, lower = ds["node_id"].values[nodes]
+        raise FaceError(
+            f"lip_opening_node of the upper lip (node {upper}) lies {-1e3 * opening:.3g} mm below that "
+            f"of the lower (node {lower}) at rest, expected the upper first and +z superior: exchange "
+            "them, or turn the face"
+        )
 
 
 def _check_indices(ds: xr.Dataset) -> None:

@@ -16,7 +16,15 @@ def _cube_1_to_2(cube: xr.Dataset) -> xr.Dataset:
     return cube.assign(status=status)
 
 
-MIGRATIONS: Final[Mapping[tuple[str, int], Migration]] = {("cube", 1): _cube_1_to_2}
+def _trajectory_1_to_2(trajectory: xr.Dataset) -> xr.Dataset:
+    """Version 1 held the distance of the lips, whose sign cannot be told afterwards."""
+    return trajectory.drop_vars("lip_opening", errors="ignore")
+
+
+MIGRATIONS: Final[Mapping[tuple[str, int], Migration]] = {
+    ("cube", 1): _cube_1_to_2,
+    ("trajectory", 1): _trajectory_1_to_2,
+}
 """For a kind and a version, what makes the next version of it."""
 
 

@@ -110,7 +110,7 @@ def trajectory() -> xr.Dataset:
             "position": (("marker", "axis", "time"), np.full((10, 3, n), 0.02), M),
             "smallest_J": ("time", np.linspace(1.0, 0.8, n), ONE),
             "iterations": ("time", np.arange(n), ONE),
-            "lip_opening": ("time", np.linspace(0, 0.01, n), M),
+            "lip_opening": ("time", np.linspace(-0.005, 0.01, n), M),
             "elastic_energy": ("time", np.linspace(0, 1e-3, n), {"units": "J"}),
         },
         {

@@ -294,6 +294,15 @@ def test_versions_are_migrated_one_by_one_or_refused_by_name(valid: Make) -> Non
             migrate(old.assign_attrs(schema_version=version), "scores", 5, migrations=steps)
 
 
+def test_the_unsigned_opening_of_older_trajectories_is_dropped(
+    valid: Callable[[str], xr.Dataset],
+) -> None:
+    old = valid("trajectory").assign_attrs(schema_version=1)
+    new = migrate(old, "trajectory", declaration("trajectory").version)
+    assert "lip_opening" in old and "lip_opening" not in new
+    xr.testing.assert_equal(new["position"], old["position"])
+
+
 def test_every_version_before_the_present_one_has_its_migration() -> None:
     known = {(kind, v) for kind in kinds() for v in range(1, declaration(kind).version)}
     assert set(MIGRATIONS) == known

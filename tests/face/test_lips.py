@@ -14,6 +14,7 @@ from emgface.face.lips import exposed, lining, lip_surface
 from emgface.face.parts import LIPS, MANDIBLE, SKULL, arches_of
 from emgface.face.surface import boundary_faces, winding_number
 from emgface.face.template import template_face
+from emgface.face.validity import check_face
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
@@ -139,3 +140,15 @@ def test_damaged_surfaces_are_located(tmp_path: Path) -> None:
         read_triangles(path)
     path.write_text("[ f 1 2 3\n  f 3 2 4 ]\n")
     assert read_triangles(path).tolist() == [[1, 2, 3], [3, 2, 4]]
+
+
+def test_lips_named_upside_down_are_refused(template: xr.Dataset) -> None:
+    """Their opening would be positive where they have passed through each other."""
+    check_face(template)
+    swapped = template.assign(
+        lip_opening_node=template["lip_opening_node"].copy(
+            data=template["lip_opening_node"].values[::-1]
+        )
+    )
+    with pytest.raises(FaceError, match=r"upper lip .* lies 2.85 mm below .* exchange them"):
+        check_face(swapped)

@@ -5,11 +5,14 @@ import pytest
 import xarray as xr
 
 from emgface.errors import ActivationError
+from emgface.face.motion import simulate_face
+from emgface.face.penetration import Penetration
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.face.template.actions import ACTIONS, muscle_actions, steady_positions
 from emgface.face.template.grid import make_grid, refined_grid
 from emgface.muscles import LIP_MARKERS, MODELLED
-from sim import ConvergedEuler
+from sim import ConvergedEuler, Positions
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
@@ -35,7 +38,7 @@ def check_actions(face: xr.Dataset, muscles: tuple[str, ...] = MODELLED) -> None
         "LAO": ("corner z", 1.0),
         "BUC": ("corner y", -1.0),
         "OOP": ("corner x", 1.0),
-        "OOM": ("opening z", -1.0),
+        "OOM": ("lower_paramedian z", 1.0),
         "DLI": ("lower_paramedian z", -1.0),
         "DAO": ("corner z", -1.0),
         "MEN": ("lower_paramedian z", 1.0),
@@ -43,6 +46,41 @@ def check_actions(face: xr.Dataset, muscles: tuple[str, ...] = MODELLED) -> None
     for muscle in muscles:
         column, sign = size[muscle]
         assert sign * table.loc[muscle, column] > 1.0, (muscle, column)
+
+
+def test_lips_that_pass_through_each_other_do_not_agree(coarse: xr.Dataset) -> None:
+    """OOM closes the lips; without contact it carries them through, and no sign of a motion tells."""
+    parameters = SimulationParameters(sigma_max=100e3, gravity=False)
+    through = muscle_actions(coarse, muscles=("OOM",), parameters=parameters).loc["OOM"]
+    upper, lower = coarse["position"].values[coarse["lip_opening_node"].values]
+    assert upper[2] - lower[2] > 2e-3
+    assert through["opening"] < -1.0
+    assert through["lips in lips"] > 1.0
+    assert not through["agrees"]
+    held = muscle_actions(coarse, muscles=("OOM",)).loc["OOM"]
+    assert held["opening"] > -0.1
+    assert held["lips in lips"] < 0.01
+    assert held["agrees"]
+
+
+def test_the_opening_of_a_trajectory_is_negative_where_lips_have_passed(coarse: xr.Dataset) -> None:
+    """A strong purse without contact, against the positions of the same run."""
+    parameters = SimulationParameters(sigma_max=300e3, gravity=False, accuracy="draft")
+    muscles = [str(name) for name in coarse["muscle"].values]
+    peak = np.array([1.0 if name.startswith("OOP") else 0.0 for name in muscles])
+    activation = xr.DataArray(
+        np.stack([0.0 * peak, peak], axis=1),
+        dims=("muscle", "time"),
+        coords={"muscle": muscles, "time": [0.0, 0.08]},
+    )
+    motion = simulate_face(coarse, activation, parameters, further=(Positions(),))
+    q = 1e3 * motion["node_position"].transpose("time", "node", "axis").values
+    upper, lower = coarse["lip_opening_node"].values
+    opening = 1e3 * motion["lip_opening"].values
+    np.testing.assert_allclose(opening, q[:, upper, 2] - q[:, lower, 2], atol=1e-9)
+    assert opening[0] > 2.0 and opening[-1] < -2.0
+    assert np.abs(np.diff(opening)).max() < 3.0  # it passes zero without a jump
+    assert 1e3 * Penetration(coarse).lips(1e-3 * q[-1]) > 2.0
 
 
 def test_some_muscles_act_as_in_the_atlas(coarse: xr.Dataset) -> None:

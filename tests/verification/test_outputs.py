@@ -205,3 +205,19 @@ def test_conditions_hold_in_every_output():
     missed = [np.abs(system.constraints.evaluate(q)[0]).max() for q in written]
     assert max(missed) < 1e-8 * volume
     assert np.abs(written[-1] - written[0]).max() > 1e-4
+
+
+def test_an_opening_has_a_sign_and_goes_through_zero_without_a_jump(block):
+    """One node passes the other, beside it: the distance would never fall below what lies between."""
+    probe = sim.Opening(26, 0, (0.0, 0.0, 2.0))
+    X = block.rest_state().q
+    found = []
+    for height in (0.003, 0.001, 0.0, -0.001, -0.003):
+        q = X.copy()
+        q[26] = q[0] + [0.002, 0.001, height]
+        state = sim.State(0.0, q, np.zeros_like(q))
+        found.append(probe.record(block, state, block.control(np.zeros(2)), None)[0])
+    np.testing.assert_allclose(found, [0.003, 0.001, 0.0, -0.001, -0.003], atol=1e-17)
+    for direction in ((0.0, 0.0, 0.0), (0.0, np.nan, 1.0), (1.0, 0.0)):
+        with pytest.raises(sim.SceneError, match="three numbers that are not all zero"):
+            sim.Opening(26, 0, direction)

@@ -1,6 +1,7 @@
 """What each muscle does alone: simulated displacement of the lips against the anatomical action.
 
-Simulated with every muscle pair by itself, without gravity, from rest to a steady activation.
+Simulated with every muscle pair by itself, without gravity, with contact of the lips, from rest to a
+steady activation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,10 @@ from numpy.typing import NDArray
 
 from emgface.choices import STAVNESS
 from emgface.errors import ActivationError
+from emgface.face.contact_parameters import ContactParameters
 from emgface.face.lip_rounding import SIGMA_MAX
+from emgface.face.lip_shape import lip_opening
+from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MODELLED, MUSCLE_NAMES
@@ -51,6 +55,9 @@ class Action:
     source: str
     signs: tuple[tuple[str, str, int], ...]
 
+
+PASSED: Final = 1e-4
+"""Depth from which lips count as passed into each other, a hundred times what contact leaves [m]."""
 
 ACTIONS: Final[Mapping[str, Action]] = {
     "ZYG": Action(
@@ -195,7 +202,11 @@ def steady_positions(
 
 
 def muscle_actions(
-    face: xr.Dataset, *, activation: float = 0.5, muscles: Sequence[str] = MODELLED
+    face: xr.Dataset,
+    *,
+    activation: float = 0.5,
+    muscles: Sequence[str] = MODELLED,
+    parameters: SimulationParameters | None = None,
 ) -> pd.DataFrame:
     """Displacement of the lips by every muscle pair alone, beside its textbook action.
 
@@ -207,13 +218,18 @@ def muscle_actions(
         Of both muscles of a pair [1].
     muscles : sequence of str
         Some of `emgface.muscles.MODELLED`.
+    parameters : SimulationParameters, optional
+        Laws and loads; by default sigma_max is 100 kPa, gravity off, and the lips hold each other apart
+        by constraints.
 
     Returns
     -------
     pandas.DataFrame
         Index `muscle`; displacement [mm] of the left corner, the left upper and lower paramedian
-        marker along x (positive: medially), y (forward) and z (up), change of the lip opening
-        along z [mm], smallest det F, the action, its source and whether all signs agree.
+        marker along x (positive: medially), y (forward) and z (up); the `opening` of the lips, negative
+        where the upper margin has come below the lower one in the midline, and the depth of the lips in
+        each other [mm]; smallest det F, the action, its source, and whether it `agrees`: all its signs
+        hold, and the lips have not passed through each other by more than `PASSED`.
 
     Raises
     ------
@@ -221,24 +237,29 @@ def muscle_actions(
         As `steady_positions`.
     """
     runs = [{f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles]
-    position, smallest = steady_positions(face, runs)
+    if parameters is None:
+        apart = ContactParameters(method="constraint", between=("lips",))
+        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, contact=apart)
+    position, smallest = steady_positions(face, runs, parameters=parameters)
     moved = 1e3 * (position - face["position"].values)
     marker = {
         str(name): int(k)
         for name, k in zip(face["marker"].values, face["marker_node"].values, strict=True)
     }
-    upper, lower = (int(node) for node in face["lip_opening_node"].values)
+    penetration = Penetration(face)
     rows = {}
     for k, muscle in enumerate(muscles):
         row: dict[str, object] = {"name": MUSCLE_NAMES[muscle]}
         for name in ("corner_left", "upper_paramedian_left", "lower_paramedian_left"):
             for axis, value in zip("xyz", moved[k, marker[name]], strict=True):
                 row[f"{name.removesuffix('_left')} {axis}"] = float(value)
-        row["opening z"] = float(moved[k, upper, 2] - moved[k, lower, 2])
+        row["opening"] = 1e3 * lip_opening(face, position[k])
+        depth = penetration.lips(position[k])
+        row["lips in lips"] = 1e3 * depth
         row["smallest det F"] = float(smallest[k])
         action = ACTIONS[muscle]
         row["action"], row["source"] = action.text, action.source
-        row["agrees"] = all(
+        row["agrees"] = depth <= PASSED and all(
             sign * moved[k, marker[name], "xyz".index(axis)] > 0.0
             for name, axis, sign in action.signs
         )
