@@ -269,6 +269,5 @@ def _identity(
     kept: dict[str, object] = {
         key: data.attrs[key] for data in (simulated, measured) for key in keys if key in data.attrs
     }
-    if "origin" in measured.attrs:
-        kept["origin"] = measured.attrs["origin"]
+    kept |= {key: measured.attrs[key] for key in ("origin", "world") if key in measured.attrs}
     return kept

@@ -11,7 +11,7 @@ from analysis.errors import StatisticsError
 from analysis.statistics.finding import check_level, collected
 from analysis.statistics.paired import LIMIT, Paired, Scale, paired
 from analysis.statistics.sign_flip import flip_finding, joint_p
-from analysis.tables import SHOWN, Column, Table, recordings
+from analysis.tables import SHOWN, Column, Table, origin_of, recordings
 from analysis.trajectory import names
 from analysis.typed import selected
 
@@ -113,7 +113,7 @@ def sensitivity(
     units = str(cube[variable].attrs.get("units", "1"))
     attrs = {
         "variable": variable, "scale": "Fisher z" if scale == "z" else "as it is",
-        "units": units, "origin": str(cube.attrs["origin"]), "seed": seed,
+        "units": units, "origin": origin_of(cube), "seed": seed,
         "reference": ", ".join(f"{axis} = {_words(label)}" for axis, label in base.items()),
     }  # fmt: skip
     method = "level minus reference, sign-flip permutation over volunteers"

@@ -71,7 +71,7 @@ class Table:
     rows : tuple of tuple
         Values in SI units: text, whole numbers, or floats (NaN where undefined).
     origin : str
-        "measured" or "simulated".
+        "measured", or "simulated" with the world, as `origin_of` gives it.
     note : str
         What a reader must know to read it.
     """
@@ -179,9 +179,28 @@ SHOWN: Final = {
 """SI unit, unit shown, factor and decimals of the variables that tables list."""
 
 
+def origin_of(data: xr.Dataset | xr.DataArray) -> str:
+    """Origin for titles: "measured", or "simulated" with the world that is simulated.
+
+    Parameters
+    ----------
+    data : Dataset or DataArray
+        Attributes ``origin`` and, of simulated volunteers, ``world``.
+
+    Returns
+    -------
+    str
+        Such as "simulated, mismatched world".
+    """
+    origin = str(data.attrs.get("origin", "unlabelled"))
+    world = str(data.attrs.get("world", ""))
+    return f"{origin}, {world}" if world else origin
+
+
 def recordings(origin: str) -> str:
-    """Say in words of which recordings a table or figure is."""
-    return f"{origin} recordings"
+    """Say in words of which recordings a table or figure is, from what `origin_of` gives."""
+    kind, separator, world = origin.partition(", ")
+    return f"{kind} recordings{separator}{world}"
 
 
 def descriptive_table(
@@ -238,7 +257,7 @@ def descriptive_table(
     )
     if "marker" not in cube[variable].dims:
         note = "All counts are of trials."
-    origin = str(cube.attrs["origin"])
+    origin = origin_of(cube)
     return Table(f"{what}, {recordings(origin)}", columns, tuple(rows), origin, note)
 
 
@@ -266,7 +285,7 @@ def trial_table(cube: xr.Dataset) -> Table:
     )
     records: list[dict[Any, Any]] = listed.to_dict("records")
     rows = tuple(tuple(record[column.name] for column in columns) for record in records)
-    origin = str(cube.attrs["origin"])
+    origin = origin_of(cube)
     return Table(f"all {len(rows)} trials, {recordings(origin)}", columns, rows, origin)
 
 

@@ -20,6 +20,7 @@ from analysis.figures.style import (
     styled,
     ticks,
 )
+from analysis.tables import origin_of
 from analysis.trajectory import names
 
 if TYPE_CHECKING:
@@ -174,4 +175,4 @@ def _which(data: xr.Dataset) -> str:
 
 
 def _origin(data: xr.Dataset) -> str:
-    return str(data.attrs.get("origin", "unlabelled"))
+    return origin_of(data)

@@ -8,6 +8,7 @@ import xarray as xr
 from analysis.cube import TRIAL_DIMS
 from analysis.errors import CubeError
 from analysis.figures.style import FIRST, SECOND, blank, heading, legend, styled
+from analysis.tables import origin_of
 from analysis.trajectory import checked, names, same_markers, same_time
 from analysis.typed import selected
 
@@ -135,4 +136,4 @@ def _which(data: xr.Dataset) -> str:
 
 
 def _origin(data: xr.Dataset) -> str:
-    return str(data.attrs.get("origin", "unlabelled"))
+    return origin_of(data)

@@ -10,7 +10,7 @@ from analysis.cube import MARKER_DIMS
 from analysis.descriptives import descriptives
 from analysis.errors import CubeError
 from analysis.figures.style import COLOURS, HATCHES, blank, box, heading, legend, styled, ticks
-from analysis.tables import SHOWN
+from analysis.tables import SHOWN, origin_of
 from analysis.trajectory import names
 from analysis.typed import selected
 
@@ -96,7 +96,7 @@ def box_plots(
         colour, hatch = COLOURS[i % 7], HATCHES[i % 7]
         handles.append(Patch(facecolor=colour, hatch=hatch, edgecolor="black", label=label))
     legend(figure, handles)
-    heading(figure, TITLES[variable][0], str(cube.attrs["origin"]))
+    heading(figure, TITLES[variable][0], origin_of(cube))
     return figure
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from analysis.errors import FigureError
 from analysis.figures.style import COLOURS, blank, grid, heading, legend, styled
+from analysis.tables import origin_of
 from analysis.trajectory import names
 
 if TYPE_CHECKING:
@@ -107,9 +108,7 @@ def rendered_faces(faces: xr.Dataset) -> "Figure":
 
         handles = [Line2D([], [], label=f"{name} markers", **_MARKS[name]) for name in shown]
         legend(figure, handles)
-    heading(
-        figure, "faces farthest from rest, simulated", str(faces.attrs.get("origin", "unlabelled"))
-    )
+    heading(figure, "faces farthest from rest, simulated", origin_of(faces))
     return figure
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from analysis.cube import MARKER_DIMS
 from analysis.errors import StatisticsError
-from analysis.tables import SHOWN
+from analysis.tables import SHOWN, origin_of
 from analysis.trajectory import names
 from analysis.typed import selected, texts
 
@@ -252,7 +252,7 @@ def analysed(
         "variable": variable,
         "scale": "Fisher z" if used == "z" else "as it is",
         "units": str(cube[variable].attrs.get("units", "1")),
-        "origin": str(cube.attrs["origin"]),
+        "origin": origin_of(cube),
     }
     return data, used, attrs | ({"clipped_at": limit} if used == "z" else {})
 

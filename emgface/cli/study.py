@@ -128,7 +128,7 @@ def demo(
     """Simulate two volunteers on the generated template face and run a study of them."""
     use_one_thread()  # the face is coarse: threads would only wait for each other
     from emgface.face.file import save_face
-    from emgface.study.demo import demo_study
+    from emgface.study.demo import demo_study, demo_volunteers
     from emgface.study.faces import study_face
     from emgface.study.store import write_text
     from emgface.study.template import study_template
@@ -139,14 +139,19 @@ def demo(
     face = study_face(plan.face)
     save_face(face, out_path / "face.nc")
     announce_compilation()
+    settings = demo_volunteers()
+    say(
+        f"The volunteers are of the {settings.world.label}: they differ from what the study assumes."
+    )
     with progress("simulated volunteers") as bar:
         make_volunteers(
-            face,
+            None,
             out_path / "volunteers",
             n=2,
             instructions=plan.recordings.instructions,
             seed=plan.seed,
             parameters=plan.simulation,
+            settings=settings,
             workers=workers,
             observer=ProgressObserver(bar),
         )

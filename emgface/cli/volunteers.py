@@ -34,6 +34,13 @@ def volunteers(
         Path | None,
         typer.Option(help="Face model, scaled for each volunteer; drawn for each when absent."),
     ] = None,
+    world: Annotated[
+        str,
+        typer.Option(
+            help="How the volunteers differ from what a study assumes: mismatched, matched, or some of "
+            "mesh, laws, courses, strengths, delay, recruitment, pick-up, noise, joined by '+'."
+        ),
+    ] = "mismatched",
     resolution: Annotated[
         str,
         typer.Option(help="Elements of the faces drawn: coarse, medium, fine or about how many."),
@@ -52,7 +59,11 @@ def volunteers(
         ),
     ] = None,
     cross_talk: Annotated[
-        float | None, typer.Option(help="Share of a neighbour's amplitude; drawn when absent.")
+        float | None,
+        typer.Option(
+            help="Share of a neighbour's amplitude, in a world without mismatched pick-up; drawn when "
+            "absent."
+        ),
     ] = None,
     electrode_failure: Annotated[
         float, typer.Option(help="Probability that an electrode fails in a session.")
@@ -68,20 +79,23 @@ def volunteers(
         Path | None, typer.Option("--study", help="Study file whose simulation table applies.")
     ] = None,
 ) -> None:
-    """Simulate volunteers: known activations, sEMG and lip markers, labelled simulated."""
+    """Simulate volunteers: known activations, sEMG and lip markers, labelled simulated and by world."""
     from emgface.choices import configure
     from emgface.face.file import load_face
     from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.recordings.dataset import read_recording
     from emgface.study.configuration import StudyConfiguration
     from emgface.study.faces import study_face
     from emgface.study.file import load_study
     from emgface.volunteers.settings import VolunteerParameters
     from emgface.volunteers.simulate import make_volunteers
+    from emgface.volunteers.world import world_of
     from emgface.volunteers.write import write_set_as_bids
 
     settings = configure(
         VolunteerParameters,
         {
+            "world": world_of(world),
             "emg": emg.value,
             "resolution": int(resolution) if resolution.isdigit() else resolution,
             "cross_talk": cross_talk,
@@ -122,4 +136,7 @@ def volunteers(
             path.unlink()
         paths[0].parent.rmdir()
         return
-    say(f"Wrote {len(paths)} simulated recordings to {out_path / 'recordings'}.")
+    say(
+        f"Wrote {len(paths)} simulated recordings to {out_path / 'recordings'}, "
+        f"{read_recording(paths[0]).attrs['world']}."
+    )

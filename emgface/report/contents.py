@@ -13,7 +13,7 @@ from analysis.cube import TRIAL_DIMS, counts, trials
 from analysis.errors import AnalysisError
 from analysis.sensitivity import sensitivity
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
-from analysis.tables import Column, Table, recordings
+from analysis.tables import Column, Table, origin_of, recordings
 from emgface import __version__
 from emgface.report.results import Results
 from emgface.study.digest import file_digest
@@ -183,7 +183,7 @@ def exclusions(results: Results) -> Table:
     if results.intake is not None:
         for path, error in results.intake.unreadable.items():
             rows.append(("file left out", 0, path.name, str(error)))
-    origin = str(cube.attrs["origin"])
+    origin = origin_of(cube)
     columns = (Column("status"), Column("trials"), Column("which"), Column("reason"))
     return Table(f"what is not in the scores, {recordings(origin)}", columns, tuple(rows), origin)
 
@@ -247,7 +247,7 @@ def cost(results: Results) -> Table | None:
         Column("smallest sigma_max", "Pa", "kPa", 1e-3, 0), Column("lowered"),
         Column("largest numerical error [mm]"),
     )  # fmt: skip
-    origin = str(cube.attrs["origin"])
+    origin = origin_of(cube)
     note = (
         "Run time of the simulations alone; strategies that activate the same muscles share one. "
         "lowered: trials in which sigma_max had to be lowered."
@@ -272,7 +272,7 @@ def provenance(results: Results) -> list[tuple[str, str]]:
     cube = results.cube
     told = [
         ("study", str(cube.attrs.get("name", "unnamed"))),
-        ("recordings", str(cube.attrs["origin"])),
+        ("recordings", origin_of(cube)),
         ("cube, SHA-256", file_digest(results.folder / "cube.nc")),
         ("face", str(cube.attrs.get("face", "unnamed"))),
         ("origin of the face", str(cube.attrs.get("face_origin", "not recorded"))),

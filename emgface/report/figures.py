@@ -24,6 +24,7 @@ from analysis.figures import (
     synchronisation,
 )
 from analysis.figures.style import WRITTEN, settings
+from analysis.tables import origin_of
 from emgface.errors import FeatureWarning
 from emgface.report.results import FAILURES, Results, Trial, representative
 from emgface.signals.features import feature_of
@@ -201,7 +202,7 @@ def _emg(results: Results, trial: Trial) -> Figure:
         filtered,
         feature,
         channels=[name for name in CHANNELS_SHOWN if name in known],
-        origin=str(recording.attrs["origin"]),
+        origin=origin_of(recording),
         label=" ".join(map(str, trial.place)),
     )
 

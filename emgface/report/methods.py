@@ -63,7 +63,8 @@ def _recordings(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     text = ", ".join(f"{n} {dim}{'s' if n != 1 else ''}" for dim, n in count.items())
     told = [f"The {origin} recordings comprise {text}."]
     if origin == "simulated":
-        told.append("No person was recorded: sEMG and marker motion were simulated.")
+        world = f", in the {cube.attrs['world']}" if cube.attrs.get("world") else ""
+        told.append(f"No person was recorded: sEMG and marker motion were simulated{world}.")
     head = study.signals.head_frame
     told.append(
         "The rigid motion of the head was removed by a least-squares fit of the six face markers; "

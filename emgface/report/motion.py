@@ -105,7 +105,11 @@ def _farthest(
             **{name: ((*dims, "marker", "axis"), each, metres) for name, each in marks.items()},
         },
         coords={"instruction": instructions, "strategy": strategies, "axis": ["x", "y", "z"]},
-        attrs={"origin": str(shown[0][0].recording.dataset.attrs["origin"])},
+        attrs={
+            key: str(value)
+            for key, value in shown[0][0].recording.dataset.attrs.items()
+            if key in ("origin", "world")
+        },
     )
 
 

@@ -20,6 +20,7 @@ from emgface.report import contents, figures
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
 from emgface.report.results import Results, open_results
+from emgface.report.simulated import simulated_limits
 from emgface.study.store import write_text
 
 THREE = "three/three.module.min.js"
@@ -106,6 +107,8 @@ def render(
     values = {
         "title": str(cube.attrs.get("name", "study")),
         "origin": str(cube.attrs["origin"]),
+        "world": str(cube.attrs.get("world", "")),
+        "limits": simulated_limits(cube),
         "verdict": contents.verdict(cube),
         "sizes": {dim: cube.sizes[dim] for dim in contents.TRIAL_DIMS},
         "headline": _headline(cube) if scored else [],

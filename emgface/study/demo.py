@@ -5,6 +5,14 @@ from pathlib import Path
 from emgface.choices import configure
 from emgface.muscles import INSTRUCTIONS
 from emgface.study.configuration import StudyConfiguration
+from emgface.volunteers.settings import VolunteerParameters
+
+RESOLUTION = "coarse"
+
+
+def demo_volunteers() -> VolunteerParameters:
+    """Volunteers of the demonstration: faces of their own, in the mismatched world."""
+    return VolunteerParameters(resolution=RESOLUTION)
 
 
 def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
@@ -34,7 +42,7 @@ def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
                 "folder": (out / "volunteers" / "recordings").resolve(),
                 "instructions": ["B", "E"] if quick else list(INSTRUCTIONS),
             },
-            "face": {"template": {"resolution": "coarse"}},
+            "face": {"template": {"resolution": RESOLUTION}},
             "signals": {"normalisation": {"silent": "zero"}},
             "simulation": {"sigma_max": 100e3},
         },

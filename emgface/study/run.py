@@ -218,6 +218,8 @@ def _cube(
         markers=list(LIP_MARKERS),
         origin=_origin(intake),
     )
+    if intake.world:
+        cube.attrs["world"] = intake.world
     return cube.assign_attrs(
         name=laboratory.study.name,
         face=str(laboratory.face.attrs["name"]),

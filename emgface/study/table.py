@@ -83,6 +83,11 @@ class Intake:
         """Whether persons or a computer moved; the same for all."""
         return str(self.recordings[0].dataset.attrs["origin"])
 
+    @property
+    def world(self) -> str:
+        """Name of the world that simulated volunteers are of; empty for persons."""
+        return str(self.recordings[0].dataset.attrs.get("world", ""))
+
     def of(self, volunteer: str) -> tuple[Recording, ...]:
         """Return the usable recordings of one volunteer."""
         usable = (r for r in self.recordings if r.error is None and not r.excluded)
@@ -152,6 +157,13 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
     if len(origins) > 1:
         raise DataError(
             f"{configuration.folder} holds measured and simulated recordings, which cannot share "
+            "a cube: make a study of each"
+        )
+    worlds = {str(r.dataset.attrs.get("world", "")) for r in found.values()}
+    if len(worlds) > 1:
+        raise DataError(
+            f"{configuration.folder} holds volunteers of several worlds "
+            f"({', '.join(sorted(world or 'without a name' for world in worlds))}), which cannot share "
             "a cube: make a study of each"
         )
     order = list(INSTRUCTIONS)

@@ -4,7 +4,8 @@ Each channel is ``gain * source(t)``: either the action potentials of motor unit
 (`emgface.volunteers.motor_units`), or, faster, ``drive(t) * noise(t)`` with stationary Gaussian
 noise of the power spectrum of surface EMG, its amplitude proportional to what the muscles under the
 electrode do; then cross-talk between neighbouring channels, baseline noise of the amplifier and a
-little mains hum.
+little mains hum. Where a `emgface.volunteers.conduction.Conduction` is given, every muscle is one source
+that all electrodes hear, filtered by the tissue between.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,8 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import SignalError
-from emgface.muscles import ACROSS, CHANNELS, MUSCLES, NEIGHBOURS
+from emgface.muscles import ACROSS, CHANNELS, MUSCLES, NEIGHBOURS, SIDES
+from emgface.volunteers.conduction import ELECTRODES, Conduction
 from emgface.volunteers.motor_units import Pools, draw_pool, pool_signal
 
 BAND: Final = (15.0, 500.0)
@@ -142,24 +144,26 @@ def synthesise_emg(
     *,
     gain: Sequence[float] | np.ndarray,
     cross_talk: float,
-    baseline_noise: float,
+    baseline_noise: float | np.ndarray,
     mains_hum: float,
     rng: np.random.Generator,
     sampling_rate: float = 2048.0,
     mains_frequency: float = 50.0,
     pools: Pools | None = None,
+    conduction: Conduction | None = None,
 ) -> xr.DataArray:
     """Bipolar sEMG of the fourteen channels during one trial.
 
     Parameters
     ----------
     activation : DataArray
-        ``(muscle, time_true)`` [1].
+        ``(muscle, time_true)`` [1], what the nerves tell the muscles.
     gain : array, shape (14,)
-        Root-mean-square amplitude of each channel at full activation [V].
+        Root-mean-square amplitude of each channel at full activation [V]; with `conduction`, at full
+        activation of the muscle that the electrodes lie over.
     cross_talk : float
-        Share of a neighbour's amplitude, see `cross_talk_matrix`.
-    baseline_noise : float
+        Share of a neighbour's amplitude, see `cross_talk_matrix`; of no effect with `conduction`.
+    baseline_noise : float or array, shape (14,)
         Root-mean-square white noise of the amplifier [V].
     mains_hum : float
         Amplitude of the sinusoidal hum [V].
@@ -169,6 +173,8 @@ def synthesise_emg(
         Hertz.
     pools : mapping, optional
         Motor units of `draw_pools`, at the sampling rate; noise in place of them when absent.
+    conduction : Conduction, optional
+        Ways of all muscles to all electrodes, in place of `PICKUP` and `cross_talk`.
 
     Returns
     -------
@@ -184,15 +190,20 @@ def synthesise_emg(
     duration = float(true_time[-1] - true_time[0])
     time = np.arange(round(duration * sampling_rate) + 1) / sampling_rate
     active = activation.sel(muscle=list(MUSCLES)).values
-    if pools is None:
+    if conduction is not None:
+        mixed = _conducted(conduction, active, time, true_time - true_time[0], pools, rng)
+        emg = np.asarray(gain)[:, None] * mixed
+    elif pools is None:
         drive = pickup_matrix() @ active
         envelope = np.stack([np.interp(time, true_time - true_time[0], row) for row in drive])
         source = envelope * band_limited_noise(len(CHANNELS), time.size, sampling_rate, rng)
+        emg = cross_talk_matrix(cross_talk) @ (np.asarray(gain)[:, None] * source)
     else:
         envelope = np.stack([np.interp(time, true_time - true_time[0], row) for row in active])
         source = _unit_sources(pools, envelope, rng)
-    emg = cross_talk_matrix(cross_talk) @ (np.asarray(gain)[:, None] * source)
-    emg += baseline_noise * rng.standard_normal(emg.shape)
+        emg = cross_talk_matrix(cross_talk) @ (np.asarray(gain)[:, None] * source)
+    noise = np.broadcast_to(np.asarray(baseline_noise), (len(CHANNELS),))
+    emg += noise[:, None] * rng.standard_normal(emg.shape)
     phase = rng.uniform(0.0, 2.0 * np.pi, size=(len(CHANNELS), 1))
     emg += mains_hum * np.sin(2.0 * np.pi * mains_frequency * time + phase)
     return xr.DataArray(
@@ -210,7 +221,8 @@ def draw_pools(rng: np.random.Generator, sampling_rate: float = 2048.0) -> Pools
     """Draw the motor units that the fourteen electrode pairs of a person see.
 
     Each muscle under a pair, see `PICKUP`, has a pool of its own there: upper and lower lip are
-    driven by different units of the orbicularis oris.
+    driven by different units of the orbicularis oris. The buccinator, which lies under no pair and is
+    heard through the tissue alone, has one as well.
 
     Parameters
     ----------
@@ -222,13 +234,16 @@ def draw_pools(rng: np.random.Generator, sampling_rate: float = 2048.0) -> Pools
     Returns
     -------
     mapping of (channel, muscle) to MotorUnitPool
-        22 pools.
+        24 pools.
     """
-    return {
+    pools = {
         (channel, f"{muscle}_{channel[-1]}"): draw_pool(rng, sampling_rate)
         for channel in CHANNELS
         for muscle in PICKUP[channel[:-2]]
     }
+    for side in SIDES:
+        pools[f"RIS_{side}", f"BUC_{side}"] = draw_pool(rng, sampling_rate)
+    return pools
 
 
 def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -236,7 +251,58 @@ def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator
     weight = pickup_matrix()
     source = np.zeros((len(CHANNELS), activation.shape[1]))
     for (channel, muscle), pool in pools.items():
+        if muscle[:-2] not in PICKUP[channel[:-2]]:
+            continue
         row, column = CHANNELS.index(channel), MUSCLES.index(muscle)
         # At full activation all muscles under a pair give the gain together, as for noise.
         source[row] += weight[row, column] * pool_signal(pool, activation[column], rng)
     return source
+
+
+_ROOM = 0.1
+"""Seconds of silence that are added before filtering, so that nothing comes round."""
+
+
+def _conducted(
+    conduction: Conduction,
+    active: np.ndarray,
+    time: np.ndarray,
+    true_time: np.ndarray,
+    pools: Pools | None,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Filtered mixture of all sources, shape (14, samples).
+
+    The own muscle of a channel has a root mean square of 1 at full activation.
+    """
+    rate = (time.size - 1) / float(time[-1] - time[0])
+    envelope = np.stack([np.interp(time, true_time, row) for row in active])
+    rows = [MUSCLES.index(source.muscle) for source in conduction.sources]
+    if pools is None:
+        signal = envelope[rows] * band_limited_noise(len(rows), time.size, rate, rng)
+    else:
+        signal = np.stack(
+            [
+                pool_signal(pools[source.home, source.muscle], envelope[row], rng)
+                for source, row in zip(conduction.sources, rows, strict=True)
+            ]
+        )
+    length = time.size + round(_ROOM * rate)
+    frequency = np.fft.rfftfreq(length, 1.0 / rate)
+    transfer = conduction.transfer(frequency) / _own_amplitude(conduction)[:, None, None]
+    spectrum = np.fft.rfft(signal, length, axis=1)
+    mixed = np.einsum("csf,sf->cf", transfer, spectrum)
+    return np.fft.irfft(mixed, length, axis=1)[:, : time.size]
+
+
+def _own_amplitude(conduction: Conduction) -> np.ndarray:
+    """Root mean square of each channel when the muscle under it alone is fully active, shape (14,)."""
+    frequency = np.arange(BAND[0], BAND[1])
+    density = power_spectrum(frequency)
+    passed = np.square(np.abs(conduction.transfer(frequency))) @ density / density.sum()
+    homes = [(source.muscle, source.home) for source in conduction.sources]
+    own = [
+        homes.index((f"{ELECTRODES[channel[:-2]][0]}{channel[-2:]}", channel))
+        for channel in CHANNELS
+    ]
+    return np.sqrt(passed[np.arange(len(CHANNELS)), own])

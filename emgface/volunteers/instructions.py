@@ -13,6 +13,7 @@ import xarray as xr
 
 from emgface.errors import ConfigurationError
 from emgface.muscles import INSTRUCTIONS, MUSCLES
+from emgface.volunteers.recruitment import Recruitment
 
 TRIAL_DURATION: Final = 1.8
 """Seconds of one trial: 160 steps of 10 ms and half a 200 ms window at either end."""
@@ -105,6 +106,15 @@ class Timing:
     effort: float = 1.0
 
 
+def strongest_muscle(instruction: str) -> str:
+    """Muscle of the highest level of an instruction, the first of equals."""
+    highest: dict[str, float] = {}
+    for phase in PHASES[instruction]:
+        for muscle, level in phase.levels.items():
+            highest[muscle] = max(level, highest.get(muscle, 0.0))
+    return max(highest, key=lambda muscle: highest[muscle])
+
+
 def draw_timing(
     rng: np.random.Generator, *, speed: float = 1.0, variability: float = 1.0
 ) -> Timing:
@@ -165,6 +175,7 @@ def true_activation(
     timing: Timing | None = None,
     levels: Mapping[str, float] | None = None,
     co_contraction: float = 0.03,
+    recruitment: Recruitment | None = None,
     duration: float = TRIAL_DURATION,
     tail: float = 0.0,
     sampling_rate: float = 1000.0,
@@ -181,6 +192,8 @@ def true_activation(
         Factor of each muscle with side, e.g. ``{"ZYG_L": 1.1}``; 1 when absent.
     co_contraction : float
         Peak activation of the muscles that are not of the instruction.
+    recruitment : Recruitment, optional
+        How the person's muscles differ from those of the table; as the table when absent.
     duration : float
         Length of the trial in seconds.
     tail : float
@@ -210,11 +223,17 @@ def true_activation(
             duration * (0.5 + timing.pace * (fraction - 0.5)) + timing.shift
             for fraction in (phase.start, phase.end)
         )
-        shape = timing.effort * burst(time, start, end)
+        together = burst(time, start, end)
         for index, muscle in enumerate(MUSCLES):
             name, side = muscle.split("_")
-            level = phase.levels.get(name, co_contraction)
-            values[index] += level * phase.sides[side] * levels.get(muscle, 1.0) * shape
+            level, shape = phase.levels.get(name, co_contraction), together
+            if recruitment is not None:
+                level = level * recruitment.factor.get(name, 1.0)
+                level = max(level, recruitment.joining.get(name, 0.0))
+                late = recruitment.shift[name]
+                shape = burst(time, start + late, end + late)
+            own = level * phase.sides[side] * levels.get(muscle, 1.0)
+            values[index] += own * (timing.effort * shape)
     return xr.DataArray(
         np.clip(values, 0.0, 1.0),
         coords={

@@ -8,13 +8,15 @@ import numpy as np
 import scipy.stats
 import xarray as xr
 
-from emgface.errors import SignalError
+from emgface.errors import ConfigurationError, SignalError
+from emgface.face.template import volunteer_face
 from emgface.muscles import CHANNELS, INSTRUCTIONS, MODELLED, MUSCLES
 from emgface.signals.activation import activation_of, feature_range
 from emgface.signals.parameters import SignalChain
+from emgface.volunteers.conduction import Conduction, face_conduction
 from emgface.volunteers.emg import Pools, draw_pools, synthesise_emg
 from emgface.volunteers.person import SimulatedVolunteer, draw_volunteer
-from emgface.volunteers.session import trial_activation
+from emgface.volunteers.session import trial_activation, trial_excitation
 from emgface.volunteers.settings import VolunteerParameters
 
 LEAST_PEAK: Final = 0.06
@@ -30,12 +32,12 @@ class Condition:
     ----------
     snr : float [dB]
         Root mean square of a channel at full activation over that of its baseline noise.
-    cross_talk : float [1]
-        Share of a neighbour's amplitude.
+    cross_talk : float or None [1]
+        Share of a neighbour's amplitude; None where the world picks up through the tissue.
     """
 
     snr: float
-    cross_talk: float
+    cross_talk: float | None = None
 
 
 def recover(
@@ -63,7 +65,7 @@ def recover(
     instructions : sequence of str
         Some of A to F; one repetition each.
     settings : VolunteerParameters, optional
-        Source of the EMG and length of trials.
+        World, source of the EMG and length of trials. The noise is that of the conditions.
 
     Returns
     -------
@@ -74,25 +76,31 @@ def recover(
         root mean square of the truth; NaN where a muscle does not take part (`LEAST_PEAK`).
         ``false_activation`` [1], root mean square of the difference of a muscle that does not take
         part; NaN elsewhere. All are NaN where the chain refused the trial. Coords ``snr`` [dB],
-        ``cross_talk`` [1]; attribute origin "simulated".
+        ``cross_talk`` [1]; attributes origin "simulated" and world.
+
+    Raises
+    ------
+    ConfigurationError
+        If a condition has a cross-talk and the world another pick-up, or neither.
     """
     wanted = list(conditions)
     settings = settings or VolunteerParameters()
+    through_tissue = settings.world.pick_up == "volume"
+    if any((condition.cross_talk is None) != through_tissue for condition in wanted):
+        raise ConfigurationError(
+            f"the {settings.world.label} has pick_up = '{settings.world.pick_up}': expected conditions "
+            f"{'without' if through_tissue else 'with'} a cross-talk"
+        )
     people = [draw_volunteer(index, seed) for index in range(1, n + 1)]
     trials = [(person, instruction) for person in people for instruction in instructions]
     shape = (len(wanted), len(chains), len(MODELLED), len(trials))
     found = {name: np.full(shape, np.nan) for name in MEASURES}
-    pools = {
-        person.index: draw_pools(np.random.default_rng([seed, person.index, 7]))
-        if settings.emg == "motor_units"
-        else None
-        for person in people
-    }
+    bodies = {person.index: _body(person, settings) for person in people}
     references = any(chain.normalisation.reach == "reference" for chain in chains.values())
     for k, condition in enumerate(wanted):
         extents = {
             (name, person.index): feature_range(
-                [_recording(person, full_effort(), condition, settings, pools[person.index], "")],
+                [_recording(person, full_effort(), condition, settings, bodies[person.index], "")],
                 chain,
             )
             for name, chain in chains.items()
@@ -101,8 +109,9 @@ def recover(
         }
         for t, (person, instruction) in enumerate(trials):
             truth = trial_activation(person, instruction, 1, settings)
+            excitation = trial_excitation(person, instruction, 1, settings)
             recording = _recording(
-                person, truth, condition, settings, pools[person.index], instruction
+                person, excitation, condition, settings, bodies[person.index], instruction
             )
             for c, (name, chain) in enumerate(chains.items()):
                 try:
@@ -124,9 +133,19 @@ def recover(
             "muscle": list(MODELLED),
             "trial": [f"{person.name} {instruction}" for person, instruction in trials],
             "snr": ("condition", [one.snr for one in wanted], {"units": "dB"}),
-            "cross_talk": ("condition", [one.cross_talk for one in wanted], {"units": "1"}),
+            "cross_talk": (
+                "condition",
+                [np.nan if one.cross_talk is None else one.cross_talk for one in wanted],
+                {"units": "1"},
+            ),
         },
-        attrs={"origin": "simulated", "emg": settings.emg, "seed": seed, "n": n},
+        attrs={
+            "origin": "simulated",
+            "world": settings.world.label,
+            "emg": settings.emg,
+            "seed": seed,
+            "n": n,
+        },
     )
 
 
@@ -158,31 +177,55 @@ def full_effort(*, hold: float = 0.6, rest: float = 0.4) -> xr.DataArray:
     )
 
 
+_Body = tuple[Pools | None, Conduction | None]
+"""Motor units of a person, and the ways of their muscles to the electrodes."""
+
+
+def _body(person: SimulatedVolunteer, settings: VolunteerParameters) -> _Body:
+    pools = None
+    if settings.emg == "motor_units":
+        pools = draw_pools(np.random.default_rng([person.seed, person.index, 7]))
+    if settings.world.pick_up == "mapping":
+        return pools, None
+    face, _ = volunteer_face(
+        person.seed,
+        person.index,
+        resolution=settings.resolution,
+        preset=settings.preset,
+        spread=settings.spread,
+        asymmetry=settings.face_asymmetry,
+        course_shift=settings.world.course_shift,
+    )
+    return pools, face_conduction(face)
+
+
 def _recording(
     person: SimulatedVolunteer,
-    truth: xr.DataArray,
+    excitation: xr.DataArray,
     condition: Condition,
     settings: VolunteerParameters,
-    pools: Pools | None,
+    body: _Body,
     instruction: str,
 ) -> xr.Dataset:
     """EMG of one trial; every channel has the same ratio of its gain to its noise."""
-    gain = np.array([person.gain[channel] for channel in CHANNELS])
+    gain = settings.world.amplitude * np.array([person.gain[channel] for channel in CHANNELS])
     place = list(INSTRUCTIONS).index(instruction) if instruction else len(INSTRUCTIONS)
     rng = np.random.default_rng([person.seed, person.index, 11, place])
+    pools, conduction = body
     emg = synthesise_emg(
-        truth,
+        excitation,
         gain=gain,
-        cross_talk=condition.cross_talk,
+        cross_talk=condition.cross_talk or 0.0,
         baseline_noise=0.0,
         mains_hum=person.mains_hum,
         rng=rng,
         sampling_rate=settings.sampling_rate,
         pools=pools,
+        conduction=conduction,
     )
     noise = gain[:, None] * 10.0 ** (-condition.snr / 20.0)
     emg = emg + noise * rng.standard_normal(emg.shape)
-    attrs = {"origin": "simulated", "volunteer": person.name}
+    attrs = {"origin": "simulated", "world": settings.world.label, "volunteer": person.name}
     if instruction:
         attrs["instruction"] = instruction
     return xr.Dataset({"emg": emg.assign_attrs(units="V")}, attrs=attrs)

@@ -9,12 +9,17 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from emgface.muscles import CHANNELS, MUSCLES
+from emgface.errors import ConfigurationError
+from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
+from emgface.volunteers.conduction import Conduction
 from emgface.volunteers.disturbances import draw_failures, fail, movement_artefacts
 from emgface.volunteers.emg import Pools, synthesise_emg
 from emgface.volunteers.filming import film, occlude
 from emgface.volunteers.instructions import draw_timing, true_activation
 from emgface.volunteers.markers import record_markers
+from emgface.volunteers.mismatch import draw_mismatch
+from emgface.volunteers.muscle_dynamics import activation_of_excitation
+from emgface.volunteers.noise import noise_for
 from emgface.volunteers.person import SimulatedVolunteer
 from emgface.volunteers.settings import VolunteerParameters
 
@@ -24,10 +29,10 @@ _GRID = 0.25
 """Trials begin on this grid [s], where samples of EMG (2048 Hz) and frames (100 Hz) coincide."""
 
 
-def trial_activation(
+def trial_excitation(
     person: SimulatedVolunteer, instruction: str, repetition: int, settings: VolunteerParameters
 ) -> xr.DataArray:
-    """Activation of one repetition, and the rest after it.
+    """Excitation of one repetition, which the EMG shows, and the rest after it.
 
     Parameters
     ----------
@@ -38,7 +43,7 @@ def trial_activation(
     repetition : int
         1 for the first.
     settings : VolunteerParameters
-        Length of the trial.
+        Length of the trial, and how the world recruits muscles.
 
     Returns
     -------
@@ -46,13 +51,79 @@ def trial_activation(
         ``(muscle, time_true)`` [1], from 0 to the duration and `TAIL`.
     """
     rng = person.rng(instruction, repetition)
+    mismatch = draw_mismatch(person.seed, person.index, settings.world)
     return true_activation(
         instruction,
         timing=draw_timing(rng, speed=person.speed, variability=person.variability),
         levels=person.efforts,
         co_contraction=person.co_contraction,
+        recruitment=mismatch.recruitment.get(instruction),
         duration=settings.duration,
         tail=min(TAIL, settings.rest),
+    )
+
+
+def trial_activation(
+    person: SimulatedVolunteer, instruction: str, repetition: int, settings: VolunteerParameters
+) -> xr.DataArray:
+    """Activation of one repetition, which makes force: that of `trial_excitation` in the matched world.
+
+    Arguments and result as of `trial_excitation`; see
+    `emgface.volunteers.muscle_dynamics.activation_of_excitation`.
+    """
+    return activation_of_excitation(
+        trial_excitation(person, instruction, repetition, settings),
+        delay=draw_mismatch(person.seed, person.index, settings.world).delay,
+        activation_time=settings.world.activation_time,
+        deactivation_time=settings.world.deactivation_time,
+    )
+
+
+def amplifier_noise(
+    person: SimulatedVolunteer,
+    settings: VolunteerParameters,
+    *,
+    pools: Pools | None,
+    conduction: Conduction | None,
+) -> np.ndarray:
+    """White noise of every channel: the person's, or what gives the world's signal-to-noise ratio.
+
+    Parameters
+    ----------
+    person : SimulatedVolunteer
+        Who.
+    settings : VolunteerParameters
+        World and noise factor.
+    pools, conduction
+        As `emgface.volunteers.emg.synthesise_emg`.
+
+    Returns
+    -------
+    array, shape (14,) [V]
+        The same in all sessions of a person.
+    """
+    snr = draw_mismatch(person.seed, person.index, settings.world).snr
+    if snr is None:
+        return np.full(len(CHANNELS), settings.noise_factor * person.baseline_noise)
+    clean = [
+        synthesise_emg(
+            trial_excitation(person, instruction, 1, settings),
+            gain=[settings.world.amplitude * person.gain[channel] for channel in CHANNELS],
+            cross_talk=person.cross_talk if settings.cross_talk is None else settings.cross_talk,
+            baseline_noise=0.0,
+            mains_hum=0.0,
+            rng=np.random.default_rng([person.seed, person.index, 40, k]),
+            sampling_rate=settings.sampling_rate,
+            pools=pools,
+            conduction=conduction,
+        ).values
+        for k, instruction in enumerate(INSTRUCTIONS)
+    ]
+    return settings.noise_factor * noise_for(
+        clean,
+        np.array([snr[channel] for channel in CHANNELS]),
+        mains_hum=person.mains_hum,
+        sampling_rate=settings.sampling_rate,
     )
 
 
@@ -96,6 +167,8 @@ def simulate_session(
     settings: VolunteerParameters,
     *,
     pools: Pools | None = None,
+    conduction: Conduction | None = None,
+    noise: np.ndarray | None = None,
 ) -> xr.Dataset:
     """Record a whole session: rest, repetition, rest, and so on.
 
@@ -106,7 +179,7 @@ def simulate_session(
     instruction : str
         A to F.
     activations : sequence of DataArray
-        `trial_activation` of each repetition.
+        `trial_activation` of each repetition; the EMG shows the `trial_excitation` of the same.
     motions : sequence of Dataset
         What the face did under each: ``position(marker, axis, time)`` [m] from time 0.
     face_marker_position : DataArray
@@ -115,28 +188,45 @@ def simulate_session(
         Rests, electrodes and cameras.
     pools : mapping, optional
         Motor units; noise in place of them when absent.
+    conduction : Conduction, optional
+        Ways of the muscles to the electrodes where the world picks up through the tissue.
+    noise : array, shape (14,), optional
+        `amplifier_noise` of the person, which is computed when absent [V].
 
     Returns
     -------
     Dataset
-        Recording with ``emg`` [V], ``position`` [m] and ``true_activation`` [1] on one clock. Its
-        attributes tell person, sigma_max and failed electrodes.
+        Recording with ``emg`` [V], ``position`` [m], ``true_excitation`` and ``true_activation`` [1] on
+        one clock. Its attributes tell world, person, mismatch, sigma_max and failed electrodes.
     """
+    if settings.world.pick_up == "volume" and conduction is None:
+        raise ConfigurationError(
+            "the world picks up EMG through the tissue and there are no ways of the muscles to the "
+            "electrodes: give conduction, or a world with pick_up = 'mapping'"
+        )
     events = session_events(instruction, len(motions), settings)
     onsets = [float(onset) for onset in events["onset"]]
     end = onsets[-1] + math.ceil((settings.duration + settings.rest) / _GRID - 1e-9) * _GRID
     truth = _joined_activation(activations, onsets, end)
+    excited = [
+        trial_excitation(person, instruction, repetition, settings)
+        for repetition in range(1, len(motions) + 1)
+    ]
+    excitation = _joined_activation(excited, onsets, end)
+    if noise is None:
+        noise = amplifier_noise(person, settings, pools=pools, conduction=conduction)
     emg_rng, wrong_rng, head_rng, camera_rng = person.rng(instruction, 0).spawn(4)
     emg = synthesise_emg(
-        truth,
-        gain=[person.gain[channel] for channel in CHANNELS],
+        excitation,
+        gain=[settings.world.amplitude * person.gain[channel] for channel in CHANNELS],
         cross_talk=person.cross_talk if settings.cross_talk is None else settings.cross_talk,
-        baseline_noise=settings.noise_factor * person.baseline_noise,
+        baseline_noise=noise,
         mains_hum=person.mains_hum,
         rng=emg_rng,
         sampling_rate=settings.sampling_rate,
         mains_frequency=settings.mains_frequency,
         pools=pools,
+        conduction=conduction,
     )
     time = emg["time_emg"].values
     values = emg.values + movement_artefacts(
@@ -165,12 +255,22 @@ def simulate_session(
         position = film(position, pixel_noise=settings.pixel_noise, rng=camera_rng)
     position = occlude(position, rate=settings.occlusions, rng=camera_rng)
     return xr.Dataset(
-        {"emg": emg.copy(data=values), "position": position, "true_activation": truth},
+        {
+            "emg": emg.copy(data=values),
+            "position": position,
+            "true_excitation": excitation,
+            "true_activation": truth,
+        },
         attrs={
             "volunteer": person.name,
             "instruction": instruction,
             "origin": "simulated",
-            "source": f"simulated volunteer {person.name}, seed {person.seed}",
+            "world": settings.world.label,
+            "source": f"simulated volunteer {person.name}, seed {person.seed}, "
+            f"{settings.world.label}",
+            "mismatch": json.dumps(
+                draw_mismatch(person.seed, person.index, settings.world).as_parameters()
+            ),
             "true_sigma_max": [float(motion.attrs["sigma_max"]) for motion in motions],
             "electrode_failures": json.dumps(
                 {CHANNELS[f.channel]: _told(asdict(f)) for f in failures}

@@ -2,9 +2,12 @@
 
 from typing import Literal
 
+from pydantic import Field
+
 from emgface.choices import ESKES, OWN, Parameters, choice, parameter
 from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS
+from emgface.volunteers.world import MISMATCHED, World
 
 VAN_BOXTEL = "van Boxtel 2001, Psychophysiology 38:22-34"
 
@@ -12,6 +15,10 @@ VAN_BOXTEL = "van Boxtel 2001, Psychophysiology 38:22-34"
 class VolunteerParameters(Parameters):
     """Faces, sessions, electrodes and cameras of a set of simulated volunteers."""
 
+    world: World = Field(
+        default=MISMATCHED,
+        description="How the volunteers differ from what a study assumes of them.",
+    )
     emg: Literal["motor_units", "noise"] = choice(
         "motor_units",
         "Source of the EMG: action potentials of motor units, or amplitude-modulated noise.",
@@ -63,7 +70,8 @@ class VolunteerParameters(Parameters):
     )  # fmt: skip
     cross_talk: float | None = parameter(
         None,
-        "Share of a neighbour's amplitude; drawn for each volunteer when absent.",
+        "Share of a neighbour's amplitude where world.pick_up = 'mapping'; drawn for each volunteer "
+        "when absent.",
         unit="1",
         source=OWN,
         ge=0,

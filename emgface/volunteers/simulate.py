@@ -11,6 +11,7 @@ from emgface.errors import ConfigurationError
 from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import volunteer_face
+from emgface.face.template.grid import LAYERS, make_grid
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
@@ -20,14 +21,21 @@ from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import in_processes
 from emgface.study.policy import lower_sigma_max
 from emgface.study.store import Stage, Store
+from emgface.volunteers.conduction import Conduction, face_conduction
 from emgface.volunteers.emg import Pools, draw_pools
+from emgface.volunteers.mismatch import Mismatch, draw_mismatch, world_parameters
 from emgface.volunteers.person import (
     SimulatedVolunteer,
     draw_volunteer,
     person_face,
     person_parameters,
 )
-from emgface.volunteers.session import session_events, simulate_session, trial_activation
+from emgface.volunteers.session import (
+    amplifier_noise,
+    session_events,
+    simulate_session,
+    trial_activation,
+)
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.write import write_session
 
@@ -47,17 +55,19 @@ def make_volunteers(
     settings: VolunteerParameters | None = None,
     workers: int = 1,
     observer: Observer | None = None,
+    store: Path | None = None,
 ) -> list[Path]:
     """Simulate volunteers and write their recordings.
 
     A session of a volunteer is one instruction, repeated, with rests before, between and after; it
-    is cut into trials. Motions are kept under ``out/store``, so that an interrupted set is completed
-    by running again.
+    is cut into trials. Motions are kept in a store, so that an interrupted set is completed by running
+    again.
 
     Parameters
     ----------
     face : Dataset or None
-        Face model, of which each volunteer's is a scaled copy; None draws a template face for each.
+        Face model, of which each volunteer's is a scaled copy, with its mesh and muscles in every
+        world; None draws a template face for each.
     out : Path
         Folder; recordings go to ``out/recordings``.
     n, repetitions : int
@@ -74,11 +84,15 @@ def make_volunteers(
         Processes that simulate at the same time; the recordings do not depend on it.
     observer : Observer, optional
         Told what happens.
+    store : Path, optional
+        Folder of the motions, ``out/store`` when absent; sets in worlds that differ in their EMG alone
+        may share it.
 
     Returns
     -------
     list of Path
-        One file per trial, origin "simulated", with ``true_activation`` beside the recording.
+        One file per trial, origin "simulated", labelled with its world, with ``true_activation`` and
+        ``true_excitation`` beside the recording.
 
     Raises
     ------
@@ -95,9 +109,13 @@ def make_volunteers(
             f"instruction {unknown[0]!r} is unknown, expected some of {', '.join(INSTRUCTIONS)}"
         )
     observer = observer or Silent()
+    settings = settings or VolunteerParameters()
+    if face is not None:
+        of_file = settings.world.without("mesh", "courses")
+        settings = settings.model_copy(update={"world": of_file})
     setup = _Setup(
-        face, out, seed, repetitions, parameters or SimulationParameters(),
-        settings or VolunteerParameters(),
+        face, out, store or out / "store", seed, repetitions, parameters or SimulationParameters(),
+        settings,
     )  # fmt: skip
     # Volunteers vary fastest, so that processes begin with faces of their own to settle.
     jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
@@ -119,6 +137,14 @@ def make_volunteers(
     return [path for job in sorted(jobs) for path in written[job]]
 
 
+def other_resolution(resolution: str | int, factor: float) -> str | int:
+    """Resolution with another number of elements, the same where the factor is 1."""
+    if factor == 1.0:
+        return resolution
+    grid = make_grid(resolution)
+    return round(factor * LAYERS * grid.rays * grid.n_rings)
+
+
 _Place = tuple[int, str]
 """Index of the volunteer, and instruction."""
 
@@ -129,6 +155,7 @@ class _Setup:
 
     face: xr.Dataset | None
     out: Path
+    store: Path
     seed: int
     repetitions: int
     parameters: SimulationParameters
@@ -141,7 +168,10 @@ class _Subject:
 
     person: SimulatedVolunteer
     mover: "_Mover"
+    mismatch: Mismatch
     pools: Pools | None
+    conduction: Conduction | None
+    noise: np.ndarray
 
 
 class _Recorder:
@@ -149,7 +179,7 @@ class _Recorder:
 
     def __init__(self, setup: _Setup, observer: Observer) -> None:
         self._setup, self._observer = setup, observer
-        self._store = Store(setup.out / "store", report=observer.message)
+        self._store = Store(setup.store, report=observer.message)
         self._subjects: dict[int, _Subject] = {}
 
     def record(self, place: _Place) -> list[Path]:
@@ -163,7 +193,8 @@ class _Recorder:
         ]
         motions = [
             subject.mover.motion(
-                activation.rename(time_true="time"), f"{person.name} {instruction} {repetition}"
+                subject.mismatch.driven(activation).rename(time_true="time"),
+                f"{person.name} {instruction} {repetition}",
             )
             for repetition, activation in enumerate(activations, 1)
         ]
@@ -175,6 +206,8 @@ class _Recorder:
             subject.mover.face["face_marker_position"],
             settings,
             pools=subject.pools,
+            conduction=subject.conduction,
+            noise=subject.noise,
         )
         events = session_events(instruction, self._setup.repetitions, settings)
         if settings.keep_sessions:
@@ -189,15 +222,17 @@ class _Recorder:
     def _subject(self, index: int) -> _Subject:
         if index not in self._subjects:
             setup, settings = self._setup, self._setup.settings
-            person = draw_volunteer(index, setup.seed)
+            world, person = settings.world, draw_volunteer(index, setup.seed)
+            mismatch = draw_mismatch(setup.seed, index, world)
             if setup.face is None:
                 face, _ = volunteer_face(
                     setup.seed,
                     index,
-                    resolution=settings.resolution,
+                    resolution=other_resolution(settings.resolution, world.elements),
                     preset=settings.preset,
                     spread=settings.spread,
                     asymmetry=settings.face_asymmetry,
+                    course_shift=world.course_shift,
                 )
             else:
                 face = person_face(setup.face, person.geometry_scale)
@@ -208,9 +243,12 @@ class _Recorder:
                     np.random.default_rng([setup.seed, index, len(INSTRUCTIONS) + 1]),
                     settings.sampling_rate,
                 )
+            conduction = face_conduction(face) if world.pick_up == "volume" else None
+            noise = amplifier_noise(person, settings, pools=pools, conduction=conduction)
             parameters = person_parameters(person, setup.parameters)
+            parameters = world_parameters(parameters, world, mismatch)
             mover = _Mover(self._store, face, parameters, self._observer)
-            self._subjects[index] = _Subject(person, mover, pools)
+            self._subjects[index] = _Subject(person, mover, mismatch, pools, conduction, noise)
         return self._subjects[index]
 
 

@@ -35,8 +35,8 @@ def write_truth(recording: xr.Dataset, path: Path) -> Path:
         If it cannot be written.
     """
     activation = recording["true_activation"].rename(time_true="time")
-    keep = ("volunteer", "instruction", "repetition", "origin", "source", "person", "settings",
-            "true_sigma_max", "electrode_failures")  # fmt: skip
+    keep = ("volunteer", "instruction", "repetition", "origin", "world", "source", "person", "mismatch",
+            "settings", "true_sigma_max", "electrode_failures")  # fmt: skip
     attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
     truth = activation.to_dataset(name="activation").assign_attrs(attrs, strategy="true")
     return write_netcdf(truth, path, "activation")

@@ -8,6 +8,7 @@ from emgface.muscles import MODELLED
 from emgface.signals.parameters import SignalChain
 from emgface.volunteers.recovery import Condition, full_effort, recover
 from emgface.volunteers.settings import VolunteerParameters
+from emgface.volunteers.world import MATCHED
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
@@ -27,7 +28,7 @@ def found():
     }
     return recover(
         [Condition(50.0, 0.0), Condition(10.0, 0.0), Condition(50.0, 0.3)], chains,
-        n=1, instructions=("A", "E"), settings=VolunteerParameters(emg="noise"),
+        n=1, instructions=("A", "E"), settings=VolunteerParameters(emg="noise", world=MATCHED),
     )  # fmt: skip
 
 

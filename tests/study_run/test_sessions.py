@@ -23,11 +23,12 @@ from emgface.volunteers.person import draw_volunteer
 from emgface.volunteers.session import session_events, simulate_session, trial_activation
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
+from emgface.volunteers.world import MATCHED, MISMATCHED
 from emgface.volunteers.write import write_set_as_bids
 from tests.study_run.test_volunteers_emg import still_lips
 
 PERSON = draw_volunteer(1, 9)
-QUICK = VolunteerParameters(emg="noise", resolution="coarse")
+QUICK = VolunteerParameters(emg="noise", resolution="coarse", world=MATCHED)
 
 
 def motion(seed: int) -> xr.Dataset:
@@ -152,7 +153,7 @@ def test_failures_are_drawn_and_told() -> None:
 
 
 def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -> None:
-    short = QUICK.model_copy(update={"duration": 0.8, "keep_sessions": True})
+    short = QUICK.model_copy(update={"duration": 0.8, "keep_sessions": True, "world": MISMATCHED})
     paths = make_volunteers(
         None, tmp_path, n=2, repetitions=2, instructions=("B",), seed=3, settings=short,
         parameters=SimulationParameters(step=0.05, gravity=False),
@@ -165,6 +166,7 @@ def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -
     for path, original in zip(found, paths, strict=True):
         first, second = read_recording(path, study=True), read_recording(original, study=True)
         assert first.attrs["origin"] == "simulated"
+        assert first.attrs["world"] == second.attrs["world"] == "mismatched world"
         assert {k: first.attrs[k] for k in ("volunteer", "instruction", "repetition")} == {
             k: second.attrs[k] for k in ("volunteer", "instruction", "repetition")
         }
@@ -174,6 +176,7 @@ def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -
         truth = read_netcdf(tmp_path / "truth" / original.name, "activation")
         np.testing.assert_array_equal(truth["activation"], second["true_activation"])
         assert truth.attrs["origin"] == "simulated"
+        assert truth.attrs["world"] == "mismatched world"
     events = read_events(tmp_path / "sessions" / "S01_B_events.tsv")
     cuts = list(cut_trials(read_recording(tmp_path / "sessions" / "S01_B.nc"), events))
     for trial, path in zip(cuts, paths[:2], strict=True):

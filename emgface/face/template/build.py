@@ -22,7 +22,13 @@ from emgface.face.template.attachments import (
 from emgface.face.template.calibrate import calibrated_surfaces
 from emgface.face.template.grid import Grid, make_grid
 from emgface.face.template.measures import Measures, least_usual
-from emgface.face.template.muscles import RADIUS, Muscles, place_muscles
+from emgface.face.template.muscles import (
+    RADIUS,
+    CourseShift,
+    Muscles,
+    draw_course_shift,
+    place_muscles,
+)
 from emgface.face.template.surface import Surfaces
 from emgface.face.template.volunteers import preset_measures, random_measures
 
@@ -35,6 +41,8 @@ _MIDLINE = 5e-3
 """Width over which the two sides of an asymmetric face blend [m]."""
 _STREAM = 4
 """Tells the draws of faces from those of other properties of the same volunteer."""
+_COURSES = 5
+"""The same for their muscles."""
 _ATTEMPTS = 100
 
 
@@ -45,6 +53,7 @@ def template_face(
     preset: str = "adult",
     seed: int | None = None,
     radius: float = RADIUS,
+    courses: CourseShift | None = None,
     name: str = "",
 ) -> xr.Dataset:
     """Generate a lower face from the eyes to the chin, with ten muscle pairs and the markers.
@@ -62,6 +71,8 @@ def template_face(
         Draw a random volunteer of the group; without it the face has the means of the group.
     radius : float
         Tissue nearer than this to a fibre is muscle [m].
+    courses : CourseShift, optional
+        How the muscles of a person run beside the courses of the template.
     name : str
         Name of the face; made from preset and seed if empty.
 
@@ -105,7 +116,7 @@ def template_face(
         name = f"template face ({preset}" + ("" if seed is None else f", volunteer {seed}") + ")"
     attrs = {"muscle_radius": radius, "preset": preset, "seed": "" if seed is None else seed}
     try:
-        return _built(own, grid, radius, name, attrs)
+        return _built(own, grid, radius, courses, name, attrs)
     except FaceError as error:
         if any(measure in str(error) for measure in asdict(own)):
             raise
@@ -116,12 +127,19 @@ def template_face(
 
 
 def _built(
-    own: Measures, grid: Grid, radius: float, name: str, attrs: Mapping[str, str | int | float]
+    own: Measures,
+    grid: Grid,
+    radius: float,
+    courses: CourseShift | None,
+    name: str,
+    attrs: Mapping[str, str | int | float],
 ) -> xr.Dataset:
     """Put surfaces, muscles, attachments, markers and arches together."""
     surfaces = calibrated_surfaces(own)
     position = node_positions(surfaces, grid)
-    muscles = place_muscles(surfaces, grid, position, radius=radius)
+    muscles = place_muscles(surfaces, grid, position, radius=radius, shift=courses)
+    if courses is not None:
+        attrs = {**attrs, **{f"course_shift_{k}": v for k, v in muscles.shifted.items()}}
     face_markers = face_marker_positions(surfaces)
     if own.width_asymmetry or own.droop:
         warp = _asymmetry(own, surfaces.mouth_half_width)
@@ -160,6 +178,7 @@ def volunteer_face(
     spread: float = 1.0,
     asymmetry: float = 0.0,
     radius: float = RADIUS,
+    course_shift: float = 0.0,
 ) -> tuple[xr.Dataset, Measures]:
     """Draw the face of one volunteer of a set.
 
@@ -177,6 +196,9 @@ def volunteer_face(
     asymmetry : float
         Factor on the standard deviations of the differences between the sides
         (`emgface.face.template.volunteers.ASYMMETRY`), at least 0.
+    course_shift : float
+        Standard deviation of the ends of the muscles along the skin [m], drawn for each volunteer; 0
+        takes the courses of the template.
 
     Returns
     -------
@@ -202,6 +224,11 @@ def volunteer_face(
         measures=measures,
         preset=preset,
         radius=radius,
+        courses=(
+            draw_course_shift(np.random.default_rng((seed, index, _COURSES)), course_shift)
+            if course_shift
+            else None
+        ),
         name=f"template face ({preset}, volunteer {index} of seed {seed})",
     )
     face.attrs |= {"seed": seed, "index": index, "spread": spread, "asymmetry": asymmetry}

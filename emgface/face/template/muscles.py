@@ -7,7 +7,7 @@ muscles, rings of orbicularis oris as closed loops). Depths and the split into f
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -51,10 +51,43 @@ Course = tuple[tuple[float, float, float], ...]
 
 @dataclass(frozen=True)
 class Muscles:
-    """Fibres and elements of both sides of a symmetric face."""
+    """Fibres and elements of both sides of a symmetric face.
+
+    `shifted` is the largest shift of each muscle's ends along the skin that was applied [m].
+    """
 
     fibres: list[Fibre]
     bundles: list[Bundle]
+    shifted: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class CourseShift:
+    """How one person's muscles run beside the courses of the template.
+
+    Attributes
+    ----------
+    origin, insertion : mapping of str to (float, float)
+        Shift (xi, tau) of either end of each muscle in the chart [m]; between them it is linear. Of
+        orbicularis oris the tau of the insertion counts: the peripheral part begins so much further
+        out or in, while the marginal part stays within the vermilion.
+    """
+
+    origin: Mapping[str, tuple[float, float]]
+    insertion: Mapping[str, tuple[float, float]]
+
+
+def draw_course_shift(rng: np.random.Generator, deviation: float) -> CourseShift:
+    """Draw normal shifts of a standard deviation [m], cut off at two of these, for every muscle."""
+    drawn = deviation * np.clip(rng.standard_normal((len(MODELLED), 2, 2)), -2.0, 2.0)
+    ends = [
+        {
+            muscle: (float(one[k, 0]), float(one[k, 1]))
+            for muscle, one in zip(MODELLED, drawn, strict=True)
+        }
+        for k in (0, 1)
+    ]
+    return CourseShift(ends[0], ends[1])
 
 
 def courses(m: Measures, corner: float) -> dict[str, tuple[Course, ...]]:
@@ -175,6 +208,7 @@ def place_muscles(
     position: Floats,
     *,
     radius: float = RADIUS,
+    shift: CourseShift | None = None,
 ) -> Muscles:
     """Fibres and muscle elements of a symmetric face.
 
@@ -189,6 +223,9 @@ def place_muscles(
         Of the symmetric face, x counting to the right [m].
     radius : float
         Distance from a fibre [m].
+    shift : CourseShift, optional
+        How a person's courses differ from those of `courses`; a shift that would carry a point out of
+        the tissue is halved until it does not, or left out.
 
     Returns
     -------
@@ -206,16 +243,19 @@ def place_muscles(
     rays = courses(surfaces.measures, surfaces.mouth_half_width)
     fibres: list[Fibre] = []
     bundles: list[Bundle] = []
+    shifted: dict[str, float] = {}
     for muscle in MODELLED:
         if muscle in RINGS:
             low, high = RINGS[muscle]
+            if shift is not None and muscle == "OOP":
+                low = _inner_edge(surfaces.measures, shift.insertion[muscle][1])
             middle = 0.5 * (grid.s[1:] + grid.s[:-1])[ring[soft]]
             element = soft[(middle > low) & (middle < high)]
             direction = along[element]
             share = np.ones(len(element))
             left = [_ring_fibre(surfaces, grid, 0.5 * (low + high))]
         else:
-            left = [_in_space(surfaces, muscle, course) for course in rays[muscle]]
+            left, shifted[muscle] = _in_tissue(surfaces, muscle, rays[muscle], shift)
             share = shares_within(position, grid.connectivity[soft], left, radius)
             element, share = soft[share > LEAST_SHARE], share[share > LEAST_SHARE]
             direction = fibre_directions(centres[element], left)
@@ -224,7 +264,43 @@ def place_muscles(
         bundles.append(Bundle(f"{muscle}_L", element, direction, share))
         bundles.append(Bundle(f"{muscle}_R", image, direction * _MIRROR, share))
     fibres += [Fibre(f"{f.muscle[:-1]}R", f.position * _MIRROR) for f in fibres]
-    return Muscles(fibres, bundles)
+    return Muscles(fibres, bundles, shifted)
+
+
+_HALVINGS: Final = 4
+
+
+def _in_tissue(
+    surfaces: Surfaces, muscle: str, rows: tuple[Course, ...], shift: CourseShift | None
+) -> tuple[list[Floats], float]:
+    """Fibres of a muscle with as much of its shift as stays in the tissue, and the largest shift."""
+    if shift is not None:
+        ends = np.array([shift.origin[muscle], shift.insertion[muscle]])
+        for halving in range(_HALVINGS):
+            share = 0.5**halving
+            try:
+                left = [_in_space(surfaces, muscle, _moved(row, share * ends)) for row in rows]
+            except FaceError:
+                continue
+            return left, share * float(np.linalg.norm(ends, axis=1).max())
+    return [_in_space(surfaces, muscle, course) for course in rows], 0.0
+
+
+def _moved(course: Course, ends: Floats) -> Course:
+    """Course with its ends shifted by (2, 2) in the chart."""
+    points = np.array(course)
+    share = np.linspace(0.0, 1.0, len(points))[:, None]
+    points[:, :2] += (1.0 - share) * ends[0] + share * ends[1]
+    return tuple((float(xi), float(tau), float(depth)) for xi, tau, depth in points)
+
+
+def _inner_edge(m: Measures, shift: float) -> float:
+    """Ring at which the peripheral part of orbicularis oris begins, a shift [m] further out."""
+    low, high = RINGS["OOP"]
+    length = m.upper_lip_height - m.upper_vermilion_height
+    moved = low + shift / length * (PERIORAL - VERMILION)
+    # At least half of the part is left, and none of it lies in the vermilion.
+    return float(np.clip(moved, VERMILION, low + 0.5 * (high - low)))
 
 
 def _in_space(surfaces: Surfaces, muscle: str, course: Course) -> Floats:

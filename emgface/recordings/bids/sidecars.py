@@ -123,6 +123,11 @@ class EmgSidecars(NamedTuple):
         return "simulated" if self.description.get("Origin") == "simulated" else "measured"
 
     @property
+    def world(self) -> dict[str, str]:
+        """Attribute that names the world of simulated volunteers, where it is told."""
+        return world(self.description)
+
+    @property
     def device(self) -> str:
         """Manufacturer and model, where they are told."""
         return device(self.description)
@@ -131,6 +136,12 @@ class EmgSidecars(NamedTuple):
     def trial(self) -> dict[str, str | int]:
         """Volunteer, instruction and repetition."""
         return trial_of(self.path)
+
+
+def world(description: dict[str, Any]) -> dict[str, str]:
+    """Return the attribute that names the world of simulated volunteers, empty where none is told."""
+    told = description.get("World")
+    return {"world": str(told)} if told else {}
 
 
 def device(description: dict[str, Any]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from analysis.tables import origin_of
 from emgface.errors import DataError
 from emgface.files import replace_file
 from emgface.muscles import AXES, MUSCLE_NAMES
@@ -148,6 +149,7 @@ def _common(recording: xr.Dataset, rate: float, samples: int) -> dict[str, Any]:
         "RecordingDuration": samples / rate,
         **({"ManufacturersModelName": attrs["device"]} if attrs.get("device") else {}),
         "Origin": attrs["origin"],
+        **({"World": attrs["world"]} if attrs.get("world") else {}),
     }
 
 
@@ -270,7 +272,7 @@ def _begin(root: Path, name: str, recording: xr.Dataset) -> None:
     description = root / "dataset_description.json"
     if not description.is_file():
         told = {
-            "Name": f"{name} (simulated)" if simulated else name,
+            "Name": f"{name} ({origin_of(recording)})" if simulated else name,
             "BIDSVersion": BIDS_VERSION,
             "DatasetType": "raw",
             "GeneratedBy": [{"Name": "emgface"}],
@@ -279,7 +281,12 @@ def _begin(root: Path, name: str, recording: xr.Dataset) -> None:
     readme = root / "README.md"
     if not readme.is_file():
         kind = "Simulated" if simulated else "Measured"
-        _text(readme, f"# {name}\n\n{kind} surface EMG and marker positions, one run per trial.\n")
+        world = str(recording.attrs.get("world", ""))
+        _text(
+            readme,
+            f"# {name}\n\n{kind} surface EMG and marker positions, one run per trial"
+            f"{', ' + world if world else ''}.\n",
+        )
 
 
 def _complete(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:

@@ -11,7 +11,14 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.muscles import AXES
 from emgface.recordings.bids.names import TRIAL, entities, trial_of
-from emgface.recordings.bids.sidecars import device, read_json, read_tsv, sidecar_path, start_times
+from emgface.recordings.bids.sidecars import (
+    device,
+    read_json,
+    read_tsv,
+    sidecar_path,
+    start_times,
+    world,
+)
 from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
 
 SUFFIXES = (".tsv",)
@@ -66,7 +73,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     part, description = _load(path, units)
     origin = "simulated" if description.get("Origin") == "simulated" else "measured"
     united = assemble_parts([part], origin=origin, device=device(description))
-    return united.assign_attrs(trial_of(path))
+    return united.assign_attrs(world(description) | trial_of(path))
 
 
 def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:

@@ -109,7 +109,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     )
     electrodes = read_electrodes(path, sidecars.channels)
     told = {} if electrodes is None else {"electrodes": electrodes}
-    return united.assign_attrs({**sidecars.trial, **told})
+    return united.assign_attrs({**sidecars.world, **sidecars.trial, **told})
 
 
 def _of_one_rate(

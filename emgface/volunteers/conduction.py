@@ -1,0 +1,162 @@
+"""What electrodes on a face hear of every muscle through the tissue between.
+
+Every muscle is one source (the two lips of orbicularis oris are two each). Its potential reaches a
+pair of electrodes low-passed by the way through the tissue and later by the way along the fibres, so
+that cross-talk is a filtered mixture of sources and no scaled copy of another channel.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy.special
+import xarray as xr
+
+from emgface.face.bundles import distance_to_fibres
+from emgface.face.check import sheet_nodes
+from emgface.face.parts import OUTER, fibres_of
+from emgface.face.surface import boundary_faces, nearest_on_triangles, triangles
+from emgface.muscles import CHANNELS, MODELLED, SIDES
+
+VELOCITY: Final = 3.2
+"""Conduction velocity of muscle fibres [m/s], the middle of 2.4 to 4.0 of the motor units."""
+NEAR: Final = 4e-3
+"""Distance at which the potentials of the motor units are given [m]: the mean depth of their fibres."""
+ELECTRODES: Final[Mapping[str, tuple[str, float]]] = {
+    "OOS": ("OOP", 0.2),
+    "OOI": ("OOP", 0.8),
+    "RIS": ("RIS", 0.5),
+    "ZYG": ("ZYG", 0.5),
+    "LLSAN": ("LLSAN", 0.5),
+    "DAO": ("DAO", 0.5),
+    "MEN": ("MEN", 0.5),
+}
+"""Muscle, and place along its first fibre, over which each pair of electrodes lies."""
+LIPS: Final = {"OOP": ("OOS", "OOI"), "OOM": ("OOS", "OOI")}
+"""Muscles with units of their own in either lip, named by the electrodes there."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A population of motor units.
+
+    Attributes
+    ----------
+    muscle : str
+        With side.
+    home : str
+        Channel whose electrodes lie nearest by name; tells the two lips apart.
+    """
+
+    muscle: str
+    home: str
+
+
+@dataclass(frozen=True)
+class Conduction:
+    """Way of every source to every pair of electrodes.
+
+    Attributes
+    ----------
+    sources : tuple of Source
+        In order of the columns.
+    distance : array, shape (14, sources) [m]
+        From the middle between the electrodes to the nearest fibre.
+    along : array, shape (14, sources) [m]
+        From the middle of the fibre to the place nearest to the electrodes, along the fibre.
+    """
+
+    sources: tuple[Source, ...]
+    distance: np.ndarray
+    along: np.ndarray
+
+    def transfer(self, frequency: np.ndarray) -> np.ndarray:
+        """Transfer function from every source to every channel.
+
+        ``H = K0(2 pi f r / v) / K0(2 pi f r_0 / v) exp(-2 pi i f s / v)`` with the distance r, at
+        least r_0 = `NEAR`, the way s along the fibre and the velocity v = `VELOCITY`; 0 at f = 0.
+
+        Parameters
+        ----------
+        frequency : array, shape (n,) [Hz]
+
+        Returns
+        -------
+        complex array, shape (14, sources, n)
+
+        Notes
+        -----
+        Source of the tissue filter: Lindstrom and Magnusson 1977, Proc IEEE 65:653-662.
+        """
+        wave = 2.0 * np.pi * np.where(frequency > 0, frequency, 1.0) / VELOCITY
+        radius = np.maximum(self.distance, NEAR)[..., None]
+        # K0 underflows far away and at high frequencies; k0e keeps the exponential apart.
+        fall = np.exp(-wave * (radius - NEAR))
+        size = scipy.special.k0e(wave * radius) / scipy.special.k0e(wave * NEAR) * fall
+        phase = np.exp(-1j * wave * self.along[..., None])
+        return np.where(frequency > 0, size * phase, 0.0)
+
+
+def face_conduction(face: xr.Dataset) -> Conduction:
+    """Ways of all sources to all electrodes of a face.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with skin and muscle fibres.
+
+    Returns
+    -------
+    Conduction
+    """
+    skin = _skin(face)
+    sources = tuple(
+        Source(f"{muscle}_{side}", f"{home}_{side}")
+        for side in SIDES
+        for muscle in MODELLED
+        for home in LIPS.get(muscle, (_home(muscle),))
+    )
+    shape = (len(CHANNELS), len(sources))
+    distance, along = np.empty(shape), np.empty(shape)
+    for row, channel in enumerate(CHANNELS):
+        name, side = channel.split("_")
+        over, where = ELECTRODES[name]
+        first = _resampled(fibres_of(face, f"{over}_{side}")[0])
+        place, _, _ = nearest_on_triangles(first[round(where * (len(first) - 1))], skin)
+        for column, source in enumerate(sources):
+            fibres = [_resampled(f) for f in fibres_of(face, source.muscle)]
+            if source.muscle[:-2] in LIPS:
+                half = len(fibres[0]) // 2
+                upper = source.home.startswith("OOS")
+                fibres = [f[: half + 1] if upper else f[half:] for f in fibres]
+            distance[row, column] = distance_to_fibres(place[None], fibres)[0]
+            along[row, column] = min(map(lambda f: _along(place, f), fibres))
+    return Conduction(sources, distance, along)
+
+
+def _home(muscle: str) -> str:
+    """Channel whose electrodes lie over a muscle or next to it."""
+    return {"LAO": "LLSAN", "BUC": "RIS", "DLI": "DAO"}.get(muscle, muscle)
+
+
+def _skin(face: xr.Dataset) -> np.ndarray:
+    """Corners of the triangles of the skin, shape (triangles, 3, 3) [m]."""
+    position = face["position"].values
+    faces, _ = boundary_faces(face["connectivity"].values)
+    outer = np.isin(faces, sheet_nodes(face, OUTER)) | (faces < 0)
+    return position[triangles(faces[outer.all(axis=1)], position)]
+
+
+def _resampled(fibre: np.ndarray, points: int = 61) -> np.ndarray:
+    """Points at equal distances along a polyline."""
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fibre, axis=0), axis=1))])
+    at = np.linspace(0.0, length[-1], points)
+    return np.stack([np.interp(at, length, fibre[:, k]) for k in range(3)], axis=1)
+
+
+def _along(place: np.ndarray, fibre: np.ndarray) -> float:
+    """Way from the middle of a fibre to its point nearest to a place [m]."""
+    nearest = int(np.argmin(np.linalg.norm(fibre - place, axis=1)))
+    step = float(np.linalg.norm(fibre[1] - fibre[0]))
+    return abs(nearest - (len(fibre) - 1) // 2) * step

@@ -1,0 +1,76 @@
+"""How one person carries out an instruction with other muscles than the relevance table lists."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from emgface.muscles import MODELLED, RELEVANT
+from emgface.volunteers.world import World
+
+LEFT_OVER: Final = 0.2
+"""Share of its level that a muscle keeps which a person leaves out."""
+_MOST_SHIFT: Final = 2.0
+"""Standard deviations at which the onset of a muscle is cut off."""
+
+
+@dataclass(frozen=True)
+class Recruitment:
+    """One person's way of carrying out one instruction.
+
+    Attributes
+    ----------
+    factor : mapping of str to float
+        Factor on the level of each muscle of the table, by name without side.
+    joining : mapping of str to float
+        Peak activation of muscles that are not in the table and contract along.
+    shift : mapping of str to float
+        Seconds by which each muscle comes later than the instruction.
+    """
+
+    factor: Mapping[str, float]
+    joining: Mapping[str, float]
+    shift: Mapping[str, float]
+
+
+def draw_recruitment(
+    instruction: str, strongest: str, world: World, rng: np.random.Generator
+) -> Recruitment | None:
+    """Draw a person's way of carrying out an instruction.
+
+    Parameters
+    ----------
+    instruction : str
+        A to F.
+    strongest : str
+        Muscle of the highest level in the table, which nobody leaves out.
+    world : World
+        Sizes of the deviations.
+    rng : Generator
+        Source of randomness.
+
+    Returns
+    -------
+    Recruitment or None
+        None where the world recruits by the table.
+    """
+    if "recruitment" not in world.kinds:
+        return None
+    relevant = RELEVANT[instruction]
+    # All numbers are drawn for all muscles, so that each draw depends on person and instruction alone.
+    level = np.exp(world.recruitment * rng.standard_normal(len(MODELLED)))
+    out = rng.uniform(size=len(MODELLED)) < world.left_out
+    joins = rng.uniform(size=len(MODELLED)) < world.joining
+    joined = rng.uniform(*world.joining_level, size=len(MODELLED))
+    late = np.clip(rng.standard_normal(len(MODELLED)), -_MOST_SHIFT, _MOST_SHIFT)
+    factor: dict[str, float] = {}
+    joining: dict[str, float] = {}
+    for k, muscle in enumerate(MODELLED):
+        if muscle in relevant:
+            left = LEFT_OVER if out[k] and muscle != strongest else 1.0
+            factor[muscle] = float(level[k] * left)
+        elif joins[k]:
+            joining[muscle] = float(joined[k])
+    shift = {muscle: float(world.muscle_timing * late[k]) for k, muscle in enumerate(MODELLED)}
+    return Recruitment(factor, joining, shift)

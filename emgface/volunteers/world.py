@@ -1,0 +1,240 @@
+"""Worlds: in which ways simulated volunteers differ from what a study assumes of them.
+
+In the *matched* world a volunteer obeys the assumptions of the study: the same kind of mesh and laws,
+the muscles of the template, force without delay, bursts of the relevance table, electrodes that the
+mapping of Eqs 2-6 undoes. Scores there tell whether the chain is implemented correctly, and nothing
+about people. Each kind of mismatch takes one assumption back; the *mismatched* world has them all.
+"""
+
+from collections.abc import Iterable
+from typing import Any, Final, Literal
+
+from pydantic import field_validator
+
+from emgface.choices import OWN, Parameters, choice, configure, parameter, positive
+from emgface.errors import ConfigurationError
+
+CAVANAGH = "Cavanagh and Komi 1979, Eur J Appl Physiol 42:159-163 (30 to 100 ms; 49.5 to 55.5 ms)"
+ITO = "Ito, Murano and Gomi 2004, J Appl Physiol 96:2318-2324"
+THELEN = "Thelen 2003, J Biomech Eng 125:70-77, after Zajac 1989, Crit Rev Biomed Eng 17:359-411"
+LINDSTROM = "Lindstrom and Magnusson 1977, Proc IEEE 65:653-662"
+SCHUMANN = (
+    "Schumann et al. 2010, J Neurosci Methods 187:120-128, found most muscles active in most tasks"
+)
+
+Range = tuple[float, float]
+
+
+class World(Parameters):
+    """How simulated volunteers differ from what a study assumes; neutral values switch a kind off."""
+
+    elements: float = parameter(
+        1.5,
+        "Number of elements of a volunteer's face over that of `resolution`; 1 is the same mesh.",
+        unit="1",
+        source=OWN,
+        note="the rings of a coarse mesh change, its rays stay; a face read from a file keeps its mesh",
+        ge=0.75,
+        le=10,
+    )
+    volume: Literal["study", "element"] = choice(
+        "element",
+        "Bulk law of the tissue: that of the study, or kappa/2 (J - 1)^2 of the mean volume of each "
+        "element.",
+    )
+    kappa_factor: float = positive(
+        4.0,
+        "Factor on the bulk modulus of the tissue.",
+        unit="1",
+        note="soft tissue is closer to incompressible than the study's 25 kPa make it",
+    )
+    fibre_law: Literal["study", "generic"] = choice(
+        "generic",
+        "Law of the muscle fibres: that of the study, or active stress alike at every length.",
+    )
+    course_shift: float = parameter(
+        4e-3,
+        "Standard deviation, along the skin, of the origin and the insertion of each muscle.",
+        unit="m",
+        source=OWN,
+        note="drawn for each volunteer, alike on both sides, in faces that are drawn; orbicularis oris "
+        "changes its inner edge instead",
+        ge=0,
+        le=0.01,
+    )
+    strength: float = parameter(
+        0.4,
+        "Standard deviation of the logarithm of each muscle's strength.",
+        unit="1",
+        source=OWN,
+        note="the force at an activation; the EMG does not know of it",
+        ge=0,
+        le=1,
+    )
+    delay: Range = parameter(
+        (0.03, 0.05),
+        "Electromechanical delay from the excitation that the EMG shows to the onset of activation: "
+        "range from which each volunteer's is drawn.",
+        unit="s",
+        source=CAVANAGH,
+        note=f"electrical stimulation of the lips gave 15 ms to the force of a single twitch ({ITO})",
+    )
+    activation_time: float = parameter(
+        0.015, "Time constant of the rise of activation.", unit="s", source=THELEN, ge=0, le=0.2
+    )
+    deactivation_time: float = parameter(
+        0.050, "Time constant of the fall of activation.", unit="s", source=THELEN, ge=0, le=0.2
+    )
+    recruitment: float = parameter(
+        0.4,
+        "Standard deviation, over persons and instructions, of the logarithm of the level of each "
+        "muscle of the relevance table.",
+        unit="1",
+        source=OWN,
+        ge=0,
+        le=1,
+    )
+    left_out: float = parameter(
+        0.15,
+        "Probability that a person leaves a muscle of the table out of an instruction (a fifth of its "
+        "level is left), the strongest one excepted.",
+        unit="1",
+        source=OWN,
+        ge=0,
+        le=1,
+    )
+    joining: float = parameter(
+        0.3,
+        "Probability that a muscle that is not in the table contracts along.",
+        unit="1",
+        source=f"{OWN}; {SCHUMANN}",
+        ge=0,
+        le=1,
+    )
+    joining_level: Range = parameter(
+        (0.10, 0.30), "Range of the peak activation of such a muscle.", unit="1", source=OWN
+    )
+    muscle_timing: float = parameter(
+        0.04,
+        "Standard deviation of each muscle's onset against that of the instruction.",
+        unit="s",
+        source=OWN,
+        ge=0,
+        le=0.1,
+    )
+    pick_up: Literal["mapping", "volume"] = choice(
+        "volume",
+        "What electrodes hear: the muscles that Eqs 2-6 assume under them, with scaled copies of "
+        "neighbouring channels; or every muscle, filtered by the tissue between.",
+        source=f"{LINDSTROM} (tissue filter)",
+    )
+    snr: Range | None = parameter(
+        (14.0, 20.0),
+        "Power of a channel in the pass-band while active over that at rest: range from which each "
+        "channel's ratio is drawn; absent: the amplifier's noise alone.",
+        unit="dB",
+        source="facial recordings, as an independent check of this package put it",
+        note="measured as `emgface.volunteers.noise.signal_to_noise` does",
+    )
+    amplitude: float = positive(
+        0.25,
+        "Factor on the amplitude of the EMG, which is 100 to 400 uV at full activation.",
+        unit="1",
+        note="so that a channel at rest has a few microvolts at these signal-to-noise ratios",
+    )
+
+    @field_validator("delay", "joining_level", "snr")
+    @classmethod
+    def _ordered(cls, value: Range | None) -> Range | None:
+        if value is not None and not 0.0 <= value[0] <= value[1]:
+            raise ValueError(f"{value} is no range: expected two numbers >= 0 in rising order")
+        return value
+
+    @field_validator("snr")
+    @classmethod
+    def _above_the_noise(cls, value: Range | None) -> Range | None:
+        if value is not None and value[0] < 1.0:
+            raise ValueError(
+                f"{value[0]:g} dB is too low: what is measured while active is signal and noise, so "
+                "that a ratio near 0 dB leaves no signal; expected at least 1 dB"
+            )
+        return value
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of the kinds of mismatch that are switched on, in the order of `KINDS`."""
+        return tuple(
+            kind
+            for kind, neutral in KINDS.items()
+            if any(getattr(self, name) != value for name, value in neutral.items())
+        )
+
+    @property
+    def label(self) -> str:
+        """Name for files and titles: "matched world", "mismatched world" or what is mismatched."""
+        on = self.kinds
+        if not on:
+            return "matched world"
+        off = [kind for kind in KINDS if kind not in on]
+        if not off:
+            return "mismatched world"
+        if len(off) < len(on):
+            return f"mismatched world but for {', '.join(off)}"
+        return f"world mismatched in {', '.join(on)}"
+
+    def without(self, *kinds: str) -> "World":
+        """Switch kinds of mismatch off."""
+        neutral = {name: value for kind in kinds for name, value in KINDS[kind].items()}
+        return self.model_copy(update=neutral)
+
+
+KINDS: Final[dict[str, dict[str, Any]]] = {
+    "mesh": {"elements": 1.0},
+    "laws": {"volume": "study", "kappa_factor": 1.0, "fibre_law": "study"},
+    "courses": {"course_shift": 0.0},
+    "strengths": {"strength": 0.0},
+    "delay": {"delay": (0.0, 0.0), "activation_time": 0.0, "deactivation_time": 0.0},
+    "recruitment": {"recruitment": 0.0, "left_out": 0.0, "joining": 0.0, "muscle_timing": 0.0},
+    "pick-up": {"pick_up": "mapping"},
+    "noise": {"snr": None, "amplitude": 1.0},
+}
+"""Kinds of mismatch, and the values at which each is switched off."""
+
+MATCHED: Final = World().without(*KINDS)
+MISMATCHED: Final = World()
+
+
+def world_of(name: str) -> World:
+    """World of a name.
+
+    Parameters
+    ----------
+    name : str
+        "matched", "mismatched", or kinds of mismatch joined by "+", such as "delay+noise".
+
+    Returns
+    -------
+    World
+
+    Raises
+    ------
+    ConfigurationError
+        If the name is none of these.
+    """
+    if name == "matched":
+        return MATCHED
+    if name == "mismatched":
+        return MISMATCHED
+    wanted = name.split("+")
+    if unknown := [kind for kind in wanted if kind not in KINDS]:
+        raise ConfigurationError(
+            f"the world {name!r} has the unknown part {unknown[0]!r}: expected matched, mismatched, or "
+            f"some of {', '.join(KINDS)} joined by '+'"
+        )
+    return mismatched_in(wanted)
+
+
+def mismatched_in(kinds: Iterable[str]) -> World:
+    """World that is mismatched in some kinds, with their default sizes."""
+    on = set(kinds)
+    return configure(World, MISMATCHED.without(*(k for k in KINDS if k not in on)).model_dump())
