@@ -33,7 +33,9 @@ def window_power(emg: np.ndarray, sampling_rate: float) -> np.ndarray:
     return np.square(pieces).mean(axis=2)
 
 
-def active_power(trials: Iterable[np.ndarray], sampling_rate: float) -> np.ndarray:
+def active_power(
+    trials: Iterable[np.ndarray], sampling_rate: float, *, runs: int = 1
+) -> np.ndarray:
     """Power in the pass-band while active: mean over the windows above a quarter of the highest.
 
     Parameters
@@ -42,18 +44,22 @@ def active_power(trials: Iterable[np.ndarray], sampling_rate: float) -> np.ndarr
         All instructions of a person, so that every channel is active in some.
     sampling_rate : float
         Hertz.
+    runs : int
+        How many times the trials hold the same movements one after the other; the power of a window is
+        their mean.
 
     Returns
     -------
     array, shape (channels,) [V^2]
     """
     power = np.concatenate([window_power(trial, sampling_rate) for trial in trials], axis=1)
+    power = power.reshape(len(power), runs, -1).mean(axis=1)
     active = power > 0.25 * power.max(axis=1, keepdims=True)
     return np.where(active, power, 0.0).sum(axis=1) / active.sum(axis=1)
 
 
 def signal_to_noise(
-    trials: Iterable[np.ndarray], rest: np.ndarray, sampling_rate: float
+    trials: Iterable[np.ndarray], rest: np.ndarray, sampling_rate: float, *, runs: int = 1
 ) -> np.ndarray:
     """Signal-to-noise ratio of every channel, ``10 log10(P_active / P_rest)``.
 
@@ -65,13 +71,15 @@ def signal_to_noise(
         A rest without movement artefacts; P_rest is its mean power in the pass-band.
     sampling_rate : float
         Hertz.
+    runs : int
+        As `active_power`.
 
     Returns
     -------
     array, shape (channels,) [dB]
     """
     quiet = window_power(rest, sampling_rate).mean(axis=1)
-    return 10.0 * np.log10(active_power(trials, sampling_rate) / quiet)
+    return 10.0 * np.log10(active_power(trials, sampling_rate, runs=runs) / quiet)
 
 
 def noise_for(
@@ -80,6 +88,7 @@ def noise_for(
     *,
     mains_hum: float,
     sampling_rate: float,
+    runs: int = 1,
 ) -> np.ndarray:
     """White noise that gives every channel its signal-to-noise ratio.
 
@@ -96,12 +105,16 @@ def noise_for(
         Amplitude of the hum [V].
     sampling_rate : float
         Hertz.
+    runs : int
+        As `active_power`.
 
     Returns
     -------
     array, shape (channels,) [V]
         Root mean square over all frequencies, 0 where the hum alone is stronger.
     """
-    wanted = active_power(clean, sampling_rate) / (10.0 ** (np.asarray(snr) / 10.0) - 1.0)
+    wanted = active_power(clean, sampling_rate, runs=runs) / (
+        10.0 ** (np.asarray(snr) / 10.0) - 1.0
+    )
     passed = 2.0 * (BAND[1] - BAND[0]) / sampling_rate
     return np.sqrt(np.maximum(wanted - 0.5 * mains_hum**2, 0.0) / passed)

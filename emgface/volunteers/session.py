@@ -25,6 +25,8 @@ from emgface.volunteers.settings import VolunteerParameters
 
 TAIL = 0.5
 """Seconds after a trial for which the motion is simulated; it is at rest to a micrometre then."""
+_RUNS = 3
+"""Times that each movement is heard to know the power of its EMG."""
 _GRID = 0.25
 """Trials begin on this grid [s], where samples of EMG (2048 Hz) and frames (100 Hz) coincide."""
 
@@ -112,11 +114,12 @@ def amplifier_noise(
             cross_talk=person.cross_talk if settings.cross_talk is None else settings.cross_talk,
             baseline_noise=0.0,
             mains_hum=0.0,
-            rng=np.random.default_rng([person.seed, person.index, 40, k]),
+            rng=np.random.default_rng([person.seed, person.index, 40, run, k]),
             sampling_rate=settings.sampling_rate,
             pools=pools,
             conduction=conduction,
         ).values
+        for run in range(_RUNS)
         for k, instruction in enumerate(INSTRUCTIONS)
     ]
     return settings.noise_factor * noise_for(
@@ -124,6 +127,7 @@ def amplifier_noise(
         np.array([snr[channel] for channel in CHANNELS]),
         mains_hum=person.mains_hum,
         sampling_rate=settings.sampling_rate,
+        runs=_RUNS,
     )
 
 
