@@ -8,6 +8,7 @@ import xarray as xr
 from emgface.errors import DataError, FaceError
 from emgface.face.validity import check_face
 from emgface.files import replace_file
+from emgface.schema.rules import one_line
 
 
 def save_face(ds: xr.Dataset, path: str | os.PathLike[str]) -> Path:
@@ -60,7 +61,7 @@ def load_face(path: str | os.PathLike[str]) -> xr.Dataset:
             ds = opened.load()
     except (OSError, RuntimeError, ValueError) as error:
         raise FaceError(
-            f"{path} cannot be read as netCDF ({error}): it is truncated or of another format, "
-            "make it again"
+            f"{path} cannot be read as netCDF ({one_line(error)}): it is truncated or "
+            "of another format, make it again"
         ) from error
     return check_face(ds)

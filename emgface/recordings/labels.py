@@ -12,7 +12,7 @@ from pydantic import Field
 
 from emgface.choices import Parameters, configure
 from emgface.errors import ConfigurationError, DataError, SchemaError
-from emgface.schema.rules import hint, listed
+from emgface.schema.rules import hint, listed, one_line
 
 
 class LabelMap(Parameters):
@@ -95,9 +95,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigurationError(
             f"Cannot read {path}: {error.strerror}; expected a TOML file: see its path."
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigurationError(
-            f'{path.name} is no TOML ({error}); expected lines such as name = "value": repair it.'
+            f"{path.name} is no TOML ({one_line(error)}); expected lines such as name = 'value': "
+            "repair it."
         ) from error
 
 

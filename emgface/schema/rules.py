@@ -27,6 +27,11 @@ def nearest(name: str, valid: Iterable[str], cutoff: float = 0.6) -> str | None:
     return folded[found[0]] if found else None
 
 
+def one_line(error: Exception) -> str:
+    """Return the type and the message of an error of a library, on one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}".rstrip(": ")
+
+
 def hint(name: str, valid: Iterable[str]) -> str:
     """Return the end of a sentence that names the nearest valid name, if any."""
     near = nearest(name, valid)

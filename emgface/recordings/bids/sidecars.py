@@ -10,6 +10,7 @@ import pandas as pd
 
 from emgface.errors import DataError, UnitsError
 from emgface.recordings.bids.names import ORDER, entities, file_name, trial_of
+from emgface.schema.rules import one_line
 from emgface.schema.units import spelling
 
 
@@ -275,7 +276,7 @@ def read_json(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(
-            f"{path.name} cannot be read as JSON ({error}); expected an object of keys and "
+            f"{path.name} cannot be read as JSON ({one_line(error)}); expected an object of keys and "
             "values: repair it."
         ) from error
     if not isinstance(content, dict):

@@ -5,20 +5,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-import scipy.io
 
 from emgface.errors import DataError
-from emgface.schema.rules import hint, listed
+from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._parsers import (
+    AbsentVariable,
+    NotAnArray,
+    parse_hdf5,
+    parse_matlab,
+)
+from emgface.schema.rules import hint, listed, one_line
 
 SUFFIXES = (".mat", ".h5", ".hdf5")
 """Files that hold arrays."""
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MATLAB = b"MATLAB 7.3"
-_EXPANSION = 1100
-"""Most values for each byte of a file; zeros deflate to about 1/1030, and bytes are the smallest."""
 
 
 def read_array(path: Path, name: str) -> np.ndarray:
@@ -89,50 +92,31 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _value(path: Path, name: str, *, texts: bool = False) -> Any:
-    """Open the file by what it holds, whatever its suffix says."""
+    """Parse the file in the child process, by what it holds, whatever its suffix says."""
     if not path.is_file():
-        raise DataError(f"No file {path}; expected a MATLAB or HDF5 file: see its path.")
+        raise DataError(f"No file {path}; expected a MATLAB or HDF5 file: check its path.")
     with path.open("rb") as stream:
         start = stream.read(520)
     matlab = start.startswith(_MATLAB)
     try:
         # Parsers of binary formats raise whatever the damage leads them to.
         if matlab or start.startswith(_HDF5):
-            with h5py.File(path, "r") as opened:
-                return _in_hdf5(path, opened, name, matlab=matlab, texts=texts)
-        return _in_mat5(path, name)
+            return isolated(path, parse_hdf5, path, name, matlab=matlab, texts=texts)
+        _check_elements(path)
+        return isolated(path, parse_matlab, path, name)
     except DataError:
         raise
+    except AbsentVariable as error:
+        raise DataError(_absent(path, *error.args)) from None
+    except NotAnArray as error:
+        raise DataError(
+            f"{path.name}: {name!r} is a group; expected one of {listed(error.args[1])} in it."
+        ) from None
     except Exception as error:
         raise DataError(
-            f"{path.name} cannot be read ({type(error).__name__}: {error}); expected a complete "
-            "MATLAB or HDF5 file: it is truncated or damaged, save it again."
+            f"{path.name} cannot be read ({one_line(error)}); expected a complete MATLAB or HDF5 "
+            "file: it is truncated or damaged, save it again."
         ) from error
-
-
-def _in_mat5(path: Path, name: str) -> Any:
-    """Take a variable, or a field of one, out of a MATLAB file before version 7.3."""
-    _check_elements(path)
-    head, *fields = name.split(".")
-    found: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
-    held: dict[str, tuple[int, ...]] = {str(row[0]): row[1] for row in found}
-    if head not in held:
-        raise DataError(_absent(path, head, list(held)))
-    if np.prod(np.array(held[head], float)) > _EXPANSION * path.stat().st_size:
-        raise DataError(
-            f"{path.name}: {head!r} has the shape {held[head]} in a file of "
-            f"{path.stat().st_size} bytes; expected an array that fits: it is damaged."
-        )
-    value: Any = scipy.io.loadmat(str(path), appendmat=False, variable_names=[head])[head]
-    for field in fields:
-        known = value.dtype.names or () if isinstance(value, np.ndarray) else ()
-        if field not in known:
-            raise DataError(_absent(path, field, list(known)))
-        value = value[field]
-        # A structure is an array of objects, of size one where it is no array of structures.
-        while isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
-            value = value.ravel()[0]
-    return value
 
 
 def _check_elements(path: Path) -> None:
@@ -151,34 +135,8 @@ def _check_elements(path: Path) -> None:
         )
 
 
-def _in_hdf5(path: Path, opened: h5py.File, name: str, *, matlab: bool, texts: bool) -> Any:
-    """Take a data set out of an HDF5 file; MATLAB stores the dims in reverse."""
-    where: Any = opened
-    for part in (name.replace(".", "/") if matlab else name).strip("/").split("/"):
-        if not isinstance(where, h5py.Group) or part not in where:
-            held = [str(k) for k in where] if isinstance(where, h5py.Group) else []
-            raise DataError(_absent(path, part, [k for k in held if not k.startswith("#")]))
-        where = where[part]
-    if not isinstance(where, h5py.Dataset):
-        raise DataError(f"{path.name}: {name!r} is a group; expected one of {listed(where)} in it.")
-    if where.size is not None and where.size > _EXPANSION * path.stat().st_size:
-        raise DataError(
-            f"{path.name}: {name!r} has the shape {where.shape} in a file of "
-            f"{path.stat().st_size} bytes; expected an array that fits: it is damaged."
-        )
-    value = where[()]
-    if texts and matlab and value.dtype.kind in "Ou":
-        if value.dtype == object:  # references to arrays of characters
-            found: Any = opened
-            cells = (np.asarray(found[reference][()]) for reference in value.ravel(order="F"))
-        else:
-            cells = iter(np.atleast_2d(value.T))
-        return np.array(["".join(map(chr, cell.ravel(order="F"))) for cell in cells], dtype=object)
-    return value.T if matlab and isinstance(value, np.ndarray) else value
-
-
 def _absent(path: Path, name: str, held: list[str]) -> str:
     return (
         f"{path.name} has no variable {name!r}{hint(name, held)}; found "
-        f"{listed(held) or 'none'}: see 'variable' in the sidecar."
+        f"{listed(held) or 'none'}: check 'variable' in the sidecar."
     )

@@ -16,6 +16,9 @@ from emgface.recordings.readers._build import (
     voltages,
 )
 from emgface.recordings.readers._c3d_structure import check_structure
+from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._parsers import parse_c3d
+from emgface.schema.rules import one_line
 
 SUFFIXES = (".c3d",)
 FORMAT = "C3D"
@@ -71,22 +74,22 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     return assemble_parts([_analogs(content, units), _points(content, units)])
 
 
-def _open(path: Path) -> Any:
+def _open(path: Path) -> dict[str, Any]:
     """Read the file, and refuse one that holds fewer frames than it announces."""
-    import ezc3d  # 0.1 s to import, and only this format needs it
-
     if not path.is_file():
         raise DataError(f"No file {path}; expected a C3D file: see the spelling of the path.")
     check_structure(path)
     try:
-        content = ezc3d.c3d(str(path))
-    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        content = isolated(path, parse_c3d, path)
+    except DataError:
+        raise
+    except Exception as error:  # the parser raises whatever the damage leads it to
         raise DataError(
-            f"{path.name} cannot be read as C3D ({error}); expected a complete C3D file: "
+            f"{path.name} cannot be read as C3D ({one_line(error)}); expected a complete C3D file: "
             "it is damaged or another format, export it again."
         ) from error
     # ezc3d reads a truncated file up to its end and adapts its counts without a word.
-    announced, found = _announced_frames(path, content), content["data"]["points"].shape[2]
+    announced, found = _announced_frames(path, content), content["points"].shape[2]
     if announced is not None and found < announced:
         raise DataError(
             f"{path.name} announces {announced} frames and holds {found}; expected all of them: "
@@ -95,13 +98,13 @@ def _open(path: Path) -> Any:
     return content
 
 
-def _announced_frames(path: Path, content: Any) -> int | None:
+def _announced_frames(path: Path, content: Mapping[str, Any]) -> int | None:
     """Frames from TRIAL:ACTUAL_START_FIELD and _END_FIELD, else from the header."""
     trial = content["parameters"].get("TRIAL", {})
     fields = [
-        [int(v) % 65536 for v in trial[name]["value"]]
+        [int(v) % 65536 for v in trial[name]]
         for name in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")
-        if name in trial and len(trial[name]["value"]) == 2
+        if name in trial and len(trial[name]) == 2
     ]
     if len(fields) == 2:
         first, last = (low + 65536 * high for low, high in fields)
@@ -118,16 +121,16 @@ def _announced_frames(path: Path, content: Any) -> int | None:
 
 def _strings(group: Any, name: str) -> list[str]:
     """Strings of a parameter and of its continuations: more than 255 go on in NAME2, NAME3 ..."""
-    found = [str(v) for v in group.get(name, {}).get("value", [])]
+    found = [str(v) for v in group.get(name, [])]
     number = 2
     while f"{name}{number}" in group:
-        found += [str(v) for v in group[f"{name}{number}"]["value"]]
+        found += [str(v) for v in group[f"{name}{number}"]]
         number += 1
     return found
 
 
 def _rate(group: Any, what: str) -> float:
-    values = np.atleast_1d(group.get("RATE", {}).get("value", []))
+    values = np.atleast_1d(group.get("RATE", []))
     if values.size == 0 or not values[0] > 0:
         raise DataError(
             f"The file names no sampling rate of its {what}; expected {what}:RATE above 0 Hz: "
@@ -136,9 +139,9 @@ def _rate(group: Any, what: str) -> float:
     return float(values[0])
 
 
-def _points(content: Any, units: Mapping[str, str]) -> Part:
+def _points(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     """Markers: positions where a marker was seen, NaN elsewhere."""
-    values = content["data"]["points"][:3]
+    values = content["points"][:3]
     group = content["parameters"]["POINT"]
     count, frames = values.shape[1:]
     if count == 0 or frames == 0:
@@ -165,9 +168,9 @@ def _points(content: Any, units: Mapping[str, str]) -> Part:
     return Part(part, {"position": found}, dropped, changed)
 
 
-def _analogs(content: Any, units: Mapping[str, str]) -> Part:
+def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     """Analog channels that are voltages, each converted from its own unit."""
-    values = content["data"]["analogs"][0]
+    values = content["analogs"][0]
     group = content["parameters"]["ANALOG"]
     count, samples = values.shape
     if count == 0 or samples == 0:

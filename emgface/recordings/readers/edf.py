@@ -19,6 +19,7 @@ from emgface.recordings.bids.electrodes import read_electrodes
 from emgface.recordings.bids.sidecars import EmgSidecars, emg_sidecars
 from emgface.recordings.readers._build import Part, assemble_parts, unique_labels, voltages
 from emgface.recordings.readers.bids_motion import motion_of_trial
+from emgface.schema.rules import one_line
 from emgface.schema.units import quantity_of
 
 SUFFIXES = (".edf", ".bdf")
@@ -166,7 +167,7 @@ def _load(path: Path) -> _Content:
             ranges = [(*signal.physical_range, *signal.digital_range) for signal in signals]
     except (ValueError, KeyError, IndexError, TypeError, ArithmeticError, Warning) as error:
         raise DataError(
-            f"{path.name} cannot be read as {'BDF' if bdf else 'EDF'} ({error}); expected the "
+            f"{path.name} cannot be read as {'BDF' if bdf else 'EDF'} ({one_line(error)}); expected the "
             "fields of that format: it is damaged, export it again."
         ) from error
     if not continuous:

@@ -1,0 +1,183 @@
+"""Calls of compiled parsers in a child process with limits of memory and time.
+
+Compiled parsers of binary formats may end the process that calls them when a file is damaged: a
+segmentation fault cannot be caught. Such a parser therefore runs in one child process that is
+started at its first use, serves all later calls, and is started again after it has died.
+"""
+
+import atexit
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any, ParamSpec, TypeVar
+
+from emgface.errors import DataError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_LENGTH = struct.Struct("<Q")
+_MEMORY, _MEMORY_PER_BYTE = 2 << 30, 64
+"""Bytes that a parser may add to its address space, and further ones for each byte of the file."""
+_SECONDS, _SECONDS_PER_BYTE = 60.0, 2e-6
+"""Longest time that a parser may take, and further time for each byte of the file."""
+_START = "from emgface.recordings.readers._isolated import serve; serve()"
+
+
+def isolated(path: Path, function: Callable[P, T], /, *arguments: P.args, **options: P.kwargs) -> T:
+    """Call a function of a module in the child process.
+
+    Parameters
+    ----------
+    path : Path
+        File that the function reads; its size decides the limits, its name stands in messages.
+    function : callable
+        Function of a module. Arguments and result are pickled.
+    *arguments, **options
+        What it is called with.
+
+    Returns
+    -------
+    object
+        Its result.
+
+    Raises
+    ------
+    DataError
+        If the child process died, or took longer than its limit.
+    Exception
+        Whatever the function raised.
+    """
+    with _LOCK:
+        child = _running()
+        size = path.stat().st_size if path.is_file() else 0
+        limit = _SECONDS + _SECONDS_PER_BYTE * size
+        late = threading.Event()
+
+        def stop() -> None:
+            late.set()
+            child.kill()
+
+        timer = threading.Timer(limit, stop)
+        timer.start()
+        try:
+            _send(child.stdin, (function, arguments, options, size))
+            succeeded, result = _receive(child.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            _end(child)
+            why = f"took longer than {limit:.0f} s" if late.is_set() else _how(child.returncode)
+            raise DataError(
+                f"{path.name} cannot be read: its parser {why}; expected a complete file: it is "
+                "truncated or damaged, copy or export it again."
+            ) from None
+        except BaseException:  # an interruption leaves half an answer in the pipe
+            _end(child)
+            raise
+        finally:
+            timer.cancel()
+    if not succeeded:
+        raise result
+    return result
+
+
+_LOCK = threading.Lock()
+_children: dict[int, "subprocess.Popen[bytes]"] = {}
+"""The child of each process, by the process that started it: a fork does not inherit it."""
+
+
+def _running() -> "subprocess.Popen[bytes]":
+    """Return the child process of this process, started where there is none."""
+    own = os.getpid()
+    child = _children.get(own)
+    if child is None or child.poll() is not None:
+        search = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
+        child = _children[own] = subprocess.Popen(
+            [sys.executable, "-c", _START],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": search},
+        )
+        atexit.register(_end, child)
+    return child
+
+
+def _end(child: "subprocess.Popen[bytes]") -> None:
+    atexit.unregister(_end)
+    child.kill()
+    child.wait()
+    for stream in (child.stdin, child.stdout):
+        with suppress(OSError):
+            if stream is not None:
+                stream.close()
+
+
+def _how(code: int | None) -> str:
+    """Describe the exit of a process."""
+    if code is not None and code < 0:
+        with suppress(ValueError):
+            return f"crashed ({signal.Signals(-code).name})"
+    return f"ended with the exit code {code}"
+
+
+def _send(stream: IO[bytes] | None, message: object) -> None:
+    assert stream is not None  # opened as a pipe
+    data = pickle.dumps(message, protocol=5)
+    stream.write(_LENGTH.pack(len(data)) + data)
+    stream.flush()
+
+
+def _receive(stream: IO[bytes] | None) -> Any:
+    assert stream is not None
+    head = stream.read(_LENGTH.size)
+    if len(head) < _LENGTH.size:
+        raise EOFError
+    (size,) = _LENGTH.unpack(head)
+    data = stream.read(size)
+    if len(data) < size:
+        raise EOFError
+    return pickle.loads(data)
+
+
+def serve() -> None:
+    """Answer calls from standard input until it is closed; the main function of the child."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # parsers print; only answers may enter the pipe
+    while True:
+        try:
+            function, arguments, options, size = _receive(requests)
+        except EOFError:
+            return
+        _limit_memory(size)
+        try:
+            answer = (True, function(*arguments, **options))
+        except Exception as error:
+            answer = (False, error)
+        try:
+            _send(answers, answer)
+        except BrokenPipeError:
+            return
+        except Exception as error:  # what cannot be pickled
+            _send(answers, (False, RuntimeError(f"{type(error).__name__}: {error}")))
+
+
+def _limit_memory(size: int) -> None:
+    """Bound the address space, where the platform can."""
+    try:
+        import resource
+
+        held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    except (ImportError, OSError):
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    wanted = held + _MEMORY + _MEMORY_PER_BYTE * size
+    allowed = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (allowed, hard))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))

@@ -1,0 +1,198 @@
+"""Contents of binary files as plain arrays and texts, by the compiled parsers of their formats.
+
+The functions run in the child process of `emgface.recordings.readers._isolated`, which is why this
+module imports nothing but what a parser needs.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emgface.errors import DataError
+
+EXPANSION = 1100
+"""Most values for each byte of a file; zeros deflate to about 1/1030, and bytes are the smallest."""
+
+
+class AbsentVariable(LookupError):
+    """A file holds no variable of a name: ``args`` are the name and the names that it holds."""
+
+
+class NotAnArray(LookupError):
+    """A name is that of a group: ``args`` are the name and its members."""
+
+
+def parse_c3d(path: Path) -> dict[str, Any]:
+    """Return parameters, points and analog samples of a C3D file, as ezc3d reads them.
+
+    Parameters
+    ----------
+    path : Path
+        File whose structure has been checked.
+
+    Returns
+    -------
+    dict
+        ``parameters`` (group to name to value), ``points`` (4, points, frames), ``analogs``
+        (1, channels, samples).
+    """
+    import ezc3d
+
+    content = ezc3d.c3d(str(path))
+    held = content["parameters"]
+    parameters = {
+        group: {
+            name: list(held[group][name]["value"])
+            for name in held[group]
+            if isinstance(held[group][name], dict) and "value" in held[group][name]
+        }
+        for group in held
+    }
+    return {
+        "parameters": parameters,
+        "points": np.array(content["data"]["points"], dtype=np.float64),
+        "analogs": np.array(content["data"]["analogs"], dtype=np.float64),
+    }
+
+
+def parse_matlab(path: Path, name: str) -> Any:
+    """Return a variable, or a field of one, of a MATLAB file before version 7.3.
+
+    Raises
+    ------
+    AbsentVariable
+        There is no such variable or field.
+    DataError
+        The array is larger than the file can hold.
+    """
+    import scipy.io
+
+    head, *fields = name.split(".")
+    found: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
+    held: dict[str, tuple[int, ...]] = {str(row[0]): row[1] for row in found}
+    if head not in held:
+        raise AbsentVariable(head, list(held))
+    _require_room(path, head, held[head])
+    value: Any = scipy.io.loadmat(str(path), appendmat=False, variable_names=[head])[head]
+    for field in fields:
+        known = value.dtype.names or () if isinstance(value, np.ndarray) else ()
+        if field not in known:
+            raise AbsentVariable(field, list(known))
+        value = value[field]
+        # A structure is an array of objects, of size one where it is no array of structures.
+        while isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
+            value = value.ravel()[0]
+    return value
+
+
+def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
+    """Return a data set of an HDF5 file, its dims as MATLAB has them where MATLAB wrote it.
+
+    Raises
+    ------
+    AbsentVariable, NotAnArray
+        There is no such data set.
+    DataError
+        The array is larger than the file can hold.
+    """
+    import h5py
+
+    with h5py.File(path, "r") as opened:
+        where: Any = opened
+        for part in (name.replace(".", "/") if matlab else name).strip("/").split("/"):
+            if not isinstance(where, h5py.Group) or part not in where:
+                held = [str(k) for k in where] if isinstance(where, h5py.Group) else []
+                raise AbsentVariable(part, [k for k in held if not k.startswith("#")])
+            where = where[part]
+        if not isinstance(where, h5py.Dataset):
+            raise NotAnArray(name, [str(k) for k in where])
+        if where.size is not None:
+            _require_room(path, name, where.shape)
+        value = where[()]
+        if texts and matlab and value.dtype.kind in "Ou":
+            if value.dtype == object:  # references to arrays of characters
+                found: Any = opened
+                cells = [np.asarray(found[reference][()]) for reference in value.ravel(order="F")]
+            else:
+                cells = list(np.atleast_2d(value.T))
+            joined = ["".join(map(chr, cell.ravel(order="F"))) for cell in cells]
+            return np.array(joined, dtype=object)
+        if h5py.check_ref_dtype(where.dtype) is not None:  # no number, and cannot be pickled
+            return np.full(where.shape, "reference", dtype=object)
+    return value.T if matlab and isinstance(value, np.ndarray) else value
+
+
+def _require_room(path: Path, name: str, shape: tuple[int, ...]) -> None:
+    """Refuse an array that its file cannot hold."""
+    if np.prod(np.array(shape, float)) > EXPANSION * path.stat().st_size:
+        raise DataError(
+            f"{path.name}: {name!r} has the shape {shape} in a file of {path.stat().st_size} "
+            "bytes; expected an array that fits: it is damaged."
+        )
+
+
+def parse_xdf(path: Path) -> list[dict[str, Any]]:
+    """Return the streams of an XDF file, clocks synchronised and jitter of time stamps removed.
+
+    Parameters
+    ----------
+    path : Path
+        File whose chunks have been checked.
+
+    Returns
+    -------
+    list of dict
+        For each stream of numbers ``name``, ``type``, ``rate`` (nominal [Hz]), ``announced``
+        (samples by the footer, None without one), ``segments`` (runs without a break),
+        ``channels`` (dicts of texts), ``values`` (samples, channels) and ``time`` [s].
+
+    Raises
+    ------
+    ValueError
+        A part of the file could not be read.
+    """
+    import logging
+
+    import pyxdf
+
+    told: list[str] = []
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            told.append(record.getMessage())
+
+    # pyxdf leaves out what it cannot read and only logs that it did.
+    collector = Collector(logging.ERROR)
+    logging.getLogger("pyxdf").addHandler(collector)
+    try:
+        streams, _ = pyxdf.load_xdf(str(path))
+    finally:
+        logging.getLogger("pyxdf").removeHandler(collector)
+    if told:
+        raise ValueError(told[0])
+    found: list[dict[str, Any]] = []
+    for stream in streams:
+        info = stream["info"]
+        values = np.asarray(stream["time_series"])
+        if values.dtype.kind not in "iuf":
+            continue
+        described = (info.get("desc") or [None])[0] or {}
+        channels = ((described.get("channels") or [None])[0] or {}).get("channel") or []
+        footer = stream.get("footer", {}).get("info", {}).get("sample_count")
+        found.append(
+            {
+                "name": str(info["name"][0]),
+                "type": str(info["type"][0]),
+                "rate": float(info["nominal_srate"][0]),
+                "announced": None if not footer else int(footer[0]),
+                "segments": len(info["segments"]),
+                "channels": [
+                    {key: str(value[0]) for key, value in channel.items() if value and value[0]}
+                    for channel in channels
+                ],
+                "values": values.astype(np.float64),
+                "time": np.asarray(stream["time_stamps"], dtype=np.float64),
+            }
+        )
+    return found
