@@ -2,8 +2,9 @@
 
     python benchmarks/mutations.py [--count 500] [--seed 0]
 
-Every reader has a process of its own, whose memory is limited; a crash of a compiled library ends
-that process and is told. Prints, for each reader, how many damaged files were still valid
+Every reader has a process of its own, whose memory is limited. A crash of a parser that runs in the
+child process of its reader is counted as a typed error "after a crash"; any other crash ends the
+process and is reported as FAILED. Prints, for each reader, how many damaged files were still valid
 recordings, the typed errors by name, the most computing time of a read and the growth of memory.
 """
 
@@ -64,7 +65,7 @@ def main() -> int:
     context = multiprocessing.get_context("spawn")
     faults = 0
     head = ("reader", "bytes", "valid", "typed", "CPU s most", "MiB grown", "errors")
-    print(("{:14s} {:>6s} {:>6s} {:>6s} {:>10s} {:>10s}  {}").format(*head))
+    print(("{:20s} {:>6s} {:>6s} {:>6s} {:>10s} {:>10s}  {}").format(*head))
     for name in FORMATS:
         with tempfile.TemporaryDirectory() as folder:
             place = Path(folder) / "result.json"
@@ -74,7 +75,7 @@ def main() -> int:
             process.start()
             process.join()
             if not place.exists():
-                print(f"{name:14s} FAILED, exit {process.exitcode}", flush=True)
+                print(f"{name:20s} FAILED, exit {process.exitcode}", flush=True)
                 faults += 1
                 continue
             found = json.loads(place.read_text())
@@ -82,7 +83,7 @@ def main() -> int:
         valid = outcomes.pop("ok", 0)
         told = ", ".join(f"{key} {value}" for key, value in sorted(outcomes.items()))
         typed = sum(outcomes.values())
-        print(f"{name:14s} {found['size']:6d} {valid:6d} {typed:6d} {found['longest']:10.3f} "
+        print(f"{name:20s} {found['size']:6d} {valid:6d} {typed:6d} {found['longest']:10.3f} "
               f"{found['grown']:10.1f}  {told}", flush=True)  # fmt: skip
     return 1 if faults else 0
 

@@ -45,4 +45,4 @@ class StoreError(EmgfaceError):
 
 
 class FeatureWarning(UserWarning):
-    """A feature was computed but says nothing: zero or saturated in every window."""
+    """A feature was computed but says little: zero, saturated, or of a narrowed pass-band."""

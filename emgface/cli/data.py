@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from emgface.cli.band import BandOption, with_band
 from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 
 if TYPE_CHECKING:
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="Recordings: examine and map them before use.")
 
 FORMATS = (
-    "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), motion of "
+    "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), "
+    "BrainVision (.vhdr), XDF (.xdf), motion of "
     "BIDS (_motion.tsv), and the TOML sidecar (.toml) of a CSV, MATLAB or HDF5 file"
 )
 COLUMNS = ("name", "kind", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
@@ -50,7 +52,8 @@ def check(
     from emgface.errors import DataError, EmgfaceError
     from emgface.files import replace_file
     from emgface.recordings.check import check_recording, problems
-    from emgface.recordings.dataset import find_recordings, read_recording, read_recordings
+    from emgface.recordings.dataset import find_recordings, read_recordings
+    from emgface.schema.rules import one_line
     from emgface.study.exclusions import exclusions_text
 
     if exclude is not None and exclude.exists():
@@ -59,26 +62,24 @@ def check(
             "another one or delete it"
         )
 
-    def given():
-        for path in paths:
-            if path.is_dir():
-                yield from read_recordings(path, mapping=mapping)
-            else:
-                yield path, read_recording(path, mapping=mapping)
-
     n_files = 0
     if page is not None:
         n_files = sum(len(find_recordings(path)) if path.is_dir() else 1 for path in paths)
     n_bad = n_all = 0
     excluded: list[Exclusion] = []
     with overview_pages(page, n_files) as add_page:
-        for file, recording in given():
+        for file, recording in read_recordings(*paths, mapping=mapping):
             n_all += 1
             if isinstance(recording, EmgfaceError):
                 fail(recording)
                 n_bad += 1
                 continue
-            report = check_recording(recording, study=study)
+            try:
+                report = check_recording(recording, study=study)
+            except Exception as error:  # one file must not end the check of the others
+                fail(DataError(f"{file.name} could not be examined ({one_line(error)})."))
+                n_bad += 1
+                continue
             origin = recording.attrs.get("origin", "")
             show_table(frame(report[list(COLUMNS)]), f"{file.name} ({origin})")
             add_page(recording, report)
@@ -131,6 +132,7 @@ def features(
     study: Annotated[
         Path | None, typer.Option(help="Study file whose signal chain applies.")
     ] = None,
+    band: BandOption = None,
 ) -> None:
     """Show the power in the pass-band and the range of the feature of every channel."""
     from emgface.errors import DataError
@@ -139,7 +141,7 @@ def features(
     from emgface.signals.parameters import SignalChain
     from emgface.study.file import load_study
 
-    chain = SignalChain() if study is None else load_study(study).signals
+    chain = with_band(SignalChain() if study is None else load_study(study).signals, band)
     recording = read_recording(path, mapping=mapping)
     names = [str(name) for name in recording["channel"].values] if "emg" in recording else []
     chosen = [name for name in names if channels in name]
@@ -153,7 +155,8 @@ def features(
     rows["rms"] *= 1e6
     rows = rows.rename(columns={"rms": "rms in uV", "median_frequency": "median frequency in Hz"})
     origin = recording.attrs.get("origin", "")
-    edges = f"{chain.filter.low:g}-{chain.filter.high:g} Hz"
+    used = report.attrs.get("pass_band", (chain.filter.low, chain.filter.high))
+    edges = f"{used[0]:g}-{used[1]:g} Hz"
     show_table(frame(rows), f"{path.name} ({origin}): {chain.feature.kind}, band {edges}")
     live = int((report["status"] == "ok").sum())
     say(f"{live} of {len(report)} channels are live.")

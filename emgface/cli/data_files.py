@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from emgface.cli.band import BandOption, with_band
 from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 from emgface.cli.data import FORMATS
 
@@ -142,6 +143,7 @@ def cut(
         float | None,
         typer.Option(help="Seconds by which the clock of the markers is behind that of the EMG."),
     ] = None,
+    band: BandOption = None,
     before: Annotated[float, typer.Option(min=0, help="Seconds before the onset.")] = 0.0,
     after: Annotated[float, typer.Option(min=0, help="Seconds after the end.")] = 0.0,
 ) -> None:
@@ -151,7 +153,7 @@ def cut(
     from emgface.recordings.events import cut_trials, find_repetitions, read_events
     from emgface.recordings.synchronise import synchronise
     from emgface.signals.filters import bandpass
-    from emgface.signals.parameters import FilterParameters
+    from emgface.signals.parameters import SignalChain
 
     recording = read_recording(path, mapping=mapping)
     if offset is not None:
@@ -159,7 +161,8 @@ def cut(
     if events is not None:
         table = read_events(events)
     elif "emg" in recording:
-        table = find_repetitions(bandpass(recording["emg"], FilterParameters()))
+        chain = with_band(SignalChain(), band)
+        table = find_repetitions(bandpass(recording["emg"], chain.filter))
     else:
         raise DataError(
             f"{path.name} holds no EMG in which to find repetitions, expected some or events: name "

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from emgface.cli.band import BandOption, with_band
 from emgface.cli.console import progress, say, show_table
 from emgface.cli.machine import announce_compilation
 from emgface.cli.study import AccuracyOption
@@ -31,6 +32,7 @@ def activate(
         Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
     ] = None,
     study: StudyPath = None,
+    band: BandOption = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the activations.")] = None,
 ) -> None:
     """Compute muscle activations from the sEMG of a recording."""
@@ -43,13 +45,12 @@ def activate(
     from emgface.study.truth import true_activation_of
 
     configuration = load_study(study) if study else StudyConfiguration()
+    signals = with_band(configuration.signals, band)
     given = read_recording(recording, mapping=mapping)
     if strategy == TRUE_STRATEGY:
-        activation = true_activation_of(given, configuration.signals.resampling)
+        activation = true_activation_of(given, signals.resampling)
     else:
-        activation = activation_of(
-            given, configuration.signals, strategy=strategy, instruction=instruction
-        )
+        activation = activation_of(given, signals, strategy=strategy, instruction=instruction)
     write_netcdf(activation, out_path, "activation")
     show_table(activation_rows(activation), f"{recording.name}, {given.attrs['origin']}")
     if plot is not None:

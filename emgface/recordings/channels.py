@@ -40,6 +40,7 @@ def channel_report(recording: xr.Dataset, chain: SignalChain) -> pd.DataFrame:
         - ``feature_min``, ``feature_max``: in the unit ``attrs["feature_units"]``; the Willison
           amplitude counts [1], up to ``attrs["feature_full_scale"]``.
 
+        ``attrs["pass_band"]`` are the edges [Hz] as used, see `emgface.signals.filters.pass_band`.
         Values are NaN where the status leaves them undefined.
 
     Raises
@@ -72,13 +73,15 @@ def channel_report(recording: xr.Dataset, chain: SignalChain) -> pd.DataFrame:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FeatureWarning)  # the status says it
         feature = feature_of(filtered, chain.feature, phase=chain.filter.phase)
-    share, median = _band_power(emg.sel(channel=live), rate, chain.filter.low, chain.filter.high)
+    edges = filtered.attrs["filter_low"], filtered.attrs["filter_high"]
+    share, median = _band_power(emg.sel(channel=live), rate, *edges)
     low, high = feature.min("time").values, feature.max("time").values
     table.loc[live, "rms"] = np.sqrt(np.mean(filtered.values**2, axis=1))
     table.loc[live, "power_in_band"] = share
     table.loc[live, "median_frequency"] = median
     table.loc[live, "feature_min"], table.loc[live, "feature_max"] = low, high
     table.attrs["feature_units"] = feature.attrs["units"]
+    table.attrs["pass_band"] = edges
     if chain.feature.kind == "wamp":
         full = feature.attrs["window_samples"] - 1
         table.attrs["feature_full_scale"] = full

@@ -6,11 +6,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from emgface.errors import SignalError
 from emgface.recordings.labels import constant_value
 from emgface.recordings.quality.findings import findings
 from emgface.schema.rules import nearest
 from emgface.schema.validation import declaration
-from emgface.signals.parameters import HeadFrameParameters
+from emgface.signals.filters import pass_band
+from emgface.signals.parameters import FilterParameters, HeadFrameParameters
 
 LARGEST_VARIATION = 10e-3
 """Standard deviation [V] above which surface EMG is suspect: amplified, or in another unit."""
@@ -205,14 +207,7 @@ def _channel(values: np.ndarray, row: dict[str, object], clock: _Clock) -> list[
             _Finding("error", f"constant at {row['largest']:g} V: see electrode and cable")
         )
         return found
-    if clock.rate < LEAST_RATE:
-        found.append(
-            _Finding(
-                "warning",
-                f"sampled at {clock.rate:.4g} Hz, which holds nothing above {clock.rate / 2:.4g} Hz "
-                "of the 15 to 500 Hz of EMG: record faster",
-            )
-        )
+    found += _band(clock.rate)
     variation = float(np.nanstd(values))  # an offset is no fault, the band-pass removes it
     if variation > LARGEST_VARIATION:
         found.append(
@@ -226,6 +221,29 @@ def _channel(values: np.ndarray, row: dict[str, object], clock: _Clock) -> list[
     if share > CLIPPED:
         found.append(_Finding("warning", f"{share:.1%} of samples at one extreme: clipped"))
     return found
+
+
+def _band(rate: float) -> list[_Finding]:
+    """Compare the sampling rate with the band of surface EMG and with the study's pass-band."""
+    wanted = FilterParameters()
+    try:
+        _, high = pass_band(wanted, rate)
+    except SignalError as error:
+        return [_Finding("error", str(error))]
+    if rate < LEAST_RATE:
+        return [
+            _Finding(
+                "warning",
+                f"sampled at {rate:.4g} Hz, which holds nothing above {rate / 2:.4g} Hz "
+                "of the 15 to 500 Hz of EMG: record faster",
+            )
+        ]
+    if high < wanted.high:
+        told = (
+            f"sampled at {rate:.4g} Hz: the pass-band ends at {high:.4g} Hz, not {wanted.high:g} Hz"
+        )
+        return [_Finding("warning", told)]
+    return []
 
 
 def _marker(

@@ -7,7 +7,7 @@ import hashlib
 import importlib
 import json
 import pkgutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -18,7 +18,7 @@ import emgface.recordings.readers
 from emgface.errors import DataError, EmgfaceError
 from emgface.recordings.labels import LabelMap, apply_labels, constant_value, read_label_map
 from emgface.schema.netcdf import write_netcdf
-from emgface.schema.rules import hint
+from emgface.schema.rules import hint, one_line
 from emgface.schema.validation import validate
 
 _UNNAMED = (".csv", ".txt", ".gz", ".mat", ".h5", ".hdf5")
@@ -78,8 +78,9 @@ def read_recording(
     ----------
     path : str or Path
         File; its suffix chooses the reader. Tables, MATLAB and HDF5 arrays are opened by their
-        TOML sidecar (`emgface.recordings.readers.csv_toml`), trials of a BIDS dataset by their EMG
-        file, or by ``*_motion.tsv`` where there is none.
+        TOML sidecar (`emgface.recordings.readers.csv_toml`), BrainVision recordings by their
+        header, trials of a BIDS dataset by their EMG file, or by ``*_motion.tsv`` where there is
+        none.
     mapping : mapping, LabelMap or path, optional
         Tables ``channels`` and ``markers`` from the labels of the file to names, ``units`` where
         the file names none, and ``volunteer``, ``instruction``, ``repetition``; or a TOML file
@@ -91,9 +92,9 @@ def read_recording(
     -------
     xarray.Dataset
         Recording in SI, gaps as NaN. The attributes tell where it comes from: ``source`` (file
-        name), ``source_digest`` (sha256), ``device`` where the file names one, and as JSON
-        ``original_names``, ``original_units``, ``dropped`` and ``flagged`` (kept although
-        constant).
+        name), ``source_digest`` (sha256 of the file and of those that it names), ``device`` where
+        the file names one, and as JSON ``original_names``, ``original_units``, ``dropped`` and
+        ``flagged`` (kept although constant).
 
     Raises
     ------
@@ -114,12 +115,22 @@ def read_recording(
         recording = reader.read(path, labels.units)
         recording = apply_labels(recording, labels)
         if "source" not in recording.attrs:
-            recording.attrs.update(source=path.name, source_digest=_digest(path))
+            files = [path, *getattr(reader, "companions", _none)(path)]
+            recording.attrs.update(source=path.name, source_digest=_digest(files))
         return validate(_flag_constant(recording), "recording", study=study)
     except DataError as error:
-        if path.name in str(error):
+        told = " ".join(line.strip() for line in str(error).splitlines())  # libraries write several
+        told = told if path.name in told else f"{path.name}: {told}"
+        if told == str(error):
             raise
-        raise type(error)(f"{path.name}: {error}") from error
+        raise type(error)(told) from error
+    except EmgfaceError:
+        raise
+    except Exception as error:
+        raise DataError(
+            f"{path.name} made its reader fail ({one_line(error)}); expected a {reader.FORMAT} "
+            "file: it is damaged or of a kind that was not foreseen, export it again and report it."
+        ) from error
 
 
 def write_recording(recording: xr.Dataset, path: str | Path) -> Path:
@@ -181,7 +192,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
         if path.is_file()
         and not path.name.startswith(".")
         and (reader := known.get(path.suffix.lower())) is not None
-        and reader.is_recording(path)
+        and _may_be_recording(reader, path)
     ]
     if not found:
         raise DataError(
@@ -191,18 +202,25 @@ def find_recordings(folder: str | Path) -> list[Path]:
     return found
 
 
+def _may_be_recording(reader: Reader, path: Path) -> bool:
+    """Ask a reader; a file that cannot be opened may be one, and is refused when it is read."""
+    try:
+        return reader.is_recording(path)
+    except Exception:
+        return True
+
+
 def read_recordings(
-    folder: str | Path,
-    *,
+    *paths: str | Path,
     mapping: Mapping[str, Any] | LabelMap | str | Path | None = None,
     study: bool = False,
 ) -> Iterator[tuple[Path, xr.Dataset | EmgfaceError]]:
-    """Read the trials of a folder one by one; a bad one does not stop the others.
+    """Read trials one by one; a bad one does not stop the others.
 
     Parameters
     ----------
-    folder : str or Path
-        Folder to search, as `find_recordings` does.
+    *paths : str or Path
+        Files, and folders to search as `find_recordings` does.
     mapping, study
         As for `read_recording`, the same for all files.
 
@@ -216,10 +234,13 @@ def read_recordings(
     Raises
     ------
     DataError
-        If the folder is absent or holds no recording.
+        If a folder holds no recording.
     """
     labels = read_label_map(mapping)
-    for path in find_recordings(folder):
+    given = [Path(path) for path in paths]
+    for path in (
+        file for each in given for file in (find_recordings(each) if each.is_dir() else [each])
+    ):
         try:
             yield path, read_recording(path, mapping=labels, study=study)
         except EmgfaceError as error:
@@ -241,9 +262,19 @@ def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
     return recording
 
 
-def _digest(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def _none(_: Path) -> list[Path]:
+    """Companions of a file whose format has none."""
+    return []
+
+
+def _digest(files: Sequence[Path]) -> str:
+    """Digest of a file, or of several one after the other."""
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
 
 
 def _unknown_format(path: Path) -> str:

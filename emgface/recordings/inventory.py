@@ -3,7 +3,6 @@
 import json
 import re
 import tempfile
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,13 @@ import xarray as xr
 from emgface.errors import DataError, EmgfaceError
 from emgface.recordings.check import check_recording
 from emgface.recordings.dataset import read_recording, readers
-from emgface.recordings.labels import note
+from emgface.recordings.labels import note, read_toml
+from emgface.schema.rules import one_line
 
 TEXTS = (".md", ".json", ".tsv", ".pdf", ".rst", ".license", "")
 """Endings of files that describe recordings and hold none; of those only ``*_motion.tsv`` does."""
+BESIDE_HEADER = (".eeg", ".dat", ".vmrk")
+"""Endings of the files of a BrainVision recording, which is listed under its header."""
 COLUMNS = ("file", "format", "channels", "emg_rate", "markers", "marker_rate", "units", "duration",
            "findings", "refusal")  # fmt: skip
 _MOST = 3
@@ -80,7 +82,10 @@ def read_files(
     root = Path(folder)
     if not root.is_dir():
         raise DataError(f"No folder {root}; expected recordings in it: see the path.")
-    told = _sidecars(root, Path(sidecars)) if sidecars is not None else {}
+    told: dict[Path, str] = {}
+    if sidecars is not None:
+        told, bad = _sidecars(root, Path(sidecars))
+        yield from bad
     for path in _files(root):
         try:
             if path not in told:
@@ -102,6 +107,8 @@ def _files(root: Path) -> Iterator[Path]:
             continue
         suffix = path.suffix.lower()
         reader = known.get(suffix)
+        if suffix in BESIDE_HEADER and path.with_suffix(".vhdr").is_file():
+            continue
         if suffix == ".tsv":
             if reader is not None and path.name.endswith("_motion.tsv"):
                 yield path
@@ -111,17 +118,26 @@ def _files(root: Path) -> Iterator[Path]:
             yield path
 
 
-def _sidecars(root: Path, folder: Path) -> dict[Path, str]:
-    """Text of each sidecar by the file that it describes, the file named by its full path."""
+def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, str], list[tuple[Path, EmgfaceError]]]:
+    """Text of each sidecar by the file that it describes, the file named by its full path.
+
+    Sidecars that cannot be read are returned with the reason.
+    """
     if not folder.is_dir():
         raise DataError(f"No folder {folder}; expected TOML sidecars in it: see the path.")
     found: dict[Path, str] = {}
+    bad: list[tuple[Path, EmgfaceError]] = []
     for path in sorted(folder.glob("*.toml")):
-        text = path.read_text(encoding="utf-8")
-        content = tomllib.loads(text)
+        try:
+            content = read_toml(path)
+            text = path.read_text(encoding="utf-8")
+        except (EmgfaceError, OSError) as error:
+            bad.append((path, DataError(str(error))))
+            continue
         for part in ("emg", "position"):
-            name = content.get(part, {}).get("file")
-            if name is None:
+            table = content.get(part)
+            name = table.get("file") if isinstance(table, dict) else None
+            if not isinstance(name, str):
                 continue
             target = root / name
             text = re.sub(
@@ -131,20 +147,23 @@ def _sidecars(root: Path, folder: Path) -> dict[Path, str]:
                 flags=re.MULTILINE,
             )
             found[target] = text
-    return found
+    return found, bad
 
 
 def _row(path: Path, root: Path, found: xr.Dataset | EmgfaceError) -> dict[str, Any]:
     reader = readers().get(path.suffix.lower())
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
-    row["file"] = path.relative_to(root).as_posix()
+    row["file"] = path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
     row["format"] = reader.FORMAT if reader else path.suffix.lower().removeprefix(".")
     if isinstance(found, EmgfaceError):
         row["refusal"] = " ".join(str(found).split()).replace(f"{path.parent.resolve()}/", "")
         return row
     if "sidecar" in found.attrs:
         row["format"] += " with a sidecar"
-    return row | _measures(found) | {"findings": _findings(found)}
+    try:
+        return row | _measures(found) | {"findings": _findings(found)}
+    except Exception as error:  # one file must not end an inventory
+        return row | {"refusal": f"{path.name} could not be examined ({one_line(error)})."}
 
 
 def _measures(recording: xr.Dataset) -> dict[str, Any]:

@@ -4,16 +4,20 @@ A signal is a DataArray of two dims, one of them time in seconds and uniformly s
 naming the rows (channel, muscle, marker). Every check names the row and the instant it failed at.
 """
 
-from typing import Any
+import warnings
+from typing import Any, Final
 
 import numpy as np
 import scipy.signal
 import xarray as xr
 
-from emgface.errors import SignalError
+from emgface.errors import FeatureWarning, SignalError
 from emgface.signals.parameters import FilterParameters
 
 TIME_EMG = "time_emg"
+HELD: Final = 0.9
+"""Part of half the sampling rate at which a narrowed pass-band ends: anti-aliasing filters of
+recorders fall off above it."""
 
 
 def sampling_rate(time: np.ndarray | xr.DataArray) -> float:
@@ -172,13 +176,19 @@ def bandpass(signal: xr.DataArray, parameters: FilterParameters) -> xr.DataArray
     -------
     DataArray, dims (row, time_emg) [V]
         Filtered signal; attrs ``sampling_rate`` [Hz], ``edge_gain`` [dB] at the lower and upper
-        edge, ``filter_order``, ``filter_low``, ``filter_high`` [Hz], ``filter_phase``.
+        edge, ``filter_order``, ``filter_low``, ``filter_high`` [Hz] as used (see `pass_band`),
+        ``filter_phase``.
 
     Raises
     ------
     SignalError
-        If an edge reaches half the sampling rate, a sample is not finite, or the recording is
-        shorter than the extension.
+        If the sampling rate leaves less than an octave of the pass-band, a sample is not finite,
+        or the recording is shorter than the extension.
+
+    Warns
+    -----
+    FeatureWarning
+        If the pass-band was narrowed to what the sampling rate can hold.
 
     Notes
     -----
@@ -186,7 +196,18 @@ def bandpass(signal: xr.DataArray, parameters: FilterParameters) -> xr.DataArray
     """
     dim = row_dim(signal)
     rate = sampling_rate(signal[TIME_EMG])
-    sos = _design(parameters, rate)
+    low, high = pass_band(parameters, rate)
+    if high < parameters.high:
+        warnings.warn(
+            f"the pass-band ends at {high:g} Hz instead of {parameters.high:g} Hz, because the "
+            f"recording is sampled at {rate:g} Hz: amplitudes are smaller than those of faster "
+            "recordings and should not be compared with them",
+            FeatureWarning,
+            stacklevel=2,
+        )
+    sos = np.asarray(
+        scipy.signal.butter(parameters.order, (low, high), "bandpass", fs=rate, output="sos")
+    )
     check_gaps(signal)
     values = np.asarray(signal.transpose(dim, TIME_EMG), dtype=float)
     if parameters.phase == "zero":
@@ -206,32 +227,47 @@ def bandpass(signal: xr.DataArray, parameters: FilterParameters) -> xr.DataArray
     passes = 2 if parameters.phase == "zero" else 1
     result.attrs |= {
         "sampling_rate": rate,
-        "edge_gain": edge_gain(sos, rate, (parameters.low, parameters.high), passes),
+        "edge_gain": edge_gain(sos, rate, (low, high), passes),
         "filter_order": parameters.order,
-        "filter_low": parameters.low,
-        "filter_high": parameters.high,
+        "filter_low": low,
+        "filter_high": high,
         "filter_phase": parameters.phase,
     }
     return result
 
 
-def _design(parameters: FilterParameters, rate: float) -> np.ndarray:
-    """Second-order sections of the band-pass at a sampling rate."""
-    nyquist = rate / 2.0
-    for name, edge in (("low", parameters.low), ("high", parameters.high)):
-        if edge >= nyquist:
-            remedy = (
-                f"lower high below {nyquist:g} Hz or"
-                if name == "high" and parameters.low < 0.9 * nyquist
-                else "the recording cannot hold this pass-band,"
-            )
-            raise SignalError(
-                f"pass-band edge {name} = {edge:g} Hz is not below half the sampling rate of "
-                f"{rate:g} Hz: {remedy} record faster than {2 * parameters.high:g} Hz"
-            )
-    edges = (parameters.low, parameters.high)
-    sos = scipy.signal.butter(parameters.order, edges, "bandpass", fs=rate, output="sos")
-    return np.asarray(sos)
+def pass_band(parameters: FilterParameters, rate: float) -> tuple[float, float]:
+    """Return the edges of the pass-band at a sampling rate.
+
+    An upper edge that half the sampling rate does not exceed is lowered to 0.9 of it, so that a
+    recording of 1000 Hz is filtered to 15-450 Hz.
+
+    Parameters
+    ----------
+    parameters : FilterParameters
+        Edges wanted [Hz].
+    rate : float [Hz]
+        Sampling rate.
+
+    Returns
+    -------
+    float, float [Hz]
+        Lower and upper edge.
+
+    Raises
+    ------
+    SignalError
+        If less than an octave of the band is left.
+    """
+    low, nyquist = parameters.low, rate / 2.0
+    high = parameters.high if parameters.high < nyquist else HELD * nyquist
+    if high < parameters.high and high < 2.0 * low:
+        raise SignalError(
+            f"the sampling rate of {rate:g} Hz holds nothing above {nyquist:g} Hz, expected "
+            f"at least an octave of the pass-band from {low:g} to {parameters.high:g} Hz: record "
+            f"faster than {4.0 * low / HELD:g} Hz or choose another band"
+        )
+    return low, high
 
 
 def edge_gain(

@@ -232,8 +232,11 @@ def test_gap_rate_and_length_reach_the_caller():
     gap["emg"].loc["ZYG_L"][100:103] = np.nan
     with pytest.raises(SignalError, match="channel ZYG_L has a gap"):
         activation_of(gap, SignalChain())
-    with pytest.raises(SignalError, match="half the sampling rate of 512 Hz"):
-        activation_of(recording_of().isel(time_emg=slice(None, None, 4)), SignalChain())
+    with pytest.warns(FeatureWarning, match="ends at 230.4 Hz instead of 500 Hz"):
+        slow = activation_of(recording_of().isel(time_emg=slice(None, None, 4)), SignalChain())
+    assert slow.attrs["filter_high"] == pytest.approx(230.4)
+    with pytest.raises(SignalError, match="at least an octave of the pass-band"):
+        activation_of(recording_of().isel(time_emg=slice(None, None, 40)), SignalChain())
     with pytest.raises(SignalError, match="shorter than"):
         activation_of(recording_of(duration=0.15), SignalChain())
 

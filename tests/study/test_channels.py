@@ -9,7 +9,7 @@ import scipy.signal
 import xarray as xr
 
 from emgface.choices import configure
-from emgface.errors import SignalError
+from emgface.errors import FeatureWarning, SignalError
 from emgface.recordings.channels import channel_report
 from emgface.signals.features import willison_amplitude
 from emgface.signals.filters import bandpass
@@ -81,8 +81,11 @@ def test_no_live_channel_and_low_rate():
     flat = channel_report(recording_of({"a": np.zeros(100)}, 2048.0), SignalChain())
     assert flat["status"].tolist() == ["constant"]
     noise = np.random.default_rng(0).standard_normal(5000)
-    with pytest.raises(SignalError, match="half the sampling rate of 100 Hz"):
-        channel_report(recording_of({"a": noise}, 100.0), SignalChain())
+    with pytest.warns(FeatureWarning, match="ends at 45 Hz instead of 500 Hz"):
+        report = channel_report(recording_of({"a": noise}, 100.0), SignalChain())
+    assert report.attrs["pass_band"] == (15.0, 45.0)
+    with pytest.raises(SignalError, match="at least an octave"):
+        channel_report(recording_of({"a": noise}, 50.0), SignalChain())
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,13 @@
 """Filter and resampling against frequency responses and closed forms."""
 
+import warnings
+
 import numpy as np
 import pytest
 import scipy.signal
 import xarray as xr
 
-from emgface.errors import SignalError
+from emgface.errors import FeatureWarning, SignalError
 from emgface.signals.filters import (
     bandpass,
     constant_rows,
@@ -102,15 +104,31 @@ def test_offset_of_the_amplifier_leaves_no_transient(phase):
 
 
 @pytest.mark.parametrize("rate", [100.0, 999.0, 1000.0])
-def test_edge_at_or_above_half_the_rate(rate):
+def test_a_band_beyond_the_rate_is_narrowed_with_a_warning(rate):
+    """It is then the filter of the narrower band, and the edges as used are recorded."""
     s = signal_of(np.random.default_rng(0).standard_normal(5000), rate=rate)
-    with pytest.raises(SignalError, match=rf"high = 500 Hz .* sampling rate of {rate:g} Hz: lower"):
-        bandpass(s, FilterParameters())
+    high = 0.9 * (rate / 2.0)
+    with pytest.warns(
+        FeatureWarning, match=rf"ends at {high:g} Hz instead of 500 Hz, .* at {rate:g} Hz"
+    ):
+        narrowed = bandpass(s, FilterParameters())
+    named = bandpass(s, FilterParameters(high=high))
+    np.testing.assert_array_equal(narrowed.values, named.values)
+    assert (narrowed.attrs["filter_low"], narrowed.attrs["filter_high"]) == (15.0, high)
+    assert narrowed.attrs["edge_gain"] == pytest.approx([-6.02, -6.02], abs=0.05)
 
 
-def test_rate_below_the_whole_band():
-    s = signal_of(np.random.default_rng(0).standard_normal(5000), rate=20.0)
-    with pytest.raises(SignalError, match=r"low = 15 Hz .* record faster than 1000 Hz"):
+def test_a_band_within_the_rate_is_used_as_it_is():
+    s = signal_of(np.random.default_rng(0).standard_normal(5000), rate=2048.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert bandpass(s, FilterParameters()).attrs["filter_high"] == 500.0
+
+
+@pytest.mark.parametrize("rate", [20.0, 33.0, 66.0])
+def test_a_rate_that_leaves_less_than_an_octave_is_refused(rate):
+    s = signal_of(np.random.default_rng(0).standard_normal(5000), rate=rate)
+    with pytest.raises(SignalError, match=r"at least an octave .* faster than 66.6667 Hz"):
         bandpass(s, FilterParameters())
 
 

@@ -8,9 +8,8 @@ import scipy.signal
 import xarray as xr
 
 from emgface.muscles import ACROSS, NEIGHBOURS, SIDES
-from emgface.recordings.labels import constant_value
-from emgface.recordings.quality.emg import in_muscle_band
-from emgface.recordings.quality.hum import LEAST_DURATION, mains_hum, remove_hum
+from emgface.recordings.quality.emg import can_be_judged, in_muscle_band
+from emgface.recordings.quality.hum import mains_hum, remove_hum
 from emgface.signals.filters import TIME_EMG, sampling_rate
 
 COLUMNS = ("channel", "neighbour", "correlation", "lag", "common", "share")
@@ -72,9 +71,7 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
         for name, values in zip(
             emg["channel"].values, emg.transpose("channel", TIME_EMG).values, strict=True
         )
-        if np.isfinite(values).all()
-        and constant_value(values) is None
-        and values.size >= LEAST_DURATION * rate
+        if can_be_judged(values, rate)
     }
     if pairs is None:
         pairs = [pair for pair in neighbours() if set(pair) <= set(signals)]

@@ -18,6 +18,8 @@ WINDOW = 0.1
 """Window of the moving root mean square [s]."""
 BLOCK = 0.5
 """Length of the means whose spread is the drift [s]."""
+LEAST_RATE = 2.0 * MUSCLE[0] / 0.45
+"""Sampling rate [Hz] from which at least an octave of that band can be heard."""
 COLUMNS = (
     "hum", "hum_frequency", "hum_rms", "hum_chance", "artefact", "drift", "stuck", "saturated",
     "baseline", "snr", "median_frequency",
@@ -42,8 +44,7 @@ def emg_quality(emg: xr.DataArray) -> pd.DataFrame:
         ``stuck`` [s] (longest run of one value); ``saturated`` (share of samples in runs of
         three or more at the least or greatest value); ``baseline`` [V] and ``snr`` [dB] (10th
         percentile of the root mean square in 100 ms from 15 to 500 Hz, and the 95th over it);
-        ``median_frequency`` [Hz] of that band. NaN where a channel is constant, has gaps or is
-        shorter than a second.
+        ``median_frequency`` [Hz] of that band. NaN where `can_be_judged` is false.
 
     Raises
     ------
@@ -58,8 +59,7 @@ def emg_quality(emg: xr.DataArray) -> pd.DataFrame:
 
 def _measures(values: np.ndarray, rate: float) -> dict[str, float]:
     measures: dict[str, float] = {name: np.nan for name in COLUMNS}
-    finite = bool(np.isfinite(values).all())
-    if not finite or constant_value(values) is not None or values.size < LEAST_DURATION * rate:
+    if not can_be_judged(values, rate):
         return measures
     hum = mains_hum(values, rate)
     frequency, density = power_density(values, rate)
@@ -87,6 +87,29 @@ def _measures(values: np.ndarray, rate: float) -> dict[str, float]:
     }
 
 
+def can_be_judged(values: np.ndarray, rate: float) -> bool:
+    """Decide whether a channel is finite, changing, long enough and sampled fast enough.
+
+    Parameters
+    ----------
+    values : ndarray, shape (samples,) [V]
+        One channel.
+    rate : float [Hz]
+        Sampling rate.
+
+    Returns
+    -------
+    bool
+        True for at least 1 s sampled at `LEAST_RATE` or faster.
+    """
+    return bool(
+        rate >= LEAST_RATE
+        and values.size >= LEAST_DURATION * rate
+        and np.isfinite(values).all()
+        and constant_value(values) is None
+    )
+
+
 def in_muscle_band(values: np.ndarray, rate: float) -> np.ndarray:
     """Filter signals to the band of surface EMG, without delay.
 
@@ -95,7 +118,8 @@ def in_muscle_band(values: np.ndarray, rate: float) -> np.ndarray:
     values : ndarray, shape (..., samples) [V]
         Signals without gaps.
     rate : float [Hz]
-        Sampling rate; where it cannot hold 500 Hz the band ends at 0.45 of it.
+        Sampling rate, at least `LEAST_RATE`; where it cannot hold 500 Hz the band ends at 0.45
+        of it.
 
     Returns
     -------

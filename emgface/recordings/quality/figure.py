@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from emgface.recordings.check import check_recording
-from emgface.recordings.quality.emg import MUSCLE
-from emgface.recordings.quality.hum import LEAST_DURATION, power_density
+from emgface.recordings.quality.emg import MUSCLE, can_be_judged
+from emgface.recordings.quality.hum import power_density
 from emgface.signals.filters import sampling_rate
 
 COLOURS = {"ok": "0.25", "warning": "#b26b00", "error": "#b00020"}
@@ -148,7 +148,7 @@ def _spectra(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
     verdicts, rate = _verdicts(table, "channel"), sampling_rate(emg["time_emg"])
     names = [str(c) for c in emg["channel"].values][:_MOST_ROWS]
     for row, (name, values) in enumerate(zip(names, emg.values, strict=False)):
-        if not np.isfinite(values).all() or values.size < LEAST_DURATION * rate:
+        if not can_be_judged(values, rate):
             continue
         frequency, density = power_density(values, rate)
         inside = (frequency >= 2.0) & (frequency <= min(550.0, 0.5 * rate))

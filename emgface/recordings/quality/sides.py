@@ -6,7 +6,7 @@ import xarray as xr
 from scipy.ndimage import uniform_filter1d
 
 from emgface.muscles import FACE_MARKERS
-from emgface.recordings.quality.emg import in_muscle_band
+from emgface.recordings.quality.emg import can_be_judged, in_muscle_band
 from emgface.signals.filters import TIME_EMG, sampling_rate
 
 COLUMNS = ("left", "right", "correlation", "swapped")
@@ -64,7 +64,7 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
         if not set(pair) <= held:
             continue
         values = emg.sel(channel=pair).transpose("channel", TIME_EMG).values
-        if not np.isfinite(values).all() or values.shape[1] < rate:
+        if not all(can_be_judged(row, rate) for row in values):
             continue
         size = round(SMOOTHING * rate)
         strength = uniform_filter1d(np.abs(in_muscle_band(values, rate)), size, axis=1)

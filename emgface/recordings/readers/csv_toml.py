@@ -25,7 +25,8 @@ The sidecar is the file to open::
     unit = "mm"
 
 A table without a row of labels takes them from ``columns``; ``skip_rows`` leaves out lines before
-it. Counts of a converter become values by ``step * (count - zero)``, in the unit.
+it. Counts of a converter become values by ``step * (count - zero)``, in the unit. ``delimiter``,
+``decimal`` and ``encoding`` say how the text was written.
 """
 
 import tomllib
@@ -77,6 +78,24 @@ def is_recording(path: Path) -> bool:
         return tomllib.loads(path.read_text(encoding="utf-8")).get("schema") == "recording"
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
         return False
+
+
+def companions(path: Path) -> list[Path]:
+    """Return the files that a sidecar names.
+
+    Parameters
+    ----------
+    path : Path
+        TOML sidecar of a recording.
+
+    Returns
+    -------
+    list of Path
+        Its tables and arrays, each once.
+    """
+    sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
+    tables = [table for table in (sidecar.emg, sidecar.position) if table is not None]
+    return list(dict.fromkeys(path.parent / table.file for table in tables))
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:

@@ -1,0 +1,231 @@
+"""BrainVision recordings: a header (.vhdr), samples beside it, and markers (.vmrk).
+
+Source: Brain Products, BrainVision Core Data Format 1.0. Segmented and averaged recordings, and
+samples written as text, are refused.
+"""
+
+import codecs
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.recordings.readers._build import assemble_parts, unique_labels, voltages
+
+SUFFIXES = (".vhdr",)
+FORMAT = "BrainVision"
+
+_FORMATS = {"INT_16": "i2", "UINT_16": "u2", "INT_32": "i4", "IEEE_FLOAT_32": "f4"}
+_UNIT = "\u00b5V"
+"""Unit of a channel that names none, as the format demands."""
+
+
+class _Channel(NamedTuple):
+    label: str
+    resolution: float
+    unit: str
+
+
+def is_recording(path: Path) -> bool:
+    """Decide whether a header may be that of a recording: always.
+
+    Parameters
+    ----------
+    path : Path
+        File with a suffix of `SUFFIXES`.
+
+    Returns
+    -------
+    bool
+        True.
+    """
+    return True
+
+
+def companions(path: Path) -> list[Path]:
+    """Return the files of a recording beside its header.
+
+    Parameters
+    ----------
+    path : Path
+        Header.
+
+    Returns
+    -------
+    list of Path
+        Samples and markers, as far as they are there.
+    """
+    common = _sections(path).get("Common Infos", {})
+    named = [_beside(path, common.get(key, "")) for key in ("DataFile", "MarkerFile")]
+    return [file for file in named if file is not None and file.is_file()]
+
+
+def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+    """Read the channels that are voltages.
+
+    Parameters
+    ----------
+    path : Path
+        Header.
+    units : mapping of str to str
+        Unit of ``emg`` that replaces those in the header.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the labels of the header; channels of another quantity are named in
+        ``dropped``.
+
+    Raises
+    ------
+    DataError
+        If header and samples do not agree, or the recording was paused, segmented or averaged.
+    UnitsError
+        If a unit is unknown.
+    """
+    sections = _sections(path)
+    common = sections.get("Common Infos", {})
+    count = int(_number(path, common, "NumberOfChannels"))
+    rate = 1e6 / _number(path, common, "SamplingInterval")  # an interval in microseconds
+    channels = [_channel(path, sections.get("Channel Infos", {}), i + 1) for i in range(count)]
+    _require_continuous(path, common)
+    samples = _samples(path, common, sections.get("Binary Infos", {}), count)
+    labels, names = unique_labels([channel.label for channel in channels], "channel")
+    values = [row * channel.resolution for row, channel in zip(samples, channels, strict=True)]
+    time = np.arange(samples.shape[1]) / rate
+    found = [channel.unit for channel in channels]
+    return assemble_parts([voltages(values, labels, found, time, units.get("emg"), names)])
+
+
+def _sections(path: Path) -> dict[str, dict[str, str]]:
+    """Entries of a header or marker file by section; free text of comments is left out."""
+    data = path.read_bytes()
+    first = data[:100].splitlines()[0] if data else b""
+    if b"Data Exchange" not in first or b"\x00" in data:
+        raise DataError(
+            f"{path.name} begins with {first[:40]!r}; expected 'Brain Vision Data Exchange': it is "
+            "damaged or another format."
+        )
+    marked = data.startswith(codecs.BOM_UTF8) or b"Codepage=UTF-8" in data
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if marked:
+            raise DataError(
+                f"{path.name} says that it is UTF-8 and is not (byte {error.start}); expected text "
+                "in the encoding that it names: it is damaged, export it again."
+            ) from None
+        text = data.decode("cp1252", "replace")
+    found: dict[str, dict[str, str]] = {}
+    entries: dict[str, str] = {}
+    for line in text.splitlines():
+        line = line.strip()
+        if line.startswith("[") and line.endswith("]"):
+            entries = found.setdefault(line[1:-1], {})
+        elif "=" in line and not line.startswith(";"):
+            key, _, value = line.partition("=")
+            entries.setdefault(key.strip(), value.strip())
+    found.pop("Comment", None)
+    return found
+
+
+def _number(path: Path, entries: Mapping[str, str], name: str) -> float:
+    text = entries.get(name, "")
+    try:
+        value = float(text)
+        if not 0.0 < value < 1e9 or (name == "NumberOfChannels" and value != int(value)):
+            raise ValueError
+    except ValueError:
+        raise DataError(
+            f"{path.name} says {name} = {text!r}; expected a number above 0: the header is "
+            "damaged, export the recording again."
+        ) from None
+    return value
+
+
+def _channel(path: Path, entries: Mapping[str, str], number: int) -> _Channel:
+    """Return label, value of one count and unit of a channel: ``Ch1=label,reference,0.5,uV``."""
+    told = entries.get(f"Ch{number}")
+    if told is None:
+        raise DataError(
+            f"{path.name} describes no channel {number}; expected an entry 'Ch{number}' in "
+            "[Channel Infos]: the header is damaged, export the recording again."
+        )
+    label, _, resolution, unit, *_ = [*told.split(","), "", "", "", ""][:5]
+    try:
+        value = float(resolution or 1.0)
+        if not 0.0 < value < np.inf:
+            raise ValueError
+    except ValueError:
+        raise DataError(
+            f"{path.name}, channel {label!r}: the resolution is {resolution!r}; expected a number "
+            "above 0: the header is damaged, export the recording again."
+        ) from None
+    return _Channel(label.replace("\\1", ","), value, unit.strip() or _UNIT)
+
+
+def _beside(path: Path, name: str) -> Path | None:
+    """File that the header names, beside it; ``$b`` stands for the name of the header."""
+    name = name.replace("$b", path.stem)
+    return path.parent / Path(name.replace("\\", "/")).name if name else None
+
+
+def _require_continuous(path: Path, common: Mapping[str, str]) -> None:
+    """Refuse a recording that holds other than one run of samples in time."""
+    kind, domain = common.get("SegmentationType", ""), common.get("DataType", "TIMEDOMAIN")
+    if kind not in ("", "NOTSEGMENTED") or domain != "TIMEDOMAIN" or "AveragedSegments" in common:
+        raise DataError(
+            f"{path.name} holds {kind or domain} data; expected one continuous recording: export "
+            "the raw data."
+        )
+    markers = _beside(path, common.get("MarkerFile", ""))
+    if markers is None or not markers.is_file():
+        return
+    for told in _sections(markers).get("Marker Infos", {}).values():
+        cells = told.split(",")
+        if cells[0] == "New Segment" and len(cells) > 2 and cells[2].strip() not in ("0", "1"):
+            raise DataError(
+                f"{path.name} was paused: a new segment begins at sample {cells[2]}; expected a "
+                "continuous recording: export each part as a file of its own."
+            )
+
+
+def _samples(
+    path: Path, common: Mapping[str, str], binary: Mapping[str, str], count: int
+) -> np.ndarray:
+    """Return the stored counts, shape (channels, samples)."""
+    kind, order = binary.get("BinaryFormat", ""), common.get("DataOrientation", "MULTIPLEXED")
+    if (
+        common.get("DataFormat", "BINARY") != "BINARY"
+        or kind not in _FORMATS
+        or order not in ("MULTIPLEXED", "VECTORIZED")
+    ):
+        raise DataError(
+            f"{path.name} stores {common.get('DataFormat', 'BINARY')} {kind or 'no format'} "
+            f"{order}; expected BINARY samples as {', '.join(_FORMATS)}, MULTIPLEXED or "
+            "VECTORIZED: export it in one of these."
+        )
+    file = _beside(path, common.get("DataFile", ""))
+    if file is None or not file.is_file():
+        raise DataError(
+            f"{path.name} names the samples {common.get('DataFile', '')!r}, which are not beside "
+            "it; expected that file: copy it, or correct DataFile after renaming."
+        )
+    big = binary.get("UseBigEndianOrder", "NO").upper() == "YES"
+    data, dtype = file.read_bytes(), np.dtype((">" if big else "<") + _FORMATS[kind])
+    width = count * dtype.itemsize
+    announced = common.get("DataPoints")
+    held = len(data) / width
+    if held != int(held) or held < 1 or (announced is not None and announced != f"{held:.0f}"):
+        raise DataError(
+            f"{file.name} holds {held:.6g} samples of {count} channels and {path.name} announces "
+            f"{announced or 'a whole number'}; expected all of them: it is truncated or damaged, "
+            "copy it again."
+        )
+    stored = np.frombuffer(data, dtype).astype(np.float64)
+    if order == "VECTORIZED":
+        return stored.reshape(count, -1)
+    return np.ascontiguousarray(stored.reshape(-1, count).T)

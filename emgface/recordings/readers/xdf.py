@@ -1,0 +1,200 @@
+"""XDF recordings of the Lab Streaming Layer: EMG and motion capture on one clock, through pyxdf.
+
+A stream of type EMG, or one of several kinds whose channels are of type EMG, holds the EMG. A stream
+of type MoCap holds markers: three channels of type PositionX, PositionY and PositionZ each, with the
+entry ``marker``. Source: the XDF 1.0 specification and its metadata for EEG and MoCap (sccn/xdf).
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.recordings.readers._build import (
+    Part,
+    assemble_parts,
+    position_array,
+    unique_labels,
+    voltages,
+)
+from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._parsers import parse_xdf
+from emgface.schema.rules import listed, one_line
+
+SUFFIXES = (".xdf",)
+FORMAT = "XDF"
+
+_AXES = ("positionx", "positiony", "positionz")
+_LENGTHS = {1: "B", 4: "<I", 8: "<Q"}
+_STREAM_CHUNKS = (2, 3, 4, 6)
+
+
+def is_recording(path: Path) -> bool:
+    """Decide whether an XDF file may be a recording: always.
+
+    Parameters
+    ----------
+    path : Path
+        File with a suffix of `SUFFIXES`.
+
+    Returns
+    -------
+    bool
+        True.
+    """
+    return True
+
+
+def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+    """Read the EMG stream and the markers.
+
+    Parameters
+    ----------
+    path : Path
+        XDF file.
+    units : mapping of str to str
+        Unit of ``emg`` or ``position`` that replaces the one in the file.
+
+    Returns
+    -------
+    xarray.Dataset
+        Recording under the labels of the file. Time is 0 at the first sample of any stream that is
+        used, so that EMG and markers keep their distance in time; other streams are named in
+        ``dropped``.
+
+    Raises
+    ------
+    DataError
+        If the file is truncated or damaged, a stream has breaks, or there are two EMG streams.
+    UnitsError
+        If no channel carries a known unit.
+    """
+    _check_chunks(path)
+    try:
+        streams = isolated(path, parse_xdf, path)
+    except DataError:
+        raise
+    except Exception as error:  # the parser raises whatever the damage leads it to
+        raise DataError(
+            f"{path.name} cannot be read as XDF ({one_line(error)}); expected a complete file: it is "
+            "damaged, copy it again."
+        ) from error
+    streams = [stream for stream in streams if len(stream["time"])]
+    emg = [stream for stream in streams if _emg_channels(stream)]
+    markers = [stream for stream in streams if stream["type"].lower() == "mocap"]
+    for kind, found in (("EMG", emg), ("MoCap", markers)):
+        if len(found) > 1:
+            names = listed([stream["name"] for stream in found])
+            raise DataError(
+                f"{path.name} holds {len(found)} streams of {kind} ({names}); expected one: save "
+                "each as a file of its own."
+            )
+    used = emg + markers
+    for stream in used:
+        _require_whole(path, stream)
+    start = min((float(stream["time"][0]) for stream in used), default=0.0)
+    dropped = {
+        f"stream {stream['name']}": f"of type {stream['type']!r}, neither EMG nor MoCap"
+        for stream in streams
+        if stream not in used
+    }
+    parts = [_emg(stream, start, units.get("emg")) for stream in emg]
+    parts += [_markers(path, stream, start, units.get("position")) for stream in markers]
+    return assemble_parts([*parts, Part(None, {}, dropped, {})])
+
+
+def _check_chunks(path: Path) -> None:
+    """Refuse a file whose chunks do not follow each other to its end; pyxdf skips such places."""
+    data = path.read_bytes()
+    at = 4
+    known: set[int] = set()
+    while data[:4] == b"XDF:" and at < len(data):
+        code = _LENGTHS.get(data[at])
+        size = struct.calcsize(code) if code else 0
+        if code is None or at + 1 + size + 2 > len(data):
+            break
+        (length,) = struct.unpack_from(code, data, at + 1)
+        first = at + 1 + size
+        (tag,) = struct.unpack_from("<H", data, first)
+        if length < 2 or first + length > len(data) or not 1 <= tag <= 6:
+            break
+        if tag in _STREAM_CHUNKS:
+            if length < 6:
+                break
+            (stream,) = struct.unpack_from("<I", data, first + 2)
+            if tag != 2 and stream not in known:
+                break
+            known.add(stream)
+        at = first + length
+    if data[:4] != b"XDF:" or at != len(data) or not known:
+        raise DataError(
+            f"{path.name} has {len(data)} bytes and its chunks end at byte {at}; expected 'XDF:' and "
+            "whole chunks to the end of the file: it is truncated or damaged, copy it again."
+        )
+
+
+def _require_whole(path: Path, stream: Mapping[str, Any]) -> None:
+    """Refuse a stream that lost samples or was interrupted."""
+    held, announced = len(stream["time"]), stream["announced"]
+    if announced is not None and announced != held:
+        raise DataError(
+            f"{path.name}, stream {stream['name']!r}, announces {announced} samples and holds {held}; "
+            "expected all of them: it is damaged, copy it again."
+        )
+    if stream["segments"] > 1:
+        raise DataError(
+            f"{path.name}, stream {stream['name']!r}, was interrupted {stream['segments'] - 1} times; "
+            "expected a continuous recording: save each part as a file of its own."
+        )
+
+
+def _emg_channels(stream: Mapping[str, Any]) -> list[int]:
+    """Indices of the channels that are EMG."""
+    count = stream["values"].shape[1] if stream["values"].ndim == 2 else 0
+    kinds = [channel.get("type", "").lower() for channel in stream["channels"]]
+    if stream["type"].lower() == "emg":
+        described = dict(enumerate(kinds))
+        return [i for i in range(count) if described.get(i, "emg") in ("emg", "")]
+    return [i for i, kind in enumerate(kinds[:count]) if kind == "emg"]
+
+
+def _emg(stream: Mapping[str, Any], start: float, unit: str | None) -> Part:
+    """Channels of EMG, each converted from its own unit."""
+    chosen = _emg_channels(stream)
+    labels, names = unique_labels([_text(stream, i, "label") for i in chosen], "channel")
+    values = [stream["values"][:, i] for i in chosen]
+    found = [_text(stream, i, "unit") for i in chosen]
+    return voltages(values, labels, found, stream["time"] - start, unit, names)
+
+
+def _markers(path: Path, stream: Mapping[str, Any], start: float, unit: str | None) -> Part:
+    """Markers of a motion capture stream, the coordinates of each gathered."""
+    places: dict[str, dict[str, int]] = {}
+    for i, channel in enumerate(stream["channels"]):
+        axis = channel.get("type", "").lower()
+        if axis in _AXES:
+            name = channel.get("marker") or channel.get("label", "")
+            places.setdefault(name, {})[axis] = i
+    whole = {name: axes for name, axes in places.items() if len(axes) == len(_AXES)}
+    if not whole:
+        raise DataError(
+            f"{path.name}, stream {stream['name']!r}, describes no marker with three coordinates; "
+            "expected channels of type PositionX, PositionY and PositionZ with the entry 'marker'."
+        )
+    labels, names = unique_labels(list(whole), "marker")
+    order = [[axes[axis] for axis in _AXES] for axes in whole.values()]
+    found = _text(stream, order[0][0], "unit")
+    values = np.stack([stream["values"][:, columns].T for columns in order])
+    data = position_array(values, labels, stream["time"] - start, unit or found)
+    dropped = {name: "lacks a coordinate" for name in places if name not in whole}
+    return Part(data, {"position": found}, dropped, names)
+
+
+def _text(stream: Mapping[str, Any], index: int, name: str) -> str:
+    """Entry of the description of a channel, empty where there is none."""
+    channels: Sequence[Mapping[str, str]] = stream["channels"]
+    return channels[index].get(name, "") if index < len(channels) else ""
