@@ -101,8 +101,74 @@ def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     clock = 'rate = 2048\ndelimiter = ";"\ndecimal = ","'
     trial = read_recording(sidecar(tmp_path, emg_clock=clock))
     np.testing.assert_array_equal(trial["emg"], emg.to_numpy().T[:14] / 1e3)
-    with pytest.raises(DataError, match="see 'delimiter'"):
+    with pytest.raises(DataError, match="check 'delimiter'"):
         read_recording(sidecar(tmp_path))
+
+
+def comma_table(folder: Path, *cells: str, **changes: str) -> Path:
+    """Write a table of one column with decimal commas, and its sidecar."""
+    (folder / "emg.csv").write_text("\n".join(["E1", *cells, ""]))
+    clock = 'rate = 2048\ndelimiter = ";"\ndecimal = ","'
+    plain = {"channels": "", "position": "", "position_clock": ""}
+    return sidecar(folder, emg_clock=clock, **plain, **changes)
+
+
+@pytest.mark.parametrize("cell", ["1.234", "1.234,5", "1 234", "1'234", "1_234", "0x1F", "\uff11"])
+def test_a_number_with_a_sign_between_thousands_is_refused(tmp_path: Path, cell: str) -> None:
+    """Read as 1.234 it would be wrong by a factor of a thousand."""
+    path = comma_table(tmp_path, "0,5", "2", cell)
+    with pytest.raises(DataError, match=r"row 4, column 'E1' holds .*without a sign between"):
+        read_recording(path)
+
+
+def test_decimal_commas_hold_exponents_signs_and_empty_cells(tmp_path: Path) -> None:
+    path = comma_table(tmp_path, "0,5", "-1,25e-3", "+2", ",75", "NaN", "3,")
+    found = read_recording(path)["emg"].values[0]
+    np.testing.assert_array_equal(found, np.array([0.5, -1.25e-3, 2.0, 0.75, np.nan, 3.0]) / 1e3)
+
+
+def test_thousands_are_refused_with_a_decimal_point_too(tmp_path: Path) -> None:
+    (tmp_path / "emg.csv").write_text("E1;E2\n1.5;2\n1,234;3\n")
+    path = sidecar(tmp_path, emg_clock='rate = 2048\ndelimiter = ";"', channels="",
+                   position="", position_clock="")  # fmt: skip
+    with pytest.raises(DataError, match=r"row 3, column 'E1' holds '1,234'"):
+        read_recording(path)
+
+
+def test_the_row_named_counts_lines_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "emg.csv").write_text("made by x\n\n1.5\n1_000\n")
+    clock = 'rate = 2048\nskip_rows = 2\ncolumns = ["E1"]'
+    path = sidecar(tmp_path, emg_clock=clock, channels="", position="", position_clock="")
+    with pytest.raises(DataError, match=r"row 4, column 'E1' holds '1_000'"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16", "utf-16-le", "cp1252", "utf-8-sig"])
+def test_encodings_are_named_or_told_by_a_mark(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "emg.csv").write_bytes("Größe µV\n1.5\n2.5\n".encode(encoding))
+    plain = {"channels": "", "position": "", "position_clock": ""}
+    marked = encoding in ("utf-16", "utf-8-sig")  # Python writes a byte order mark for these
+    if not marked:
+        with pytest.raises(DataError, match="emg.csv.*'encoding' in trial.toml"):
+            read_recording(sidecar(tmp_path, **plain))
+    named = "rate = 2048" + ("" if marked else f'\nencoding = "{encoding}"')
+    trial = read_recording(sidecar(tmp_path, emg_clock=named, **plain))
+    assert list(trial["channel"].values) == ["Größe µV"]
+    np.testing.assert_array_equal(trial["emg"].values[0], [1.5e-3, 2.5e-3])
+
+
+@pytest.mark.parametrize(
+    ("line", "match"),
+    [
+        ('delimiter = ","\ndecimal = ","', "delimiter and decimal are both ','"),
+        ('decimal = ";"', "decimal"),
+        ('encoding = "klingon"', "encoding = 'klingon' is unknown"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(tmp_path: Path, line: str, match: str) -> None:
+    make_tables(tmp_path)
+    with pytest.raises(ConfigurationError, match=match):
+        read_recording(sidecar(tmp_path, emg_clock=f"rate = 2048\n{line}"))
 
 
 def test_other_endings_of_marker_columns(tmp_path: Path) -> None:

@@ -1,5 +1,8 @@
 """How the tables and arrays that a sidecar names are read."""
 
+import codecs
+import gzip
+import re
 import warnings
 import zlib
 from collections.abc import Mapping
@@ -15,10 +18,19 @@ from emgface.choices import Parameters
 from emgface.errors import DataError
 from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
 from emgface.recordings.readers._arrays import read_array, read_texts
-from emgface.schema.rules import hint, listed
+from emgface.schema.rules import hint, listed, one_line
 from emgface.schema.units import to_si
 
 _UNREADABLE = (pd.errors.ParserError, pd.errors.ParserWarning)
+_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"),
+          (codecs.BOM_UTF16_BE, "utf-16"))  # fmt: skip
+_EXACT = {
+    decimal: re.compile(rf"\s*[+-]?(\d+(\{decimal}\d*)?|\{decimal}\d+)([eE][+-]?\d+)?\s*", re.ASCII)
+    for decimal in ".,"
+}
+"""Spelling of a number by its decimal sign: no sign between thousands, no other digits."""
+_MISSING = frozenset({"", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL"})
+"""Cells without a value."""
 
 
 class Table(Parameters):
@@ -35,7 +47,10 @@ class Table(Parameters):
     time, time_unit : str or None, str
         Column of instants and its unit.
     delimiter, decimal : str
-        As the file was written, ``;`` and ``,`` in some countries.
+        As the file was written, ``;`` and ``,`` in some countries; one character each, which differ.
+    encoding : str
+        Encoding of the text: ``utf-8``, ``latin-1``, ``utf-16`` or another that Python knows. A
+        byte order mark at the start of the file takes precedence.
     columns : list of str or None
         Labels of the columns, where the file names none.
     skip_rows : int
@@ -56,7 +71,8 @@ class Table(Parameters):
     time: str | None = None
     time_unit: str = "s"
     delimiter: str = ","
-    decimal: str = "."
+    decimal: Literal[".", ","] = "."
+    encoding: str = "utf-8"
     columns: tuple[str, ...] | None = None
     skip_rows: int = Field(default=0, ge=0)
     variable: str | None = None
@@ -78,6 +94,18 @@ class Table(Parameters):
                 if held
                 else f"{self.file} holds no variables; expected one of {', '.join(ARRAYS)}"
             )
+        if self.delimiter == self.decimal:
+            raise ValueError(
+                f"delimiter and decimal are both {self.decimal!r}, so that numbers cannot be told "
+                "from cells: expected delimiter = ';' or decimal = '.'"
+            )
+        try:
+            codecs.lookup(self.encoding)
+        except LookupError:
+            raise ValueError(
+                f"encoding = {self.encoding!r} is unknown, expected for example 'utf-8', 'latin-1' "
+                "or 'utf-16'"
+            ) from None
         if sorted(self.dims) not in (["channel", "time"], ["axis", "marker", "time"]):
             raise ValueError("dims are time and channel, or time, marker and axis, in some order")
         return self
@@ -187,26 +215,39 @@ def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
 
 
 def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
-    """Return the columns of a text file."""
+    """Return the columns of a text file; one whose every cell is a number holds numbers.
+
+    With a decimal comma the cells are read as text and converted here, because pandas would read
+    1.234, which is then a number with a sign between thousands, as 1.234.
+    """
     try:
         with warnings.catch_warnings():
             # pandas only warns where rows are longer than the row of labels, and cuts them.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             frame = pd.read_csv(
-                path, sep=table.delimiter, decimal=table.decimal, skipinitialspace=True,
-                index_col=False, header=None if table.columns else 0, skiprows=table.skip_rows,
+                path, sep=table.delimiter, skipinitialspace=True, index_col=False,
+                header=None if table.columns else 0, skiprows=table.skip_rows,
+                encoding=_encoding(path, table), dtype=str if table.decimal == "," else None,
+                keep_default_na=table.decimal == ".",
             )  # fmt: skip
     except FileNotFoundError as error:
         raise DataError(
             f"{sidecar.name} names {table.file}, which is not beside it; expected a CSV file: "
-            "see the entry 'file'."
+            "check the entry 'file'."
+        ) from error
+    except UnicodeError as error:
+        raise DataError(
+            f"{path.name} is no text in {table.encoding} ({one_line(error)}); expected another "
+            f"encoding, such as 'latin-1' or 'utf-16': set 'encoding' in {sidecar.name}."
         ) from error
     except (OSError, EOFError, ValueError, zlib.error, *_UNREADABLE) as error:
         raise DataError(
-            f"{path.name} is no table ({' '.join(str(error).split())}); expected a row of labels "
-            f"and rows of numbers separated by {table.delimiter!r}: see 'delimiter' in "
+            f"{path.name} is no table ({one_line(error)}); expected a row of labels and rows of "
+            f"numbers separated by {table.delimiter!r}: check 'delimiter' and 'encoding' in "
             f"{sidecar.name}."
         ) from error
+    if table.decimal == ",":
+        frame = frame.apply(_with_points)
     frame.columns = [str(c).strip() for c in frame.columns]
     # A delimiter at the end of every line makes a last column of nothing.
     hollow = [
@@ -242,18 +283,37 @@ def _column_of_time(
     return frame.pop(table.time).to_numpy()
 
 
+def _encoding(path: Path, table: Table) -> str:
+    """Encoding that the byte order mark of a file tells, else that of the sidecar."""
+    opened = gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
+    with opened as stream:
+        start = stream.read(4)
+    return next((name for mark, name in _MARKS if start.startswith(mark)), table.encoding)
+
+
+def _with_points(column: pd.Series) -> pd.Series:
+    """Convert a column of texts with decimal commas, or leave it where a cell is no number."""
+    cells = column.fillna("").str.strip()
+    empty = cells.isin(_MISSING)
+    if not (cells.str.fullmatch(_EXACT[","]) | empty).all():
+        return column
+    return cells.mask(empty, "nan").str.replace(",", ".", regex=False).astype("float64")
+
+
 def _refuse_text(path: Path, name: str, cells: np.ndarray, sidecar: Path, table: Table) -> None:
-    """Say which cell of a column is no number."""
+    """Refuse a column that holds text, and name the first cell that is no number."""
+    exact = _EXACT[table.decimal]
     for row, cell in enumerate(cells):
-        try:
-            float(str(cell).replace(table.decimal, "."))
-        except ValueError:
-            # The first row holds the labels, and people count rows from 1.
-            raise DataError(
-                f"{path.name}, row {row + 2}, column {name!r} holds {cell!r}; expected a number "
-                f"or an empty cell: repair it, or see 'delimiter' ({table.delimiter!r}) and "
-                f"'decimal' ({table.decimal!r}) in {sidecar.name}."
-            ) from None
+        text = "" if pd.isna(cell) else str(cell).strip()
+        if text in _MISSING or exact.fullmatch(text):
+            continue
+        # The first row holds the labels, and people count rows from 1.
+        first = table.skip_rows + (1 if table.columns else 2)
+        raise DataError(
+            f"{path.name}, row {row + first}, column {name!r} holds {cell!r}; expected a number "
+            f"or an empty cell, without a sign between thousands: repair it, or check 'delimiter' "
+            f"({table.delimiter!r}) and 'decimal' ({table.decimal!r}) in {sidecar.name}."
+        )
 
 
 def by_marker(
