@@ -266,6 +266,12 @@ def _control(
 ) -> tuple[Activation, float, float]:
     """Activation from time 0, duration [s], and recorded seconds per simulated second [1]."""
     given = [str(name) for name in activation["muscle"].values]
+    twice = sorted({name for name in given if given.count(name) > 1})
+    if twice:
+        raise ActivationError(
+            f"the activation names {', '.join(twice)} more than once, expected every muscle once: "
+            "leave out or rename the others"
+        )
     missing = [name for name in system.muscles if name not in given]
     unknown = [name for name in given if name not in system.muscles]
     if missing or unknown:
@@ -278,6 +284,12 @@ def _control(
     times = np.asarray(activation["time"].values, dtype=np.float64)
     if len(times) < 2:
         raise ActivationError(f"the activation has {len(times)} sample, expected at least two")
+    if not (np.diff(times) > 0.0).all():
+        at = int(np.argmin(np.diff(times) > 0.0))
+        raise ActivationError(
+            f"the activation goes from t = {times[at]:.6g} s to {times[at + 1]:.6g} s, expected "
+            "ascending times: sort its samples"
+        )
     every = parameters.output
     if parameters.timing == "normalised":
         simulated = every * np.arange(len(times), dtype=np.float64)

@@ -132,13 +132,26 @@ def test_normalised_timing_takes_one_step_per_sample(slab, settled) -> None:
         (lambda a: a.assign_coords(muscle=["XYZ_L", *MUSCLES[1:]]), ActivationError, "lacks ZYG_L"),
         (lambda a: a.isel(time=[0]), ActivationError, "1 sample"),
         (lambda a: a.assign_coords(time=a["time"] / 1e3), ActivationError, "less than one output"),
+        (
+            lambda a: a.isel(muscle=[0, *range(len(MUSCLES))]),
+            ActivationError,
+            f"names {MUSCLES[0]} more than once",
+        ),
+        (lambda a: a.isel(time=slice(None, None, -1)), ActivationError, "expected ascending"),
         (lambda a: a + 1.5, ControlError, "1.5"),
         (lambda a: a * np.nan, ControlError, "nan"),
     ],
 )
-def test_an_unusable_activation_is_refused(slab, settled, change, error, said: str) -> None:
+@pytest.mark.parametrize("timing", ["recorded", "normalised"])
+def test_an_unusable_activation_is_refused(
+    slab, settled, change, error, said: str, timing: str
+) -> None:
+    given = change(activation(0.2, "MEN_L"))
+    if timing == "normalised" and said == "less than one output":
+        return  # there an output is a sample
+    parameters = PARAMETERS.model_copy(update={"timing": timing})
     with pytest.raises(error, match=said):
-        simulate_face(slab, change(activation(0.2, "MEN_L")), PARAMETERS, settled=settled)
+        simulate_face(slab, given, parameters, settled=settled)
 
 
 def test_an_inverted_element_is_named_by_its_id_in_the_face(slab, settled) -> None:
