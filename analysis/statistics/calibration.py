@@ -1,16 +1,19 @@
-"""What the tests are worth for a number of volunteers: their size and coverage, measured."""
+"""Size of the tests and coverage of the intervals for a number of volunteers, by simulation."""
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 import xarray as xr
+from scipy.stats import t
 
 from analysis.errors import StatisticsError
-from analysis.statistics.bootstrap import hierarchical_bootstrap
+from analysis.statistics.bootstrap import hierarchical_bootstrap, replicates, tails
 from analysis.statistics.equivalence import equivalence
-from analysis.statistics.mixed_model import mixed_model
+from analysis.statistics.mixed_model import cell_means, fit_differences, mixed_model
+from analysis.statistics.paired import fisher_z, paired
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
 from analysis.trajectory import names
@@ -32,12 +35,19 @@ def simulated_scores(
     sd_instruction: float = 0.3,
     sd_marker: float = 0.2,
     sd_interaction: float = 0.2,
+    sd_instruction_strategy: float = 0.0,
+    sd_trial: float = 0.0,
     sd_error: float = 0.4,
+    spread: Sequence[float] = (1.0, 1.0, 1.0),
+    freedom: float = math.inf,
+    missing: float = 0.0,
+    these: bool = False,
 ) -> xr.Dataset:
     """Draw a cube of scores whose truth is known.
 
     artanh(rho) = centre + effect(strategy) + volunteer + instruction + marker
-                  + volunteer x strategy + error
+                  + volunteer x strategy + instruction x strategy
+                  + volunteer x instruction x strategy + error
 
     Parameters
     ----------
@@ -52,39 +62,65 @@ def simulated_scores(
     centre : float
         Mean of Fisher's z where all else is zero.
     sd_volunteer, sd_instruction, sd_marker, sd_interaction, sd_error : float
-        Standard deviations of the normal terms, in Fisher's z.
+        Standard deviations of the random terms, in Fisher's z; sd_interaction is that of
+        volunteer x strategy.
+    sd_instruction_strategy, sd_trial : float
+        Of instruction x strategy, and of volunteer x instruction x strategy, which all markers
+        and repetitions share.
+    spread : sequence of float
+        One factor per strategy on the terms of the volunteers and of the error that involve it.
+    freedom : float
+        Degrees of freedom of the t distribution of every term, above 2 and scaled to the standard
+        deviations above; normal where infinite.
+    missing : float
+        Share of trials lost at random [1].
+    these : bool
+        Whether instruction x strategy sums to zero over the instructions drawn, so that the
+        effects are those over these instructions, and not only over all.
 
     Returns
     -------
     xarray.Dataset
         As of `analysis.cube.build_cube` with ``rho``, ``amplitude_ratio`` and ``rmse`` [m], the
-        latter two functions of rho, and ``status`` "ok" throughout; ``origin`` is "simulated".
+        latter two functions of rho, and ``status``; ``origin`` is "simulated".
 
     Raises
     ------
     StatisticsError
-        Not one effect per strategy.
+        Not one effect and spread per strategy, or degrees of freedom not above 2.
     """
-    if len(effects) != len(strategies):
-        raise StatisticsError(f"{len(effects)} effects for {len(strategies)} strategies")
+    if len(effects) != len(strategies) or len(spread) != len(strategies):
+        raise StatisticsError(
+            f"{len(effects)} effects and {len(spread)} spreads for {len(strategies)} strategies"
+        )
+    if not freedom > 2:
+        raise StatisticsError(f"the t distribution has {freedom} degrees of freedom, expected > 2")
     rng = np.random.default_rng(seed)
     dims = ("volunteer", "instruction", "repetition", "strategy", "marker")
     shape = (volunteers, instructions, repetitions, len(strategies), markers)
+    factor = np.asarray(spread, dtype=np.float64)[:, None]
 
     def term(deviation: float, *over: str) -> np.ndarray:
         size = [n if dim in over else 1 for dim, n in zip(dims, shape, strict=True)]
-        return deviation * rng.standard_normal(size)
+        if math.isinf(freedom):
+            return deviation * rng.standard_normal(size)
+        return deviation * math.sqrt(1.0 - 2.0 / freedom) * rng.standard_t(freedom, size)
 
     z = centre + np.asarray(effects, dtype=np.float64)[:, None]
     z = z + term(sd_volunteer, "volunteer") + term(sd_instruction, "instruction")
-    z = z + term(sd_marker, "marker") + term(sd_interaction, "volunteer", "strategy")
-    rho = np.tanh(z + term(sd_error, *dims))
+    z = z + term(sd_marker, "marker") + factor * term(sd_interaction, "volunteer", "strategy")
+    z = z + factor * term(sd_error, *dims)
+    slope = term(sd_instruction_strategy, "instruction", "strategy")
+    z = z + slope - (slope.mean(axis=1, keepdims=True) if these else 0.0)
+    z = z + factor * term(sd_trial, "volunteer", "instruction", "strategy")
+    lost = rng.random(shape[:-1]) < missing
+    rho = np.where(lost[..., None], np.nan, np.tanh(z))
     return xr.Dataset(
         {
             "rho": (dims, rho, {"units": "1"}),
             "amplitude_ratio": (dims, np.exp(rho - 1.0), {"units": "1"}),
             "rmse": (dims, 1e-3 * (1.0 - rho), {"units": "m"}),
-            "status": (dims[:-1], np.full(shape[:-1], "ok", dtype="U24")),
+            "status": (dims[:-1], np.where(lost, "missing", "ok").astype("U24")),
         },
         coords={
             "volunteer": [f"v{index + 1}" for index in range(volunteers)],
@@ -98,7 +134,10 @@ def simulated_scores(
 
 
 Outcome = dict[str, tuple[float, float]]
-"""Per method: p of a true null hypothesis, and 1 where the interval holds the truth."""
+"""Per test: p of a true null hypothesis, and 1 where the interval holds the truth."""
+
+PAIR: Final = (STRATEGIES[1], STRATEGIES[0])
+"""The one contrast of which size and coverage are counted."""
 
 
 def _sign_flip(cube: xr.Dataset, seed: int) -> Outcome:
@@ -126,32 +165,41 @@ def _friedman(cube: xr.Dataset, seed: int) -> Outcome:
 
 
 def _mixed_model(cube: xr.Dataset, seed: int) -> Outcome:
-    found = mixed_model(cube)
+    found = mixed_model(cube, scope="these instructions", contrasts=[PAIR])
     wald = abs(float(found["estimate"][0])) <= 1.959964 * float(found["standard_error"][0])
     return {
-        "mixed model, t": (float(found["p"][0]), _holds(found, 0.0)),
+        "mixed model": (float(found["p"][0]), _holds(found, 0.0)),
         "mixed model, Wald": (float(found["p_wald"][0]), float(wald)),
     }
 
 
-def _bootstrap(cube: xr.Dataset, seed: int) -> Outcome:
-    draw = partial(hierarchical_bootstrap, draws=500, seed=seed)
-    pair = [(str(cube["strategy"].values[1]), str(cube["strategy"].values[0]))]
+def _mixed_model_in_general(cube: xr.Dataset, seed: int) -> Outcome:
+    found = mixed_model(cube, contrasts=[PAIR])
+    fixed = mixed_model(cube, scope="these instructions", contrasts=[PAIR])
     return {
-        "bootstrap, expanded": (np.nan, _holds(draw(cube, contrasts=pair), 0.0)),
-        "bootstrap, percentile": (
-            np.nan,
-            _holds(draw(cube, contrasts=pair, interval="percentile"), 0.0),
-        ),
+        "mixed model, instructions": (float(found["p"][0]), _holds(found, 0.0)),
+        "mixed model, misread": (float(fixed["p"][0]), _holds(fixed, 0.0)),
+    }
+
+
+def _bootstrap(cube: xr.Dataset, seed: int) -> Outcome:
+    # The mean of z, whose truth is zero also where instructions differ.
+    draw = partial(
+        hierarchical_bootstrap, cube, contrasts=[PAIR], scale="z", statistic="mean", draws=500,
+        seed=seed,
+    )  # fmt: skip
+    return {
+        "bootstrap, expanded": (np.nan, _holds(draw(), 0.0)),
+        "bootstrap, percentile": (np.nan, _holds(draw(interval="percentile"), 0.0)),
     }
 
 
 def _equivalence(cube: xr.Dataset, seed: int) -> Outcome:
     # The test has its largest size where the true difference equals the margin.
     margin = 0.3
-    second = cube["strategy"].values[1]
-    moved = np.tanh(np.arctanh(cube["rho"]) + margin * (cube["strategy"] == second))
-    found = equivalence(cube.assign(rho=moved.assign_attrs(units="1")), margin=margin)
+    moved = fisher_z(cube["rho"]) + margin * (cube["strategy"] == PAIR[0])
+    cube = cube.assign(rho=moved.copy(data=np.tanh(moved.values)).assign_attrs(units="1"))
+    found = equivalence(cube, margin=margin, contrasts=[PAIR])
     return {"equivalence": (float(found["p"][0]), _holds(found, margin))}
 
 
@@ -160,9 +208,12 @@ METHODS: Final[dict[str, Callable[[xr.Dataset, int], Outcome]]] = {
     "wilcoxon": _wilcoxon,
     "friedman": _friedman,
     "mixed_model": _mixed_model,
+    "mixed_model_in_general": _mixed_model_in_general,
     "bootstrap": _bootstrap,
     "equivalence": _equivalence,
 }
+IN_GENERAL: Final = ("mixed_model_in_general",)
+"""Methods whose null hypothesis is of instructions in general; else of those drawn."""
 
 
 def calibration(
@@ -189,7 +240,7 @@ def calibration(
     progress : callable, optional
         Called with the cubes done and their number.
     **model
-        Sizes and standard deviations of `simulated_scores`; its effects stay zero.
+        Sizes and terms of `simulated_scores`; its effects stay zero.
 
     Returns
     -------
@@ -197,21 +248,15 @@ def calibration(
         Dim test: ``size`` [1], share of p <= alpha (over all contrasts for joint and Holm, one
         contrast otherwise); ``coverage`` [1] of the interval, nominal 0.95 (equivalence 0.90; the
         exact ones choose the next level they can reach); each with its Monte Carlo error,
-        ``size_error`` and ``coverage_error``; NaN where a method has no p or no interval.
+        ``size_error`` and ``coverage_error``; NaN where a method has no p or no interval. The
+        truth is that of the instructions drawn, except for "mixed model, instructions" and
+        "mixed model, misread", of instructions in general; the latter is the test of these
+        instructions taken for one of instructions in general.
 
     Raises
     ------
     StatisticsError
         Unknown method or no simulation.
-
-    Notes
-    -----
-    Six volunteers, the defaults of `simulated_scores`, 1000 cubes (seed 1000), Monte Carlo error
-    0.006 to 0.009. Size at 0.05: sign flip and Wilcoxon 0.036 (exactly 2/64), sign flip jointly
-    0.029, Wilcoxon after Holm 0, Friedman 0.034 (chi-square limit 0.048), mixed model 0.050 with
-    t and 0.070 with Wald, equivalence 0.047. Coverage: sign flip and Wilcoxon 0.964 (exactly
-    62/64), mixed model 0.950 (Wald 0.930), bootstrap 0.959 expanded and 0.906 plain, equivalence
-    0.906 of 0.90.
     """
     wrong = [name for name in methods if name not in METHODS]
     if wrong or simulations < 1:
@@ -221,27 +266,76 @@ def calibration(
         )
     outcomes: list[Outcome] = []
     for index in range(simulations):
-        cube = simulated_scores(seed + index, **model)
+        cubes = [simulated_scores(seed + index, these=these, **model) for these in (True, False)]
         found: Outcome = {}
         for name in methods:
-            found |= METHODS[name](cube, seed + index)
+            found |= METHODS[name](cubes[name in IN_GENERAL], seed + index)
         outcomes.append(found)
         if progress is not None:
             progress(index + 1, simulations)
+    attrs = {"alpha": alpha, "simulations": simulations, "seed": seed, **model}
+    return _shares(outcomes, alpha).assign_attrs(attrs)
+
+
+def interval_coverage(*, simulations: int = 200, seed: int = 0, **model: Any) -> xr.Dataset:
+    """Measure the coverage of every kind of interval, also where too few volunteers give none.
+
+    Parameters
+    ----------
+    simulations, seed, **model
+        As in `calibration`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dim test: ``coverage`` [1], nominal 0.95, and ``coverage_error``, of the difference of two
+        strategies in Fisher's z: "paired t" (that of equivalence and sensitivity), "mixed model",
+        "mixed model, instructions" and "bootstrap, expanded".
+    """
+    outcomes: list[Outcome] = []
+    for index in range(simulations):
+        found: Outcome = {}
+        for these in (True, False):
+            cube = simulated_scores(seed + index, these=these, **model)
+            data = paired(cube, *PAIR)
+            table = cell_means(data)
+            label = "mixed model" if these else "mixed model, instructions"
+            scope = "these instructions" if these else "instructions"
+            fitted = fit_differences(table, scope, least=1)
+            if not isinstance(fitted, str):
+                reach = float(t.ppf(0.975, fitted.freedom)) * fitted.error
+                found[label] = (np.nan, float(abs(fitted.estimate) <= reach))
+            if not these:
+                continue
+            n, values = len(data.values), data.values
+            reach = float(t.ppf(0.975, n - 1)) * float(values.std(ddof=1)) / math.sqrt(n)
+            found["paired t"] = (np.nan, float(abs(values.mean()) <= reach))
+            cells = data.differences.transpose("volunteer", "instruction", "repetition", ...)
+            drawn = replicates(cells.values, "mean", 500, seed + index)
+            low, high = np.nanquantile(drawn, tails(n, 0.95, "expanded"))
+            found["bootstrap, expanded"] = (np.nan, float(low <= 0.0 <= high))
+        outcomes.append(found)
+    attrs = {"simulations": simulations, "seed": seed, **model}
+    return _shares(outcomes, 0.05).assign_attrs(attrs)
+
+
+def _shares(outcomes: Sequence[Outcome], alpha: float) -> xr.Dataset:
+    """Count over cubes how often p is at most alpha, and how often intervals hold."""
     labels = list(outcomes[0])
-    p = np.array([[outcome[label][0] for label in labels] for outcome in outcomes])
-    held = np.array([[outcome[label][1] for label in labels] for outcome in outcomes])
-    size = np.where(np.isnan(p[0]), np.nan, (p <= alpha * (1 + 1e-9)).mean(axis=0))
-    coverage = held.mean(axis=0)
-    one = {"units": "1"}
+    absent = (np.nan, np.nan)
+    both = np.array([[outcome.get(label, absent) for label in labels] for outcome in outcomes])
     result = xr.Dataset(coords={"test": labels})
-    for name, share in (("size", size), ("coverage", coverage)):
-        result[name] = ("test", share, one)
-        result[f"{name}_error"] = ("test", np.sqrt(share * (1 - share) / simulations), one)
-    result.attrs = {"alpha": alpha, "simulations": simulations, "seed": seed, **model}
+    for index, name in enumerate(("size", "coverage")):
+        known = np.isfinite(both[:, :, index])
+        hit = both[:, :, index] <= alpha * (1 + 1e-9) if name == "size" else both[:, :, index] > 0
+        count = known.sum(axis=0)
+        share = np.where(count > 0, (hit & known).sum(axis=0) / np.maximum(count, 1), np.nan)
+        error = np.sqrt(share * (1.0 - share) / np.maximum(count, 1))
+        result[name] = ("test", share, {"units": "1"})
+        result[f"{name}_error"] = ("test", error, {"units": "1"})
     return result
 
 
 def _holds(found: xr.Dataset, truth: float) -> float:
     lower, upper = found["interval"].values[0]
-    return float(lower <= truth <= upper)
+    return math.nan if math.isnan(lower) else float(lower <= truth <= upper)

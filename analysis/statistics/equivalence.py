@@ -21,6 +21,7 @@ from analysis.statistics.finding import (
     too_few,
 )
 from analysis.statistics.paired import LIMIT, Array, Paired, Scale, all_paired
+from analysis.statistics.scope import LEAST_VOLUNTEERS
 
 
 def equivalence(
@@ -92,7 +93,7 @@ def normality(values: Array) -> Check:
 def _finding(data: Paired, margin: float, alpha: float) -> Finding:
     values = data.values
     checks = (INDEPENDENT, normality(values), left_out(data))
-    few = too_few(data, checks, ("p_above", "p_below"))
+    few = too_few(data, checks, ("p_above", "p_below"), least=LEAST_VOLUNTEERS)
     if few is not None:
         return few
     n, estimate = len(values), float(values.mean())

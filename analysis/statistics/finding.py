@@ -10,6 +10,7 @@ import xarray as xr
 
 from analysis.errors import StatisticsError
 from analysis.statistics.paired import WHY, Array, Paired
+from analysis.statistics.scope import LEAST_VOLUNTEERS
 
 Verdict = Literal["met", "by design", "doubtful", "violated", "not checked"]
 
@@ -84,9 +85,10 @@ def collected(
     method : str
         Name of the method, with its source.
     level : float
-        Nominal level of the intervals [1].
+        Nominal level of the intervals [1]; NaN where the bounds are no confidence interval.
     attrs : mapping
-        Further attributes; ``units`` becomes that of estimate and interval.
+        Further attributes; ``units`` becomes that of estimate and interval, ``scope`` says in
+        words what the result speaks of.
 
     Returns
     -------
@@ -94,7 +96,8 @@ def collected(
         Dims contrast, bound (lower, upper), assumption: ``estimate``, ``interval``, ``p``,
         ``p_holm`` (over the contrasts), ``smallest_p``, ``smallest_p_holm``, ``n`` (volunteers),
         the counts of pairs, texts ``verdict`` and ``check`` per assumption, text ``sentence``;
-        attributes ``method``, ``level`` and ``sentence`` of the whole.
+        attributes ``method``, ``level`` and ``sentence`` of the whole. Intervals from fewer than
+        `analysis.statistics.scope.LEAST_VOLUNTEERS` are NaN.
     """
     attrs = dict(attrs)
     units = {"units": str(attrs.pop("units", "1"))}
@@ -105,6 +108,7 @@ def collected(
                 "bound": ["lower", "upper"]}
     )  # fmt: skip
     bounds = np.array([(f.lower, f.upper) for f in findings], dtype=np.float64).reshape(-1, 2)
+    bounds[[f.n < LEAST_VOLUNTEERS for f in findings]] = math.nan
     result["estimate"] = (dim, np.array([f.estimate for f in findings], dtype=np.float64), units)
     result["interval"] = ((dim, "bound"), bounds, units)
     p = np.array([f.p for f in findings], dtype=np.float64)
@@ -120,7 +124,9 @@ def collected(
     for name in COUNTS:
         result[name] = (dim, np.array([f.counts.get(name, 0) for f in findings], dtype=int), one)
     for name in findings[0].further if findings else ():
-        result[name] = (dim, np.array([f.further[name] for f in findings]), one)
+        measured = name in ("standard_error", "standard_deviation")
+        values = np.array([f.further[name] for f in findings])
+        result[name] = (dim, values, units if measured else one)
     result["sentence"] = (dim, np.array([f.sentence for f in findings], dtype=str))
     if findings and findings[0].checks:
         result = result.assign(
@@ -131,6 +137,8 @@ def collected(
     told = [f.sentence for f in findings] or [
         "There is nothing to compare: a contrast needs two strategies."
     ]
+    if findings and "scope" in attrs:
+        told.append(f"This speaks of {attrs['scope']}.")
     result.attrs = {"method": method, "level": level, **attrs, "sentence": " ".join(told)}
     return result
 
@@ -180,15 +188,24 @@ def lost(counts: Mapping[str, int]) -> str:
 
 
 def too_few(
-    data: Paired, checks: tuple[Check, ...] = (), further: Sequence[str] = ()
+    data: Paired,
+    checks: tuple[Check, ...] = (),
+    further: Sequence[str] = (),
+    *,
+    least: int = 2,
 ) -> Finding | None:
-    """Return the finding of a contrast that no test can be made of; None where one can."""
+    """Return the finding of a contrast with fewer volunteers than a test needs, else None."""
     n = len(data.values)
-    if n > 1:
+    if n >= least:
         return None
-    estimate = float(data.values[0]) if n else math.nan
+    estimate = float(data.values.mean()) if n else math.nan
     text = "no pair of scored trials, so nothing is known."
-    if n:
+    if n > 1:
+        text = (
+            f"{data.shown(estimate)} over {persons(n)}; no test and no interval, which need "
+            f"{least} or more."
+        )
+    elif n:
         text = (
             f"{data.shown(estimate)} in the only volunteer with a pair; one volunteer allows no "
             "test and no interval."

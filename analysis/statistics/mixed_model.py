@@ -1,14 +1,15 @@
-"""Mixed model of Fisher's z with crossed random effects."""
+"""Mixed model of differences between strategies, volunteers and instructions crossed."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
-from scipy.stats import levene, norm, shapiro, t
+from scipy.stats import norm, shapiro, t
 
+from analysis.errors import StatisticsError
 from analysis.statistics.crossed import Fit, fit_crossed
 from analysis.statistics.finding import (
     Check,
@@ -19,42 +20,54 @@ from analysis.statistics.finding import (
     lost,
     persons,
     shown_p,
+    too_few,
 )
-from analysis.statistics.paired import (
-    LIMIT,
-    Paired,
-    Scale,
-    all_paired,
-    analysed,
-    chosen_contrasts,
-)
+from analysis.statistics.paired import LIMIT, Array, Paired, Scale, all_paired
+from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS, Scope, told_scope
+from analysis.trajectory import names
 
-RANDOM: Final = ("volunteer", "instruction", "marker", "volunteer x strategy")
+RANDOM: Final = ("volunteer x strategy", "instruction x strategy")
 MANY: Final = 30
 """Volunteers from which the normal distribution stands for t."""
-MOST_CHECKED: Final = 5000
-"""Residuals up to which the Shapiro-Wilk probability is defined."""
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A fit of one contrast: its estimate with error and degrees of freedom."""
+
+    fit: Fit
+    estimate: float
+    error: float
+    freedom: float
 
 
 def mixed_model(
     cube: xr.Dataset,
     *,
+    scope: Scope = "instructions",
     contrasts: Sequence[tuple[str, str]] | None = None,
     variable: str = "rho",
     scale: Scale | None = None,
     level: float = 0.95,
     limit: float = LIMIT,
 ) -> xr.Dataset:
-    """Compare strategies by a linear mixed model of values averaged over repetitions.
+    """Compare strategies by a linear mixed model with slopes of volunteers and instructions.
 
-    z = strategy + volunteer + instruction + marker + volunteer x strategy + residual
+    The difference d of two strategies within the same trial and marker, averaged over
+    repetitions and markers, is
 
-    with all but the strategy random and crossed, by restricted maximum likelihood. p and interval
-    use the t distribution with (volunteers - 1)(strategies - 1) degrees of freedom, exact for
-    complete data while the variance of volunteer x strategy is above zero.
+    d = delta + volunteer x strategy + instruction x strategy + residual
+
+    with crossed random terms, by restricted maximum likelihood; p and interval use t with
+    Satterthwaite's degrees of freedom. Whatever both strategies share cancels in d: the
+    intercepts of volunteer, instruction and marker, and all interactions among these.
 
     Parameters
     ----------
+    scope : {"instructions", "these instructions"}
+        ``"instructions"``: those of the study are a sample of all, so that instruction x strategy
+        is random and its spread is part of the error. ``"these instructions"``: it is fixed, and
+        delta is the mean over the instructions of the study.
     cube, contrasts, variable, scale, level, limit
         As in `analysis.statistics.sign_flip.sign_flip`.
 
@@ -63,136 +76,160 @@ def mixed_model(
     xarray.Dataset
         See `analysis.statistics.finding.collected`; besides ``standard_error``,
         ``degrees_of_freedom`` and ``p_wald`` (normal distribution; too small for few volunteers);
-        ``mean`` (strategy) and its ``mean_error``; ``variance`` (random) of each random effect
-        and the residual; attributes ``converged`` and ``criterion`` (-2 restricted log-likelihood).
+        ``variance`` (contrast, random) of the terms of d, NaN for one that is not in the model;
+        ``converged`` [1] and ``criterion`` (-2 restricted log-likelihood). p and interval are NaN
+        below the numbers of volunteers and instructions in `analysis.statistics.scope`.
 
     Raises
     ------
     StatisticsError
-        Unknown strategy or variable, further dims, or a level outside 0-1.
+        Unknown scope, strategy or variable, further dims, or a level outside 0-1.
 
     Notes
     -----
-    All values defined are used, also those without a partner; the counts say how many pairs are
-    complete. Source: Baayen, Davidson and Bates 2008, Journal of Memory and Language 59:390;
-    degrees of freedom: Winer, Brown and Michels 1991, Statistical Principles in Experimental
-    Design, chapter 7.
+    Each contrast is fitted by itself, so that strategies need not vary alike. The model of
+    "instructions" in R: ``lmer(d ~ 1 + (1 | volunteer) + (1 | instruction))``. Sources: Clark
+    1973, Journal of Verbal Learning and Verbal Behavior 12:335; Baayen, Davidson and Bates 2008,
+    Journal of Memory and Language 59:390; Judd, Westfall and Kenny 2012, Journal of Personality
+    and Social Psychology 103:54.
     """
     check_level(level)
-    data, used, attrs = analysed(cube, variable, scale, limit)
-    pairs, _ = all_paired(cube, contrasts, variable, used, limit)
-    labels = [str(label) for label in data["strategy"].values]
-    mean = data.mean("repetition", skipna=True)
-    mean = mean.transpose("volunteer", "instruction", "strategy", "marker")
-    cells = np.nonzero(np.isfinite(mean.values))
-    y = mean.values[cells]
-    v, i, s, m = (np.asarray(index, dtype=np.int64) for index in cells)
-    seen = np.unique(s)
-    people = len(np.unique(v))
-    strategies = len(labels)
-    method = "linear mixed model, crossed random effects, restricted maximum likelihood"
-    fit: Fit | None = None
-    why = ""
-    if not pairs:
-        why = ""
-    elif people < 2:
-        why = f"{persons(people)} with scored trials, so the model cannot be fitted"
-    elif len(seen) < 2:
-        why = "fewer than two strategies have scored trials, so the model cannot be fitted"
-    elif np.ptp(y) == 0:
-        why = "all values are the same, so the model cannot be fitted"
-    elif len(y) <= people * len(seen) + 1:
-        why = "there is no more than one value per volunteer and strategy, so the model cannot be fitted"
-    else:
-        X = (s[:, None] == seen[None, :]).astype(np.float64)
-        fit = fit_crossed(y, X, dict(zip(RANDOM, (v, i, m, v * strategies + s), strict=True)))
-    freedom = (people - 1) * (len(seen) - 1)
-    checks = _checks(fit, s, people)
-    place = {labels[int(index)]: k for k, index in enumerate(seen)}
-    chosen = chosen_contrasts(labels, contrasts)
-    findings = [
-        _finding(each, first, second, fit, place, people, freedom, level, why, checks)
-        for each, (first, second) in zip(pairs, chosen, strict=True)
-    ]
+    if scope not in ("instructions", "these instructions"):
+        raise StatisticsError(
+            f"the scope is {scope!r}, expected 'instructions' or 'these instructions'"
+        )
+    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
+    attrs["scope"] = told_scope(scope, cube.sizes["instruction"])
+    fitted = [_fitted(each, scope) for each in data]
+    findings = [_finding(each, one, scope, level) for each, one in zip(data, fitted, strict=True)]
+    method = "linear mixed model of paired differences, restricted maximum likelihood"
     result = collected(findings, method=method, level=level, attrs=attrs)
-    means, errors = np.full(strategies, np.nan), np.full(strategies, np.nan)
-    variances = np.full(len(RANDOM) + 1, np.nan)
-    if fit is not None:
-        means[seen], errors[seen] = fit.beta, np.sqrt(np.diag(fit.covariance))
-        variances = np.array(list(fit.variances.values()))
-        result.attrs |= {"converged": int(fit.converged), "criterion": fit.criterion}
-    units = {"units": attrs["units"]}
-    result["mean"] = ("strategy", means, units)
-    result["mean_error"] = ("strategy", errors, units)
+    random = (*RANDOM, "residual")
+    fits = [one.fit if isinstance(one, _Fitted) else None for one in fitted]
+    variances = [
+        [fit.variances.get(r, math.nan) if fit else math.nan for r in random] for fit in fits
+    ]
     squared = {"units": "1" if attrs["units"] == "1" else f"{attrs['units']}^2"}
-    result["variance"] = ("random", variances, squared)
-    result["strategy"], result["random"] = labels, [*RANDOM, "residual"]
+    table = np.array(variances, dtype=np.float64).reshape(len(fits), len(random))
+    result["variance"] = (("contrast", "random"), table, squared)
+    result["random"] = list(random)
+    result["criterion"] = ("contrast", [fit.criterion if fit else math.nan for fit in fits])
+    result["converged"] = ("contrast", [int(fit.converged) if fit else 0 for fit in fits])
     return result
 
 
-def _finding(
-    data: Paired,
-    first: str,
-    second: str,
-    fit: Fit | None,
-    place: dict[str, int],
-    people: int,
-    freedom: int,
-    level: float,
-    why: str,
-    checks: tuple[Check, ...],
-) -> Finding:
-    further = {"standard_error": math.nan, "degrees_of_freedom": math.nan, "p_wald": math.nan}
-    checks = (*checks, left_out(data))
-    if fit is None or first not in place or second not in place:
-        why = why or "one of the two has no scored trial"
+def cell_means(data: Paired) -> Array:
+    """Differences averaged over repetitions, then markers, shape (volunteers, instructions).
+
+    Volunteers and instructions without a pair are left out; other gaps are NaN.
+    """
+    mean = data.differences.mean("repetition", skipna=True)
+    rest = [dim for dim in mean.dims if dim not in ("volunteer", "instruction")]
+    table = mean.mean(rest, skipna=True).transpose("volunteer", "instruction").values
+    known = np.isfinite(table)
+    return np.asarray(table[known.any(axis=1)][:, known.any(axis=0)], dtype=np.float64)
+
+
+def fit_differences(table: Array, scope: Scope, *, least: int = LEAST_VOLUNTEERS) -> _Fitted | str:
+    """Fit the differences of one contrast.
+
+    Parameters
+    ----------
+    table : ndarray, shape (volunteers, instructions)
+        Mean differences, NaN where there is no pair.
+    scope : {"instructions", "these instructions"}
+        See `mixed_model`.
+    least : int
+        Volunteers below which nothing is fitted.
+
+    Returns
+    -------
+    The fit with estimate, standard error and degrees of freedom; or why there is none, in words.
+    """
+    people, instructions = table.shape
+    if people < least:
+        return f"the model needs {least} or more volunteers"
+    if scope == "instructions" and instructions < LEAST_INSTRUCTIONS:
+        return (
+            f"{instructions} of them say nothing of instructions in general, which needs "
+            f"{LEAST_INSTRUCTIONS} or more"
+        )
+    v, i = np.nonzero(np.isfinite(table))
+    y = table[v, i]
+    if float(np.ptp(y)) <= 1e-12 * float(np.abs(y).max(initial=0.0)):
+        return "all differences are the same, so the model cannot be fitted"
+    fixed = scope == "these instructions"
+    X = np.eye(instructions)[i] if fixed else np.ones((len(y), 1))
+    factors = {RANDOM[0]: v} if fixed else {RANDOM[0]: v, RANDOM[1]: i}
+    if instructions == 1:
+        factors = {}  # volunteers cannot be told from the residual
+    if instructions > 1 and len(y) < people + instructions:
+        return "too many pairs are lost, so the model cannot be fitted"
+    fit = fit_crossed(y, X, factors)
+    weights = np.full(X.shape[1], 1.0 / X.shape[1])
+    error = math.sqrt(float(weights @ fit.covariance @ weights))
+    return _Fitted(fit, float(weights @ fit.beta), error, fit.degrees_of_freedom(weights))
+
+
+def _fitted(data: Paired, scope: Scope) -> _Fitted | str:
+    return fit_differences(cell_means(data), scope)
+
+
+def _finding(data: Paired, fitted: _Fitted | str, scope: Scope, level: float) -> Finding:
+    n, instructions = cell_means(data).shape
+    further = ("standard_error", "degrees_of_freedom", "p_wald")
+    fit = fitted.fit if isinstance(fitted, _Fitted) else None
+    checks = (*_checks(fit, n), left_out(data))
+    none = too_few(data, checks, further)
+    if none is not None:
+        return none
+    over = f"{persons(n)} and {instructions} instruction{'s' if instructions > 1 else ''}"
+    if not isinstance(fitted, _Fitted):
+        estimate = float(data.values.mean())
+        sentence = (
+            f"{data.label}: {data.shown(estimate)} over {over}; no test and no interval: "
+            f"{fitted}.{lost(data.counts)}"
+        )
         return Finding(
-            data.label, n=people, sentence=f"{data.label}: {why}.{lost(data.counts)}",
-            counts=data.counts, checks=checks, further=further,
+            data.label, estimate, n=n, sentence=sentence, counts=data.counts, checks=checks,
+            further=dict.fromkeys(further, math.nan),
         )  # fmt: skip
-    contrast = np.zeros(len(fit.beta))
-    contrast[place[first]], contrast[place[second]] = 1.0, -1.0
-    estimate = float(contrast @ fit.beta)
-    error = math.sqrt(float(contrast @ fit.covariance @ contrast))
+    estimate, error, freedom = fitted.estimate, fitted.error, fitted.freedom
     p_wald = 2.0 * float(norm.sf(abs(estimate) / error))
     p = 2.0 * float(t.sf(abs(estimate) / error, freedom))
     reach = float(t.ppf((1.0 + level) / 2.0, freedom)) * error
     interval = data.shown_interval(estimate - reach, estimate + reach, level)
     sentence = (
-        f"{data.label}: {data.shown(estimate)} by the mixed model over {persons(people)} "
-        f"({interval}; {shown_p(p)} with {freedom} degrees of freedom; the Wald "
-        f"{shown_p(p_wald)}{' is too small for so few volunteers' if people < MANY else ''})."
+        f"{data.label}: {data.shown(estimate)} by the mixed model over {over} ({interval}; "
+        f"{shown_p(p)} with {freedom:.1f} degrees of freedom; the Wald "
+        f"{shown_p(p_wald)}{' is too small for so few volunteers' if n < MANY else ''})."
         f"{lost(data.counts)}"
     )
-    further = {"standard_error": error, "degrees_of_freedom": float(freedom), "p_wald": p_wald}
     return Finding(
-        data.label, estimate, estimate - reach, estimate + reach, p, 0.0, people, sentence,
-        data.counts, checks, further,
+        data.label, estimate, estimate - reach, estimate + reach, p, 0.0, n, sentence,
+        data.counts, checks, dict(zip(further, (error, freedom, p_wald), strict=True)),
     )  # fmt: skip
 
 
-def _checks(fit: Fit | None, strategy: NDArray[np.int64], people: int) -> tuple[Check, ...]:
-    names = (
+def _checks(fit: Fit | None, people: int) -> tuple[Check, ...]:
+    assumptions = (
         "the fit converged", "variances lie above zero", "residuals are normal",
-        "residuals vary alike in all strategies", "enough volunteers for the Wald p",
+        "enough volunteers for the Wald p",
     )  # fmt: skip
     if fit is None:
-        return tuple(Check(name, "not checked", "There is no fit.") for name in names)
+        return tuple(Check(name, "not checked", "There is no fit.") for name in assumptions)
     total = sum(fit.variances.values())
     zero = [name for name, value in fit.variances.items() if value < 1e-6 * total]
-    r = fit.residuals
-    normal = float(shapiro(r[:: len(r) // MOST_CHECKED + 1]).pvalue)
-    groups = [r[strategy == index] for index in np.unique(strategy)]
-    alike = float(levene(*groups).pvalue) if all(len(g) > 2 for g in groups) else math.nan
+    normal = float(shapiro(fit.residuals).pvalue) if np.ptp(fit.residuals) > 0 else math.nan
     texts = (
         "The optimiser reached its tolerance." if fit.converged else "The optimiser gave up.",
-        f"At zero: {', '.join(zero)}." if zero else "All variances are above zero.",
-        f"Shapiro-Wilk {shown_p(normal)} over {len(r)} residuals, which are not independent.",
-        f"Levene {shown_p(alike)}.",
+        f"At zero: {names(zero)}." if zero else "All variances are above zero.",
+        f"Shapiro-Wilk {shown_p(normal)} over {len(fit.residuals)} residuals, which are not "
+        "independent.",
         f"{persons(people)}: the normal distribution ignores that the variances are estimated.",
     )
-    good = (fit.converged, not zero, normal >= 0.05, not alike < 0.05, people >= MANY)
+    good = (fit.converged, not zero, not normal < 0.05, people >= MANY)
     return tuple(
         Check(name, "met" if fine else "doubtful", text)
-        for name, fine, text in zip(names, good, texts, strict=True)
+        for name, fine, text in zip(assumptions, good, texts, strict=True)
     )

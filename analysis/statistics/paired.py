@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from analysis.cube import MARKER_DIMS
 from analysis.errors import StatisticsError
+from analysis.statistics.scope import told_scope, too_few_volunteers
 from analysis.tables import SHOWN, origin_of
 from analysis.trajectory import names
 from analysis.typed import selected, texts
@@ -63,7 +64,9 @@ class Paired:
         return f"{value * self.factor:+z.2f}{self.unit}"
 
     def shown_interval(self, lower: float, upper: float, level: float) -> str:
-        """Write an interval with its level."""
+        """Write an interval with its level, or why there is none."""
+        if few := too_few_volunteers(len(self.values)):
+            return few
         if np.isnan(lower) or np.isnan(upper):
             return "no interval"
         if np.isinf(lower) or np.isinf(upper):
@@ -253,6 +256,7 @@ def analysed(
         "scale": "Fisher z" if used == "z" else "as it is",
         "units": str(cube[variable].attrs.get("units", "1")),
         "origin": origin_of(cube),
+        "scope": told_scope("these instructions", cube.sizes["instruction"]),
     }
     return data, used, attrs | ({"clipped_at": limit} if used == "z" else {})
 

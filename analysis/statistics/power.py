@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Final, Literal
 
 import numpy as np
@@ -12,11 +13,15 @@ from analysis.errors import StatisticsError
 from analysis.statistics.finding import persons
 from analysis.statistics.paired import LIMIT, Array, Scale, all_paired
 from analysis.statistics.ranks import signed_rank_counts
+from analysis.statistics.scope import LEAST_VOLUNTEERS, too_few_volunteers
 from analysis.statistics.sign_flip import TIED, sign_patterns
 
 Test = Literal["sign_flip", "wilcoxon", "t"]
 
 VOLUNTEERS: Final = (4, 6, 8, 10, 12, 16, 20, 30)
+
+MOST_DETECTABLE: Final = 1e3
+"""Standardised difference beyond which a test that shows nothing never does."""
 
 
 def simulated_power(
@@ -112,6 +117,44 @@ def simulated_power(
     return result
 
 
+@cache
+def detectable(n: int, *, test: Test, alpha: float = 0.05, target: float = 0.8) -> float:
+    """Find the smallest difference that a test of n volunteers shows as often as wanted.
+
+    Parameters
+    ----------
+    n : int
+        Volunteers, 2 or more.
+    test : {"sign_flip", "wilcoxon", "t"}
+        Two-sided test over volunteers.
+    alpha, target : float
+        Size of the test and power wanted [1].
+
+    Returns
+    -------
+    float
+        In standard deviations of the volunteers' differences [1], to about 3 % (by simulation);
+        infinite where no p of the test reaches alpha.
+    """
+
+    def reached(effect: float) -> float:
+        # The same draws at every effect, so that power grows steadily with it.
+        found = simulated_power(
+            effect, 1.0, volunteers=[n], test=test, alpha=alpha, target=target, simulations=1000
+        )
+        return float(found["power"][0])
+
+    low, high = 0.0, 1.0
+    while reached(high) < target:
+        low, high = high, 2.0 * high
+        if high > MOST_DETECTABLE:
+            return math.inf
+    while high - low > 0.01 * high:
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if reached(middle) >= target else (middle, high)
+    return high
+
+
 def power(
     cube: xr.Dataset,
     *,
@@ -150,7 +193,8 @@ def power(
         deviation observed and at both ends of its interval, ``monte_carlo_error``,
         ``volunteers_needed`` (contrast, spread), ``effect`` (contrast),
         ``standard_deviation`` (contrast, spread), ``n`` (contrast), ``sentence`` (contrast). NaN
-        where there is no variation to build on.
+        where there is no variation to build on, and at both ends of an interval from too few
+        volunteers.
 
     Raises
     ------
@@ -173,11 +217,12 @@ def power(
             continue
         sd = float(values.std(ddof=1))
         tail = (1.0 - level) / 2.0
-        deviations[row] = [
-            sd * math.sqrt((n - 1) / float(chi2.ppf(q, n - 1))) for q in (1.0 - tail, 0.5, tail)
-        ]
         deviations[row, 1] = sd
-        for column in range(len(spreads)):
+        if n >= LEAST_VOLUNTEERS:
+            for column, quantile in ((0, 1.0 - tail), (2, tail)):
+                share = float(chi2.ppf(quantile, n - 1)) / (n - 1)
+                deviations[row, column] = sd / math.sqrt(share)
+        for column in np.flatnonzero(np.isfinite(deviations[row])):
             result = simulated_power(
                 float(effects[row]), float(deviations[row, column]), volunteers=volunteers,
                 test=test, alpha=alpha, target=target, simulations=simulations, seed=seed,
@@ -187,10 +232,13 @@ def power(
             needed[row, column] = float(result["volunteers_needed"])
         shown = [f"{k:.0f}" if np.isfinite(k) else f"over {max(volunteers)}" for k in needed[row]]
         chosen = "the observed difference" if effect is None else "a difference"
+        spread = (
+            f"{shown[0]} to {shown[2]} for the {100 * level:.3g} % interval of the spread between "
+            f"{persons(n)}"
+        )
         sentences.append(
             f"{each.label}: to show {chosen} of {each.shown(float(effects[row]))} with power "
-            f"{target:.2g}, {shown[1]} volunteers are needed ({shown[0]} to {shown[2]} for the "
-            f"{100 * level:.3g} % interval of the spread between {persons(n)})."
+            f"{target:.2g}, {shown[1]} volunteers are needed ({too_few_volunteers(n) or spread})."
         )
     one, units = {"units": "1"}, {"units": attrs["units"]}
     contrast = np.array([each.label for each in data], dtype=str)

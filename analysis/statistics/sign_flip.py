@@ -69,8 +69,8 @@ def sign_flip(
     xarray.Dataset
         See `analysis.statistics.finding.collected`; besides ``p_joint``, adjusted over the
         contrasts by flipping all of a volunteer's differences together (single step, largest
-        statistic), and ``coverage`` [1]. An interval is infinite where n is too small for
-        `level`.
+        statistic), ``coverage`` [1] and ``standard_deviation`` between volunteers. An interval is
+        infinite where n is too small for `level`.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def sign_flip_interval(values: Array, patterns: Array, level: float) -> tuple[fl
 
 def flip_finding(data: Paired, joint: float, level: float, draws: int, seed: int) -> Finding:
     """Test one contrast; `joint` is its p over all contrasts."""
-    few = too_few(data, _checks(data), ("p_joint", "coverage"))
+    few = too_few(data, _checks(data), ("p_joint", "coverage", "standard_deviation"))
     if few is not None:
         return few
     values = data.values
@@ -160,7 +160,10 @@ def flip_finding(data: Paired, joint: float, level: float, draws: int, seed: int
         sentence = f"{data.label}: no difference in any of {persons(n)}.{lost(data.counts)}"
     return Finding(
         data.label, estimate, lower, upper, p, least, n, sentence, data.counts, _checks(data),
-        {"p_joint": joint, "coverage": coverage},
+        {
+            "p_joint": joint, "coverage": coverage,
+            "standard_deviation": float(values.std(ddof=1)),
+        },
     )  # fmt: skip
 
 

@@ -12,7 +12,9 @@ from analysis.statistics.finding import persons, shown_p
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.mixed_model import mixed_model
 from analysis.statistics.paired import WHY
+from analysis.statistics.power import detectable
 from analysis.statistics.ranks import friedman, wilcoxon
+from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
 from analysis.statistics.sign_flip import sign_flip
 from analysis.tables import SHOWN, Column, Table, recordings
 
@@ -44,7 +46,8 @@ def study_statistics(
     Returns
     -------
     dict of str to xarray.Dataset
-        ``sign_flip``, ``mixed_model``, ``friedman``, ``wilcoxon``, ``bootstrap``,
+        ``sign_flip``, ``mixed_model`` of instructions in general and
+        ``mixed_model_these_instructions``, ``friedman``, ``wilcoxon``, ``bootstrap``,
         ``leave_one_out`` and, with a margin, ``equivalence``.
 
     Raises
@@ -55,6 +58,9 @@ def study_statistics(
     found = {
         "sign_flip": sign_flip(cube, variable=variable, level=level, seed=seed),
         "mixed_model": mixed_model(cube, variable=variable, level=level),
+        "mixed_model_these_instructions": mixed_model(
+            cube, scope="these instructions", variable=variable, level=level
+        ),
         "friedman": friedman(cube, variable=variable),
         "wilcoxon": wilcoxon(cube, variable=variable, level=level),
         "bootstrap": hierarchical_bootstrap(
@@ -68,7 +74,7 @@ def study_statistics(
 
 
 def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
-    """Say of every contrast whether a difference is shown, by the exact joint test.
+    """Say of every contrast whether a difference is shown, and of which instructions.
 
     Parameters
     ----------
@@ -78,8 +84,10 @@ def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
     Returns
     -------
     list of str
-        One sentence per contrast, or one that says that there is none. A difference is shown
-        where the sign-flip p over all contrasts jointly is at most 1 - level.
+        One sentence or two per contrast, or one that says that there is none. A difference is
+        shown on the instructions of the study where the sign-flip p over all contrasts jointly is
+        at most 1 - level; on instructions in general where that of the mixed model is, after Holm
+        over the contrasts. Where none is shown, the smallest difference that would have been.
     """
     exact = found["sign_flip"]
     alpha = 1.0 - float(exact.attrs["level"])
@@ -90,23 +98,56 @@ def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
         p, least, n = float(row["p_joint"]), float(row["smallest_p"]), int(row["n"])
         if math.isnan(p) or n < 2:
             told.append(f"{contrast}: {persons(n)} with pairs, so nothing is tested.")
-        elif p <= alpha * (1 + 1e-9):
+            continue
+        if p <= alpha * (1 + 1e-9):
             higher = "higher" if float(row["estimate"]) > 0 else "lower"
-            told.append(
-                f"{contrast}: {variable} is {higher} with the first ({shown_p(p)} jointly, "
-                f"{persons(n)}, {recordings(origin)})."
+            text = (
+                f"{variable} is {higher} with the first on the instructions of this study "
+                f"({shown_p(p)} jointly, {persons(n)}, {recordings(origin)})."
             )
         elif least > alpha:
-            told.append(
-                f"{contrast}: {persons(n)} are too few for any p below {least:.2g}; no difference "
-                "can be shown."
+            text = (
+                f"{persons(n)} are too few for any p below {least:.2g}; no difference can be "
+                "shown by the exact test."
             )
         else:
-            told.append(
-                f"{contrast}: no difference in {variable} is shown ({shown_p(p)} jointly, "
-                f"{persons(n)}), which does not show that there is none."
+            text = (
+                f"no difference in {variable} is shown ({shown_p(p)} jointly, {persons(n)}), which "
+                f"does not show that there is none: {_smallest_seen(row, alpha)}."
             )
+        general = _in_general(found["mixed_model"].isel(contrast=index), alpha)
+        told.append(f"{contrast}: {text} {general}")
     return told or [str(exact.attrs["sentence"])]
+
+
+def _smallest_seen(row: xr.Dataset, alpha: float) -> str:
+    """Say which difference the exact test would have shown four times in five."""
+    size = detectable(int(row["n"]), test="sign_flip", alpha=alpha)
+    size *= float(row["standard_deviation"])
+    variable, scale = str(row.attrs["variable"]), str(row.attrs["scale"])
+    _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
+    unit = " in z" if scale == "Fisher z" else "" if unit == "1" else f" {unit}"
+    return (
+        "with the spread between these volunteers the smallest one that such a study shows four "
+        f"times in five is {factor * size:.2g}{unit}"
+    )
+
+
+def _in_general(row: xr.Dataset, alpha: float) -> str:
+    """Say what the mixed model says of instructions in general."""
+    p = float(row["p_holm"])
+    if math.isnan(p):
+        return (
+            f"Of instructions in general nothing is said, which needs {LEAST_VOLUNTEERS} "
+            f"volunteers and {LEAST_INSTRUCTIONS} instructions or more."
+        )
+    if p > alpha:
+        return f"On instructions in general none is shown (mixed model, {shown_p(p)} after Holm)."
+    higher = "higher" if float(row["estimate"]) > 0 else "lower"
+    return (
+        f"On instructions in general it is {higher} with the first by the mixed model "
+        f"({shown_p(p)} after Holm)."
+    )
 
 
 def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
@@ -123,7 +164,8 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
         One row per test and contrast. The unit of the estimate is in the column ``in``.
     """
     columns = (
-        Column("test"), Column("contrast"), Column("in"), Column("estimate"), Column("lower"),
+        Column("test"), Column("instructions"), Column("contrast"), Column("in"),
+        Column("estimate"), Column("lower"),
         Column("upper"), Column("p", digits=3), Column("p Holm", digits=3),
         Column("p joint", digits=3), Column("smallest p", digits=3), Column("volunteers"),
         Column("pairs"), Column("pairs lost"),
@@ -137,6 +179,7 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
         if name == "friedman":
             unit, factor = "Kendall's W", 1.0
         unit = variable if unit == "1" else unit
+        scope = "in general" if name == "mixed_model" else "these"
         for index, contrast in enumerate(each["contrast"].values):
             row = each.isel(contrast=index)
             bounds = np.asarray(row["interval"].values, dtype=np.float64) * factor
@@ -145,12 +188,15 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
             numbers = [float(row["estimate"]) * factor, float(bounds[0]), float(bounds[1])]
             numbers += [float(row["p"]), float(row["p_holm"]), joint, float(row["smallest_p"])]
             counts = (int(row["n"]), int(row["pairs"]), gone)
-            rows.append((name.replace("_", " "), str(contrast), unit, *numbers, *counts))
+            test = name.replace("_these_instructions", "").replace("_", " ")
+            rows.append((test, scope, str(contrast), unit, *numbers, *counts))
     first = next(iter(found.values()))
     origin = str(first.attrs["origin"])
     note = (
-        "Sign flips and Wilcoxon are exact; the mixed model uses t; equivalence has a small p "
-        "where strategies are alike; the bounds of leave one out are the extreme estimates."
+        "All tests speak of volunteers in general; the column instructions says whether of those "
+        "of the study or of others too. Sign flips and Wilcoxon are exact; the mixed model uses t; "
+        "equivalence has a small p where strategies are alike; the bounds of leave one out are "
+        f"the extreme estimates. Fewer than {LEAST_VOLUNTEERS} volunteers give no interval."
     )
     title = f"tests of {first.attrs['variable']}, {recordings(origin)}"
     return Table(title, columns, tuple(rows), origin, note)

@@ -12,6 +12,7 @@ from analysis.axes import further_axes
 from analysis.cube import TRIAL_DIMS, counts, trials
 from analysis.errors import AnalysisError
 from analysis.sensitivity import sensitivity
+from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
 from analysis.tables import Column, Table, origin_of, recordings
 from emgface import __version__
@@ -85,6 +86,11 @@ def verdict(cube: xr.Dataset) -> list[str]:
     if cube.sizes["volunteer"] == 1:
         told.append(
             "There is one volunteer: nothing can be said about other people, and no test is made."
+        )
+    elif cube.sizes["volunteer"] < LEAST_VOLUNTEERS:
+        told.append(
+            f"There are {cube.sizes['volunteer']} volunteers: no interval is given, which needs "
+            f"{LEAST_VOLUNTEERS} or more."
         )
     if cube.sizes["strategy"] == 1:
         told.append(

@@ -4,6 +4,7 @@ from typing import Any
 
 import xarray as xr
 
+from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
 from emgface.choices import parameter_table
 from emgface.study.configuration import StudyConfiguration
 
@@ -54,7 +55,7 @@ def methods(study: StudyConfiguration, cube: xr.Dataset) -> str:
         One paragraph in the past tense, numbers in the units of the field.
     """
     told = [*_recordings(study, cube), *_signals(study), *_mechanics(study, cube), *_scores(study)]
-    return " ".join(told)
+    return " ".join([*told, *_comparison(cube)])
 
 
 def _recordings(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
@@ -182,6 +183,21 @@ def _scores(study: StudyConfiguration) -> list[str]:
         f"whose motion had less than {study.score.smallest_snr:g} times the variance of its noise "
         "was not scored, and the attenuation by noise that is expected stands beside rho, which is "
         "not corrected.",
+    ]
+
+
+def _comparison(cube: xr.Dataset) -> list[str]:
+    if cube.sizes.get("strategy", 0) < 2 or cube.sizes["volunteer"] < 2:
+        return []
+    n = cube.sizes["instruction"]
+    these = f"the {n} instructions recorded" if n > 1 else "the one instruction recorded"
+    return [
+        "Strategies were compared by Fisher's z of the correlation, paired within trial and "
+        f"marker: for {these}, by sign-flip permutation of the means of the volunteers; for "
+        "instructions in general, by a linear mixed model of the differences with crossed random "
+        "slopes of volunteer and instruction (restricted maximum likelihood, degrees of freedom "
+        f"after Satterthwaite). Intervals were given from {LEAST_VOLUNTEERS} volunteers on, of "
+        f"instructions in general from {LEAST_INSTRUCTIONS} instructions on."
     ]
 
 

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from analysis.sensitivity import choices_table
+from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import Table, report_tables
 from emgface.report import contents, figures
 from emgface.report.methods import methods, parameter_rows
@@ -118,6 +119,7 @@ def render(
         "score_figures": figures.score_figures(results) if scored else [],
         "face_figures": figures.face_figure(results, moving[0]) if moving else [],
         "trial_figures": figures.trial_figures(results) if scored else [],
+        "least_volunteers": LEAST_VOLUNTEERS,
         "choices": figures.choices_figure(results, change) if change is not None else [],
         "choices_table": cells(choices_table(change)) if change is not None else None,
         "choices_summary": str(change.attrs["summary"]) if change is not None else "",

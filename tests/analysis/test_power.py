@@ -8,7 +8,7 @@ from synthetic_scores import of_differences
 
 from analysis.errors import StatisticsError
 from analysis.statistics.calibration import simulated_scores
-from analysis.statistics.power import power, simulated_power
+from analysis.statistics.power import detectable, power, simulated_power
 
 
 def within(found, expected) -> None:
@@ -44,6 +44,16 @@ def test_volunteers_needed() -> None:
     never = simulated_power(0.01, 0.6, volunteers=(6, 12))
     assert np.isnan(float(never["volunteers_needed"]))
     assert "needs more than 12" in never.attrs["sentence"]
+
+
+@pytest.mark.parametrize("test", ["sign_flip", "t"])
+def test_smallest_difference_that_six_volunteers_show(test: str) -> None:
+    """All signs alike with 0.8, or the noncentral t; the simulation of it is 3 % off at most."""
+    exact = norm.ppf(0.8 ** (1 / 6))
+    if test == "t":
+        exact = TTestPower().solve_power(nobs=6, alpha=0.05, power=0.8)
+    assert detectable(6, test=test) == pytest.approx(exact, rel=0.03)
+    assert np.isinf(detectable(5, test="sign_flip"))
 
 
 def test_power_of_a_cube() -> None:
