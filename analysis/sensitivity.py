@@ -1,21 +1,37 @@
-"""Which of the choices that a paper leaves open move the result, and which do not."""
+"""Which of the choices that a paper leaves open move the result, strategy by strategy."""
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.stats import t
 
 from analysis.cube import MARKER_DIMS
 from analysis.errors import StatisticsError
-from analysis.statistics.finding import check_level, collected
+from analysis.statistics.equivalence import normality
+from analysis.statistics.finding import (
+    INDEPENDENT,
+    Finding,
+    check_level,
+    collected,
+    holm,
+    left_out,
+    lost,
+    persons,
+    shown_p,
+    too_few,
+)
 from analysis.statistics.paired import LIMIT, Paired, Scale, paired
-from analysis.statistics.sign_flip import flip_finding, joint_p
+from analysis.statistics.power import detectable
+from analysis.statistics.scope import LEAST_VOLUNTEERS, told_scope
+from analysis.statistics.sign_flip import sign_flip_p, sign_patterns
 from analysis.tables import SHOWN, Column, Table, origin_of, recordings
 from analysis.trajectory import names
 from analysis.typed import selected
 
-DRAWS: Final = 19_999
+FURTHER = ("p_sign_flip", "rises", "detectable")
 
 
 def sensitivity(
@@ -24,15 +40,16 @@ def sensitivity(
     axes: Sequence[str] | None = None,
     reference: Mapping[str, Any] | None = None,
     variable: str = "rho",
-    scale: Scale = "raw",
+    scale: Scale | None = None,
     level: float = 0.95,
-    seed: int = 0,
     limit: float = LIMIT,
 ) -> xr.Dataset:
-    """Compare every level of every axis with its reference, all other axes at theirs.
+    """Compare every level of every axis with its reference, in each strategy by itself.
 
-    Differences are taken within trial, strategy and marker and averaged to one per volunteer, as
-    between strategies; the sign-flip test over volunteers gives interval and p.
+    Differences are taken within trial and marker, all other axes at their reference, and averaged
+    to one per volunteer; a paired t test over volunteers gives interval and p, which Holm's
+    correction adjusts over all levels and strategies. Strategies are not averaged: a choice that
+    raises one and lowers another moves both.
 
     Parameters
     ----------
@@ -45,18 +62,19 @@ def sensitivity(
         Reference level per axis; its first level where not given.
     variable : str
         ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
-    scale : {"raw", "z"}
-        The values themselves, or Fisher's z of rho.
-    level, seed, limit
+    scale, level, limit
         As in `analysis.statistics.sign_flip.sign_flip`.
 
     Returns
     -------
     xarray.Dataset
-        As `analysis.statistics.finding.collected` with dim choice ("axis = level") in place of
-        contrast: ``estimate`` is level minus reference; besides ``axis`` and ``level`` (choice),
-        ``by_strategy`` (choice, strategy), the mean change per strategy, and ``reach`` (axis
-        names), the largest absolute estimate of each. Attribute ``reference``.
+        As `analysis.statistics.finding.collected` with dim choice ("axis = level, strategy") in
+        place of contrast: ``estimate`` is level minus reference, ``p_holm`` is adjusted over all
+        choices; besides ``axis``, ``level`` and ``strategy`` (choice), ``p_sign_flip`` (exact, not
+        adjusted), ``rises`` (volunteers with a positive difference), ``detectable`` (the smallest
+        change that the test shows four times in five at the strictest step of Holm), and
+        ``reach`` (axis names), the largest absolute estimate of each. Attributes ``reference``
+        and ``summary``. p and interval are NaN below the least number of volunteers.
 
     Raises
     ------
@@ -65,7 +83,8 @@ def sensitivity(
 
     Notes
     -----
-    One axis is moved at a time, so that the effect of two together is not seen.
+    One axis is moved at a time, so that the effect of two together is not seen. The exact p has
+    no part in the verdict: with six volunteers Holm over two of them leaves none below 0.05.
     """
     check_level(level)
     if variable not in cube:
@@ -85,10 +104,10 @@ def sensitivity(
                 f"the reference {axis} = {label} is not in the cube, expected one of "
                 f"{names([str(each) for each in cube[axis].values]) if axis in found else names(found)}"
             )
+    used: Scale = scale if scale is not None else ("z" if variable == "rho" else "raw")
     data: list[Paired] = []
-    of: list[tuple[str, str]] = []
+    of: list[tuple[str, str, str]] = []
     strategies = [str(label) for label in cube["strategy"].values]
-    changes: list[list[float]] = []
     for axis in chosen:
         others = {other: label for other, label in base.items() if other != axis}
         # Scores carry the axes; what is the same for all levels, such as labels, does not.
@@ -97,43 +116,92 @@ def sensitivity(
         for label in cube[axis].values:
             if label == base[axis]:
                 continue
-            each = paired(
-                held, label, base[axis], dim=axis, variable=variable, scale=scale, limit=limit
-            )
-            data.append(Paired(f"{axis} = {_words(label)}", *_rest(each)))
-            of.append((axis, _words(label)))
-            per = each.differences.mean("repetition", skipna=True)
-            per = per.mean([dim for dim in per.dims if dim not in ("volunteer", "strategy")])
-            changes.append(per.mean("volunteer").transpose("strategy").values.tolist())
-    joint = joint_p([each.means.values for each in data], DRAWS, seed)
+            for strategy in strategies:
+                one = selected(held, {"strategy": [strategy]})
+                each = paired(
+                    one, label, base[axis], dim=axis, variable=variable, scale=used, limit=limit
+                )
+                words = f"{axis} = {_words(label)}, {strategy}"
+                data.append(
+                    Paired(words, each.differences, each.means, each.counts, each.unit, each.factor)
+                )
+                of.append((axis, _words(label), strategy))
+    return _result(data, of, base, cube, variable=variable, scale=used, level=level)
+
+
+def _result(
+    data: list[Paired], of: list[tuple[str, str, str]], base: Mapping[str, Any], cube: xr.Dataset,
+    *, variable: str, scale: Scale, level: float,
+) -> xr.Dataset:  # fmt: skip
+    alpha = 1.0 - level
+    p = np.array([_t_test(each)[1] for each in data], dtype=np.float64)
+    tests = int(np.isfinite(p).sum())
     findings = [
-        flip_finding(each, float(p), level, DRAWS, seed)
-        for each, p in zip(data, joint, strict=True)
+        _finding(each, float(adjusted), tests, level)
+        for each, adjusted in zip(data, holm(p), strict=True)
     ]
     units = str(cube[variable].attrs.get("units", "1"))
     attrs = {
         "variable": variable, "scale": "Fisher z" if scale == "z" else "as it is",
-        "units": units, "origin": origin_of(cube), "seed": seed,
+        "units": units, "origin": origin_of(cube),
+        "scope": told_scope("these instructions", cube.sizes["instruction"]),
         "reference": ", ".join(f"{axis} = {_words(label)}" for axis, label in base.items()),
     }  # fmt: skip
-    method = "level minus reference, sign-flip permutation over volunteers"
+    method = "level minus reference per strategy, paired t over volunteers, Holm over all"
     result = collected(findings, method=method, level=level, attrs=attrs)
     result = result.rename({"contrast": "choice"})
-    result["axis"] = ("choice", np.array([axis for axis, _ in of], dtype=str))
-    result["level"] = ("choice", np.array([label for _, label in of], dtype=str))
-    table = np.array(changes, dtype=np.float64).reshape(len(data), len(strategies))
-    result["by_strategy"] = (("choice", "strategy"), table, {"units": units})
-    result["strategy"] = strategies
+    for place, name in enumerate(("axis", "level", "strategy")):
+        result[name] = ("choice", np.array([each[place] for each in of], dtype=str))
+    chosen = list(dict.fromkeys(axis for axis, _, _ in of))
     size = np.abs(result["estimate"].values)
-    reach = [float(np.max(size[[each == axis for each, _ in of]], initial=0.0)) for axis in chosen]
+    reach = [float(np.max(size[[each[0] == axis for each in of]], initial=0.0)) for axis in chosen]
     result["reach"] = ("axes", np.array(reach), {"units": units})
     result["axes"] = chosen
-    result.attrs["summary"] = _summary(result)
+    result.attrs["summary"] = _summary(result, data[0] if data else None, alpha)
     return result
 
 
+def _t_test(data: Paired) -> tuple[float, float]:
+    """Standard error and p of the mean difference; NaN for too few volunteers."""
+    values = data.values
+    n = len(values)
+    if n < LEAST_VOLUNTEERS:
+        return math.nan, math.nan
+    mean, error = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(n)
+    if error == 0.0:
+        return 0.0, float(mean == 0.0)
+    return error, 2.0 * float(t.sf(abs(mean) / error, n - 1))
+
+
+def _finding(data: Paired, adjusted: float, tests: int, level: float) -> Finding:
+    checks = (INDEPENDENT, normality(data.values), left_out(data))
+    few = too_few(data, checks, FURTHER, least=LEAST_VOLUNTEERS)
+    if few is not None:
+        return few
+    values = data.values
+    n, mean = len(values), float(values.mean())
+    error, p = _t_test(data)
+    reach = float(t.ppf((1.0 + level) / 2.0, n - 1)) * error
+    exact = sign_flip_p(values, sign_patterns(n))
+    up, down = int((values > 0).sum()), int((values < 0).sum())
+    smallest = detectable(n, test="t", alpha=(1.0 - level) / max(tests, 1)) * error * math.sqrt(n)
+    many = f"rises in {up}" if up >= down else f"falls in {down}"
+    sentence = (
+        f"{data.label}: {data.shown(mean)} over {persons(n)} "
+        f"({data.shown_interval(mean - reach, mean + reach, level)}; {shown_p(p)}, "
+        f"{shown_p(adjusted)} after Holm over {tests} tests; {many} of {n}, exact {shown_p(exact)})."
+        f"{lost(data.counts)}"
+    )
+    if not values.any():
+        sentence = f"{data.label}: no difference in any of {persons(n)}.{lost(data.counts)}"
+    return Finding(
+        data.label, mean, mean - reach, mean + reach, p, 0.0, n, sentence, data.counts, checks,
+        dict(zip(FURTHER, (exact, float(up), smallest), strict=True)),
+    )  # fmt: skip
+
+
 def choices_table(found: xr.Dataset) -> Table:
-    """List what every level of every axis changes.
+    """List what every level of every axis changes in every strategy.
 
     Parameters
     ----------
@@ -143,35 +211,42 @@ def choices_table(found: xr.Dataset) -> Table:
     Returns
     -------
     Table
-        One row per choice: axis, level, change, interval, p, joint p and volunteers.
+        One row per choice: axis, level, strategy, change, interval, p, p after Holm, volunteers
+        in whom it rises and their number, pairs.
     """
     variable = str(found.attrs["variable"])
     units, shown, factor, digits = SHOWN.get(variable, ("1", "1", 1.0, 2))
     if found.attrs["scale"] == "Fisher z":
         units, shown, factor = "1", "1", 1.0
     columns = (
-        Column("axis"), Column("level"),
+        Column("axis"), Column("level"), Column("strategy"),
         *(Column(name, units, shown, factor, digits) for name in ("change", "lower", "upper")),
-        Column("p", digits=3), Column("p joint", digits=3), Column("volunteers"), Column("pairs"),
+        Column("p", digits=3), Column("p Holm", digits=3), Column("rises in"),
+        Column("volunteers"), Column("pairs"),
     )  # fmt: skip
     rows: list[tuple[object, ...]] = []
     for index in range(found.sizes["choice"]):
         one = found.isel(choice=index)
         low, high = one["interval"].values.tolist()
+        rises = float(one["rises"])
         rows.append(
             (
-                str(one["axis"].values), str(one["level"].values), float(one["estimate"]),
-                float(low), float(high), float(one["p"]), float(one["p_joint"]), int(one["n"]),
+                *(str(one[name].values) for name in ("axis", "level", "strategy")),
+                float(one["estimate"]), float(low), float(high), float(one["p"]),
+                float(one["p_holm"]), "-" if math.isnan(rises) else int(rises), int(one["n"]),
                 int(one["pairs"]),
             )
         )  # fmt: skip
     origin = str(found.attrs["origin"])
+    scale = " in Fisher's z" if found.attrs["scale"] == "Fisher z" else ""
     return Table(
-        f"change of {variable} with each choice, {recordings(origin)}",
+        f"change of {variable}{scale} with each choice, {recordings(origin)}",
         columns,
         tuple(rows),
         origin,
-        f"Reference: {found.attrs['reference']}. One choice is moved at a time.",
+        f"Reference: {found.attrs['reference']}. One choice is moved at a time. Paired t over "
+        f"volunteers, of {found.attrs['scope']}; intervals are not adjusted, 'p Holm' is over all "
+        f"rows; fewer than {LEAST_VOLUNTEERS} volunteers give neither.",
     )
 
 
@@ -180,24 +255,52 @@ def _words(label: Any) -> str:
     return f"{label:g}" if isinstance(label, float) else str(label)
 
 
-def _rest(data: Paired) -> tuple[xr.DataArray, xr.DataArray, dict[str, int], str, float]:
-    return data.differences, data.means, data.counts, data.unit, data.factor
-
-
-def _summary(result: xr.Dataset) -> str:
-    """Name the axes that move the variable, the farthest first, and those not shown to."""
-    alpha = 1.0 - float(result.attrs["level"])
+def _summary(result: xr.Dataset, first: Paired | None, alpha: float) -> str:
+    """Name what is shown to move the variable, and what is not, with what would have been."""
     variable = str(result.attrs["variable"])
-    _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
-    unit = "" if unit == "1" else f" {unit}"
-    moving: list[str] = []
-    still: list[str] = []
-    order = np.argsort(-result["reach"].values, kind="stable")
-    for index in order:
-        axis = str(result["axes"].values[index])
-        here = result.isel(choice=np.flatnonzero(result["axis"].values == axis))
-        text = f"{axis} (up to {factor * float(result['reach'][index]):.2f}{unit})"
-        (moving if (here["p_joint"] <= alpha * (1 + 1e-9)).any() else still).append(text)
-    parts = [f"{variable} moves with {names(moving, 20)}."] if moving else []
-    parts += [f"No change of {variable} is shown with {names(still, 20)}."] if still else []
+    p, n = result["p_holm"].values, result["n"].values
+    if first is None or not np.isfinite(p).any():
+        most = int(n.max(initial=0))
+        return (
+            f"Nothing is tested: {persons(most)} with pairs, and a test of a choice needs "
+            f"{LEAST_VOLUNTEERS} or more."
+        )
+    shown = np.isfinite(p) & (p <= alpha * (1 + 1e-9))
+    change, rises = result["estimate"].values, result["rises"].values
+    label = result["choice"].values
+
+    def told(index: int) -> str:
+        up = change[index] > 0
+        many = int(rises[index]) if up else int(n[index] - rises[index])
+        moved = "rises" if up else "falls"
+        return f"{label[index]} ({first.shown(change[index])}, {moved} in {many} of {n[index]})"
+
+    tests = int(np.isfinite(p).sum())
+    order = np.argsort(-np.abs(change), kind="stable")
+    parts: list[str] = []
+    if shown.any():
+        moving = names([told(k) for k in order if shown[k]], 100)
+        parts.append(f"{variable} is shown to move, after Holm over {tests} tests, with {moving}.")
+    alike = np.isfinite(p) & ~shown & (change != 0) & ((rises == 0) | (rises == n))
+    if alike.any():
+        parts.append(
+            f"In all volunteers alike, but not shown after Holm: "
+            f"{names([told(k) for k in order if alike[k]], 100)}."
+        )
+    open_ = np.isfinite(p) & ~shown & (result["detectable"].values > 0)
+    same = int((np.isfinite(p) & (change == 0) & ~open_).sum())
+    if same:
+        parts.append(f"{same} of the tests find no change in any volunteer.")
+    if open_.any():
+        seen = first.factor * result["detectable"].values[open_]
+        low, high = float(seen.min()), float(seen.max())
+        sizes = f"{low:.2g}" if math.isclose(low, high) else f"{low:.2g} to {high:.2g}"
+        parts.append(
+            f"A change with the other {int(open_.sum())} is not shown, which does not say that there "
+            "is none: the smallest that such a study shows four times in five is "
+            f"{sizes}{first.unit}, by choice and strategy."
+        )
+    untested = int((~np.isfinite(p)).sum())
+    if untested:
+        parts.append(f"{untested} are not tested for want of volunteers.")
     return " ".join(parts)

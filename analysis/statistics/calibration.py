@@ -183,14 +183,13 @@ def _mixed_model_in_general(cube: xr.Dataset, seed: int) -> Outcome:
 
 
 def _bootstrap(cube: xr.Dataset, seed: int) -> Outcome:
-    # The mean of z, whose truth is zero also where instructions differ.
-    draw = partial(
-        hierarchical_bootstrap, cube, contrasts=[PAIR], scale="z", statistic="mean", draws=500,
-        seed=seed,
-    )  # fmt: skip
+    draw = partial(hierarchical_bootstrap, cube, contrasts=[PAIR], draws=500, seed=seed)
+    # The mean of z is zero also where instructions differ, the median of rho only nearly.
+    mean = partial(draw, scale="z", statistic="mean")
     return {
-        "bootstrap, expanded": (np.nan, _holds(draw(), 0.0)),
-        "bootstrap, percentile": (np.nan, _holds(draw(interval="percentile"), 0.0)),
+        "bootstrap, median of rho": (np.nan, _holds(draw(), 0.0)),
+        "bootstrap, expanded": (np.nan, _holds(mean(), 0.0)),
+        "bootstrap, percentile": (np.nan, _holds(mean(interval="percentile"), 0.0)),
     }
 
 

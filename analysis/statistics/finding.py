@@ -103,37 +103,36 @@ def collected(
     units = {"units": str(attrs.pop("units", "1"))}
     one = {"units": "1"}
     dim = "contrast"
-    result = xr.Dataset(
-        coords={dim: np.array([f.contrast for f in findings], dtype=str),
-                "bound": ["lower", "upper"]}
-    )  # fmt: skip
     bounds = np.array([(f.lower, f.upper) for f in findings], dtype=np.float64).reshape(-1, 2)
     bounds[[f.n < LEAST_VOLUNTEERS for f in findings]] = math.nan
-    result["estimate"] = (dim, np.array([f.estimate for f in findings], dtype=np.float64), units)
-    result["interval"] = ((dim, "bound"), bounds, units)
     p = np.array([f.p for f in findings], dtype=np.float64)
     least = np.array([f.smallest_p for f in findings], dtype=np.float64)
-    for name, values in (
-        ("p", p),
-        ("p_holm", holm(p)),
-        ("smallest_p", least),
-        ("smallest_p_holm", np.minimum(1.0, least * max(1, int(np.isfinite(p).sum())))),
-    ):
-        result[name] = (dim, values, one)
-    result["n"] = (dim, np.array([f.n for f in findings], dtype=int), one)
+    estimates = np.array([f.estimate for f in findings], dtype=np.float64)
+    found: dict[str, Any] = {
+        "estimate": (dim, estimates, units),
+        "interval": ((dim, "bound"), bounds, units),
+        "p": (dim, p, one),
+        "p_holm": (dim, holm(p), one),
+        "smallest_p": (dim, least, one),
+        "smallest_p_holm": (dim, np.minimum(1.0, least * max(1, int(np.isfinite(p).sum()))), one),
+        "n": (dim, np.array([f.n for f in findings], dtype=int), one),
+    }
     for name in COUNTS:
-        result[name] = (dim, np.array([f.counts.get(name, 0) for f in findings], dtype=int), one)
+        found[name] = (dim, np.array([f.counts.get(name, 0) for f in findings], dtype=int), one)
     for name in findings[0].further if findings else ():
         measured = name in ("standard_error", "standard_deviation")
         values = np.array([f.further[name] for f in findings])
-        result[name] = (dim, values, units if measured else one)
-    result["sentence"] = (dim, np.array([f.sentence for f in findings], dtype=str))
+        found[name] = (dim, values, units if measured else one)
+    found["sentence"] = (dim, np.array([f.sentence for f in findings], dtype=str))
+    coords: dict[str, Any] = {
+        dim: np.array([f.contrast for f in findings], dtype=str),
+        "bound": ["lower", "upper"],
+    }
     if findings and findings[0].checks:
-        result = result.assign(
-            verdict=((dim, "assumption"), [[c.verdict for c in f.checks] for f in findings]),
-            check=((dim, "assumption"), [[c.check for c in f.checks] for f in findings]),
-        )
-        result["assumption"] = [c.assumption for c in findings[0].checks]
+        found["verdict"] = ((dim, "assumption"), [[c.verdict for c in f.checks] for f in findings])
+        found["check"] = ((dim, "assumption"), [[c.check for c in f.checks] for f in findings])
+        coords["assumption"] = [c.assumption for c in findings[0].checks]
+    result = xr.Dataset(found, coords=coords)
     told = [f.sentence for f in findings] or [
         "There is nothing to compare: a contrast needs two strategies."
     ]

@@ -111,11 +111,12 @@ def mixed_model(
     ]
     squared = {"units": "1" if attrs["units"] == "1" else f"{attrs['units']}^2"}
     table = np.array(variances, dtype=np.float64).reshape(len(fits), len(random))
-    result["variance"] = (("contrast", "random"), table, squared)
     result["random"] = list(random)
-    result["criterion"] = ("contrast", [fit.criterion if fit else math.nan for fit in fits])
-    result["converged"] = ("contrast", [int(fit.converged) if fit else 0 for fit in fits])
-    return result
+    return result.assign(
+        variance=(("contrast", "random"), table, squared),
+        criterion=("contrast", [fit.criterion if fit else math.nan for fit in fits]),
+        converged=("contrast", [int(fit.converged) if fit else 0 for fit in fits]),
+    )
 
 
 def cell_means(data: Paired) -> Array:

@@ -130,8 +130,9 @@ def face_figure(results: Results, faces: xr.Dataset) -> list[Drawn]:
 def choices_figure(results: Results, found: xr.Dataset) -> list[Drawn]:
     """Draw what the varied choices change."""
     text = (
-        "Change of rho with every choice that was varied, the others at their reference: mean over "
-        "volunteers with its interval in black, each strategy in colour."
+        "Change of rho with every choice that was varied, the others at their reference, in each "
+        "strategy: mean over volunteers with its interval, open where no change is shown after "
+        "Holm's correction over all of them."
     )
     return _drawn(results, "choices", "Open choices", text, lambda: sensitivity_plot(found))
 

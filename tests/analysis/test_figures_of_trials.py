@@ -90,23 +90,25 @@ def test_marker_traces() -> None:
         marker_traces(model, model)
 
 
+LEVELS = ["mapping stage = feature", "mapping stage = activation", "phase = causal"]
+
+
 def test_sensitivity_puts_the_farthest_axis_on_top() -> None:
     cube = factorial().transpose("phase", "mapping_stage", ...)
     found = sensitivity(cube)
     figure = sensitivity_plot(found)
     panel = figure.axes[0]
-    assert [label.get_text() for label in panel.get_yticklabels()] == [
-        "mapping stage = feature",
-        "mapping stage = activation",
-        "phase = causal",
-    ]
-    black = [line for line in panel.get_lines() if line.get_marker() == "o"]
-    order = [1, 2, 0]
-    np.testing.assert_allclose(
-        [line.get_xdata()[0] for line in black if line.get_color() == "black"],
-        found["estimate"].values[order],
-    )
-    assert [line.get_markerfacecolor() for line in black] == ["black", "black", "white"]
+    assert [label.get_text() for label in panel.get_yticklabels()] == LEVELS
+    marks = [line for line in panel.get_lines() if line.get_marker() in ("s", "^", "D")]
+    np.testing.assert_allclose([line.get_xdata()[0] for line in marks], found["estimate"])
+    shown = [line.get_markerfacecolor() != "white" for line in marks]
+    assert shown == (found["p_holm"].values <= 0.05).tolist()
+    assert any(shown) and not all(shown)
+    # A strategy's mark lies within half a row of the label of its level.
+    heights = {label: place for place, label in zip(panel.get_yticks(), LEVELS, strict=True)}
+    for line, axis, level in zip(marks, found["axis"].values, found["level"].values, strict=True):
+        label = f"{axis} = {level}".replace("_", " ")
+        assert abs(line.get_ydata()[0] - heights[label]) < 0.5
     assert figure.get_suptitle() == "what moves rho (simulated recordings)"
 
 

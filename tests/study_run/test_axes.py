@@ -157,9 +157,11 @@ def test_table_of_choices() -> None:
     moved = base.assign(rho=np.tanh(np.arctanh(base["rho"]) + 0.3).assign_attrs(units="1"))
     cube = combine_cubes({("zero",): base, ("causal",): moved}, {"phase": ["zero", "causal"]})
     table = choices_table(sensitivity(cube))
-    assert table.rows[0][:2] == ("phase", "causal")
-    change = (moved["rho"] - base["rho"]).mean(["instruction", "repetition", "marker", "strategy"])
-    assert table.rows[0][2] == pytest.approx(float(change.mean()))
+    assert [row[:3] for row in table.rows] == [
+        ("phase", "causal", str(strategy)) for strategy in base["strategy"].values
+    ]
+    assert [row[3] for row in table.rows] == pytest.approx([0.3] * 3)
+    assert "Fisher's z" in table.title and "these 2 instructions" in table.note
     xr.testing.assert_identical(reference_cube(cube)["rho"], base["rho"])
 
 
