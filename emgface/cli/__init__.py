@@ -14,7 +14,6 @@ from emgface.cli.console import Commands, out, show_warnings_as_sentences
 app = typer.Typer(
     cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     help="sEMG-driven finite-element face: from recordings of muscle activity to scored lip "
     "motion.",

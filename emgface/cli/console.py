@@ -1,6 +1,7 @@
 """What a person sees: messages, progress bars, tables, and failures as one sentence."""
 
 import os
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -52,12 +53,20 @@ class Commands(TyperGroup):
 
 
 def is_expected(error: Exception) -> bool:
-    """Whether a failure explains itself: raised by this package on purpose, or by the disk."""
-    from analysis.errors import AnalysisError
-    from emgface.errors import EmgfaceError
-    from sim.errors import SimulationError
+    """Decide whether a failure explains itself: raised by this package on purpose, or by the disk.
 
-    return isinstance(error, EmgfaceError | SimulationError | AnalysisError | OSError)
+    A class of errors whose module was never imported cannot have been raised, so that nothing is
+    imported here: ``--help`` ends in an exception, too, and would wait for the mechanics.
+    """
+    bases = (
+        getattr(sys.modules.get(module), name, None)
+        for module, name in (
+            ("emgface.errors", "EmgfaceError"),
+            ("sim.errors", "SimulationError"),
+            ("analysis.errors", "AnalysisError"),
+        )
+    )
+    return isinstance(error, (OSError, *(base for base in bases if base is not None)))
 
 
 def debugging() -> bool:

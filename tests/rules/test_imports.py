@@ -34,3 +34,16 @@ def test_a_face_is_simulated_without_plotting_and_command_line(what):
 
 def test_analysis_brings_neither_the_mechanics_nor_plotting():
     assert not brought_by("analysis") & (PLOTTING_AND_CLI | {"sim", "numba", "emgface"})
+
+
+@pytest.mark.parametrize("given", [["demo", "--help"], ["demo", "--seedd", "3"], ["demoo"]])
+def test_help_and_typing_errors_bring_no_mechanics(given):
+    code = (
+        "import json, sys\nfrom emgface.cli import main\n"
+        f"sys.argv = ['emgface', *{given!r}]\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print('\\n' + json.dumps([m.split('.')[0] for m in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    found = set(json.loads(done.stdout.splitlines()[-1]))
+    assert not found & {"sim", "analysis", "numpy", "numba", "xarray", "pandas", "matplotlib"}
