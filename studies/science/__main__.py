@@ -2,7 +2,8 @@
 
     python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
 
-Nothing that the store holds is computed again.
+Nothing that the store holds is computed again; with --finished, studies that have a cube are taken as
+they are, whatever code computed them.
 """
 
 import argparse
@@ -11,10 +12,15 @@ from pathlib import Path
 
 from emgface.files import replace_file
 from emgface.study.observer import Silent
-from studies.science.sections import SECTIONS
-from studies.science.setup import REPETITIONS, RESOLUTION, SEED, run_world
+from studies.science.setup import (
+    REPETITIONS,
+    RESOLUTION,
+    SEED,
+    WORLDS,
+    plan,
+    run_world,
+)
 
-WORLDS = ("matched",)
 HEAD = """# What a simulated study can and cannot show
 
     python -m studies.science
@@ -51,25 +57,20 @@ def main() -> None:
     """Make volunteers, studies and the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("docs/science"))
-    parser.add_argument("--store", type=Path, default=Path("studies-store"))
-    parser.add_argument("--volunteers", type=int, default=6)
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--store", type=Path, default=plan.store)
+    parser.add_argument("--volunteers", type=int, default=plan.volunteers)
+    parser.add_argument("--workers", type=int, default=plan.workers)
+    parser.add_argument("--finished", action="store_true")
     given = parser.parse_args()
-    observer = Told()
-    studies = {
-        world: run_world(
-            world,
-            given.store,
-            volunteers=given.volunteers,
-            workers=given.workers,
-            observer=observer,
-        )
-        for world in WORLDS
-    }
+    plan.store, plan.volunteers, plan.workers = given.store, given.volunteers, given.workers
+    plan.observer, plan.finished = Told(), given.finished
+    studies = {world: run_world(world) for world in WORLDS}
     given.out.mkdir(parents=True, exist_ok=True)
     head = HEAD.format(
         volunteers=given.volunteers, repetitions=REPETITIONS, seed=SEED, resolution=RESOLUTION
     )
+    from studies.science.sections import SECTIONS
+
     text = "\n".join([head, *(make(studies, given.out) for make in SECTIONS)])
     replace_file(given.out / "README.md", lambda path: path.write_text(text, encoding="utf-8"))
     print(f"wrote {given.out / 'README.md'}")

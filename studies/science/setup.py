@@ -1,22 +1,43 @@
 """The simulated volunteers and studies that all sections of the page are made from."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
+
+import xarray as xr
 
 from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.observer import Observer
+from emgface.study.observer import Observer, Silent
 from emgface.study.report import write_report
 from emgface.study.run import run_study
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
+from emgface.volunteers.world import World, world_of
 
-SEED = 17
-REPETITIONS = 2
-RESOLUTION = "coarse"
+SEED: Final = 17
+REPETITIONS: Final = 2
+RESOLUTION: Final = "coarse"
 """Elements of the face of the study; it is the mesh, not the physiology, that is coarse."""
-SIGMA_MAX = 100e3
+SIGMA_MAX: Final = 100e3
 """Largest muscle stress [Pa] of the study, within the range of the volunteers' own."""
+WORLDS: Final = ("matched", "mismatched")
+"""Worlds whose finished studies all sections are given."""
+
+
+@dataclass
+class Plan:
+    """How much is simulated, and who is told; the command fills it."""
+
+    store: Path = Path("studies-store")
+    volunteers: int = 6
+    workers: int = 2
+    observer: Observer = Silent()
+    finished: bool = False
+
+
+plan = Plan()
 
 
 def simulation() -> SimulationParameters:
@@ -24,47 +45,60 @@ def simulation() -> SimulationParameters:
     return configure(SimulationParameters, {"sigma_max": SIGMA_MAX, "accuracy": "study"})
 
 
-def study_of(recordings: Path, name: str, **changes: object) -> StudyConfiguration:
+def study_of(recordings: Path, name: str, **changes: Any) -> StudyConfiguration:
     """Configure the study of a set: the package's defaults on a coarse template face."""
-    values = {
+    values: dict[str, Any] = {
         "name": name,
         "recordings": {"folder": recordings.resolve()},
         "face": {"template": {"resolution": RESOLUTION}},
         "signals": {"normalisation": {"silent": "zero"}},
         "simulation": simulation().model_dump(),
     }
-    return configure(StudyConfiguration, values | changes)
+    for key, value in changes.items():
+        values[key] = {**values[key], **value} if isinstance(value, dict) else value
+    return configure(StudyConfiguration, values)
 
 
-def run_world(
-    world: str, store: Path, *, volunteers: int, workers: int, observer: Observer
-) -> Path:
-    """Simulate the volunteers of a world and run their study; what is stored is not computed again.
+def people(world: World, folder: Path, *, volunteers: int, repetitions: int) -> Path:
+    """Simulate the volunteers of a world and return the folder of their recordings.
 
-    Returns
-    -------
-    Path
-        Folder of the finished study.
+    Motions of all worlds lie in one store, so that worlds which differ in their EMG alone share them.
     """
-    folder = store / world
     make_volunteers(
         None,
         folder,
         n=volunteers,
-        repetitions=REPETITIONS,
+        repetitions=repetitions,
         seed=SEED,
         parameters=simulation(),
-        settings=settings_of(world),
-        workers=workers,
-        observer=observer,
+        settings=configure(VolunteerParameters, {"resolution": RESOLUTION, "world": world}),
+        workers=plan.workers,
+        observer=plan.observer,
+        store=plan.store / "motions",
     )
-    results = folder / "study"
-    study = study_of(folder / "recordings", f"simulated volunteers, {world} world")
-    cube = run_study(study, results, workers=workers, observer=observer).cube
+    return folder / "recordings"
+
+
+def finished_study(study: StudyConfiguration, results: Path) -> Path:
+    """Run a study, of which stored results are not computed again, and return its folder."""
+    if plan.finished and (results / "cube.nc").is_file():
+        return results
+    cube = run_study(study, results, workers=plan.workers, observer=plan.observer).cube
     write_report(cube, results)
     return results
 
 
-def settings_of(world: str) -> VolunteerParameters:
-    """Faces, sessions and electrodes of the volunteers of a world."""
-    return configure(VolunteerParameters, {"resolution": RESOLUTION})
+def run_world(name: str) -> Path:
+    """Simulate the volunteers of a world and run their study with the package's defaults."""
+    folder = plan.store / name
+    results = folder / "study"
+    if plan.finished and (results / "cube.nc").is_file():
+        return results
+    recordings = people(world_of(name), folder, volunteers=plan.volunteers, repetitions=REPETITIONS)
+    study = study_of(recordings, f"simulated volunteers, {name} world")
+    return finished_study(study, results)
+
+
+def opened(results: Path) -> xr.Dataset:
+    """Cube of a finished study."""
+    return xr.load_dataset(results / "cube.nc")
