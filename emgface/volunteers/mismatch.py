@@ -77,7 +77,9 @@ def draw_mismatch(seed: int, index: int, world: World) -> Mismatch:
         return np.random.default_rng([seed, index, _STREAMS[kind] + more])
 
     normal = np.clip(stream("strength").standard_normal(len(MODELLED)), -_TRUNCATION, _TRUNCATION)
-    strong = dict(zip(MODELLED, np.exp(world.strength * normal), strict=True))
+    strong: dict[str, float] = dict(
+        zip(MODELLED, np.exp(world.strength * normal).tolist(), strict=True)
+    )
     snr = None
     if world.snr is not None:
         drawn = stream("snr").uniform(*world.snr, size=len(CHANNELS))
@@ -89,7 +91,7 @@ def draw_mismatch(seed: int, index: int, world: World) -> Mismatch:
         for k, instruction in enumerate(INSTRUCTIONS)
     }
     return Mismatch(
-        strength={muscle: float(strong[muscle[:-2]]) for muscle in MUSCLES},
+        strength={muscle: strong[muscle[:-2]] for muscle in MUSCLES},
         delay=float(stream("delay").uniform(*world.delay)),
         snr=snr,
         recruitment={name: one for name, one in recruited.items() if one is not None},

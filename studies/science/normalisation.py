@@ -1,0 +1,190 @@
+"""What minimum and maximum over each trial cost, per strategy, and what they do to silent muscles."""
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from analysis.figures.style import COLOURS, HATCHES, blank, save, styled
+from emgface.errors import FeatureWarning, SignalError
+from emgface.recordings.dataset import read_recording
+from emgface.signals.activation import activation_of, feature_range
+from emgface.volunteers.recovery import LEAST_PEAK
+from studies.science.setup import finished_study, opened, plan
+from studies.science.subset import markdown, median_per_volunteer, names_of, of_subset, subset_study
+
+REACHES: Final = ("trial", "session")
+"""Data over which Eq. 8 takes minimum and maximum."""
+WORDS: Final = {"trial": "per trial", "session": "per session"}
+
+
+def make(studies: Mapping[str, Path], out: Path) -> str:
+    """Compare the reach of Eq. 8: rho per strategy, and the activation of muscles that are silent."""
+    scores, peaks = [], []
+    for world, folder in studies.items():
+        cube = of_subset(opened(folder))
+        names = names_of(cube)
+        recordings = folder.parent / "recordings"
+        for reach in REACHES:
+            normalisation = {"reach": reach, "silent": "zero"}
+            study = subset_study(
+                recordings,
+                names,
+                f"simulated volunteers, {world} world, normalised {WORDS[reach]}",
+                signals={"normalisation": normalisation},
+            )
+            if reach == "session":
+                results = finished_study(study, plan.store / f"normalisation-{world}-{reach}")
+                cube = opened(results)
+            scores.append(median_per_volunteer(cube, world=world, normalisation=reach))
+            peaks.append(_silent_peaks(recordings, names, study).assign(world=world))
+    found = pd.concat(scores, ignore_index=True)
+    silent = pd.concat(peaks, ignore_index=True)
+    found.to_csv(out / "normalisation.csv", index=False)
+    silent.to_csv(out / "silent_muscles.csv", index=False)
+    save(_draw(found, silent), out / "normalisation.png", dpi=130)
+    keys = ["world", "normalisation", "strategy"]
+    rho = found.groupby(keys)["median rho"].mean()
+    peak = silent.groupby(keys)["peak"].median()
+    both = pd.DataFrame({"rho": rho, "peak of silent muscles": peak}).reset_index()
+    wide = both.pivot_table(index=["world", "strategy"], columns="normalisation", sort=False)
+    shown = pd.DataFrame(
+        {
+            f"{what}, {WORDS[reach]}": wide[what, reach].to_numpy(float)
+            for what in ("rho", "peak of silent muscles")
+            for reach in REACHES
+        },
+        index=[f"{world} world, {strategy}" for world, strategy in wide.index],
+    ).rename_axis("simulated")
+    return "\n".join(
+        [
+            "## Normalisation: what minimum and maximum over each trial cost",
+            "",
+            "Eq. 8 as printed takes minimum and maximum over each trial, so that a muscle that takes no "
+            "part reaches 1 like all others. The alternative takes them over all trials of a volunteer "
+            f"(`signals.normalisation.reach`). The same {found['volunteer'].nunique()} volunteers and "
+            "one repetition as above. A muscle is silent in a trial where the excitation that made its "
+            f"EMG stays below {LEAST_PEAK:g}; shown is the median, over trials and silent muscles, of "
+            "the peak activation that the chain gives it (0 for muscles that the strategy leaves out).",
+            "",
+            markdown(shown),
+            "",
+            "*rho: mean over volunteers of the median over instructions and markers (simulated; values: "
+            "[rho](normalisation.csv), [silent muscles](silent_muscles.csv)).*",
+            "",
+            "![rho and peak activation of silent muscles, per trial and per session "
+            "(simulated)](normalisation.png)",
+            "",
+            _reading(rho, peak),
+        ]
+    )
+
+
+def _silent_peaks(recordings: Path, names: list[str], study) -> pd.DataFrame:
+    """Peak activation of every muscle that is silent in a trial, under every strategy."""
+    chain = study.signals
+    rows: list[dict[str, object]] = []
+    for name in names:
+        trials = [
+            read_recording(recordings / f"{name}_{instruction}_1.nc")
+            for instruction in study.recordings.instructions
+        ]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FeatureWarning)
+            over = None
+            if chain.normalisation.reach == "session":
+                over = feature_range(trials, chain)
+            for trial in trials:
+                highest = trial["true_excitation"].max("time_true")
+                silent = highest["muscle"].values[highest.values < LEAST_PEAK]
+                for strategy in study.strategies:
+                    try:
+                        found = activation_of(trial, chain, strategy=strategy, session=over)
+                    except SignalError:
+                        continue  # no score either
+                    peak = found["activation"].sel(muscle=silent).max("time")
+                    rows += [
+                        {
+                            "normalisation": chain.normalisation.reach,
+                            "strategy": strategy,
+                            "volunteer": name,
+                            "instruction": trial.attrs["instruction"],
+                            "muscle": str(muscle),
+                            "peak": float(value),
+                        }
+                        for muscle, value in zip(silent, peak.values, strict=True)
+                    ]
+    return pd.DataFrame(rows)
+
+
+@styled
+def _draw(found: pd.DataFrame, silent: pd.DataFrame):
+    """Scores above, silent muscles below, one column per world."""
+    worlds = list(dict.fromkeys(found["world"]))
+    strategies = list(dict.fromkeys(found["strategy"]))
+    figure = blank(8.5, 6.0)
+    panels = figure.subplots(2, len(worlds), sharey="row", squeeze=False)
+    for column, world in enumerate(worlds):
+        for row, (table, value) in enumerate(((found, "median rho"), (silent, "peak"))):
+            panel = panels[row, column]
+            for k, reach in enumerate(REACHES):
+                for i, strategy in enumerate(strategies):
+                    own = table[
+                        (table["world"] == world)
+                        & (table["normalisation"] == reach)
+                        & (table["strategy"] == strategy)
+                    ][value].to_numpy()
+                    place, colour = i + 0.38 * (k - 0.5), COLOURS[(5, 0)[k]]
+                    if row == 0:
+                        panel.bar(place, own.mean(), 0.34, color=colour, hatch=HATCHES[k],
+                                  edgecolor="black", linewidth=0.6,
+                                  label=WORDS[reach] if i == 0 else None)  # fmt: skip
+                        spread = np.linspace(-0.08, 0.08, own.size)
+                        panel.scatter(place + spread, own, s=9, color="black", zorder=3)
+                    else:
+                        low, middle, high = np.percentile(own, [25, 50, 75])
+                        panel.bar(place, middle, 0.34, color=colour, hatch=HATCHES[k],
+                                  edgecolor="black", linewidth=0.6)  # fmt: skip
+                        panel.errorbar(place, middle, [[middle - low], [high - middle]],
+                                       color="black", capsize=2, linewidth=0.8)  # fmt: skip
+            panel.set_xticks(range(len(strategies)), strategies)
+        panels[0, column].set_title(f"{world} world")
+    panels[0, 0].set_ylabel("median rho of a volunteer")
+    panels[1, 0].set_ylabel("peak activation\nof silent muscles")
+    panels[0, 0].legend(loc="lower right", title="minimum and maximum")
+    figure.suptitle("Normalisation per trial and per session (SIMULATED recordings)")
+    figure.supxlabel(
+        "above: bars means over volunteers, dots volunteers; below: medians and quartiles over trials "
+        "and silent muscles", fontsize=7.5,
+    )  # fmt: skip
+    return figure
+
+
+def _reading(rho: pd.Series, peak: pd.Series) -> str:
+    """Say what the figure shows, with its numbers."""
+    told = []
+    for world in dict.fromkeys(rho.index.get_level_values("world")):
+        mean, tall = rho[world], peak[world]
+        gain = {name: mean["session", name] - mean["trial", name] for name in mean["trial"].index}
+        most = max(gain, key=lambda name: gain[name])
+        told.append(
+            f"* {world} world: over the session in place of the trial changes "
+            + ", ".join(f"{name} by {value:+.2f}" for name, value in gain.items())
+            + f"; {most} gains most. Under act_all silent muscles peak at "
+            f"{tall['trial', 'act_all']:.2f} per trial and {tall['session', 'act_all']:.2f} per session."
+        )
+    told.append(
+        "* act_3 and act_rel leave most silent muscles out, so that they hardly depend on the choice: "
+        "what is called the weakness of act_all is to a large part that of the normalisation."
+        if all(
+            abs(rho[w, "session", "act_rel"] - rho[w, "trial", "act_rel"])
+            < rho[w, "session", "act_all"] - rho[w, "trial", "act_all"]
+            for w in dict.fromkeys(rho.index.get_level_values("world"))
+        )
+        else "* act_rel gains no less than act_all in at least one world here: the silent muscles alone "
+        "do not explain the difference between the strategies there."
+    )
+    return "\n".join(told) + "\n"

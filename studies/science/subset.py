@@ -1,0 +1,63 @@
+"""The part of a study that experiments with many simulations are made of."""
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.study.configuration import StudyConfiguration
+from studies.science.setup import study_of
+
+VOLUNTEERS: Final = 4
+"""The first so many volunteers, the first repetition: what the page's time allows."""
+
+
+def names_of(cube: xr.Dataset) -> list[str]:
+    """Volunteers of the subset."""
+    return [str(name) for name in cube["volunteer"].values[:VOLUNTEERS]]
+
+
+def of_subset(cube: xr.Dataset) -> xr.Dataset:
+    """Cut the subset out of a cube."""
+    return cube.sel(volunteer=names_of(cube), repetition=[1])
+
+
+def subset_study(
+    recordings: Path, names: list[str], title: str, **changes: Any
+) -> StudyConfiguration:
+    """Configure a study of the subset."""
+    part = {"folder": recordings.resolve(), "volunteers": names, "repetitions": [1]}
+    return study_of(recordings, title, recordings=part, **changes)
+
+
+def median_per_volunteer(cube: xr.Dataset, **labels: Any) -> pd.DataFrame:
+    """Median rho of each volunteer and strategy over instructions and markers, and what was lost."""
+    rows: list[dict[str, Any]] = []
+    for strategy in cube["strategy"].values:
+        for volunteer in cube["volunteer"].values:
+            one = cube.sel(strategy=strategy, volunteer=volunteer)
+            rho = one["rho"].values
+            rows.append(
+                {
+                    **labels,
+                    "strategy": str(strategy),
+                    "volunteer": str(volunteer),
+                    "median rho": float(np.nanmedian(rho)) if np.isfinite(rho).any() else np.nan,
+                    "median shift [s]": float(np.nanmedian(one["shift"].values)),
+                    "trials": int(one["status"].size),
+                    "without score": int((one["status"] != "ok").sum()),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """Table of text and numbers of two decimals, the index as the first column."""
+    head = [str(table.index.name or ""), *map(str, table.columns)]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for name, row in table.iterrows():
+        cells = [f"{v:.2f}" if isinstance(v, float) else str(v) for v in row]
+        lines.append("| " + " | ".join([str(name), *cells]) + " |")
+    return "\n".join(lines)
