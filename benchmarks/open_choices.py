@@ -25,7 +25,9 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
+from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
+from emgface.volunteers.world import MATCHED
 
 CHOICES = """
 [[axis]]
@@ -95,6 +97,8 @@ def main() -> None:
             instructions=options.instructions,
             seed=options.seed,
             parameters=SimulationParameters(step=0.02, sigma_max=100e3),
+            # Choices are told apart best where nothing else differs from what the study assumes.
+            settings=VolunteerParameters(world=MATCHED),
             workers=options.workers,
         )
         text = CHOICES.replace("FOLDER", folder.as_posix())

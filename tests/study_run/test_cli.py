@@ -139,9 +139,11 @@ def test_usable_recordings_pass_the_check(laboratory: Path) -> None:
 def test_volunteers_are_written(laboratory: Path, tmp_path: Path) -> None:
     study = study_file(laboratory, tmp_path)
     result = run("volunteers", "--n", 1, "--instructions", "C", "--out", tmp_path, "--study", study,
-                 "--workers", 1)  # fmt: skip
+                 "--workers", 1, "--world", "delay+noise")  # fmt: skip
     assert result.exit_code == 0, result.output
-    assert (tmp_path / "recordings" / "S01_C_1.nc").exists()
+    assert "world mismatched in delay, noise" in result.output
+    made = read_recording(tmp_path / "recordings" / "S01_C_1.nc")
+    assert made.attrs["world"] == "world mismatched in delay, noise"
 
 
 def test_a_face_is_built_of_measures(tmp_path: Path) -> None:
@@ -307,6 +309,8 @@ def test_unknown_instruction_and_solver_are_named(laboratory, recording, tmp_pat
     one_sentence(
         run("volunteers", "--instructions", "Q", "--out", tmp_path), "ConfigurationError", "'Q'"
     )
+    result = run("volunteers", "--world", "delai", "--out", tmp_path)
+    one_sentence(result, "ConfigurationError", "'delai'", "mismatched")
     result = run("activate", path, "--out", tmp_path / "a.nc", "--strategy", "act_reel")
     one_sentence(result, "ConfigurationError", "act_reel", "act_rel")
 

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from analysis.cube import build_cube
 from analysis.statistics.calibration import simulated_scores
+from analysis.tables import origin_of, report_tables
 from analysis.trial import Trial
 from emgface.choices import configure
 from emgface.cli import app
@@ -27,6 +28,7 @@ from emgface.report import contents
 from emgface.report.methods import methods
 from emgface.report.motion import ABSENT, QUANTUM, deltas, whole
 from emgface.report.results import Results, open_results, representative
+from emgface.report.simulated import simulated_limits
 from emgface.report.skin import decimated, skin_of
 from emgface.report.write import THREE, _resource, render
 from emgface.schema.netcdf import write_netcdf
@@ -195,6 +197,26 @@ def test_one_strategy_and_one_volunteer(tmp_path: Path) -> None:
     assert contents.inference(one).conclusions == [
         "There is one volunteer: the tests need several, so nothing is tested."
     ]
+
+
+def test_simulated_worlds_are_named_and_their_limits_said(tmp_path: Path) -> None:
+    matched = scores().assign_attrs(world="matched world")
+    matched = matched.assign_coords(strategy=["act_all", "act_3", "act_rel"])
+    text = alone(matched, tmp_path)
+    assert "simulated recordings, matched world" in text
+    assert "act_rel knows the truth by construction" in text
+    assert "No score of this report estimates a score with people" in text
+    other = simulated_limits(matched.assign_attrs(world="world mismatched in delay"))
+    assert any("world mismatched in delay" in sentence for sentence in other)
+    assert any("act_rel keeps an advantage" in sentence for sentence in other)
+    two = matched.isel(strategy=[0, 1])
+    assert not any("act_rel" in sentence for sentence in simulated_limits(two))
+    unlabelled = simulated_limits(scores())
+    assert any("do not say how the volunteers differ" in sentence for sentence in unlabelled)
+    assert simulated_limits(matched.assign_attrs(origin="measured")) == []
+    titles = [table.title for table in report_tables(matched).values()]
+    assert titles and all("simulated recordings, matched world" in title for title in titles)
+    assert origin_of(scores()) == "simulated"
 
 
 def test_rho_identical_everywhere(tmp_path: Path) -> None:
