@@ -6,6 +6,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.laws import KINK
 from sim.laws.parameters import require
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ class Peck:
         span = self.stretch_max - 1.0
         x = np.clip(r - 1.0, 0.0, span)
         w_pas = optimal * (0.5 * x * x / span + np.maximum(r - self.stretch_max, 0.0))
-        k_pas = np.where((r > 1.0) & (r < self.stretch_max), 1.0 / (span * optimal), 0.0)
+        k_pas = np.where((r > 1.0 + KINK) & (r < self.stretch_max), 1.0 / (span * optimal), 0.0)
         a, phi = self.force_max * activation, self.force_max * self.passive_fraction
         return a * w_act + phi * w_pas, a * f_act + phi * x / span, a * k_act + phi * k_pas
 

@@ -9,6 +9,12 @@ from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 
+TOUCHED = 1e-9
+"""Depth from which a wall counts as touched by the stiffness [m].
+
+At rest a node lies on its wall, give or take rounding, which must not choose the stiffness of the face.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Support:
@@ -88,7 +94,7 @@ class CompiledSupport:
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """As `add_force`, and the stiffness of the walls that are touched."""
         found = self.add_force(q, control, f)
-        touched = self._depth(q) < 0.0
+        touched = self._depth(q) < -TOUCHED
         target = self._target[touched]
         stored = target >= 0
         np.add.at(K, target[stored], self._block[touched].reshape(-1, 9)[stored])
