@@ -4,6 +4,8 @@ The cube always spans the whole product of its labels. A trial that failed stays
 and NaN scores; one that never came has the status "missing".
 """
 
+import hashlib
+import json
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
@@ -83,7 +85,8 @@ def build_cube(
         (volunteer, instruction, repetition, strategy, marker); per trial text ``status`` and
         ``reason``, ``shift`` [s], ``sigma_max`` [Pa], ``steps`` [1], ``run_time`` [s] and the
         rest of the alignment with its flags (`analysis.flags.FLAGS`). Attributes: ``origin`` and
-        the choices common to all scores.
+        the choices common to all scores; ``environments``, JSON: what computed the trials, by the
+        names that text ``computed_with`` lists per trial, beside its date ``computed``.
 
     Raises
     ------
@@ -118,6 +121,8 @@ def build_cube(
     status = np.full(shape, "missing", dtype=object)
     reason = np.full(shape, "no result was handed in", dtype=object)
     marker_reason = np.full((*shape, len(labels["marker"])), "", dtype=object)
+    computed, computed_with = (np.full(shape, "", dtype=object) for _ in range(2))
+    environments = {_short(text): json.loads(text) for t in trials_ for text in t.environments}
     seen: set[tuple[int, ...]] = set()
     for trial in trials_:
         index = _index(trial, place)
@@ -125,6 +130,8 @@ def build_cube(
             raise CubeError(f"trial {trial.label} is given twice: keep one of its results")
         seen.add(index)
         status[index], reason[index] = trial.status, trial.reason
+        computed[index] = trial.computed
+        computed_with[index] = " ".join(sorted(map(_short, trial.environments)))
         for name in ("sigma_max", "steps", "run_time", "numerical_error"):
             per_trial[name][index] = getattr(trial, name)
         if trial.scores is None:
@@ -159,11 +166,23 @@ def build_cube(
         {"long_name": "ok, missing, excluded, or failed"},
     )
     cube["reason"] = (TRIAL_DIMS, reason.astype(str), {"long_name": "why there are no scores"})
+    told = {
+        "computed": (computed, "UTC date of the last result"),
+        "computed_with": (computed_with, "what computed it: keys of the attribute environments"),
+    }
+    for name, (values, meaning) in told.items():
+        cube[name] = (TRIAL_DIMS, values.astype(str), {"long_name": meaning})
     for name, values in per_trial.items():
         units, meaning = PER_TRIAL[name]
         cube[name] = (TRIAL_DIMS, values, {"units": units, "long_name": meaning})
     cube.attrs = {"origin": _origin(trials_, origin), **_choices(trials_)}
+    cube.attrs["environments"] = json.dumps(dict(sorted(environments.items())))
     return cube
+
+
+def _short(environment: str) -> str:
+    """Name of an environment: the first eight hexadecimal digits of its SHA-256."""
+    return hashlib.sha256(environment.encode()).hexdigest()[:8]
 
 
 def trials(cube: xr.Dataset) -> pd.DataFrame:

@@ -40,6 +40,10 @@ class Trial:
         Computing time [s]; NaN where unknown.
     origin : {"measured", "simulated"}, optional
         Whether a person or a computer moved; taken from the scores where not given.
+    computed : str
+        UTC date at which its last result was computed, ISO 8601; empty where unknown.
+    environments : tuple of str
+        JSON objects that describe what computed its results, each once.
 
     Raises
     ------
@@ -59,6 +63,8 @@ class Trial:
     run_time: float = np.nan
     numerical_error: float = np.nan
     origin: Origin | None = None
+    computed: str = ""
+    environments: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the status against the scores."""

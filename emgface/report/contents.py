@@ -1,8 +1,6 @@
-"""What a report says in words and tables: outcome, tests, exclusions, run time, provenance."""
+"""What a report says in words and tables: outcome, tests, exclusions, run time."""
 
-import platform
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -15,11 +13,7 @@ from analysis.sensitivity import sensitivity
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
 from analysis.tables import Column, Table, origin_of, recordings
-from emgface import __version__
 from emgface.report.results import Results
-from emgface.study.digest import file_digest
-
-LIBRARIES = ("numpy", "scipy", "numba", "xarray", "statsmodels", "matplotlib")
 
 
 @dataclass(frozen=True)
@@ -260,65 +254,6 @@ def cost(results: Results) -> Table | None:
     )
     title = f"run time and numerical error, {recordings(origin)}"
     return Table(title, columns, tuple(rows), origin, note)
-
-
-def provenance(results: Results) -> list[tuple[str, str]]:
-    """List what the results came from, with digests.
-
-    Parameters
-    ----------
-    results : Results
-        The finished study.
-
-    Returns
-    -------
-    list of tuple of (str, str)
-        What, and which.
-    """
-    cube = results.cube
-    told = [
-        ("study", str(cube.attrs.get("name", "unnamed"))),
-        ("recordings", origin_of(cube)),
-        ("cube, SHA-256", file_digest(results.folder / "cube.nc")),
-        ("face", str(cube.attrs.get("face", "unnamed"))),
-        ("origin of the face", str(cube.attrs.get("face_origin", "not recorded"))),
-    ]
-    if results.laboratory is not None:
-        told.append(("digest of the face", results.laboratory.face_digest))
-        source = str(results.laboratory.face.attrs.get("source", ""))
-        if source:
-            told.append(("source of the face", source))
-    log = results.folder / "times.jsonl"
-    if log.is_file():
-        lines = log.read_text(encoding="utf-8").splitlines()
-        told.append(("results computed", str(len(lines))))
-        if lines and (end := _ended(lines[-1])):
-            told.append(("last computed", end))
-    told.append(("emgface", __version__))
-    told.append(("Python", platform.python_version()))
-    for name in LIBRARIES:
-        try:
-            told.append((name, version(name)))
-        except PackageNotFoundError:
-            continue
-    told.append(("machine", f"{platform.system()} {platform.machine()}"))
-    return told
-
-
-def _ended(line: str) -> str:
-    import json
-
-    try:
-        return str(json.loads(line).get("run_ended", ""))
-    except json.JSONDecodeError:
-        return ""
-
-
-def recording_rows(results: Results) -> list[tuple[str, str, str]]:
-    """List the recordings: trial, file and digest of its content."""
-    if results.intake is None:
-        return []
-    return [(r.label, r.path.name, r.digest) for r in results.intake.recordings]
 
 
 def _n(count: int, what: str) -> str:

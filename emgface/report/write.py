@@ -14,10 +14,11 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from analysis.alignment_tables import alignment_tables
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import Table, report_tables
-from emgface.report import contents, figures
+from emgface.report import contents, figures, provenance
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
 from emgface.report.results import Results, open_results
@@ -110,7 +111,7 @@ def render(
         "origin": str(cube.attrs["origin"]),
         "world": str(cube.attrs.get("world", "")),
         "limits": simulated_limits(cube),
-        "verdict": contents.verdict(cube),
+        "verdict": [*contents.verdict(cube), *filter(None, [provenance.warning(results.cube)])],
         "sizes": {dim: cube.sizes[dim] for dim in contents.TRIAL_DIMS},
         "headline": _headline(cube) if scored else [],
         "scored": scored,
@@ -126,11 +127,15 @@ def render(
         "tested": tested,
         "test_table": cells(tested.table) if tested.table else None,
         "exclusions": cells(contents.exclusions(results)),
+        "alignment": {} if empty else {k: cells(t) for k, t in alignment_tables(cube).items()},
         "cost": cells(table) if (table := contents.cost(results)) else None,
         "methods": methods(results.study, cube) if results.study and not empty else "",
         "parameters": parameter_rows(results.study) if results.study else [],
-        "provenance": contents.provenance(results),
-        "recordings": contents.recording_rows(results),
+        "sources": provenance.sources(results),
+        "environments": provenance.environments(results.cube),
+        "mixture": cells(table) if (table := provenance.mixture(results.cube)) else None,
+        "writer": provenance.writer(),
+        "recordings": provenance.recording_rows(results),
         "notes": results.notes,
         "viewer": Markup(_json(moving[1])) if moving else None,
     }

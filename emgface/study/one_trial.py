@@ -43,9 +43,12 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
     if recording.error is not None:
         return Trial.failed(*labels, recording.error, origin=origin)
     known: dict[str, Any] = {}
+    stages: list[Result] = []
     try:
         activation = laboratory.activation(recording, trial.strategy, extent)
+        stages.append(activation)
         motion = laboratory.motion(activation.dataset["activation"], trial.label)
+        stages.append(motion)
         attrs = motion.dataset.attrs
         known = {
             "sigma_max": float(attrs["sigma_max"]),
@@ -54,7 +57,9 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
             "numerical_error": float(attrs.get("numerical_error", np.nan)),
         }
         aligned = laboratory.aligned(recording, motion, trial.label)
+        stages.append(aligned)
         scores = laboratory.scores(aligned, motion, trial.label)
+        stages.append(scores)
     except StoredFailure as failure:
         return Trial(
             *labels,
@@ -63,7 +68,18 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
             sigma_max=failure.sigma_max,
             run_time=failure.run_time,
             origin=origin,
+            **_provenance([*stages, failure.result]),
         )
     except EXPECTED as error:
-        return Trial.failed(*labels, error, origin=origin, **known)
-    return Trial(*labels, scores=scores.dataset, origin=origin, **known)
+        return Trial.failed(*labels, error, origin=origin, **known, **_provenance(stages))
+    return Trial(*labels, scores=scores.dataset, origin=origin, **known, **_provenance(stages))
+
+
+def _provenance(stages: list[Result]) -> dict[str, Any]:
+    """Date of the last of some results, and what computed them."""
+    return {
+        "computed": max((stage.computed for stage in stages), default=""),
+        "environments": tuple(
+            dict.fromkeys(stage.environment for stage in stages if stage.environment)
+        ),
+    }

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
+from analysis.alignment_tables import alignment_tables
 from analysis.axes import further_axes, reference_cube
 from analysis.cube import trials
 from analysis.errors import AnalysisError
@@ -58,7 +59,7 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
         If the folder cannot be written.
     """
     base, folder = reference_cube(cube), out / "tables"
-    tables = report_tables(base)
+    tables = report_tables(base) | alignment_tables(base)
     if base.sizes["volunteer"] > 1 and base.sizes["strategy"] > 1:
         with suppress(AnalysisError):  # too little was scored for any test
             tables["tests"] = statistics_table(study_statistics(base))

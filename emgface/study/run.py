@@ -16,6 +16,7 @@ from emgface.muscles import LIP_MARKERS
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.axes import Label
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.description import described, merged_environments, with_recordings
 from emgface.study.digest import dataset_digest
 from emgface.study.faces import study_face
 from emgface.study.observer import Observer, Silent
@@ -102,12 +103,14 @@ def run_study(
     store = Store(out / "store", report=observer.message)
     log = _TimesLog(out / "times.jsonl")
     cubes: dict[tuple[Label, ...], xr.Dataset] = {}
+    reference: Laboratory | None = None
     muted: set[str] = set()
     try:
         for variant in made:
             laboratory = Laboratory(
                 store, study_face(variant.study.face), variant.study, observer.message
             )
+            reference = reference or laboratory
             told = f"{variant.label}: " if variant.labels else ""
             results = _run_trials(laboratory, intake, trials, workers, observer, told)
             cubes[variant.labels] = _cube(laboratory, intake, trials, results)
@@ -120,6 +123,7 @@ def run_study(
             "muscle is zero or saturated throughout; the attribute 'warnings' of the results in "
             f"{store.folder / 'activation'} names them."
         )
+    assert reference is not None, "a study has at least its own variant"
     cube = cubes[made[0].labels]
     if study.axis:
         cube = combine_cubes(cubes, {axis.dim: axis.labels() for axis in study.axis})
@@ -127,7 +131,17 @@ def run_study(
             units = "1" if cube[axis.dim].dtype.kind == "f" else ""
             cube[axis.dim].attrs = {"units": units} if units else {}
             cube[axis.dim].attrs["parameters"] = ", ".join(axis.parameters)
-    cube.attrs["configuration"] = study.model_dump_json()
+    cube = described(
+        cube,
+        name=study.name,
+        face={
+            "name": str(reference.face.attrs["name"]),
+            "origin": str(reference.face.attrs["origin"]),
+            "digest": reference.face_digest,
+        },
+        configuration=study.model_dump_json(),
+        environments=merged_environments(cubes.values()),
+    )
     path = write_netcdf(cube, out / "cube.nc", "cube")
     return StudyResult(cube, path, store.events, dict(intake.unreadable))
 
@@ -218,13 +232,8 @@ def _cube(
         markers=list(LIP_MARKERS),
         origin=_origin(intake),
     )
-    if intake.world:
-        cube.attrs["world"] = intake.world
-    return cube.assign_attrs(
-        name=laboratory.study.name,
-        face=str(laboratory.face.attrs["name"]),
-        face_origin=str(laboratory.face.attrs["origin"]),
-    )
+    cube = with_recordings(cube, intake.recordings)
+    return cube.assign_attrs({"world": intake.world} if intake.world else {})
 
 
 def feature_extents(laboratory: Laboratory, intake: Intake) -> dict[str, Result]:

@@ -79,10 +79,15 @@ class StoredFailure(Exception):
         Last value tried [Pa].
     run_time : float
         Seconds spent on all attempts.
+    result : Result
+        What is stored of it.
     """
 
-    def __init__(self, name: str, reason: str, sigma_max: float, run_time: float) -> None:
+    def __init__(
+        self, name: str, reason: str, sigma_max: float, run_time: float, result: Result
+    ) -> None:
         self.name, self.sigma_max, self.run_time = name, sigma_max, run_time
+        self.result = result
         super().__init__(reason)
 
 
@@ -198,7 +203,7 @@ class Laboratory:
         attrs = result.dataset.attrs
         if "failure" in attrs:
             raise StoredFailure(
-                attrs["failure"], attrs["reason"], attrs["sigma_max"], attrs["run_time_s"]
+                attrs["failure"], attrs["reason"], attrs["sigma_max"], attrs["run_time_s"], result
             )
         return result
 

@@ -1,17 +1,17 @@
 """Results of stages, kept as netCDF under a digest of all they depend on.
 
 A result lies in ``<folder>/<stage>/<digest>.nc`` with ``<digest>.json`` beside it, which says in
-plain words what it came from. The digest covers the stage's name, the digests of its inputs, its
-parameters and the source text of the modules that computed it: a changed parameter, recording or
-line of code gives another digest, so that nothing stale is ever served and a study that was
-interrupted computes only what is absent.
+plain words what it came from, when it was computed and by what. The digest covers the stage's
+name, the digests of its inputs, its parameters and the source text of the modules that computed
+it: a changed parameter, recording or line of code gives another digest, so that nothing stale is
+ever served and a study that was interrupted computes only what is absent. Date and machine are no
+part of the digest.
 """
 
 import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,6 +20,7 @@ import xarray as xr
 from emgface.errors import DataError, StoreError
 from emgface.files import replace_file
 from emgface.study.digest import canonical_json, code_version, file_digest, text_digest
+from emgface.study.provenance import environment, now
 
 SCHEMA_VERSION = 1
 
@@ -55,12 +56,18 @@ class Event:
 
 @dataclass(frozen=True)
 class Result:
-    """A stored dataset, its digest (the input of later stages) and how it came about."""
+    """A stored dataset, its digest (the input of later stages) and how it came about.
+
+    `computed` is the UTC date of its computation and `environment` what computed it, as
+    `emgface.study.provenance.environment` tells; empty where the store does not know.
+    """
 
     dataset: xr.Dataset
     digest: str
     outcome: Outcome
     path: Path
+    computed: str = ""
+    environment: str = ""
 
 
 @dataclass
@@ -150,7 +157,7 @@ class Store:
                 dataset, damage = None, f"cannot be read ({error})"
             if dataset is not None:
                 self._log(stage, path, label, "reused", started)
-                return Result(dataset, path.stem, "reused", path)
+                return Result(dataset, path.stem, "reused", path, *_made(path))
         if damage:
             self.report(f"Stored result {path.name} of stage {stage.name} {damage}; computing it.")
         computed = compute()
@@ -158,7 +165,7 @@ class Store:
         dataset = _load(path)  # what a later run will read, to the last attribute
         outcome: Outcome = "recomputed" if damage else "computed"
         self._log(stage, path, label, outcome, started)
-        return Result(dataset, path.stem, outcome, path)
+        return Result(dataset, path.stem, outcome, path, *_made(path))
 
     def _log(self, stage: Stage, path: Path, label: str, outcome: Outcome, started: float) -> None:
         seconds = time.perf_counter() - started
@@ -192,14 +199,22 @@ class Store:
         write_netcdf(dataset, path)
         index = {
             "label": label,
-            "written": datetime.now(UTC).isoformat(timespec="seconds"),
+            "written": now(),
             "seconds": round(seconds, 3),
             "schema_version": SCHEMA_VERSION,
             "bytes": path.stat().st_size,
             "sha256": file_digest(path),
             "key": key,
+            "environment": json.loads(environment()),
         }
         write_text(json.dumps(index, indent=2) + "\n", path.with_suffix(".json"))
+
+
+def _made(path: Path) -> tuple[str, str]:
+    """When and by what a stored result was computed, as its index tells."""
+    index = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    by = index.get("environment")
+    return str(index.get("written", "")), "" if by is None else canonical_json(by)
 
 
 def _load(path: Path) -> xr.Dataset:

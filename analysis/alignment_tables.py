@@ -1,0 +1,110 @@
+"""Tables of what alignments say of themselves, and of the noise of markers."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from analysis.flags import FLAGS
+from analysis.scores import DROWNED
+from analysis.tables import Column, Table, origin_of, recordings
+from analysis.typed import selected
+
+
+def alignment_tables(cube: xr.Dataset) -> dict[str, Table]:
+    """Make the tables ``flags`` and ``noise``, as far as a cube holds what they list.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+
+    Returns
+    -------
+    dict of str to Table
+    """
+    found = {"flags": flag_table(cube), "noise": noise_table(cube)}
+    return {name: table for name, table in found.items() if table is not None}
+
+
+def flag_table(cube: xr.Dataset) -> Table | None:
+    """Count the scored trials in which an alignment says that it may be wrong.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+
+    Returns
+    -------
+    Table or None
+        One row per flag: flagged trials of each strategy, median rho of these trials, meaning. None
+        where the cube holds no flags or no scored trial.
+    """
+    ok = cube["status"] == "ok"
+    held = [name for name in FLAGS if name in cube]
+    if not held or not ok.any():
+        return None
+    strategies = [str(name) for name in cube["strategy"].values]
+    rows: list[tuple[Any, ...]] = []
+    for name in held:
+        raised = (cube[name] == 1.0) & ok
+        counts = (int(selected(raised, {"strategy": one}).sum()) for one in strategies)
+        rho = cube["rho"].where(raised).values
+        rho = rho[np.isfinite(rho)]
+        median = float(np.median(rho)) if rho.size else float("nan")
+        rows.append((name, *counts, median, FLAGS[name]))
+    columns = (
+        Column("flag"),
+        *(Column(name) for name in strategies),
+        Column("median_rho"),
+        Column("meaning"),
+    )
+    origin = origin_of(cube)
+    note = (
+        f"Trials of {int(ok.sum())} scored ones in which a flag is raised, per strategy. They are "
+        "in the scores; the table of all trials names them."
+    )
+    return Table(f"flagged alignments, {recordings(origin)}", columns, tuple(rows), origin, note)
+
+
+def noise_table(cube: xr.Dataset) -> Table | None:
+    """Tabulate the noise of each marker and the attenuation of rho to be expected from it.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+
+    Returns
+    -------
+    Table or None
+        One row per marker: median noise [m], median and 5 % quantile of the attenuation [1], and
+        trials in which it moves no more than noise. None where no noise is known.
+    """
+    if "noise" not in cube or not np.isfinite(cube["noise"].values).any():
+        return None
+    rows: list[tuple[Any, ...]] = []
+    for marker in cube["marker"].values:
+        one = selected(cube, {"marker": marker})
+        factor = one["attenuation"].values[np.isfinite(one["attenuation"].values)]
+        middle, low = np.quantile(factor, [0.5, 0.05]) if factor.size else (np.nan, np.nan)
+        drowned = int((one["marker_reason"] == DROWNED).sum())
+        rows.append(
+            (str(marker), float(np.nanmedian(one["noise"])), float(middle), float(low), drowned)
+        )
+    columns = (
+        Column("marker"),
+        Column("noise", "m", "mm", 1e3, 3),
+        Column("attenuation", "1", "1", 1.0, 3),
+        Column("attenuation_5_percent", "1", "1", 1.0, 3),
+        Column("no_more_than_noise"),
+    )
+    origin = origin_of(cube)
+    note = (
+        "Medians over trials of the noise (root mean square of three axes together) and of the "
+        "factor sqrt(S / (S + N)) by which it is expected to lower rho, which is not corrected; "
+        "its 5 % quantile; and the number of trials in which the marker moves no more than noise "
+        "and has no rho."
+    )
+    return Table(f"noise of the markers, {recordings(origin)}", columns, tuple(rows), origin, note)

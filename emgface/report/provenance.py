@@ -1,0 +1,169 @@
+"""What a report says of its origin: what computed the cube, and what wrote the report."""
+
+import json
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from analysis.axes import reference_cube
+from analysis.cube import TRIAL_DIMS
+from analysis.tables import Column, Table, origin_of, recordings
+from emgface import __version__
+from emgface.report.results import Results
+from emgface.study.digest import file_digest
+from emgface.study.provenance import now
+
+WRITERS = ("numpy", "scipy", "xarray", "statsmodels", "matplotlib")
+"""Packages that the statistics and pictures of a report depend on."""
+
+
+def sources(results: Results) -> list[tuple[str, str]]:
+    """List what the cube is and came from, with digests, as it says itself.
+
+    Parameters
+    ----------
+    results : Results
+        The finished study.
+
+    Returns
+    -------
+    list of tuple of (str, str)
+        What, and which.
+    """
+    attrs = results.cube.attrs
+    absent = "not recorded"
+    told = [
+        ("study", str(attrs.get("name", "unnamed"))),
+        ("title", str(attrs.get("title", absent))),
+        ("recordings", origin_of(results.cube)),
+        ("cube, SHA-256", file_digest(results.folder / "cube.nc")),
+        ("last result computed", str(attrs.get("date_created", absent))),
+        ("face", str(attrs.get("face", "unnamed"))),
+        ("origin of the face", str(attrs.get("face_origin", absent))),
+        ("digest of the face", str(attrs.get("face_digest", absent))),
+    ]
+    if results.laboratory is not None:
+        source = str(results.laboratory.face.attrs.get("source", ""))
+        now_read = results.laboratory.face_digest
+        if "face_digest" in attrs and now_read != attrs["face_digest"]:
+            told.append(("digest of the face as it is now", f"{now_read}: it was changed since"))
+        if source:
+            told.append(("source of the face", source))
+    return told + [("history", line) for line in str(attrs.get("history", "")).splitlines()]
+
+
+def environments(cube: xr.Dataset) -> list[tuple[str, list[tuple[str, str]]]]:
+    """List what computed the cube.
+
+    Parameters
+    ----------
+    cube : Dataset
+        With the attribute ``environments``, or an older one without.
+
+    Returns
+    -------
+    list of tuple
+        Name of each environment, and what and which.
+    """
+    found: dict[str, Any] = json.loads(str(cube.attrs.get("environments", "{}")))
+    listed: list[tuple[str, list[tuple[str, str]]]] = []
+    for name, one in found.items():
+        rows: list[tuple[str, str]] = []
+        for key, value in one.items():
+            if isinstance(value, dict):
+                pairs: dict[str, Any] = value  # pyright: ignore[reportUnknownVariableType]
+                text = ", ".join(f"{k} {v}" for k, v in pairs.items()) or "none"
+            else:
+                text = str(value)
+            rows.append((WORDS.get(str(key)) or str(key), text))
+        listed.append((str(name), rows))
+    return listed
+
+
+WORDS = {
+    "blas": "BLAS of numpy",
+    "code": "digest of the code",
+    "python": "Python",
+    "settings": "environment variables",
+}
+
+
+def mixture(cube: xr.Dataset) -> Table | None:
+    """List the trials by what computed them, where that is not the same for all.
+
+    Parameters
+    ----------
+    cube : Dataset
+        Scores; at its reference where choices were varied.
+
+    Returns
+    -------
+    Table or None
+        One row per trial with a result; None where one environment computed all of them, or none
+        is recorded.
+    """
+    if "computed_with" not in cube:
+        return None
+    base = reference_cube(cube)
+    which = base["computed_with"].transpose(*TRIAL_DIMS)
+    date = base["computed"].transpose(*TRIAL_DIMS)
+    known = {text for text in which.values.flat if text}
+    if len(known) < 2 and not any(" " in text for text in known):
+        return None
+    rows = tuple(
+        (*(base[dim].values[k] for dim, k in zip(TRIAL_DIMS, index, strict=True)),
+         str(date.values[index]), str(which.values[index]))
+        for index in np.ndindex(*which.shape)
+        if which.values[index]
+    )  # fmt: skip
+    columns = tuple(Column(name) for name in (*TRIAL_DIMS, "computed", "environments"))
+    origin = origin_of(cube)
+    title = f"trials by what computed them, {recordings(origin)}"
+    note = "Two environments in one row: the study was resumed within the trial by another one."
+    return Table(title, columns, rows, origin, note)
+
+
+def warning(cube: xr.Dataset) -> str:
+    """Say in a sentence that a cube is of mixed or unknown provenance; empty where it is not."""
+    found = environments(cube)
+    if not found:
+        return "What computed this cube is not recorded: it was made by an older version."
+    if len(found) == 1:
+        return ""
+    versions = {dict(rows).get("emgface", "") for _, rows in found}
+    what = f"versions {' and '.join(sorted(versions))}" if len(versions) > 1 else "one version"
+    return (
+        f"The trials of this cube were computed in {len(found)} different environments (emgface of "
+        f"{what}): see under provenance which ones, and run the study in a new folder to have all "
+        "of them alike."
+    )
+
+
+def writer() -> list[tuple[str, str]]:
+    """List what writes a report now, which need not be what computed the cube."""
+    told = [("written", now()), ("emgface", __version__), ("Python", platform.python_version())]
+    for name in WRITERS:
+        try:
+            told.append((name, version(name)))
+        except PackageNotFoundError:
+            continue
+    return [*told, ("machine", f"{platform.system()} {platform.machine()}")]
+
+
+def recording_rows(results: Results) -> list[tuple[str, str, str]]:
+    """List the recordings that were scored: trial, file and digest of its content."""
+    cube = results.base
+    if "recording_digest" not in cube:
+        return []
+    dims = ("volunteer", "instruction", "repetition")
+    digest = cube["recording_digest"].transpose(*dims).values
+    file = cube["recording"].transpose(*dims).values
+    rows: list[tuple[str, str, str]] = []
+    for index in np.ndindex(*digest.shape):
+        if digest[index]:
+            labels = (cube[dim].values[k] for dim, k in zip(dims, index, strict=True))
+            rows.append((" ".join(map(str, labels)), str(file[index]), str(digest[index])))
+    return rows

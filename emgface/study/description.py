@@ -1,0 +1,134 @@
+"""What a cube says of itself: title, source, history, recordings, and what computed it."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from emgface import __version__
+from emgface.study.table import Recording
+
+REFERENCES: Final = (
+    "Eskes et al. 2017, Simulation of facial expressions using person-specific sEMG signals "
+    "controlling a biomechanical face model, doi:10.17605/OSF.IO/DUX3W (data)"
+)
+
+
+def merged_environments(cubes: Iterable[xr.Dataset]) -> dict[str, Any]:
+    """Join the environments that cubes name, by digest.
+
+    Parameters
+    ----------
+    cubes : iterable of Dataset
+        Results of `analysis.cube.build_cube`, with the attribute ``environments``.
+
+    Returns
+    -------
+    dict of str to dict
+        In the order of their digests.
+    """
+    found: dict[str, Any] = {}
+    for cube in cubes:
+        found |= json.loads(str(cube.attrs.get("environments", "{}")))
+    return dict(sorted(found.items()))
+
+
+def with_recordings(cube: xr.Dataset, recordings: Sequence[Recording]) -> xr.Dataset:
+    """Let a cube name the file and the digest of every recording.
+
+    Parameters
+    ----------
+    cube : Dataset
+        Scores under one configuration.
+    recordings : sequence of Recording
+        All that took part.
+
+    Returns
+    -------
+    Dataset
+        With text variables ``recording`` and ``recording_digest`` (volunteer, instruction,
+        repetition), empty where there is none.
+    """
+    dims = ("volunteer", "instruction", "repetition")
+    place = [{label: k for k, label in enumerate(cube[dim].values.tolist())} for dim in dims]
+    shape = tuple(cube.sizes[dim] for dim in dims)
+    files, digests = np.full(shape, "", dtype=object), np.full(shape, "", dtype=object)
+    for recording in recordings:
+        index = tuple(known[label] for known, label in zip(place, recording.place, strict=True))
+        files[index], digests[index] = recording.path.name, recording.digest
+    return cube.assign(
+        recording=(dims, files.astype(str), {"long_name": "file of the recording"}),
+        recording_digest=(dims, digests.astype(str), {"long_name": "digest of its content"}),
+    )
+
+
+def described(
+    cube: xr.Dataset,
+    *,
+    name: str,
+    face: Mapping[str, str],
+    configuration: str,
+    environments: Mapping[str, Any],
+) -> xr.Dataset:
+    """Let a cube say what it is, what it came from and what computed it.
+
+    Parameters
+    ----------
+    cube : Dataset
+        Scores of a study.
+    name : str
+        Of the study.
+    face : mapping
+        ``name``, ``origin`` and ``digest``.
+    configuration : str
+        All choices, JSON.
+    environments : mapping
+        Of `merged_environments`.
+
+    Returns
+    -------
+    Dataset
+        With the attributes ``title``, ``source``, ``history``, ``references`` and
+        ``Conventions`` of the CF conventions (1.11, section 2.6), ``date_created`` (of the last
+        result in it, so that a cube put together again is the same), ``name``, ``face``,
+        ``face_origin``, ``face_digest``, ``configuration`` and ``environments``.
+    """
+    origin = str(cube.attrs["origin"])
+    versions = sorted({str(one["emgface"]) for one in environments.values()}) or [__version__]
+    return cube.assign_attrs(
+        Conventions="CF-1.11",
+        title=f"{name}: scores of the simulated face against {origin} recordings",
+        source=f"emgface {' and '.join(versions)}; {origin} recordings; face {face['name']}",
+        history="\n".join(_history(cube, environments)),
+        references=REFERENCES,
+        date_created=max((text for text in cube["computed"].values.flat if text), default=""),
+        name=name,
+        face=face["name"],
+        face_origin=face["origin"],
+        face_digest=face["digest"],
+        configuration=configuration,
+        environments=json.dumps(environments),
+    )
+
+
+def _history(cube: xr.Dataset, environments: Mapping[str, Any]) -> list[str]:
+    """One line per environment, by the date of its last result."""
+    rows = [
+        (str(date), set(str(which).split()))
+        for date, which in zip(
+            cube["computed"].values.flat, cube["computed_with"].values.flat, strict=True
+        )
+        if date
+    ]
+    lines: list[str] = []
+    for digest, one in environments.items():
+        dates = sorted(date for date, which in rows if digest in which)
+        if dates:
+            count = "1 trial" if len(dates) == 1 else f"{len(dates)} trials"
+            lines.append(
+                f"{dates[-1]}: emgface {one['emgface']} (environment {digest}) computed results of "
+                f"{count}, the first at {dates[0]}"
+            )
+    return sorted(lines)

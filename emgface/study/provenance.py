@@ -1,0 +1,81 @@
+"""Record of what computed a result: packages, numerical libraries, machine and code."""
+
+import os
+import platform
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from emgface import __version__
+from emgface.study.digest import canonical_json, code_version
+
+PACKAGES: Final = (
+    "numpy", "scipy", "numba", "llvmlite", "xarray", "netCDF4", "pandas", "statsmodels",
+    "pypardiso", "mkl", "ipctk",
+)  # fmt: skip
+"""Packages whose versions may change a result, the package itself apart."""
+SETTINGS: Final = (
+    "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS",
+    "NUMBA_THREADING_LAYER", "MKL_CBWR", "MKL_THREADING_LAYER",
+)  # fmt: skip
+"""Environment variables that numerical libraries listen to."""
+CODE: Final = ("analysis", "emgface", "sim")
+
+
+@cache
+def environment() -> str:
+    """Describe what computes in this process.
+
+    Returns
+    -------
+    str
+        JSON object: ``emgface``, ``python``, ``packages`` (version of each that is installed),
+        ``blas`` (of numpy), ``platform``, ``processor``, ``cores``, ``settings`` (environment
+        variables of numerical libraries, those set) and ``code``, the digest of the source of the
+        three packages. No date, name or path: equal texts mean equal means.
+    """
+    packages: dict[str, str] = {}
+    for name in PACKAGES:
+        try:
+            packages[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return canonical_json(
+        {
+            "emgface": __version__,
+            "python": f"{platform.python_implementation()} {platform.python_version()}",
+            "packages": packages,
+            "blas": _blas(),
+            "platform": f"{platform.system()} {platform.release()} {platform.machine()}",
+            "processor": _processor(),
+            "cores": os.cpu_count() or 0,
+            "settings": {name: os.environ[name] for name in SETTINGS if name in os.environ},
+            "code": code_version(CODE),
+        }
+    )
+
+
+def _blas() -> str:
+    """Library of linear algebra that numpy was built with."""
+    built: Any = np.show_config(mode="dicts")
+    found = (built or {}).get("Build Dependencies", {}).get("blas", {})
+    return f"{found.get('name', 'unknown')} {found.get('version', '')}".strip()
+
+
+def _processor() -> str:
+    """Name of the processor, as far as the system tells it."""
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or "unknown"
+
+
+def now() -> str:
+    """UTC date and time to the second, ISO 8601."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
