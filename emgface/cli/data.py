@@ -48,6 +48,7 @@ def check(
     ] = None,
 ) -> None:
     """Examine every channel and marker; fail if one cannot be used."""
+    from analysis.tables import origin_of
     from emgface.cli.pages import overview_pages
     from emgface.errors import DataError, EmgfaceError
     from emgface.files import replace_file
@@ -80,7 +81,7 @@ def check(
                 fail(DataError(f"{file.name} could not be examined ({one_line(error)})."))
                 n_bad += 1
                 continue
-            origin = recording.attrs.get("origin", "")
+            origin = origin_of(recording)
             show_table(frame(report[list(COLUMNS)]), f"{file.name} ({origin})")
             add_page(recording, report)
             bad = problems(report)
@@ -135,6 +136,7 @@ def features(
     band: BandOption = None,
 ) -> None:
     """Show the power in the pass-band and the range of the feature of every channel."""
+    from analysis.tables import origin_of
     from emgface.errors import DataError
     from emgface.recordings.channels import channel_report
     from emgface.recordings.dataset import read_recording
@@ -154,7 +156,7 @@ def features(
     rows = report.reset_index()
     rows["rms"] *= 1e6
     rows = rows.rename(columns={"rms": "rms in uV", "median_frequency": "median frequency in Hz"})
-    origin = recording.attrs.get("origin", "")
+    origin = origin_of(recording)
     used = report.attrs.get("pass_band", (chain.filter.low, chain.filter.high))
     edges = f"{used[0]:g}-{used[1]:g} Hz"
     show_table(frame(rows), f"{path.name} ({origin}): {chain.feature.kind}, band {edges}")

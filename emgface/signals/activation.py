@@ -113,7 +113,9 @@ def activation_of(
     return activation.rename("activation").to_dataset().assign_attrs(attrs)
 
 
-_IDENTITY = ("volunteer", "instruction", "repetition", "origin", "source", "source_digest")
+_IDENTITY = (
+    "volunteer", "instruction", "repetition", "origin", "world", "source", "source_digest",
+)  # fmt: skip
 
 
 def feature_before_normalisation(

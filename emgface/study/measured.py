@@ -71,7 +71,7 @@ def measured_during(
     each = xr.DataArray(
         np.eye(frames.size), dims=("frame", "time_marker"), coords={"time_marker": frames}
     )
-    keep = ("volunteer", "instruction", "repetition", "origin")
+    keep = ("volunteer", "instruction", "repetition", "origin", "world")
     attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
     attrs |= {k: head.attrs[k] for k in ("residual_rms", "bridged") if k in head.attrs}
     return xr.Dataset(

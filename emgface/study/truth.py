@@ -39,7 +39,7 @@ def true_activation_of(recording: xr.Dataset, resampling: ResamplingParameters) 
     times = simulation_times(float(start), float(stop), resampling)
     activation = resample(truth, times, bounded=True)
     check_activation(activation)
-    keep = ("volunteer", "instruction", "repetition", "origin")
+    keep = ("volunteer", "instruction", "repetition", "origin", "world")
     attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
     activation.attrs = {"units": "1", "long_name": "muscle activation, true"}
     return activation.to_dataset(name="activation").assign_attrs(attrs, strategy="true")

@@ -118,9 +118,10 @@ def world_parameters(
     """
     values: dict[str, Any] = parameters.model_dump()
     values["sigma_max"] = parameters.sigma_max * mismatch.strongest
+    values["line_force"] = parameters.line_force * mismatch.strongest
     values["kappa"] = parameters.kappa * world.kappa_factor
     if world.volume == "element" and parameters.incompressibility == "pointwise":
         values |= {"incompressibility": "element", "bulk_potential": "quadratic"}
-    if world.fibre_law == "generic":
-        values["fibre_law"] = "generic"
+    if world.fibre_law == "other":
+        values["fibre_law"] = "blemker" if parameters.fibre_law == "generic" else "generic"
     return SimulationParameters.model_validate(values)

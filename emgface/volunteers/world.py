@@ -48,9 +48,10 @@ class World(Parameters):
         unit="1",
         note="soft tissue is closer to incompressible than the study's 25 kPa make it",
     )
-    fibre_law: Literal["study", "generic"] = choice(
-        "generic",
-        "Law of the muscle fibres: that of the study, or active stress alike at every length.",
+    fibre_law: Literal["study", "other"] = choice(
+        "other",
+        "Law of the muscle fibres: that of the study, or the other one. Where the study has Blemker's, "
+        "the other is an active stress alike at every length.",
     )
     course_shift: float = parameter(
         4e-3,

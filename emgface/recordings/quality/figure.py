@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from analysis.tables import origin_of
 from emgface.recordings.check import check_recording
 from emgface.recordings.quality.emg import MUSCLE, can_be_judged
 from emgface.recordings.quality.hum import power_density
@@ -60,7 +61,8 @@ def overview_figure(recording: xr.Dataset, table: pd.DataFrame | None = None) ->
 def _title(recording: xr.Dataset, table: pd.DataFrame) -> str:
     attrs = recording.attrs
     named = [str(attrs[n]) for n in ("volunteer", "instruction", "repetition") if n in attrs]
-    kind = "SIMULATED" if attrs.get("origin") == "simulated" else "measured"
+    kind = origin_of(recording) if attrs.get("origin") == "simulated" else "measured"
+    kind = kind.replace("simulated", "SIMULATED")
     counts = table["verdict"].value_counts()
     summary = ", ".join(f"{counts.get(v, 0)} {v}" for v in ("ok", "warning", "error"))
     return f"{' '.join(named) or attrs.get('source', 'recording')} ({kind}): {summary}"
