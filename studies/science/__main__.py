@@ -1,6 +1,7 @@
 """The page docs/science, from nothing: simulated volunteers, their studies, figures and text.
 
     python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
+                              [--instructions ABCDEF] [--accuracy study] [--finished]
 
 Nothing that the store holds is computed again; with --finished, studies that have a cube are taken as
 they are, whatever code computed them.
@@ -17,17 +18,18 @@ from studies.science.setup import (
     RESOLUTION,
     SEED,
     WORLDS,
+    Plan,
     plan,
     run_world,
 )
 
 HEAD = """# What a simulated study can and cannot show
 
-    python -m studies.science
+    {command}
 
-makes this page: {volunteers} simulated volunteers, six instructions, {repetitions} repetitions, seed
-{seed}, faces of resolution {resolution}. **Everything here is simulated.** No score of this page says
-how well the method does with people.
+makes this page: {volunteers} simulated volunteers, instructions {instructions}, {repetitions}
+repetitions, seed {seed}, faces of resolution {resolution}, time steps "{accuracy}". **Everything here is
+simulated.** No score of this page says how well the method does with people.
 """
 
 
@@ -59,21 +61,44 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/science"))
     parser.add_argument("--store", type=Path, default=plan.store)
     parser.add_argument("--volunteers", type=int, default=plan.volunteers)
+    parser.add_argument("--instructions", default="".join(plan.instructions))
+    parser.add_argument("--accuracy", default=plan.accuracy)
     parser.add_argument("--workers", type=int, default=plan.workers)
     parser.add_argument("--finished", action="store_true")
     given = parser.parse_args()
     plan.store, plan.volunteers, plan.workers = given.store, given.volunteers, given.workers
     plan.observer, plan.finished = Told(), given.finished
+    plan.instructions, plan.accuracy = tuple(given.instructions), given.accuracy
     studies = {world: run_world(world) for world in WORLDS}
     given.out.mkdir(parents=True, exist_ok=True)
     head = HEAD.format(
-        volunteers=given.volunteers, repetitions=REPETITIONS, seed=SEED, resolution=RESOLUTION
+        command=_command(given),
+        volunteers=given.volunteers,
+        instructions=" ".join(given.instructions),
+        repetitions=REPETITIONS,
+        seed=SEED,
+        resolution=RESOLUTION,
+        accuracy=given.accuracy,
     )
     from studies.science.sections import SECTIONS
 
     text = "\n".join([head, *(make(studies, given.out) for make in SECTIONS)])
     replace_file(given.out / "README.md", lambda path: path.write_text(text, encoding="utf-8"))
     print(f"wrote {given.out / 'README.md'}")
+
+
+def _command(given: argparse.Namespace) -> str:
+    """The command with what decides its numbers."""
+    default = Plan()
+    usual = {
+        "volunteers": default.volunteers,
+        "instructions": "".join(default.instructions),
+        "accuracy": default.accuracy,
+    }
+    told = [
+        f"--{key} {getattr(given, key)}" for key, v in usual.items() if getattr(given, key) != v
+    ]
+    return " ".join(["python -m studies.science", *told])
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import xarray as xr
 
 from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import INSTRUCTIONS
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.observer import Observer, Silent
 from emgface.study.report import write_report
@@ -32,6 +33,8 @@ class Plan:
 
     store: Path = Path("studies-store")
     volunteers: int = 6
+    instructions: tuple[str, ...] = tuple(INSTRUCTIONS)
+    accuracy: str = "study"
     workers: int = 2
     observer: Observer = Silent()
     finished: bool = False
@@ -41,20 +44,15 @@ plan = Plan()
 
 
 def simulation() -> SimulationParameters:
-    """Mechanics of both sides, but for what a world changes.
-
-    SDIRK2 in steps of 20 ms as "study", iterated to 0.1 mm: the same error of the lip markers in four
-    fifths of the time (docs/accuracy.md).
-    """
-    accuracy = {"accuracy": "study", "iteration_tolerance": 1e-4}
-    return configure(SimulationParameters, {"sigma_max": SIGMA_MAX, **accuracy})
+    """Mechanics of both sides, but for what a world changes."""
+    return configure(SimulationParameters, {"sigma_max": SIGMA_MAX, "accuracy": plan.accuracy})
 
 
 def study_of(recordings: Path, name: str, **changes: Any) -> StudyConfiguration:
     """Configure the study of a set: the package's defaults on a coarse template face."""
     values: dict[str, Any] = {
         "name": name,
-        "recordings": {"folder": recordings.resolve()},
+        "recordings": {"folder": recordings.resolve(), "instructions": plan.instructions},
         "face": {"template": {"resolution": RESOLUTION}},
         "signals": {"normalisation": {"silent": "zero"}},
         "simulation": simulation().model_dump(),
@@ -74,6 +72,7 @@ def people(world: World, folder: Path, *, volunteers: int, repetitions: int) -> 
         folder,
         n=volunteers,
         repetitions=repetitions,
+        instructions=plan.instructions,
         seed=SEED,
         parameters=simulation(),
         settings=configure(VolunteerParameters, {"resolution": RESOLUTION, "world": world}),

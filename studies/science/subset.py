@@ -28,7 +28,7 @@ def subset_study(
     recordings: Path, names: list[str], title: str, **changes: Any
 ) -> StudyConfiguration:
     """Configure a study of the subset."""
-    part = {"folder": recordings.resolve(), "volunteers": names, "repetitions": [1]}
+    part = {"volunteers": names, "repetitions": [1]}
     return study_of(recordings, title, recordings=part, **changes)
 
 
