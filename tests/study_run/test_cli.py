@@ -125,7 +125,7 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(laboratory, tmp_pa
     np.testing.assert_allclose(cube["rho"].values.ravel(), scores["rho"].values, atol=1e-6)
     report = run("report", tmp_path / "study")
     assert report.exit_code == 0 and "S01" in report.stdout
-    assert report.stdout.startswith("rho per strategy, simulated recordings\n")
+    assert report.stdout.startswith("rho per strategy, simulated recordings, mismatched world but")
     assert report.stdout.isascii() and "\x1b" not in report.stdout  # plain, for a pipe or a paper
     assert (tmp_path / "study" / "tables" / "trials.csv").read_text().startswith("origin,")
 
@@ -133,7 +133,8 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(laboratory, tmp_pa
 def test_usable_recordings_pass_the_check(laboratory: Path) -> None:
     result = run("data", "check", laboratory / "recordings", "--study")
     assert result.exit_code == 0, result.output
-    assert "2 of 2 recordings can be used" in result.stderr and "(simulated)" in result.stdout
+    assert "2 of 2 recordings can be used" in result.stderr
+    assert "(simulated, mismatched world" in result.stdout
 
 
 def test_volunteers_are_written(laboratory: Path, tmp_path: Path) -> None:
