@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
+from analysis.tables import origin_of, recordings
 from emgface import __version__
 from emgface.study.table import Recording
 
@@ -95,12 +96,12 @@ def described(
         result in it, so that a cube put together again is the same), ``name``, ``face``,
         ``face_origin``, ``face_digest``, ``configuration`` and ``environments``.
     """
-    origin = str(cube.attrs["origin"])
+    which = recordings(origin_of(cube))
     versions = sorted({str(one["emgface"]) for one in environments.values()}) or [__version__]
     return cube.assign_attrs(
         Conventions="CF-1.11",
-        title=f"{name}: scores of the simulated face against {origin} recordings",
-        source=f"emgface {' and '.join(versions)}; {origin} recordings; face {face['name']}",
+        title=f"{name}: scores of the simulated face against {which}",
+        source=f"emgface {' and '.join(versions)}; {which}; face {face['name']}",
         history="\n".join(_history(cube, environments)),
         references=REFERENCES,
         date_created=max((text for text in cube["computed"].values.flat if text), default=""),

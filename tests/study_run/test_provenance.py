@@ -58,7 +58,7 @@ def test_cube_names_recordings_face_and_conventions(made, laboratory: Path) -> N
         assert one["recording"].item() == recording.path.name == f"S01_{instruction}_1.nc"
         assert one["recording_digest"].item() == recording.digest
     assert cube.attrs["Conventions"] == "CF-1.11"
-    assert "against simulated recordings" in cube.attrs["title"]
+    assert "against simulated recordings, mismatched world" in cube.attrs["title"]
     assert f"emgface {__version__}" in cube.attrs["source"] and "slab" in cube.attrs["source"]
     assert "computed results of 2 trials" in cube.attrs["history"]
     assert cube.attrs["face_digest"] == dataset_digest(load_face(laboratory / "face.nc"))
