@@ -300,7 +300,7 @@ def interval_coverage(*, simulations: int = 200, seed: int = 0, **model: Any) ->
             table = cell_means(data)
             label = "mixed model" if these else "mixed model, instructions"
             scope = "these instructions" if these else "instructions"
-            fitted = fit_differences(table, scope, least=1)
+            fitted = fit_differences(table, scope, least=(2, 2))
             if not isinstance(fitted, str):
                 reach = float(t.ppf(0.975, fitted.freedom)) * fitted.error
                 found[label] = (np.nan, float(abs(fitted.estimate) <= reach))

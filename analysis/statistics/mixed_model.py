@@ -131,7 +131,9 @@ def cell_means(data: Paired) -> Array:
     return np.asarray(table[known.any(axis=1)][:, known.any(axis=0)], dtype=np.float64)
 
 
-def fit_differences(table: Array, scope: Scope, *, least: int = LEAST_VOLUNTEERS) -> _Fitted | str:
+def fit_differences(
+    table: Array, scope: Scope, *, least: tuple[int, int] = (LEAST_VOLUNTEERS, LEAST_INSTRUCTIONS)
+) -> _Fitted | str:
     """Fit the differences of one contrast.
 
     Parameters
@@ -140,20 +142,20 @@ def fit_differences(table: Array, scope: Scope, *, least: int = LEAST_VOLUNTEERS
         Mean differences, NaN where there is no pair.
     scope : {"instructions", "these instructions"}
         See `mixed_model`.
-    least : int
-        Volunteers below which nothing is fitted.
+    least : (int, int)
+        Volunteers, and instructions where these are a sample, below which nothing is fitted.
 
     Returns
     -------
     The fit with estimate, standard error and degrees of freedom; or why there is none, in words.
     """
     people, instructions = table.shape
-    if people < least:
-        return f"the model needs {least} or more volunteers"
-    if scope == "instructions" and instructions < LEAST_INSTRUCTIONS:
+    if people < least[0]:
+        return f"the model needs {least[0]} or more volunteers"
+    if scope == "instructions" and instructions < least[1]:
         return (
             f"{instructions} of them say nothing of instructions in general, which needs "
-            f"{LEAST_INSTRUCTIONS} or more"
+            f"{least[1]} or more"
         )
     v, i = np.nonzero(np.isfinite(table))
     y = table[v, i]

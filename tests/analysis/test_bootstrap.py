@@ -53,8 +53,8 @@ def test_expanded_tails() -> None:
 
 
 def test_draws_without_pairs_are_left_out() -> None:
-    found = hierarchical_bootstrap(of_differences([0.1, 0.2, 0.4, 0.3, np.nan]), draws=500)
-    assert int(found["n"][0]) == 4
+    found = hierarchical_bootstrap(of_differences([0.1, 0.2, 0.4, 0.3, 0.2, np.nan]), draws=500)
+    assert int(found["n"][0]) == 5
     assert np.isfinite(found["interval"]).all()
 
 

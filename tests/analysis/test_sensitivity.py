@@ -102,10 +102,10 @@ def test_p_and_interval_are_those_of_the_paired_t_test() -> None:
 
 
 def test_too_few_volunteers_for_a_test_of_choices() -> None:
-    found = sensitivity(one_strategy_moved(volunteers=3))
+    found = sensitivity(one_strategy_moved(volunteers=4))
     assert np.isnan(found["p"]).all() and np.isnan(found["interval"]).all()
     assert np.isfinite(found["estimate"]).all()
-    assert found.attrs["summary"].startswith("Nothing is tested: 3 volunteers with pairs")
+    assert found.attrs["summary"].startswith("Nothing is tested: 4 volunteers with pairs")
 
 
 def test_a_choice_without_any_effect_is_said_to_change_nothing() -> None:

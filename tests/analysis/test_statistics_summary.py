@@ -95,8 +95,8 @@ def test_other_variables_are_tested_as_they_are(variable: str) -> None:
     assert found["friedman"]["estimate"].attrs["units"] == "1"
 
 
-@pytest.mark.parametrize("volunteers", [2, 3])
-def test_no_interval_is_printed_of_fewer_than_four_volunteers(volunteers: int) -> None:
+@pytest.mark.parametrize("volunteers", [2, 4])
+def test_no_interval_is_printed_of_fewer_than_five_volunteers(volunteers: int) -> None:
     cube = simulated_scores(1, volunteers=volunteers, instructions=5)
     found = study_statistics(cube, margin=0.3, draws=100)
     for name, each in found.items():
@@ -106,7 +106,7 @@ def test_no_interval_is_printed_of_fewer_than_four_volunteers(volunteers: int) -
         assert np.isnan(row[5:7]).all(), row
     planned = power(cube, effect=0.4, volunteers=(6,), simulations=10)
     assert np.isnan(planned["standard_deviation"].sel(spread=["lower", "upper"])).all()
-    assert "no interval: it needs 4 or more volunteers" in planned.attrs["sentence"]
+    assert "no interval: it needs 5 or more volunteers" in planned.attrs["sentence"]
 
 
 def test_every_result_says_of_which_instructions_it_speaks() -> None:

@@ -191,7 +191,7 @@ def test_one_strategy_and_one_volunteer(tmp_path: Path) -> None:
     assert "There is one strategy, act_all: there is nothing to compare." in contents.verdict(cube)
     assert contents.inference(cube).table is None
     two = contents.verdict(scores(volunteers=2))
-    assert "There are 2 volunteers: no interval is given, which needs 4 or more." in two
+    assert "There are 2 volunteers: no interval is given, which needs 5 or more." in two
     one = scores(volunteers=1)
     assert any("There is one volunteer" in sentence for sentence in contents.verdict(one))
     assert contents.inference(one).conclusions == [
