@@ -79,8 +79,9 @@ def align(
         have other names, lengths and sampling rates. Where a marker was not seen at the beginning
         or the end of the measured trial, all are taken from the first to the last instant at
         which every marker was. A measured dataset may carry ``noise`` (marker) [m] of the
-        recorded frames and ``weight`` (frame, time), their shares in its samples; the noise is
-        estimated by `analysis.noise.marker_noise` otherwise.
+        recorded frames and ``white`` (probe, time), what its sampling made of
+        `analysis.noise.unit_noise`; the noise is estimated by `analysis.noise.marker_noise`
+        otherwise.
     scaling : {"length", "search", "none"}
         ``"length"``: the measured duration, unseen ends included, is stretched to the simulated
         one (durations that differ by at most one sampling period count as equal). ``"search"``:
@@ -156,11 +157,11 @@ def align(
     given = whole.isel(time=seen)
     for role, data in (("measured", given), ("simulated", model)):
         without_gaps(data, role, least=LEAST_SAMPLES)
-    noise, weight = _noise_of(measured, whole, seen)
+    noise, white = _noise_of(measured, whole, seen)
     t_whole, t_m, t_s = (data["time"].values for data in (whole, given, model))
     _check_motion({"measured": given, "simulated": model}, smallest_motion)
     component_m = principal_component(given, centred=centred)
-    level = noise * sampled_share(weight, t_m, t_m) ** 0.5
+    level = noise * sampled_share(white, t_m, t_m) ** 0.5
     _check_signal(component_m["b"].values, level, smallest_snr)
     component_s = principal_component(model, centred=centred)
     b_m, b_s = component_m["b"].values, component_s["b"].values
@@ -185,7 +186,7 @@ def align(
     }
     metre, second, one = {"units": "m"}, {"units": "s"}, {"units": "1"}
     coords = {name: coord for name, coord in coordinates(model).items() if name in model.dims}
-    kept = noise * sampled_share(weight, t_m, source[inside]) ** 0.5
+    kept = noise * sampled_share(white, t_m, source[inside]) ** 0.5
     unseen = float(np.ptp(t_whole) - np.ptp(t_m))
     result = xr.Dataset(
         {
@@ -217,14 +218,13 @@ def align(
 def _noise_of(
     measured: xr.Dataset | xr.DataArray, whole: xr.DataArray, seen: slice
 ) -> tuple[xr.DataArray, Array | None]:
-    """Noise of the recorded frames, markers as in `whole`, and their shares in its samples."""
+    """Noise of the recorded frames, markers as in `whole`, and white noise sampled alike."""
     if not isinstance(measured, xr.Dataset) or "noise" not in measured:
         return marker_noise(whole), None
     noise = selected(measured["noise"], {"marker": whole["marker"].values})
-    if "weight" not in measured:
+    if "white" not in measured:
         return noise, None
-    weight = measured["weight"]
-    return noise, weight.transpose("frame", ...).values[:, seen]
+    return noise, measured["white"].transpose("probe", ...).values[:, seen]
 
 
 def _check_motion(sides: dict[str, xr.DataArray], smallest: float) -> None:

@@ -18,6 +18,8 @@ SMALLEST_SNR: Final = 1.0
 There noise alone lowers a correlation to 0.71 of itself. The estimated ratio of a still marker
 scatters about 0 by 0.15 (180 frames), so that none of a thousand passes.
 """
+PROBES: Final = 64
+"""Rows of white noise that are followed through the sampling."""
 FEWEST: Final = 8
 """Fewest differences of a marker from which its noise is estimated."""
 
@@ -69,22 +71,43 @@ def marker_noise(position: xr.DataArray) -> xr.DataArray:
     Returns
     -------
     xarray.DataArray
-        Root mean square of the three axes together [m], dims (marker).
+        Root mean square of the three axes together [m], dims (marker); NaN where the instants
+        are not uniform, since differences mean nothing there.
     """
     time = next(dim for dim in position.dims if dim not in ("marker", "axis"))
     ordered = position.transpose("marker", "axis", time)
     levels = [noise_level(np.asarray(values, dtype=np.float64)) for values in ordered.values]
+    steps = np.diff(np.asarray(position[time].values, dtype=np.float64))
+    if steps.size and not np.allclose(steps, steps.mean(), rtol=0.01, atol=0.0):
+        levels = [float("nan")] * len(levels)
     attrs = {"units": "m", "long_name": "noise of the marker, three axes together"}
     return xr.DataArray(levels, coords={"marker": position["marker"]}, dims="marker", attrs=attrs)
 
 
-def sampled_share(weight: Array | None, time: Array, source: Array) -> float:
+def unit_noise(frames: int) -> Array:
+    """White noise of variance one, always the same, to see what sampling leaves of it.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames.
+
+    Returns
+    -------
+    ndarray, shape (64, frames)
+        Independent rows; the variance of 160 samples of all rows is known to 1.4 %.
+    """
+    return np.random.default_rng(0).standard_normal((PROBES, frames))
+
+
+def sampled_share(white: Array | None, time: Array, source: Array) -> float:
     """Variance that white noise keeps, on average, where a cubic spline samples it.
 
     Parameters
     ----------
-    weight : ndarray, shape (frame, time), optional
-        Share of every recorded frame in the samples given; each sample is a frame where absent.
+    white : ndarray, shape (probe, time), optional
+        What `unit_noise` of the recorded frames has become in the samples given; each sample is
+        a frame where absent.
     time : ndarray, shape (time,) [s]
         Instants of the samples given.
     source : ndarray [s]
@@ -93,12 +116,12 @@ def sampled_share(weight: Array | None, time: Array, source: Array) -> float:
     Returns
     -------
     float
-        Mean over `source` of the sum of squared shares of the frames [1]: 1 where every instant
-        read is a frame, 0.76 half-way between frames.
+        Variance over that of the frames [1]: about 1 where every instant read is a frame, 0.76
+        half-way between frames.
     """
-    shares = np.eye(len(time)) if weight is None else weight
-    read = CubicSpline(time, shares, axis=1)(source)
-    return float((read**2).sum(axis=0).mean())
+    given = unit_noise(len(time)) if white is None else white
+    read = CubicSpline(time, given, axis=1)(source)
+    return float((read**2).mean())
 
 
 def attenuation(size: xr.DataArray, noise: xr.DataArray) -> xr.DataArray:

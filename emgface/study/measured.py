@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from analysis.noise import marker_noise
+from analysis.noise import marker_noise, unit_noise
 from analysis.trajectory import measured_span
 from emgface.errors import MarkerError
 from emgface.muscles import LIP_MARKERS
@@ -34,8 +34,8 @@ def measured_during(
     Dataset
         ``position(marker, axis, time)`` [m] at all instants [s] of the simulation, NaN before the
         first and after the last frame in which every lip marker was seen; ``noise(marker)`` [m]
-        of the recorded frames in the head frame; ``weight(frame, time)`` [1], the share of each
-        frame in each sample, for the noise of what is interpolated.
+        of the recorded frames in the head frame; ``white(probe, time)`` [1], white noise sampled
+        alike, for the noise of what is interpolated.
 
     Raises
     ------
@@ -68,8 +68,8 @@ def measured_during(
         return xr.DataArray(values, dims=sampled.dims).assign_coords(coords)
 
     position = at_simulated(seen).assign_coords(marker=seen["marker"], axis=seen["axis"])
-    each = xr.DataArray(
-        np.eye(frames.size), dims=("frame", "time_marker"), coords={"time_marker": frames}
+    white = xr.DataArray(
+        unit_noise(frames.size), dims=("probe", "time_marker"), coords={"time_marker": frames}
     )
     keep = ("volunteer", "instruction", "repetition", "origin", "world")
     attrs = {name: recording.attrs[name] for name in keep if name in recording.attrs}
@@ -78,7 +78,7 @@ def measured_during(
         {
             "position": position.assign_attrs(units="m"),
             "noise": marker_noise(lips),
-            "weight": at_simulated(each).assign_attrs(units="1"),
+            "white": at_simulated(white).assign_attrs(units="1"),
         },
         attrs=attrs,
     )

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.interpolate import CubicSpline
 from synthetic_trajectories import once, there_and_back, trajectory
 
 from analysis.align import align
 from analysis.errors import AlignmentError
-from analysis.noise import attenuation, marker_noise, noise_level, sampled_share
+from analysis.noise import attenuation, marker_noise, noise_level, sampled_share, unit_noise
 from analysis.scores import DROWNED, correlation_3d, score
 
 
@@ -37,19 +36,27 @@ def test_motion_leaves_nothing_and_leaps_count_little() -> None:
 
 
 def test_noise_that_is_left_between_frames() -> None:
-    """Against the variance of interpolated noise, on frames and half-way between them."""
-    time = np.arange(120) / 100.0
-    rng = np.random.default_rng(1)
-    for offset, expected in ((0.0, 1.0), (0.005, None)):
-        source = time[20:-20] + offset
-        share = sampled_share(None, time, source)
-        if expected is not None:
-            assert share == pytest.approx(expected, rel=1e-12)
-        drawn = CubicSpline(time, rng.normal(size=(400, 120)), axis=1)(source)
-        assert share == pytest.approx(float(drawn.var()), rel=0.03)
+    """Half-way, the squared response of the cardinal cubic spline, averaged over frequency.
+
+    The cubic B-spline is 23/48 and 1/48 at half-way points, 4/6 and 1/6 at frames.
+    """
+    time = np.arange(160) / 100.0
+    w = np.linspace(0, 2 * np.pi, 4096, endpoint=False)
+    response = (46 * np.cos(w / 2) + 2 * np.cos(1.5 * w)) / 48 / ((4 + 2 * np.cos(w)) / 6)
+    for offset, share in ((0.0, 1.0), (0.005, float((response**2).mean()))):
+        found = sampled_share(None, time, time[20:-20] + offset)
+        assert found == pytest.approx(share, rel=0.04)
     # a sample that is the mean of four frames keeps a quarter
-    weight = np.kron(np.eye(30), np.full((4, 1), 0.25))
-    assert sampled_share(weight, time[:30], time[:30]) == pytest.approx(0.25)
+    four = unit_noise(640).reshape(64, 160, 4).mean(axis=2)
+    assert sampled_share(four, time, time) == pytest.approx(0.25, rel=0.04)
+    assert (unit_noise(100) == unit_noise(100)).all()
+
+
+def test_uneven_instants_have_no_noise_estimate() -> None:
+    uneven = trajectory().isel(time=np.r_[0:60, 61:100:2, 100:160])
+    assert np.isnan(marker_noise(uneven["position"])).all()
+    found = score(align(uneven, trajectory()), trajectory())
+    assert np.isfinite(found["rho"]).all() and np.isnan(found["attenuation"]).all()
 
 
 @pytest.mark.parametrize("ratio", [0.1, 0.5, 1.0, 2.0])
@@ -145,8 +152,9 @@ def test_noise_that_a_dataset_carries_is_taken() -> None:
     data["noise"] = ("marker", np.linspace(1e-4, 1e-3, 10), {"units": "m"})
     shuffled = data.isel(marker=[3, 1, 2, 0, 4, 5, 9, 8, 7, 6])
     found = align(shuffled, trajectory())
-    share = np.unique((found["noise"] / data["noise"]).values.round(12))
-    assert share.size == 1 and 0.7 < share[0] < 1.0
+    share = (found["noise"] / data["noise"]).values
+    np.testing.assert_allclose(share, share[0], rtol=1e-12)
+    assert 0.7 < share[0] < 1.05
     scored = score(found, trajectory())
     assert list(scored["noise"].values) == list(found["noise"].values)
     assert (np.diff(scored["attenuation"].values) != 0).all()

@@ -57,6 +57,11 @@ def test_every_trial_has_a_status_and_scores(finished) -> None:
     }  # fmt: skip
     assert (cube["status"] == "ok").all()
     assert np.isfinite(cube["rho"]).all() and (abs(cube["rho"]) <= 1).all()
+    # left-right-left among them: the direction of the components settles their sign
+    assert (cube["sign_by_direction"] == 1).all() and (cube["direction_cosine"] > 0.75).all()
+    assert (cube["sign_disagrees"] == 0).all()
+    assert (cube["noise"] > 1e-5).all() and (cube["noise"] < 2e-4).all()
+    assert (cube["attenuation"] > 0.9).all() and (cube["attenuation"] <= 1).all()
     assert (cube["sigma_max"] == 100e3).all() and (cube["steps"] >= 80).all()
     assert cube.attrs["origin"] == "simulated" and cube.attrs["face"] == "slab"
     assert json.loads(cube.attrs["configuration"])["simulation"]["step"] == STEP
