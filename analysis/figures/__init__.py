@@ -2,6 +2,7 @@
 
 from analysis.figures.activations import activation_heat_map, feature_boxes
 from analysis.figures.alignment import marker_traces, synchronisation
+from analysis.figures.baselines import baseline_plot
 from analysis.figures.boxes import box_plots
 from analysis.figures.choices import sensitivity_plot
 from analysis.figures.contact import opening_over_time
@@ -16,6 +17,7 @@ from analysis.figures.work_precision import error_control, work_precision
 
 __all__ = [
     "activation_heat_map",
+    "baseline_plot",
     "box_plots",
     "cost_of_parts",
     "emg_with_features",

@@ -72,6 +72,8 @@ def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> i
         result = run_study(configuration, out_path, workers=workers, observer=ProgressObserver(bar))
     report = write_report(result.cube, out_path)
     out.print(report.summary, markup=False, highlight=False, soft_wrap=True)
+    for sentence in report.meaning:
+        out.print(sentence, markup=False, highlight=False, soft_wrap=True)
     computed, reused = len(result.computed()), len(result.events) - len(result.computed())
     say(f"{computed} results were computed, {reused} were there already.")
     say(f"Cube: {result.path}. Tables: {report.folder}.")
@@ -100,6 +102,8 @@ def report(
     written = write_report(open_results(folder).cube, folder)
     for table in written.tables.values():
         out.print(table.text(), markup=False, highlight=False, soft_wrap=True)
+    for sentence in written.meaning:
+        out.print(sentence, markup=False, highlight=False, soft_wrap=True)
     say(f"Tables as CSV, Markdown and LaTeX: {written.folder}.")
     if out_path is None:
         return

@@ -12,9 +12,11 @@ import xarray as xr
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from analysis.baselines import has_baselines
 from analysis.errors import AnalysisError
 from analysis.figures import (
     activation_heat_map,
+    baseline_plot,
     box_plots,
     emg_with_features,
     feature_boxes,
@@ -115,6 +117,19 @@ def score_figures(results: Results) -> list[Drawn]:
             lambda variable=variable: box_plots(cube, variable=variable),
         )
     return drawn
+
+
+def baseline_figure(results: Results) -> list[Drawn]:
+    """Draw rho beside its baselines."""
+    text = (
+        "Mean rho per instruction and strategy (large marks) and of each volunteer (small), beside "
+        "what scores without the EMG of the trial. Above all of rho, below 1 - rho on a logarithmic "
+        "axis. A strategy below the band knows less of a trial than the mean motion of other people."
+    )
+    cube = results.base
+    if not has_baselines(cube):
+        return []
+    return _drawn(results, "baselines", "Baselines", text, lambda: baseline_plot(cube))
 
 
 def face_figure(results: Results, faces: xr.Dataset) -> list[Drawn]:

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from analysis.alignment_tables import alignment_tables
+from analysis.baseline_tables import comparison
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import Table, report_tables
@@ -106,6 +107,7 @@ def render(
     listed = tables.pop("trials", None)
     change = contents.varied(results.cube, results.notes)
     tested = contents.inference(cube)
+    meaning, compared = comparison(cube) if scored else ([], {})
     values = {
         "title": str(cube.attrs.get("name", "study")),
         "origin": str(cube.attrs["origin"]),
@@ -118,6 +120,9 @@ def render(
         "tables": {name: cells(table) for name, table in tables.items()} if scored else {},
         "trials": cells(listed) if listed is not None else None,
         "score_figures": figures.score_figures(results) if scored else [],
+        "meaning": meaning,
+        "baseline_tables": {name: cells(table) for name, table in compared.items()},
+        "baseline_figures": figures.baseline_figure(results) if scored else [],
         "face_figures": figures.face_figure(results, moving[0]) if moving else [],
         "trial_figures": figures.trial_figures(results) if scored else [],
         "least_volunteers": LEAST_VOLUNTEERS,

@@ -3,6 +3,7 @@
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
+from analysis.baselines import VARIABLES
 from analysis.cube import MARKER_DIMS, PER_MARKER, PER_TRIAL
 from emgface.choices import Parameters, choice
 
@@ -10,7 +11,10 @@ Design = Literal["one_at_a_time", "factorial"]
 Value = bool | int | float | str
 Label = str | float
 
-CUBE_NAMES = {*MARKER_DIMS, *PER_MARKER, *PER_TRIAL, "status", "reason", "marker_reason"}
+CUBE_NAMES = {
+    *MARKER_DIMS, *PER_MARKER, *PER_TRIAL, *VARIABLES,
+    "status", "reason", "marker_reason", "skill_reason",
+}  # fmt: skip
 """Names that a cube has already."""
 
 

@@ -8,6 +8,7 @@ import xarray as xr
 
 from analysis.alignment_tables import alignment_tables
 from analysis.axes import further_axes, reference_cube
+from analysis.baseline_tables import comparison
 from analysis.cube import trials
 from analysis.errors import AnalysisError
 from analysis.sensitivity import choices_table, sensitivity
@@ -26,6 +27,8 @@ class Report:
         As `analysis.tables.report_tables`.
     summary : str
         The table of rho per strategy.
+    meaning : list of str
+        What rho means in this study, beside its baselines; empty where the cube has none.
     failures : list of str
         One sentence per reason why trials have no score.
     folder : Path
@@ -34,6 +37,7 @@ class Report:
 
     tables: dict[str, Table]
     summary: str
+    meaning: list[str]
     failures: list[str]
     folder: Path
 
@@ -59,7 +63,8 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
         If the folder cannot be written.
     """
     base, folder = reference_cube(cube), out / "tables"
-    tables = report_tables(base) | alignment_tables(base)
+    meaning, compared = comparison(base)
+    tables = report_tables(base) | alignment_tables(base) | compared
     if base.sizes["volunteer"] > 1 and base.sizes["strategy"] > 1:
         with suppress(AnalysisError):  # too little was scored for any test
             tables["tests"] = statistics_table(study_statistics(base))
@@ -70,7 +75,7 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
         write_text(table.csv(), folder / f"{name}.csv")
         write_text(table.markdown(), folder / f"{name}.md")
         write_text(table.latex(), folder / f"{name}.tex")
-    return Report(tables, tables["strategy"].text(), _failures(base), folder)
+    return Report(tables, tables["strategy"].text(), meaning, _failures(base), folder)
 
 
 def _failures(cube: xr.Dataset) -> list[str]:

@@ -15,6 +15,7 @@ from emgface.errors import EmgfaceError
 from emgface.muscles import LIP_MARKERS
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.axes import Label
+from emgface.study.baselines import add_baselines
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.description import described, merged_environments, with_recordings
 from emgface.study.digest import dataset_digest
@@ -112,8 +113,12 @@ def run_study(
             )
             reference = reference or laboratory
             told = f"{variant.label}: " if variant.labels else ""
-            results = _run_trials(laboratory, intake, trials, workers, observer, told)
-            cubes[variant.labels] = _cube(laboratory, intake, trials, results)
+            extents = feature_extents(laboratory, intake)
+            results = _run_trials(laboratory, trials, extents, workers, observer, told)
+            cube = _cube(laboratory, intake, trials, results)
+            cubes[variant.labels] = add_baselines(
+                laboratory, cube, trials, results, extents, observer
+            )
             muted |= laboratory.muted
     finally:
         log.write(store.events)
@@ -148,14 +153,13 @@ def run_study(
 
 def _run_trials(
     laboratory: Laboratory,
-    intake: Intake,
     trials: list[PlannedTrial],
+    extents: dict[str, Result],
     workers: int,
     observer: Observer,
     told: str,
 ) -> list[Trial]:
     """Take every trial through all stages; where it is asked for, with one sigma_max a volunteer."""
-    extents = feature_extents(laboratory, intake)
     results = _through_stages(laboratory, trials, extents, workers, observer, told)
     if laboratory.study.simulation.sigma_max_policy.scope == "trial":
         return results
@@ -172,9 +176,7 @@ def _run_trials(
                 if trial.place[0] == volunteer
                 and done[*trial.place, trial.strategy].sigma_max > lowest
             ]
-            simulation = laboratory.study.simulation.model_copy(update={"sigma_max": lowest})
-            study = laboratory.study.model_copy(update={"simulation": simulation})
-            lowered = Laboratory(laboratory.store, laboratory.face, study, laboratory.report)
+            lowered = laboratory.lowered(lowest)
             redone = _through_stages(lowered, higher, extents, workers, Silent(), told)
             done |= {(r.volunteer, r.instruction, r.repetition, r.strategy): r for r in redone}
             laboratory.muted |= lowered.muted

@@ -4,6 +4,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -118,6 +119,18 @@ class Laboratory:
 
     def __post_init__(self) -> None:  # noqa: D105
         self.face_digest = dataset_digest(self.face)
+
+    @property
+    def alignment(self) -> dict[str, Any]:
+        """Options of `analysis.align.align`, the same for whatever is laid beside a recording."""
+        limits = self.study.score.model_dump(include={"smallest_motion", "smallest_snr"})
+        return {**self.study.alignment.arguments(), **limits}
+
+    def lowered(self, sigma_max: float) -> "Laboratory":
+        """Return the same laboratory with another sigma_max [Pa] to start from."""
+        simulation = self.study.simulation.model_copy(update={"sigma_max": sigma_max})
+        study = self.study.model_copy(update={"simulation": simulation})
+        return Laboratory(self.store, self.face, study, self.report)
 
     def extent(self, recordings: Mapping[str, xr.Dataset], label: str) -> Result:
         """Return minimum and maximum of the features over recordings, given by their digests."""
@@ -251,9 +264,7 @@ class Laboratory:
             lambda: align(
                 measured_during(recording.dataset, motion.dataset, self.face, head),
                 motion.dataset,
-                smallest_motion=self.study.score.smallest_motion,
-                smallest_snr=self.study.score.smallest_snr,
-                **choices.arguments(),
+                **self.alignment,
             ),
             label=label,
         )

@@ -9,8 +9,8 @@ figures and CSV go there. Returned is Markdown that begins with a heading of the
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from studies.science import inference, normalisation, worlds
+from studies.science import baselines, inference, normalisation, worlds
 
 Section = Callable[[Mapping[str, Path], Path], str]
 
-SECTIONS: tuple[Section, ...] = (worlds.make, normalisation.make, inference.make)
+SECTIONS: tuple[Section, ...] = (worlds.make, baselines.make, normalisation.make, inference.make)

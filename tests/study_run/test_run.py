@@ -121,7 +121,7 @@ def test_strategies_activate_different_muscles(laboratory, finished) -> None:
 def test_a_changed_score_leaves_the_simulations_alone(laboratory, finished) -> None:
     study = configured(laboratory, score={"form": "as_printed"})
     result = run_study(study, laboratory / "study")
-    assert stages(result) == ["scores", "scores"]
+    assert stages(result) == ["baselines"] * 2 + ["scores"] * 2
     # 1.6 s of activation are 161 samples, fewer where the shift leaves some out: (n - 1)/n
     ratio = (result.cube["rho"] / finished.cube["rho"]).values
     assert ((ratio > 120 / 121) & (ratio <= 160 / 161 + 1e-12)).all()
@@ -162,13 +162,15 @@ def test_an_interrupted_study_goes_on_where_it_stopped(
     assert len(list((out / "store" / "motion").glob("*.nc"))) == 1
     assert not (out / "cube.nc").exists()
     resumed = run_study(configured(laboratory), out)
-    assert stages(resumed) == ["aligned", "motion", "scores"]
+    assert stages(resumed) == [
+        "aligned", "baselines", "baselines", "motion", "scores", "typical", "typical",
+    ]  # fmt: skip
     xr.testing.assert_allclose(
         resumed.cube.drop_vars(["run_time", "computed"]),
         finished.cube.drop_vars(["run_time", "computed"]),
     )
     log = [json.loads(line) for line in (out / "times.jsonl").read_text().splitlines()]
-    assert len({line["digest"] for line in log}) == len(log) == 9  # 4 stages x 2 trials + rest
+    assert len({line["digest"] for line in log}) == len(log) == 13  # 6 stages x 2 trials + rest
 
 
 def test_two_processes_give_the_cube_of_one(laboratory, finished, tmp_path: Path) -> None:

@@ -1,0 +1,295 @@
+"""What a correlation is to be compared with: template, other trials, repeat ceiling, and skill.
+
+A simulated motion is one of several that can be laid beside a measured trial. The others cost no
+simulation: the mean motion of other people at the same instruction (template), the simulated
+motion of the same person at another instruction (wrong instruction) or in another repetition (EMG
+shuffled over trials), and another repetition of the person (repeat). All are aligned and scored as
+the simulated motion is, with the same freedom of shift, stretch and sign.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from analysis.align import align
+from analysis.errors import AnalysisError, CubeError
+from analysis.noise import SMALLEST_SNR
+from analysis.registration import held
+from analysis.scores import ROUNDING
+from analysis.trajectory import SMALLEST_MOTION, names
+
+Array = NDArray[np.float64]
+
+PERSON: Final = ("volunteer", "instruction")
+RECORDED: Final = (*PERSON, "repetition")
+TRIAL: Final = (*RECORDED, "strategy")
+
+VARIABLES: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
+    "template_rho": ((*RECORDED, "marker"), "1", "rho of the mean motion of the other volunteers"),
+    "template_amplitude_ratio": (
+        (*RECORDED, "marker"), "1", "size of the mean motion of the others over the measured one"),
+    "template_volunteers": (PERSON, "1", "other volunteers in the template"),
+    "repeat_rho": ((*RECORDED, "marker"), "1", "mean rho of the person's other repetitions"),
+    "ceiling": (
+        (*RECORDED, "marker"), "1", "rho of the person's mean over infinitely many repetitions"),
+    "wrong_rho": ((*TRIAL, "marker"), "1", "mean rho of the person's other instructions"),
+    "wrong_rho_max": ((*TRIAL, "marker"), "1", "rho of the best of the other instructions"),
+    "shuffled_rho": (
+        (*TRIAL, "marker"), "1", "mean rho of motions driven by the EMG of other repetitions"),
+    "within_rho": (
+        (*PERSON, "strategy", "marker"), "1", "correlation of deviations from the person's mean"),
+    "onset_error": (TRIAL, "s", "onset of the simulated less that of the measured motion"),
+    "peak_error": (TRIAL, "s", "peak of the simulated less that of the measured motion"),
+    "template_onset_error": (RECORDED, "s", "mean onset of the others less the measured one"),
+    "template_peak_error": (RECORDED, "s", "mean peak of the others less the measured one"),
+    "asymmetry_measured": (RECORDED, "1", "left less right over their sum, measured motion"),
+    "asymmetry_simulated": (TRIAL, "1", "left less right over their sum, simulated motion"),
+    "template_asymmetry": (PERSON, "1", "left less right over their sum, template"),
+    "skill": (TRIAL, "1", "share of the way from template to ceiling"),
+}  # fmt: skip
+"""Dims, unit and meaning of what a cube holds beside rho."""
+
+LEAST_ROOM: Final = 1e-3
+"""Least ceiling minus baseline of which a skill is taken [1].
+
+Noise of 0.1 mm at a marker that moves by 3 mm (root-mean-square) takes 1.7e-3 from its rho; what is
+less says nothing of a motion.
+"""
+SKILL_REASONS: Final = (
+    "", "rho is undefined", "no other volunteer", "no other repetition", "no room above the template",
+)  # fmt: skip
+
+
+def scored(
+    measured: xr.Dataset | xr.DataArray,
+    predicted: xr.Dataset | xr.DataArray,
+    alignment: Mapping[str, Any] | None = None,
+    form: str = "consistent",
+) -> tuple[Array, Array]:
+    """Align a measured motion with a predicted one and correlate them, as a simulated one is.
+
+    Parameters
+    ----------
+    measured, predicted : xarray.Dataset or xarray.DataArray
+        Positions, dims (marker, axis, time) [m], the same markers.
+    alignment : mapping, optional
+        Options of `analysis.align.align`.
+    form : {"consistent", "as_printed"}
+        See `analysis.scores.correlation_3d`.
+
+    Returns
+    -------
+    rho, amplitude_ratio : ndarray, shape (markers,)
+        In the order of the predicted markers [1], the values that `analysis.scores.score` gives; NaN
+        where the motions cannot be aligned or a marker does not move.
+
+    Raises
+    ------
+    TrajectoryError
+        The predicted motion has wrong dims, labels or units.
+    """
+    options = dict(alignment or {})
+    model = held(predicted)
+    undefined = np.full(model.sizes["marker"], np.nan)
+    try:
+        aligned = align(measured, model, **options)
+    except AnalysisError:
+        return undefined, undefined.copy()
+    v, noise = aligned["position"].values, aligned["noise"].values  # both as in the model
+    covered = np.isfinite(v).all(axis=(0, 1))
+    v, w = v[:, :, covered], model.values[:, :, covered]
+    least = float(options.get("smallest_motion", SMALLEST_MOTION))
+    v, size_v, moves_v = _centred(v, least)
+    w, size_w, moves_w = _centred(w, least)
+    n = v.shape[2]
+    snr = float(options.get("smallest_snr", SMALLEST_SNR))
+    moves_v &= ~(size_v**2 / n < (1.0 + snr) * noise**2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rho = np.clip((v * w).sum(axis=(1, 2)) / (size_v * size_w), -1.0, 1.0)
+        ratio = np.where(moves_w, size_w / size_v, 0.0)
+    rho = rho * ((n - 1) / n if form == "as_printed" else 1.0)
+    return np.where(moves_v & moves_w, rho, np.nan), np.where(moves_v, ratio, np.nan)
+
+
+def _centred(values: Array, least: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Positions about their means, their sizes, and which markers move, as `analysis.scores`."""
+    centred = values - values.mean(axis=2, keepdims=True)
+    size = np.sqrt((centred**2).sum(axis=(1, 2)))
+    moved = size / np.sqrt(values.shape[2])
+    return centred, size, (moved > ROUNDING * np.abs(values).max(axis=(1, 2))) & (moved >= least)
+
+
+def ceiling_of(repeat_rho: Array) -> Array:
+    """Highest rho to expect of a motion that is the same in every repetition.
+
+    Let v_r = mu + e_r, a motion that the person always makes and what differs from trial to trial,
+    noise of the markers included. Two repetitions correlate with q = |mu|^2 / (|mu|^2 + |e|^2), a
+    repetition and mu with sqrt(q): the mean of infinitely many repetitions would score that.
+
+    Parameters
+    ----------
+    repeat_rho : ndarray
+        q, mean correlation of a trial with the person's other repetitions [1].
+
+    Returns
+    -------
+    ndarray
+        sqrt(max(q, 0)) [1]; NaN stays NaN.
+
+    Notes
+    -----
+    Source: Spearman 1904, American Journal of Psychology 15:72 (attenuation); as a ceiling for
+    models Hsu, Borst and Theunissen 2004, Network 15:91. A motion driven by the signals of the trial
+    itself may exceed it, since it may know what differs from trial to trial.
+    """
+    return np.sqrt(np.maximum(repeat_rho, 0.0))
+
+
+def template_correlation(likeness: float, others: int) -> float:
+    """Correlation of a person with the mean of K others, q / sqrt(q + (1 - q) / K).
+
+    Parameters
+    ----------
+    likeness : float
+        q, correlation between the motions of two people [1], above 0.
+    others : int
+        K, people in the mean.
+
+    Returns
+    -------
+    float
+        From q with one other person to sqrt(q) with infinitely many [1].
+
+    Notes
+    -----
+    Source: Spearman 1910 and Brown 1910, British Journal of Psychology 3. The deviations of people
+    from their common motion are taken as independent and equally large.
+    """
+    return likeness / float(np.sqrt(likeness + (1.0 - likeness) / others))
+
+
+def skill_of(rho: Array, baseline: Array, ceiling: Array) -> Array:
+    """Skill score, (rho - baseline) / (ceiling - baseline).
+
+    0 as good as the baseline, 1 as good as the ceiling, negative worse than the baseline, above 1
+    better than any motion that is the same in every repetition. Linear in rho and not in Fisher's z,
+    because 2 (1 - rho) is the mean squared distance of two motions brought to unit size: the skill is
+    the share of the baseline's avoidable squared error that is avoided. z would weigh the last
+    hundredth below 1 more than all the rest and is infinite where the ceiling is 1.
+
+    Parameters
+    ----------
+    rho, baseline, ceiling : ndarray
+        Of the same trials [1].
+
+    Returns
+    -------
+    ndarray
+        Skill [1]; NaN where one of them is or `LEAST_ROOM` is not left between the two bounds.
+
+    Notes
+    -----
+    Source: Murphy 1988, Monthly Weather Review 116:2417.
+    """
+    room = ceiling - baseline
+    return (rho - baseline) / np.where(room >= LEAST_ROOM, room, np.nan)
+
+
+def unexplained(rho: float) -> float:
+    """Part of a movement that a motion of this rho does not follow, sqrt(1 - rho^2).
+
+    The root-mean-square residual after the best scaling, over the size of the movement [1].
+    """
+    return float(np.sqrt(1.0 - rho**2))
+
+
+def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Dataset:
+    """Put baselines, ceiling and skill into a cube.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+    found : mapping of str to xarray.DataArray
+        Variables of `VARIABLES` but ``skill``, with labels; trials that they lack become NaN.
+
+    Returns
+    -------
+    xarray.Dataset
+        The cube with all of `VARIABLES`, and text ``skill_reason`` (volunteer, instruction,
+        repetition, strategy). ``skill`` is taken of the means over the markers at which rho, template
+        and ceiling are defined.
+
+    Raises
+    ------
+    CubeError
+        A variable is unknown, or lacks a dim.
+    """
+    unknown = [name for name in found if name not in VARIABLES or name == "skill"]
+    if unknown:
+        raise CubeError(
+            f"{names(unknown)} is no baseline, expected some of {names([*VARIABLES], 20)}"
+        )
+    added: dict[str, xr.DataArray] = {}
+    for name, (dims, units, meaning) in VARIABLES.items():
+        shape = tuple(cube.sizes[dim] for dim in dims)
+        data = xr.DataArray(np.full(shape, np.nan), dims=dims, coords={d: cube[d] for d in dims})
+        if name in found:
+            if set(found[name].dims) != set(dims):
+                raise CubeError(f"{name} has dims {found[name].dims}, expected {dims}")
+            data = found[name].transpose(*dims).reindex_like(data)
+        added[name] = data.assign_attrs(units=units, long_name=meaning)
+    skill, reason = _skill(cube["rho"], added["template_rho"], added["ceiling"])
+    added["skill"] = skill.assign_attrs(added["skill"].attrs)
+    result = cube.assign(added)
+    result["skill_reason"] = reason.assign_attrs(long_name="why skill is undefined")
+    return result
+
+
+def has_baselines(cube: xr.Dataset) -> bool:
+    """Whether a cube holds a baseline of any trial."""
+    return "template_rho" in cube and any(
+        bool(np.isfinite(cube[name].values).any())
+        for name in ("template_rho", "wrong_rho", "repeat_rho")
+    )
+
+
+def _skill(
+    rho: xr.DataArray, template: xr.DataArray, ceiling: xr.DataArray
+) -> tuple[xr.DataArray, xr.DataArray]:
+    """Skill per trial and strategy, and why there is none."""
+    dims = (*TRIAL, "marker")
+    rho, template, ceiling = (
+        each.broadcast_like(rho).transpose(*dims) for each in (rho, template, ceiling)
+    )
+    lacking = [~np.isfinite(each.values).any(axis=-1) for each in (rho, template, ceiling)]
+    shared = np.isfinite(rho + template + ceiling)
+    means = [each.where(shared).mean("marker").values for each in (rho, template, ceiling)]
+    values = skill_of(*means)
+    reason = np.full(values.shape, "", dtype="U32")
+    reason[~np.isfinite(values)] = SKILL_REASONS[4]
+    for missing, text in reversed(list(zip(lacking, SKILL_REASONS[1:4], strict=True))):
+        reason[missing] = text
+    coords = {dim: rho[dim] for dim in TRIAL}
+    return (
+        xr.DataArray(values, dims=TRIAL, coords=coords),
+        xr.DataArray(reason, dims=TRIAL, coords=coords),
+    )
+
+
+def mean_of(rhos: Sequence[Array], markers: int) -> Array:
+    """Mean over predictions, marker by marker, of those that are defined; NaN where none is."""
+    stack = np.array(rhos, dtype=np.float64).reshape(-1, markers)
+    count = np.isfinite(stack).sum(axis=0)
+    return np.where(count > 0, np.nansum(stack, axis=0) / np.maximum(count, 1), np.nan)
+
+
+def best_of(rhos: Sequence[Array], markers: int) -> Array:
+    """The prediction with the largest mean over markers, NaN where none is defined."""
+    known = [each for each in rhos if np.isfinite(each).any()]
+    if not known:
+        return np.full(markers, np.nan)
+    return max(known, key=lambda each: float(np.nanmean(each)))

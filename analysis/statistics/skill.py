@@ -1,0 +1,156 @@
+"""Scores of a study against their baselines, with intervals over volunteers."""
+
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from analysis.baselines import LEAST_ROOM, TRIAL, has_baselines
+from analysis.errors import StatisticsError
+from analysis.statistics.bootstrap import replicates, tails
+from analysis.statistics.finding import check_level
+from analysis.statistics.paired import Array
+from analysis.statistics.scope import LEAST_VOLUNTEERS
+from analysis.tables import origin_of
+from analysis.typed import texts
+
+LEVELS: Final = (
+    "rho", "template_rho", "repeat_rho", "ceiling", "shuffled_rho", "wrong_rho", "wrong_rho_max",
+)  # fmt: skip
+"""Correlations that are laid beside each other."""
+
+GAINS: Final = {
+    "gain_template": "rho less that of the template",
+    "gain_shuffled": "rho less that with the EMG of other repetitions",
+    "gain_wrong": "rho less that of the other instructions",
+    "within": "correlation of deviations from the person's mean",
+    "skill": "share of the way from template to ceiling",
+}
+
+
+def against_baselines(
+    cube: xr.Dataset, *, level: float = 0.95, draws: int = 2000, seed: int = 0
+) -> xr.Dataset:
+    """Means of rho and of its baselines per strategy, gains and skill with intervals.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With the variables of `analysis.baselines.VARIABLES`, without further axes.
+    level : float
+        Of the intervals.
+    draws, seed : int
+        Bootstrap samples and the seed of their draws.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dims strategy, bound. Means over the trials of a strategy of each of `LEVELS` [1]; of each of
+        `GAINS` [1] the estimate and, as ``<name>_interval``, its bounds: markers are averaged first,
+        volunteers and repetitions drawn as in `analysis.statistics.bootstrap`, quantiles expanded.
+        ``skill`` is the mean of rho - template over the mean of ceiling - template, not the mean of
+        the trials' skills, which a trial with little room would decide. ``volunteers`` and ``trials``
+        that rho less template has, ``template_volunteers`` (median), ``instructions``.
+
+    Raises
+    ------
+    StatisticsError
+        The cube holds no baselines, has further axes, or an option is outside its range.
+
+    Notes
+    -----
+    Fewer than `analysis.statistics.scope.LEAST_VOLUNTEERS` volunteers get no interval. Templates of
+    different volunteers share members, so volunteers are not wholly independent here.
+    """
+    check_level(level)
+    if not has_baselines(cube):
+        raise StatisticsError(
+            "the cube holds no baselines: it was written by an older version, run the study again"
+        )
+    dims = (*TRIAL, "marker")
+    extra = set(cube["rho"].dims) - set(dims)
+    if extra:
+        raise StatisticsError(f"the cube has further axes ({', '.join(map(str, extra))})")
+    ok = texts(cube["status"]) == "ok"
+    values = {
+        name: cube[name].broadcast_like(cube["rho"]).transpose(*dims).where(ok) for name in LEVELS
+    }
+    strategies = [str(label) for label in cube["strategy"].values]
+    result = xr.Dataset(coords={"strategy": strategies, "bound": ["lower", "upper"]})
+    for name in LEVELS:
+        shared = np.isfinite(values["rho"]) & np.isfinite(values[name])
+        mean = values[name].where(shared).mean("marker").mean([*TRIAL[:3]])
+        result[name] = ("strategy", mean.values, {"units": "1"})
+    rho = values["rho"]
+    room = values["ceiling"] - values["template_rho"]
+    parts = {
+        "gain_template": (rho - values["template_rho"], None),
+        "gain_shuffled": (rho - values["shuffled_rho"], None),
+        "gain_wrong": (rho - values["wrong_rho"], None),
+        "within": (cube["within_rho"].expand_dims("repetition"), None),
+        "skill": (
+            (rho - values["template_rho"]).where(np.isfinite(room)),
+            room.where(np.isfinite(rho)),
+        ),
+    }
+    for name, (top, bottom) in parts.items():
+        found = [
+            _ratio(
+                _cells(top, k), None if bottom is None else _cells(bottom, k), level, draws, seed
+            )
+            for k in range(len(strategies))
+        ]
+        attrs = {"units": "1", "long_name": GAINS[name]}
+        result[name] = ("strategy", np.array([one[0] for one in found]), attrs)
+        bounds = np.array([one[1:] for one in found]).reshape(-1, 2)
+        result[f"{name}_interval"] = (("strategy", "bound"), bounds, attrs)
+    scored = parts["gain_template"][0].transpose("strategy", *TRIAL[:3], "marker").notnull().values
+    result["trials"] = ("strategy", scored.any(axis=4).sum(axis=(1, 2, 3)))
+    result["volunteers"] = ("strategy", scored.any(axis=(2, 3, 4)).sum(axis=1))
+    others = cube["template_volunteers"].values
+    others = others[np.isfinite(others)]
+    result["template_volunteers"] = float(np.median(others)) if len(others) else 0.0
+    result["instructions"] = cube.sizes["instruction"]
+    result.attrs = {
+        "origin": origin_of(cube),
+        "level": level,
+        "draws": draws,
+        "seed": seed,
+    }
+    return result
+
+
+def _cells(data: xr.DataArray, strategy: int) -> Array:
+    """Means over markers, shape (volunteers, instructions, repetitions, 1)."""
+    means = data.isel(strategy=strategy).mean("marker", skipna=True)
+    return means.transpose("volunteer", "instruction", "repetition").values[..., None]
+
+
+def _ratio(
+    top: Array, bottom: Array | None, level: float, draws: int, seed: int
+) -> tuple[float, float, float]:
+    """Mean of cells, or the ratio of two means over the same cells, with its interval."""
+    nothing = (np.nan, np.nan, np.nan)
+    kept = np.isfinite(top).any(axis=(1, 2, 3))
+    top = top[kept]
+    if not len(top):
+        return nothing
+    estimate, drawn = float(np.nanmean(top)), replicates(top, "mean", draws, seed)
+    if bottom is not None:
+        # The same seed and shape draw the same volunteers and repetitions.
+        room, drawn_room = (
+            float(np.nanmean(bottom[kept])),
+            replicates(bottom[kept], "mean", draws, seed),
+        )
+        if room < LEAST_ROOM:
+            return nothing
+        estimate /= room
+        drawn = np.where(drawn_room > 0, drawn / drawn_room, np.sign(drawn) * np.inf)
+    if len(top) < LEAST_VOLUNTEERS:
+        return estimate, np.nan, np.nan
+    drawn = drawn[~np.isnan(drawn)]
+    lower, upper = (
+        float(np.quantile(drawn, tail, method="inverted_cdf"))
+        for tail in tails(len(top), level, "expanded")
+    )
+    return estimate, lower, upper

@@ -1,0 +1,307 @@
+"""Baselines, ceilings and individual measures of a study, from motions that are stored already.
+
+Two stages: the typical motion of each volunteer at each instruction, and what every trial of it is
+to be compared with. No motion is simulated for them.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from analysis.baselines import (
+    VARIABLES,
+    best_of,
+    ceiling_of,
+    mean_of,
+    scored,
+    with_baselines,
+)
+from analysis.errors import AnalysisError
+from analysis.individual import asymmetry, instants, within_instruction
+from analysis.registration import mean_motion
+from analysis.trial import Trial
+from emgface.muscles import LIP_MARKERS
+from emgface.study.measured import measured_during
+from emgface.study.observer import Observer
+from emgface.study.stages import ALIGNED, SCORES, Laboratory
+from emgface.study.store import Result, Stage
+from emgface.study.table import PlannedTrial, Recording
+
+_CODE = (*ALIGNED.modules, "analysis.registration", "analysis.individual")
+
+TYPICAL = Stage("typical", (*_CODE, __name__))
+BASELINES = Stage("baselines", (*_CODE, *SCORES.modules, "analysis.baselines", __name__))
+
+Person = tuple[str, str]
+"""Volunteer and instruction."""
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """One recorded trial: its lips, and its simulated motions by strategy."""
+
+    recording: Recording
+    measured: xr.Dataset
+    motions: Mapping[str, Result]
+
+    @property
+    def pace(self) -> float:
+        """Recorded seconds per simulated second."""
+        return float(next(iter(self.motions.values())).dataset.attrs["recorded_pace"])
+
+    def digests(self, label: str) -> dict[str, str]:
+        """Digests of the recording and of its motions, by name."""
+        found = {f"recording {label}": self.recording.digest}
+        return found | {f"motion {label} {s}": m.digest for s, m in self.motions.items()}
+
+
+def add_baselines(
+    laboratory: Laboratory,
+    cube: xr.Dataset,
+    planned: Sequence[PlannedTrial],
+    results: Sequence[Trial],
+    extents: Mapping[str, Result],
+    observer: Observer,
+) -> xr.Dataset:
+    """Put into a cube what its scores are to be compared with.
+
+    Parameters
+    ----------
+    laboratory : Laboratory
+        Store, face and configuration.
+    cube : Dataset
+        Result of `analysis.cube.build_cube` for the same trials.
+    planned : sequence of PlannedTrial
+        All trials of the study.
+    results : sequence of Trial
+        What became of them.
+    extents : mapping of str to Result
+        Range of the features per volunteer, where needed.
+    observer : Observer
+        Told what is worked on.
+
+    Returns
+    -------
+    Dataset
+        The cube with the variables of `analysis.baselines.VARIABLES`, NaN for trials that were not
+        scored.
+    """
+    persons: dict[Person, dict[int, _Recorded]] = defaultdict(dict)
+    for place, one in _recorded(laboratory, planned, results, extents).items():
+        persons[place[:2]][place[2]] = one
+    typical: dict[Person, Result] = {}
+    for person, of in persons.items():
+        try:
+            typical[person] = _typical(laboratory, person, of)
+        except AnalysisError as error:
+            observer.message(f"No typical motion of {' '.join(person)}: {error}")
+    found: list[xr.Dataset] = []
+    for person, of in persons.items():
+        observer.working(f"baselines {' '.join(person)}")
+        others = {p: t for p, t in typical.items() if p[1] == person[1] and p[0] != person[0]}
+        elsewhere = {p[1]: r for p, r in persons.items() if p[0] == person[0] and p != person}
+        found.append(_baselines(laboratory, person, of, others, elsewhere).dataset)
+    return with_baselines(cube, _collected(cube, found))
+
+
+def _recorded(
+    laboratory: Laboratory,
+    planned: Sequence[PlannedTrial],
+    results: Sequence[Trial],
+    extents: Mapping[str, Result],
+) -> dict[tuple[str, str, int], _Recorded]:
+    """Take the motions of all scored trials from the store, with what was measured meanwhile."""
+    recordings = {(*trial.place, trial.strategy): trial.recording for trial in planned}
+    motions: dict[tuple[str, str, int], dict[str, Result]] = defaultdict(dict)
+    for trial in results:
+        recording = recordings[trial.volunteer, trial.instruction, trial.repetition, trial.strategy]
+        if trial.scores is None or recording is None:
+            continue
+        extent = extents.get(trial.volunteer)
+        activation = laboratory.activation(recording, trial.strategy, extent).dataset["activation"]
+        motion = laboratory.motion(activation, trial.label)
+        if float(motion.dataset.attrs["sigma_max"]) != trial.sigma_max:
+            # Lowered afterwards to what another trial of the volunteer needed.
+            motion = laboratory.lowered(trial.sigma_max).motion(activation, trial.label)
+        motions[recording.place][trial.strategy] = motion
+    by_place = {r.place: r for r in recordings.values() if r is not None}
+    head = laboratory.study.signals.head_frame
+    return {
+        place: _Recorded(
+            by_place[place],
+            measured_during(
+                by_place[place].dataset, next(iter(of.values())).dataset, laboratory.face, head
+            ),
+            of,
+        )
+        for place, of in motions.items()
+    }
+
+
+def _parameters(laboratory: Laboratory) -> dict[str, Any]:
+    return {
+        "alignment": laboratory.study.alignment.model_dump(mode="json"),
+        **laboratory.study.score.model_dump(include={"smallest_motion", "smallest_snr"}),
+        "head_frame": laboratory.study.signals.head_frame.model_dump(mode="json"),
+    }
+
+
+def _typical(laboratory: Laboratory, person: Person, of: Mapping[int, _Recorded]) -> Result:
+    """Mean measured motion of a volunteer over repetitions, and its mean instants."""
+    inputs = {"face": laboratory.face_digest}
+    for repetition, one in of.items():
+        inputs |= one.digests(str(repetition))
+
+    def compute() -> xr.Dataset:
+        least = laboratory.study.score.smallest_motion
+        mean = mean_motion([one.measured for one in of.values()], laboratory.alignment)
+        clock = np.array(
+            [
+                np.multiply(instants(one.measured, smallest_motion=least), one.pace)
+                for one in of.values()
+            ]
+        )
+        onset, peak = (mean_of([column], 1)[0] for column in clock.T[:, :, None])
+        return xr.Dataset(
+            {
+                "position": mean,
+                "onset": ((), onset, {"units": "s"}),
+                "peak": ((), peak, {"units": "s"}),
+            },
+            attrs={"repetitions": mean.attrs["contributors"]},
+        )
+
+    return laboratory.store.get_or_compute(
+        TYPICAL, inputs, _parameters(laboratory), compute, label=" ".join(person)
+    )
+
+
+def _baselines(
+    laboratory: Laboratory,
+    person: Person,
+    of: Mapping[int, _Recorded],
+    others: Mapping[Person, Result],
+    elsewhere: Mapping[str, Mapping[int, _Recorded]],
+) -> Result:
+    """What the trials of one volunteer and instruction are to be compared with."""
+    inputs = {"face": laboratory.face_digest}
+    inputs |= {f"typical {' '.join(other)}": result.digest for other, result in others.items()}
+    for instruction, trials in {person[1]: of, **elsewhere}.items():
+        for repetition, one in trials.items():
+            inputs |= one.digests(f"{instruction} {repetition}")
+    return laboratory.store.get_or_compute(
+        BASELINES,
+        inputs,
+        {
+            **_parameters(laboratory),
+            "form": laboratory.study.score.form,
+            "instruction": person[1],  # the motions of all instructions are inputs of each
+        },
+        lambda: _compared(laboratory, person, of, [r.dataset for r in others.values()], elsewhere),
+        label=" ".join(person),
+    )
+
+
+def _compared(
+    laboratory: Laboratory,
+    person: Person,
+    of: Mapping[int, _Recorded],
+    others: Sequence[xr.Dataset],
+    elsewhere: Mapping[str, Mapping[int, _Recorded]],
+) -> xr.Dataset:
+    """Score every trial of one volunteer and instruction against all that is not its own motion."""
+    alignment, form = laboratory.alignment, laboratory.study.score.form
+    least, count = laboratory.study.score.smallest_motion, len(LIP_MARKERS)
+    result = _empty(person, list(of), list(laboratory.study.strategy_names))
+    template = None
+    # What other people cannot tell, no template is made of; the trials are scored all the same.
+    with suppress(AnalysisError):
+        template = mean_motion([other["position"] for other in others], alignment)
+        template = template.sel(marker=list(LIP_MARKERS))
+        result["template_volunteers"][...] = template.attrs["contributors"]
+        result["template_asymmetry"][...] = asymmetry(template, smallest_motion=least)
+
+    def against(one: _Recorded, predicted: xr.Dataset | xr.DataArray) -> np.ndarray:
+        return scored(one.measured, predicted.sel(marker=list(LIP_MARKERS)), alignment, form)[0]
+
+    for repetition, one in of.items():
+        at: dict[str, Any] = {"repetition": repetition}
+        own = np.multiply(instants(one.measured, smallest_motion=least), one.pace)
+        result["asymmetry_measured"].loc[at] = asymmetry(one.measured, smallest_motion=least)
+        if template is not None:
+            rho, ratio = scored(one.measured, template, alignment, form)
+            result["template_rho"].loc[at] = rho
+            result["template_amplitude_ratio"].loc[at] = ratio
+            for k, name in enumerate(("onset", "peak")):
+                mean = mean_of([np.array([float(other[name])]) for other in others], 1)[0]
+                result[f"template_{name}_error"].loc[at] = mean - own[k]
+        again = [against(one, other.measured) for r, other in of.items() if r != repetition]
+        result["repeat_rho"].loc[at] = mean_of(again, count)
+        result["ceiling"].loc[at] = ceiling_of(mean_of(again, count))
+        for strategy, motion in one.motions.items():
+            here = at | {"strategy": strategy}
+            moved = motion.dataset
+            onset, peak = np.multiply(instants(moved, smallest_motion=least), one.pace) - own
+            result["onset_error"].loc[here], result["peak_error"].loc[here] = onset, peak
+            result["asymmetry_simulated"].loc[here] = asymmetry(moved, smallest_motion=least)
+            shuffled = [
+                against(one, other.motions[strategy].dataset)
+                for r, other in of.items()
+                if r != repetition and strategy in other.motions
+            ]
+            wrong = [
+                against(one, trials[repetition].motions[strategy].dataset)
+                for trials in elsewhere.values()
+                if repetition in trials and strategy in trials[repetition].motions
+            ]
+            result["shuffled_rho"].loc[here] = mean_of(shuffled, count)
+            result["wrong_rho"].loc[here] = mean_of(wrong, count)
+            result["wrong_rho_max"].loc[here] = best_of(wrong, count)
+    for strategy in laboratory.study.strategy_names:
+        both = [one for one in of.values() if strategy in one.motions]
+        if len(both) > 1:
+            result["within_rho"].loc[{"strategy": strategy}] = (
+                within_instruction(
+                    [one.measured for one in both],
+                    [one.motions[strategy].dataset for one in both],
+                    alignment,
+                )
+                .sel(marker=list(LIP_MARKERS))
+                .values
+            )
+    return result.assign_attrs(volunteer=person[0], instruction=person[1])
+
+
+def _empty(person: Person, repetitions: list[int], strategies: list[str]) -> xr.Dataset:
+    """Undefined values of one volunteer and instruction, to be filled in."""
+    coords: dict[str, Any] = {
+        "volunteer": [person[0]], "instruction": [person[1]], "repetition": repetitions,
+        "strategy": strategies, "marker": list(LIP_MARKERS),
+    }  # fmt: skip
+    return xr.Dataset(
+        {
+            name: (dims, np.full([len(coords[dim]) for dim in dims], np.nan))
+            for name, (dims, _, _) in VARIABLES.items()
+            if name != "skill"
+        },
+        coords=coords,
+    )
+
+
+def _collected(cube: xr.Dataset, found: Sequence[xr.Dataset]) -> dict[str, xr.DataArray]:
+    """Put the values of all volunteers and instructions in one array per variable."""
+    collected: dict[str, xr.DataArray] = {}
+    for name, (dims, _, _) in VARIABLES.items():
+        if name == "skill":
+            continue
+        shape = tuple(cube.sizes[dim] for dim in dims)
+        data = xr.DataArray(np.full(shape, np.nan), dims=dims, coords={d: cube[d] for d in dims})
+        for one in found:
+            data.loc[{dim: one[dim] for dim in dims}] = one[name].transpose(*dims)
+        collected[name] = data
+    return collected

@@ -1,0 +1,174 @@
+"""Gains and skill of a study: estimates, intervals, their coverage, tables and sentences."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from analysis.baseline_tables import baseline_instruction_table, comparison, individual_table
+from analysis.baselines import VARIABLES, with_baselines
+from analysis.errors import FigureError, StatisticsError
+from analysis.figures import baseline_plot
+from analysis.statistics.calibration import simulated_scores
+from analysis.statistics.scope import LEAST_VOLUNTEERS
+from analysis.statistics.skill import against_baselines
+
+LEVELS = {
+    "template_rho": 0.80, "repeat_rho": 0.81, "ceiling": 0.90, "shuffled_rho": 0.85,
+    "wrong_rho": 0.30, "wrong_rho_max": 0.50, "within_rho": 0.25,
+}  # fmt: skip
+
+
+def study(
+    volunteers: int = 6, *, spread: float = 0.02, seed: int = 0, **levels: float
+) -> xr.Dataset:
+    """Scores of 0.86 on average with a deviation of each volunteer, beside constant baselines."""
+    base = simulated_scores(seed, volunteers=volunteers, instructions=2, repetitions=2, markers=3)
+    rng = np.random.default_rng(seed)
+    own = rng.normal(0, spread, volunteers)
+    rho = base["rho"].copy(data=np.full(base["rho"].shape, 0.86))
+    base["rho"] = rho + xr.DataArray(own, dims="volunteer")
+    base["reason"] = xr.full_like(base["status"], "")
+    values = LEVELS | {"template_volunteers": volunteers - 1.0} | levels
+    made = {
+        name: xr.DataArray(
+            np.full([base.sizes[dim] for dim in VARIABLES[name][0]], value),
+            dims=VARIABLES[name][0], coords={dim: base[dim] for dim in VARIABLES[name][0]},
+        )
+        for name, value in values.items()
+    }  # fmt: skip
+    return with_baselines(base, made)
+
+
+def test_gains_and_skill_are_those_of_the_means() -> None:
+    cube = study()
+    found = against_baselines(cube, draws=200)
+    mean = float(cube["rho"].mean())
+    np.testing.assert_allclose(found["gain_template"], mean - 0.80)
+    np.testing.assert_allclose(found["gain_shuffled"], mean - 0.85)
+    np.testing.assert_allclose(found["gain_wrong"], mean - 0.30)
+    np.testing.assert_allclose(found["skill"], (mean - 0.80) / 0.10)
+    np.testing.assert_allclose(found["within"], 0.25)
+    assert (found["volunteers"] == 6).all() and (found["trials"] == 24).all()
+    for name in ("gain_template", "skill"):
+        low, high = found[f"{name}_interval"].transpose("bound", ...).values
+        assert ((low < found[name]) & (found[name] < high)).all()
+    np.testing.assert_allclose(
+        found["skill_interval"], found["gain_template_interval"] / 0.10, rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("n", [1, 2, LEAST_VOLUNTEERS - 1, LEAST_VOLUNTEERS])
+def test_few_volunteers_have_no_interval(n: int) -> None:
+    found = against_baselines(study(n), draws=200)
+    assert np.isfinite(found["skill"]).all()
+    assert np.isfinite(found["skill_interval"]).all() == (n >= LEAST_VOLUNTEERS)
+
+
+def test_interval_covers_the_true_gain() -> None:
+    """100 studies of six volunteers: 0.95 within what 100 draws allow (0.87 is 3.7 errors off)."""
+    inside = 0
+    for seed in range(100):
+        cube = study(6, spread=0.03, seed=seed).isel(strategy=[0])
+        low, high = against_baselines(cube, draws=200)["gain_template_interval"].values[0]
+        inside += low < 0.06 < high
+    assert 87 <= inside <= 100
+
+
+def test_a_ceiling_without_room_gives_gain_but_no_skill() -> None:
+    found = against_baselines(study(ceiling=0.8005), draws=200)
+    assert np.isnan(found["skill"]).all() and np.isfinite(found["gain_template"]).all()
+
+
+def test_unscored_trials_are_left_out_of_both_sides() -> None:
+    cube = study()
+    changed = cube["template_rho"].copy()
+    changed[0, 0, 0] = -1.0
+    cube["template_rho"] = changed
+    cube["status"][0, 0, 0, 1] = "failed:InvertedElement"
+    cube["rho"][0, 0, 0, 1] = np.nan
+    found = against_baselines(cube, draws=200)
+    assert float(found["template_rho"][1]) == pytest.approx(0.80)
+    assert float(found["template_rho"][0]) == pytest.approx((23 * 0.80 - 1.0) / 24)
+    assert found["trials"].values.tolist() == [24, 23, 24]
+
+
+def test_a_cube_without_baselines_is_refused() -> None:
+    bare = simulated_scores(0)
+    bare["reason"] = xr.full_like(bare["status"], "")
+    with pytest.raises(StatisticsError, match="no baselines.*run the study again"):
+        against_baselines(bare)
+    with pytest.raises(FigureError, match="no baselines"):
+        baseline_plot(bare)
+    assert comparison(bare) == ([], {})
+    alone, tables = comparison(with_baselines(bare, {}))
+    assert "nothing says what rho is worth" in alone[0] and tables == {}
+
+
+@pytest.mark.parametrize(
+    ("template", "said"),
+    [(0.97, "does not say that the EMG was needed"), (0.6, "0.30 of it is about this person")],
+)
+def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: str) -> None:
+    told, _ = comparison(study(template_rho=template, ceiling=0.99))
+    text = " ".join(told)
+    assert "A rho of 0.90 leaves 44 % of the size" in text and said in text
+    assert f"scores {template:.2f} (template)" in text and "0.99 (ceiling)" in text
+    assert "wrong instruction scores 0.30 on average, and 0.50" in text
+    assert "95 % interval" in text and "(6 volunteers)" in text
+
+
+def test_what_is_lacking_is_said() -> None:
+    told = " ".join(comparison(study(2))[0])
+    assert "the motion of another volunteer" in told and "A template of one or two" in told
+    assert "no interval: it needs" in told
+    once = study(repeat_rho=np.nan, ceiling=np.nan, shuffled_rho=np.nan, within_rho=np.nan)
+    told = " ".join(comparison(once)[0])
+    assert "No instruction was repeated" in told and "skill" not in told.split("unknown.")[1]
+    alone = study(1, template_rho=np.nan, ceiling=np.nan)
+    assert "no other volunteer" in " ".join(comparison(alone)[0])
+
+
+def test_tables_hold_what_they_name() -> None:
+    cube = study()
+    _, tables = comparison(cube)
+    row = dict(zip([c.name for c in tables["baselines"].columns], tables["baselines"].rows[0],
+                   strict=True))  # fmt: skip
+    assert row["template"] == pytest.approx(0.80) and row["best wrong"] == pytest.approx(0.50)
+    assert row["skill, lower"] < row["skill"] < row["skill, upper"]
+    per = baseline_instruction_table(cube)
+    assert len(per.rows) == 2 * 3 and {row[-2] for row in per.rows} == {12}
+    assert all("simulated recordings" in table.title for table in tables.values())
+
+
+def test_individual_measures_beside_those_of_the_template() -> None:
+    cube = study(asymmetry_measured=0.1, asymmetry_simulated=0.3, template_asymmetry=-0.1,
+                 onset_error=-0.05, template_onset_error=0.02, template_amplitude_ratio=0.5)  # fmt: skip
+    cube["amplitude_ratio"] = xr.full_like(cube["rho"], 2.0)
+    table = individual_table(cube)
+    names = [column.name for column in table.columns]
+    rows = {row[0]: dict(zip(names, row, strict=True)) for row in table.rows}
+    model, template = rows["act_all"], rows["template"]
+    assert model["|ln amplitude ratio|"] == pytest.approx(np.log(2))
+    assert template["|ln amplitude ratio|"] == pytest.approx(np.log(2))
+    assert model["|onset error|"] == pytest.approx(0.05)
+    assert model["|asymmetry error|"] == pytest.approx(0.2) == template["|asymmetry error|"]
+    assert model["within instruction, r"] == pytest.approx(0.25)
+    assert np.isnan(template["within instruction, r"]) and np.isnan(model["asymmetry, r"])
+
+
+def test_figure_shows_means_template_and_ceiling() -> None:
+    cube = study()
+    figure = baseline_plot(cube)
+    top, bottom = figure.axes
+    drawn = {
+        round(float(y), 4) for line in top.get_lines() for y in np.atleast_1d(line.get_ydata())
+    }
+    assert {0.80, 0.90, 0.85, 0.30, 0.50} <= drawn
+    assert round(float(cube["rho"].mean()), 4) in drawn
+    below = {
+        round(float(y), 4) for line in bottom.get_lines() for y in np.atleast_1d(line.get_ydata())
+    }
+    assert {0.2, 0.1, 0.15, 0.7, 0.5} <= below
+    assert "simulated recordings" in figure.get_suptitle()
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [str(s) in named for s in cube["strategy"].values] == [True] * 3
