@@ -165,7 +165,11 @@ def build_cube(
         status.astype(str),
         {"long_name": "ok, missing, excluded, or failed"},
     )
-    cube["reason"] = (TRIAL_DIMS, reason.astype(str), {"long_name": "why there are no scores"})
+    cube["reason"] = (
+        TRIAL_DIMS,
+        reason.astype(str),
+        {"long_name": "why there are no scores, or what they depend on"},
+    )
     told = {
         "computed": (computed, "UTC date of the last result"),
         "computed_with": (computed_with, "what computed it: keys of the attribute environments"),

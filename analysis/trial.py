@@ -29,7 +29,7 @@ class Trial:
     status : str
         "ok", "failed:<ErrorName>", "excluded" (by a person, who gave the reason) or "missing".
     reason : str
-        One sentence, empty where the status is "ok".
+        One sentence: why there are no scores, or what scores depend on that they ought not to.
     sigma_max : float
         Maximum muscle stress that was used [Pa]; NaN where unknown.
     steps : float

@@ -1,16 +1,18 @@
 """The loop: from a compiled scene and an activation to a labelled trajectory."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
-from sim.errors import ControlError, SceneError
+from sim.errors import ControlError, SceneError, SimulationError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.outputs import intervals, outputs_of
 from sim.probes import Probe, SmallestJ
+from sim.snapping import snapped
 from sim.state import Array, Control, State, StepReport
 from sim.steps import FixedStep, StepControl, Watch, united
 from sim.system import System
@@ -105,7 +107,9 @@ def simulate(
     Returns
     -------
     trajectory : xarray.Dataset
-        One variable per probe variable over ``time`` [s]; attrs say solver, largest step and run time.
+        One variable per probe variable over ``time`` [s]; attrs say solver, largest step and run time,
+        and ``unstable_from_s`` and ``unstable_until_s`` [s] where in between a matrix was not positive
+        definite or the motion snapped (`sim.snapping`), so that rounding may decide how it goes on.
     final : State
 
     Raises
@@ -136,6 +140,7 @@ def simulate(
     records = [_record(probes, system, state, control(state.t), None)]
     times = [state.t]
     reports: list[StepReport] = []
+    unstable: list[float] = []
 
     def advance(state: State, until: float, watch: Watch | None) -> tuple[State, StepReport]:
         return steps.advance(integrator, system, state, control, until, work, watch)
@@ -144,8 +149,12 @@ def simulate(
         return system.smallest_J(q)[0]
 
     for i, interval in enumerate(plan):
-        passed = outputs_of(advance, state, interval, smallest_J)
-        state = passed[-1][0]
+        with _told(unstable):
+            passed = outputs_of(advance, state, interval, smallest_J)
+        before, state = state, passed[-1][0]
+        shifted = (report.indefinite + report.shifts for _, report in passed if report is not None)
+        if sum(shifted) > 0 or snapped(system, before, state, control(state.t)):
+            unstable += [before.t, state.t]
         for at, report in passed:
             whole = None
             if report is not None:
@@ -167,7 +176,23 @@ def simulate(
         "run_time_s": time.perf_counter() - start,
         "n_unknowns": system.pattern.n,
     }
+    if unstable:
+        attrs |= {"unstable_from_s": unstable[0], "unstable_until_s": unstable[-1]}
     return _dataset(probes, times, records, attrs), state
+
+
+@contextmanager
+def _told(unstable: list[float]) -> Generator[None]:
+    """Add to a failure that stability had been lost before it."""
+    try:
+        yield
+    except SimulationError as error:
+        if unstable:
+            error.add_note(
+                f"the equilibrium lost stability between {unstable[0]:.4g} and {unstable[-1]:.4g} s, so "
+                "that whether and when this happens depends on rounding"
+            )
+        raise
 
 
 def _require_finite(state: State) -> None:

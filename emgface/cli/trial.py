@@ -79,6 +79,7 @@ def simulate(
     from emgface.choices import configure
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.face.stability import stability_warning
     from emgface.schema.netcdf import read_netcdf, write_netcdf
     from emgface.study.configuration import FaceConfiguration, StudyConfiguration
     from emgface.study.faces import study_face
@@ -117,6 +118,8 @@ def simulate(
         f"{float(trajectory['smallest_J'].min()):.2g}, largest marker displacement "
         f"{1e3 * float((moved**2).sum('axis').max() ** 0.5):.2f} mm."
     )
+    if warning := stability_warning(trajectory):
+        say(f"Warning: {warning}.")
 
 
 def score(

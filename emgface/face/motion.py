@@ -13,6 +13,7 @@ from emgface.face.lip_shape import UP
 from emgface.face.numerical_error import numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.stability import rounding_sensitivity
 from sim import (
     Activation,
     ConvergedEuler,
@@ -166,7 +167,8 @@ def simulate_face(
         ``iterations``, ``lip_opening`` [m] (negative where the lips have passed each other), energies
         [J], ``numerical_error`` [m] of the markers as estimated by `emgface.face.numerical_error`; attrs
         ``solver``, ``step`` and ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin``
-        "simulated", and where the motion
+        "simulated", ``unstable_from_s``, ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] where
+        the equilibrium lost stability (`emgface.face.stability`), and where the motion
         lies in the recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second).
 
     Raises
@@ -185,18 +187,28 @@ def simulate_face(
         settled = settle_face(face, parameters)
     rest = system.rest_state()
     start = State(0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory)
-    with named_elements(face):
-        trajectory, _ = simulate(
+
+    def run(
+        initial: State, probes: tuple[Probe, ...], progress: Progress | None = None
+    ) -> xr.Dataset:
+        return simulate(
             system,
             control,
             duration=duration,
             integrator=integrator_of(parameters),
             steps=_steps(face, parameters),
             every=parameters.output,
-            probes=(*_probes(face), *further),
-            initial=start,
+            probes=probes,
+            initial=initial,
             work=Workspace(system, parameters.linear_solver),
             progress=progress,
+        )[0]
+
+    with named_elements(face):
+        trajectory = run(start, (*_probes(face), *further), progress)
+    if "unstable_from_s" in trajectory.attrs:
+        trajectory.attrs["rounding_sensitivity"] = rounding_sensitivity(
+            system, start, trajectory, lambda moved: run(moved, _probes(face)[:1])
         )
     error = numerical_error(trajectory["step_error"], parameters.beta)
     trajectory = trajectory.drop_vars("step_error").assign(numerical_error=error)

@@ -7,6 +7,7 @@ import numpy as np
 from analysis.errors import AnalysisError
 from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError
+from emgface.face.stability import stability_warning
 from emgface.study.stages import Laboratory, StoredFailure, steps_of
 from emgface.study.store import Result
 from emgface.study.table import PlannedTrial
@@ -72,6 +73,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
         )
     except EXPECTED as error:
         return Trial.failed(*labels, error, origin=origin, **known, **_provenance(stages))
+    known["reason"] = stability_warning(motion.dataset)
     return Trial(*labels, scores=scores.dataset, origin=origin, **known, **_provenance(stages))
 
 

@@ -30,7 +30,7 @@ class Report:
     meaning : list of str
         What rho means in this study, beside its baselines; empty where the cube has none.
     failures : list of str
-        One sentence per reason why trials have no score.
+        One sentence per reason why trials have no score, or one that depends on rounding.
     folder : Path
         Folder of the CSV, Markdown and LaTeX files.
     """
@@ -80,7 +80,7 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
 
 def _failures(cube: xr.Dataset) -> list[str]:
     listed = trials(cube)
-    bad = listed[listed["status"] != "ok"]
+    bad = listed[(listed["status"] != "ok") | (listed["reason"] != "")]
     sentences: list[str] = []
     for (status, reason), group in bad.groupby(["status", "reason"], sort=False):
         first = group.iloc[0]

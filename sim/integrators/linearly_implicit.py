@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.errors import InvertedElement
 from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_upright
 from sim.integrators.workspace import Solution, Workspace
@@ -102,7 +103,8 @@ def linear_step(
         _, G = conditions.evaluate(state.q)
         v1, _ = work.solve_constrained(A.values, G, rhs, np.zeros(conditions.n))
         q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
-        found = Solution(v1)
+        negative = work.saddle.negative_pivots
+        found = Solution(v1, definite=negative is None or negative == conditions.n)
     if conditions is not None:
         q1 = _projected(system, state, q1, work)
         found = replace(
@@ -110,7 +112,15 @@ def linear_step(
         )
     with work.timed("force"):
         least, element = system.smallest_J(q1)
-    require_upright(element, least, t1)
+    try:
+        require_upright(element, least, t1)
+    except InvertedElement as inverted:
+        if not found.definite:
+            inverted.add_note(
+                "the matrix of this step was not positive definite: the equilibrium has lost its "
+                "stability, so that whether and when this happens depends on rounding"
+            )
+        raise
     remembered = {**system.remember(q1), **(touched.memory if touched else {})}
     new = State(t1, q1, system.expand(v1, state.v), remembered)
     # the leading error of implicit Euler, h^2/2 dv/dt

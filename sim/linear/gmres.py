@@ -24,11 +24,15 @@ class Iterate:
         Solutions with the preconditioner.
     reached : bool
         Whether the error wanted was reached.
+    smallest : float
+        Smallest real part of the Ritz values, estimates of the eigenvalues of P^-1 A, which lie near one
+        where P is near A; infinite where nothing was iterated.
     """
 
     x: Array
     iterations: int
     reached: bool
+    smallest: float = math.inf
 
 
 def gmres(
@@ -58,7 +62,7 @@ def gmres(
     Saad and Schultz 1986, SIAM J. Sci. Stat. Comput. 7, p. 856; Gram and Schmidt's orthogonalisation
     is done twice (Giraud et al. 2005). Restarts with a true residual after each gain of 1e4.
     """
-    x, spent = start, 0
+    x, spent, smallest = start, 0, math.inf
     for _ in range(MAX_CYCLES):
         if spent >= limit:
             break
@@ -68,21 +72,21 @@ def gmres(
         if not math.isfinite(size):
             break
         if size <= error:
-            return Iterate(x + z, spent, True)
+            return Iterate(x + z, spent, True, smallest)
         goal = max(error, PER_CYCLE * size)
-        change, left, more = _cycle(product, precondition, z, goal, limit - spent)
-        x, spent = x + change, spent + more
+        change, left, more, ritz = _cycle(product, precondition, z, goal, limit - spent)
+        x, spent, smallest = x + change, spent + more, min(smallest, ritz)
         if left <= error:
-            return Iterate(x, spent, True)
+            return Iterate(x, spent, True, smallest)
         if left > goal:
             break
-    return Iterate(x, spent, False)
+    return Iterate(x, spent, False, smallest)
 
 
 def _cycle(
     product: Operator, precondition: Operator, z: Array, goal: float, limit: int
-) -> tuple[Array, float, int]:
-    """Change of x, largest component of the preconditioned residual, solutions spent."""
+) -> tuple[Array, float, int, float]:
+    """Change of x, largest component of the residual left, solutions spent, smallest Ritz value."""
     basis = np.empty((limit + 1, len(z)))
     beta = norm(z)
     basis[0] = z / beta
@@ -114,4 +118,7 @@ def _cycle(
     spent = len(weights)
     change = np.einsum("i,ij->j", weights, basis[:spent])
     # the preconditioned residual is the error left, but for the difference of the two matrices
-    return change + residual, float(np.abs(residual).max()), spent
+    square = H[:spent, :spent]
+    finite = spent > 0 and bool(np.isfinite(square).all())
+    smallest = float(np.linalg.eigvals(square).real.min()) if finite else math.inf
+    return change + residual, float(np.abs(residual).max()), spent, smallest

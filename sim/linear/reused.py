@@ -21,6 +21,10 @@ from sim.state import Array
 PATIENCE = 8  # solutions beyond those with a new factor, before an iteration renews it
 LIMIT = 60  # solutions with a new factor, before the matrix itself is factorised
 RELATIVE = 1e-12  # accuracy where no error is asked for
+SINGULAR = (
+    0.1  # Ritz value from which down a matrix is so near to a singular one that it is factorised
+)
+SENSITIVE = 1e-3  # share of the error asked for, where the matrix is not positive definite
 
 
 class NotReached(SingularSystem):
@@ -34,6 +38,12 @@ class ReusedFactor:
     needs, add up to the cost of a factorisation. The decision rests on counts alone, never on clock
     times, so that results do not depend on the load of the machine. The matrix need not be definite;
     where one to be factorised is not, its factor comes from `indefinite`.
+
+    An older factor does not know that the matrix has become singular or indefinite since, and the error
+    that it estimates is too small by as much as the matrix is softer. The Ritz values of the iteration
+    tell: where the smallest falls below `SINGULAR`, the matrix is factorised at once, which shows
+    whether it is definite. Where it is not, what is left of an error grows from step to step, and the
+    iteration goes on to `SENSITIVE` of the error asked for.
 
     Parameters
     ----------
@@ -49,7 +59,7 @@ class ReusedFactor:
     iterations, factorisations : int
         Of the latest solution.
     definite : bool
-        Whether the latest factorised matrix was positive definite.
+        Whether the matrix was positive definite, as far as its factor and the iteration tell.
     timed : callable
         Context manager to time the phases "factorisation" and "solution" with.
     """
@@ -133,12 +143,14 @@ class ReusedFactor:
         if self._fresh is not None:
             found = self._iterate(rhs, x, error, self._fresh + PATIENCE)
             self._excess += max(found.iterations - self._fresh, 0)
-            if found.reached:
+            if found.reached and found.smallest >= SINGULAR:
                 return found.x
             self._renew()
             x = found.x if np.isfinite(found.x).all() else x
         found = self._iterate(rhs, x, error, LIMIT)
         self._fresh = found.iterations
+        # what a factor stands in for may be indefinite where the factor is not
+        self.definite = self.definite and found.smallest > 0.0
         return found.x if found.reached else self._solve_whole(rhs)
 
     def _iterate(self, rhs: Array, x: Array, error: float | None, limit: int) -> Iterate:
@@ -152,6 +164,8 @@ class ReusedFactor:
         with self.timed("solution"):
             if error is None:
                 error = RELATIVE * float(np.abs(factor.approximate(rhs)).max())
+            elif not self.definite:
+                error *= SENSITIVE
             found = gmres(product, factor.approximate, rhs, x, error, limit)
         self.iterations += found.iterations
         return found
@@ -162,7 +176,8 @@ class ReusedFactor:
         self._fresh, self._excess = None, 0
         with self.timed("factorisation"):
             self.factorisations += 1
-            if not self.definite and self._indefinite is not None:
+            counts = hasattr(self._indefinite, "negative_pivots")
+            if not self.definite and self._indefinite is not None and counts:
                 # active muscles keep a matrix indefinite for many steps
                 self._indefinite.factorise(values)
                 self._active = self._indefinite

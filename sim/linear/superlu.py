@@ -7,7 +7,11 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from sim.errors import SingularSystem
-from sim.linear.contract import require_finite_matrix, require_finite_solution
+from sim.linear.contract import (
+    NotPositiveDefinite,
+    require_finite_matrix,
+    require_finite_solution,
+)
 from sim.pattern import Sparsity
 from sim.state import Array
 
@@ -42,6 +46,8 @@ class SuperLU:
 
         Raises
         ------
+        NotPositiveDefinite
+            A pivot is not positive, or lies beside the diagonal; not with partial pivoting.
         SingularSystem
             The matrix is singular or holds NaN.
         """
@@ -58,6 +64,14 @@ class SuperLU:
             )
         except RuntimeError as error:
             raise SingularSystem(f"SuperLU could not factorise the matrix ({error})") from error
+        if not self._symmetric:
+            return
+        # pivots on the diagonal are those of L D L', whose signs are those of the eigenvalues
+        on_diagonal = (self._factor.perm_r == self._factor.perm_c).all()
+        if not (on_diagonal and (self._factor.U.diagonal() > 0.0).all()):
+            raise NotPositiveDefinite(
+                "SuperLU met a non-positive pivot, expected a positive definite matrix"
+            )
 
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor.

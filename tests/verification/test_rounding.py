@@ -65,3 +65,73 @@ def test_a_perturbation_of_rounding_size_does_not_grow(kind):
     iterates = hasattr(kind, "max_iterations")
     grown, _ = drift(block(), kind(**TIGHT) if iterates else kind(), "auto")
     assert grown < KNOWN * MOVED + (1e-11 if iterates else 0.0)
+
+
+FOUND = 1e-5
+"""Difference of a position that a run must have said is possible [m]: 0.1 % of the column's width."""
+
+
+def column(stress):
+    """A column held at both ends that thickens, because its muscles run across it, and buckles."""
+    mesh = grid((2, 2, 8), (0.01, 0.01, 0.04))
+    n = mesh.n_elements
+    across = np.tile([1.0, 0.0, 0.0], (n, 1))
+    muscles = sim.Muscles(
+        ("across",), np.arange(n), np.zeros(n, dtype=np.int64), across, sim.Constant(stress)
+    )
+    ends = np.flatnonzero(np.isin(mesh.X[:, 2], [0.0, 0.04]))
+    parts = (sim.Solid(muscles=muscles),)
+    return sim.compile_scene(
+        sim.Scene(mesh, parts, (sim.Fixed(ends),), sim.RestRayleigh(19.0, 0.005))
+    )
+
+
+def buckled(system, integrator, linear, seed=None, *probes):
+    """Motion of a column, its rest positions moved by rounding if a seed is given."""
+    rest = system.rest_state()
+    q = rest.q.copy()
+    if seed is not None:
+        bits = np.random.default_rng(seed).choice([-1.0, 1.0], size=len(system.free))
+        q.reshape(-1)[system.free] += MOVED * bits
+    return sim.simulate(
+        system,
+        sim.Activation(np.array([0.0, 0.05]), np.array([[0.0], [1.0]])),
+        duration=0.25,
+        integrator=integrator,
+        steps=sim.FixedStep(0.01),
+        probes=probes or (sim.Positions(),),
+        initial=sim.State(0.0, q, rest.v),
+        work=sim.Workspace(system, linear),
+    )[0]
+
+
+@pytest.mark.parametrize("linear", ["superlu", "gmres_superlu"])
+@pytest.mark.parametrize("stress", [0.0, 1e4, 2e4, 5e4])
+@pytest.mark.parametrize(
+    "kind", [sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal, sim.Sdirk2]
+)
+def test_a_motion_that_rounding_decides_says_so(kind, stress, linear):
+    """A symmetric column buckles to where rounding sends it; one that stays straight is silent."""
+    system, found, told = column(stress), [], []
+    for seed in (None, 1):
+        try:
+            motion = buckled(system, kind(), linear, seed)
+        except sim.InvertedElement as error:
+            told.append(
+                any("depends on rounding" in note for note in getattr(error, "__notes__", ()))
+            )
+            continue
+        found.append(motion["node_position"].values)
+        told.append("unstable_from_s" in motion.attrs)
+    apart = np.abs(found[0] - found[1]).max() if len(found) == 2 else np.inf
+    assert any(told) or apart < FOUND
+    if stress == 0.0:
+        assert not any(told)
+
+
+def test_the_column_buckles_by_rounding_alone():
+    """Else the test above says nothing: two of its motions differ by millimetres."""
+    system = column(5e4)
+    one, other = (buckled(system, sim.Sdirk2(), "superlu", seed) for seed in (1, 2))
+    assert np.abs(one["node_position"] - other["node_position"]).max() > 1e-3
+    assert 0.0 < one.attrs["unstable_from_s"] < one.attrs["unstable_until_s"] <= 0.25

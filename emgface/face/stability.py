@@ -1,0 +1,70 @@
+"""Loss of stability during a motion, and how far rounding then changes it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from sim import SimulationError, State, System
+
+MOVED: Final = 1e-14
+"""Perturbation of the start that stands for rounding [m]."""
+
+NOTICED: Final = 1e-5
+"""Change of a marker that is told [m]: what the iteration of a step may leave, a tenth of the error that
+a study asks for."""
+
+
+def rounding_sensitivity(
+    system: System, start: State, motion: xr.Dataset, again: Callable[[State], xr.Dataset]
+) -> float:
+    """Largest change of a marker when the start is moved by rounding.
+
+    Parameters
+    ----------
+    system : System
+    start : State
+        Where the motion started.
+    motion : Dataset
+        ``position(marker, axis, time)`` [m].
+    again : callable
+        Simulates the same from another start.
+
+    Returns
+    -------
+    float
+        [m]; infinite where the motion from the start that was moved fails.
+    """
+    q = start.q.copy()
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=len(system.free))
+    q.reshape(-1)[system.free] += MOVED * signs
+    try:
+        other = again(replace(start, q=q))
+    except SimulationError:
+        return float("inf")
+    apart = other["position"] - motion["position"]
+    return float((apart**2).sum("axis").max() ** 0.5)
+
+
+def stability_warning(motion: xr.Dataset) -> str:
+    """Sentence on a motion that rounding decides; empty where it does not.
+
+    Parameters
+    ----------
+    motion : Dataset
+        Trajectory with the attributes ``unstable_from_s``, ``unstable_until_s`` [s] and
+        ``rounding_sensitivity`` [m] if its equilibrium lost stability.
+    """
+    changes = float(motion.attrs.get("rounding_sensitivity", 0.0))
+    if changes < NOTICED:
+        return ""
+    level = f"at the level of {1e3 * changes:.2g} mm"
+    if not np.isfinite(changes):
+        level = "and fails from a start moved by 1e-14 m"
+    return (
+        f"the equilibrium lost stability between {motion.attrs['unstable_from_s']:.4g} and "
+        f"{motion.attrs['unstable_until_s']:.4g} s; the motion there depends on rounding {level}: "
+        "choose a smaller step, a lower sigma_max or an iterating solver"
+    )

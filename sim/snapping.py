@@ -1,0 +1,36 @@
+"""Motion that the forces drive on: the sign that an equilibrium has lost its stability."""
+
+import numpy as np
+
+from sim.state import Control, State
+from sim.system import System
+from sim.vectors import dot, norm
+
+STILL = 1e-7
+"""Largest displacement that tells nothing [m]."""
+
+ROUNDING = 1e-6
+"""Share of the product of displacement and change of force that may be rounding."""
+
+
+def snapped(system: System, before: State, after: State, control: Control) -> bool:
+    """Whether the energy under one control is concave along the way between two states.
+
+    d . (f(q0) - f(q1)) < 0 with d = q1 - q0 and the forces f of all terms: the mean stiffness along d is
+    negative. Small differences then grow, as where a column buckles, and rounding decides where to. The
+    matrix of a time step need not tell, because inertia and damping hold it positive definite. A
+    motion is found once what grows is most of it.
+
+    Parameters
+    ----------
+    system : System
+    before, after : State
+        At q0 and q1.
+    control : Control
+        Held while the forces are compared.
+    """
+    d = system.reduce(after.q - before.q)
+    if not np.abs(d).max() > STILL:
+        return False
+    change = system.reduce(system.force(before.q, control).f - system.force(after.q, control).f)
+    return dot(d, change) < -ROUNDING * norm(d) * norm(change)
