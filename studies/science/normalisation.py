@@ -141,7 +141,7 @@ def _draw(found: pd.DataFrame, silent: pd.DataFrame):
                     if row == 0:
                         panel.bar(place, own.mean(), 0.34, color=colour, hatch=HATCHES[k],
                                   edgecolor="black", linewidth=0.6,
-                                  label=WORDS[reach] if i == 0 else None)  # fmt: skip
+                                  label=WORDS[reach] if i == column == 0 else None)  # fmt: skip
                         spread = np.linspace(-0.08, 0.08, own.size)
                         panel.scatter(place + spread, own, s=9, color="black", zorder=3)
                     else:
@@ -154,10 +154,12 @@ def _draw(found: pd.DataFrame, silent: pd.DataFrame):
         panels[0, column].set_title(f"{world} world")
     panels[0, 0].set_ylabel("median rho of a volunteer")
     panels[1, 0].set_ylabel("peak activation\nof silent muscles")
-    panels[0, 0].legend(loc="lower right", title="minimum and maximum")
+    figure.legend(loc="outside lower center", ncols=2)
     figure.suptitle("Normalisation per trial and per session (SIMULATED recordings)")
     figure.supxlabel(
-        "above: bars means over volunteers, dots volunteers; below: medians and quartiles over trials "
+        "minimum and maximum over the trial or the session; "
+        "above: bars means over volunteers, dots volunteers;\n"
+        "below: medians and quartiles over trials "
         "and silent muscles", fontsize=7.5,
     )  # fmt: skip
     return figure

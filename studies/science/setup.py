@@ -48,7 +48,7 @@ def simulation() -> SimulationParameters:
     return configure(SimulationParameters, {"sigma_max": SIGMA_MAX, "accuracy": plan.accuracy})
 
 
-def study_of(recordings: Path, name: str, **changes: Any) -> StudyConfiguration:
+def study_of(recordings: Path, name: str, /, **changes: Any) -> StudyConfiguration:
     """Configure the study of a set: the package's defaults on a coarse template face."""
     values: dict[str, Any] = {
         "name": name,

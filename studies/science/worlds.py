@@ -29,7 +29,8 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     found = pd.concat([_rung(k, studies) for k in range(len(RUNGS))], ignore_index=True)
     found.to_csv(out / "worlds.csv", index=False)
     save(_draw(found), out / "worlds.png", dpi=130)
-    mean = found.groupby(["rung", "strategy"])["median rho"].mean().unstack()
+    order = list(dict.fromkeys(found["strategy"]))
+    mean = found.groupby(["rung", "strategy"])["median rho"].mean().unstack()[order]
     shift = found.groupby(["rung", "strategy"])["median shift [s]"].median().unstack()
     titles = [_title(k) for k in range(len(RUNGS))]
     table = mean.set_axis(titles).rename_axis("world (simulated)")
@@ -139,7 +140,8 @@ def _reading(mean: pd.DataFrame, shift: pd.DataFrame) -> str:
     for name, step in worst.items():
         told.append(
             f"* {name} falls from {mean[name][0]:.2f} to {mean[name][last]:.2f}; the largest single "
-            f'step is "{_title(step).removeprefix("+ ")}" ({change[name][step]:+.2f}).'
+            f"step is {_title(step).partition(' = ')[0].removeprefix('+ ')} "
+            f"({change[name][step]:+.2f})."
         )
     if "act_rel" in mean and "act_all" in mean:
         lead = mean["act_rel"] - mean["act_all"]
