@@ -33,6 +33,9 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
 def _of_world(cube: xr.Dataset, world: str, out: Path) -> list[str]:
     """Write figure and tables of one world; return the Markdown that shows them."""
     told, tables = comparison(cube)
+    if not tables:
+        lacking = told or ["The cube holds no baselines: run its study again."]
+        return [f"### {world.capitalize()} world (simulated)", "", *lacking, ""]
     figure = f"baselines_{world}.svg"
     save(baseline_plot(cube), out / figure)
     lines = [f"### {world.capitalize()} world (simulated)", "", *(f"* {one}" for one in told), ""]
