@@ -186,10 +186,9 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
     template, ceiling = levels["template_rho"], levels["ceiling"]
     others = int(found["template_volunteers"])
     if np.isfinite(template):
-        who = "another volunteer" if others == 1 else f"the mean of {others} other volunteers"
-        text = (
-            f"In this study the motion of {who} at the same instruction, without any EMG, scores "
-        )
+        who = f"the mean motion of {others} other volunteers"
+        who = "the motion of another volunteer" if others == 1 else who
+        text = f"In this study {who} at the same instruction, without any EMG, scores "
         text += f"{template:.2f} (template)"
         if np.isfinite(ceiling):
             text += (
