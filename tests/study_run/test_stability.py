@@ -1,12 +1,17 @@
 """What is told of a motion that rounding decides."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 
 import sim
-from analysis.trial import Trial
+from analysis.cube import build_cube
 from emgface.face.stability import NOTICED, rounding_sensitivity, stability_warning
+from emgface.study.report import write_report
+from tests.analysis.synthetic_cubes import results
 from tests.verification.test_rounding import buckled, column
 
 
@@ -53,7 +58,14 @@ def test_the_warning_names_times_and_size_and_is_silent_where_nothing_changes() 
     assert "fails from a start moved by 1e-14 m" in stability_warning(motion)
 
 
-def test_a_scored_trial_may_carry_a_warning(tmp_path) -> None:
-    scores = xr.Dataset({"rho": ("marker", [0.9])}, {"marker": ["corner_left"]})
-    trial = Trial("V1", "A", 1, "act_all", scores, reason="it depends on rounding")
-    assert trial.status == "ok" and trial.reason
+def test_the_summary_of_a_study_names_scored_trials_that_rounding_decides(tmp_path: Path) -> None:
+    trials = results()
+    scored = next(k for k, trial in enumerate(trials) if trial.status == "ok")
+    before = write_report(build_cube(trials), tmp_path).failures
+    trials[scored] = replace(trials[scored], reason="the motion there depends on rounding")
+    after = write_report(build_cube(trials), tmp_path).failures
+    one = trials[scored]
+    label = f"{one.volunteer} {one.instruction} {one.repetition} {one.strategy}"
+    assert [told for told in after if told not in before] == [
+        f"1 trial ({label}) ok: the motion there depends on rounding"
+    ]
