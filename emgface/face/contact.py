@@ -55,8 +55,21 @@ def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pair
 def contact_term(face: xr.Dataset, contact: ContactParameters) -> Term:
     """Contact of a face as a part of its scene; arguments and errors as of `contact_pairings`."""
     pairings = contact_pairings(face, contact)
-    return METHODS[contact.method](pairings, friction=contact.friction)
+    return METHODS[contact.method](pairings, contact)
 
 
-METHODS = {"constraint": ConstraintContact, "barrier": BarrierContact}
+def _constraint(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Term:
+    return ConstraintContact(
+        pairings,
+        friction=contact.friction,
+        initial_penetration=contact.initial_penetration,
+        removal_speed=contact.removal_speed,
+    )
+
+
+def _barrier(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Term:
+    return BarrierContact(pairings, friction=contact.friction)
+
+
+METHODS = {"constraint": _constraint, "barrier": _barrier}
 """Part of the scene by the name of the method."""

@@ -32,6 +32,32 @@ class ContactParameters(Parameters):
         le=2,
     )
 
+    initial_penetration: Literal["kept", "removed"] = choice(
+        "kept",
+        "What becomes of nodes that start inside bone: 'kept': they may stay as deep as they are and "
+        "come out; 'removed': they are moved out at removal_speed.",
+        source=OWN,
+        note="'removed' is of method 'constraint'; 'barrier' dents the bone where tissue starts inside",
+    )
+    removal_speed: float = parameter(
+        0.01,
+        "Speed at which nodes that start inside bone are moved out.",
+        unit="m/s",
+        source=OWN,
+        note="1 mm takes 0.1 s",
+        gt=0,
+        le=1,
+    )
+
+    @model_validator(mode="after")
+    def _only_constraints_remove(self) -> "ContactParameters":
+        if self.method == "barrier" and self.initial_penetration == "removed":
+            raise ValueError(
+                "initial_penetration = 'removed' with method = 'barrier': expected method = "
+                "'constraint', or 'kept', with which the barrier dents the bone"
+            )
+        return self
+
     @model_validator(mode="after")
     def _something_touches(self) -> "ContactParameters":
         if not self.between or len(set(self.between)) < len(self.between):
@@ -54,5 +80,7 @@ class ContactParameters(Parameters):
             "constraint": "node-to-face constraints",
             "barrier": "incremental potential contact",
         }
+        if self.method == "constraint" and self.initial_penetration == "removed":
+            how["constraint"] += f", initial overlap removed at {1e3 * self.removal_speed:g} mm/s"
         where = " and ".join(pairs[name] for name in self.between)
         return f"contact {where} ({how[self.method]}, {rubbing})"

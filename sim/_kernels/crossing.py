@@ -142,3 +142,47 @@ def entries(
                 when[i], face[i] = s, f
                 weight[i, 0], weight[i, 1], weight[i, 2] = w[0], w[1], w[2]
     return looked
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def as_early(
+    p0: Reals,
+    p1: Reals,
+    node: Indices,
+    x0: Reals,
+    x1: Reals,
+    triangles: Indices,
+    grid: Grid,
+    slack: float,
+    at: Indices,
+    face: Indices,
+    when: Reals,
+    which: Indices,
+    other: Indices,
+    weight: Reals,
+    value: Reals,
+) -> int:
+    """Number of further faces that points enter together with the first ones, but for a slack.
+
+    Arguments as of `sim._kernels.nearest_faces.as_near`, with shares of the way for distances.
+    """
+    n = 0
+    w, low, high = np.empty(3), np.empty(3), np.empty(3)
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    near = np.empty(len(triangles), np.int64)
+    for i in range(len(at)):
+        one, end = p0[at[i]], p1[at[i]]
+        for j in range(3):
+            low[j], high[j] = min(one[j], end[j]), max(one[j], end[j])
+        for k in range(boxes_near(grid, low, high, first, last, near)):
+            f = near[k]
+            t = triangles[f]
+            if f == face[i] or has_node(t, node[at[i]]):
+                continue
+            a, b, c = t[0], t[1], t[2]
+            s = _entry(one, end, x0[a], x1[a], x0[b], x1[b], x0[c], x1[c], w)
+            if s <= when[i] + slack and n < len(which):
+                which[n], other[n], value[n] = i, f, s
+                weight[n, 0], weight[n, 1], weight[n, 2] = w[0], w[1], w[2]
+                n += 1
+    return n

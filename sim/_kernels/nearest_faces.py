@@ -78,3 +78,49 @@ def nearest(
                 weight[i, 0], weight[i, 1], weight[i, 2] = w[0], w[1], w[2]
                 around(p[i], np.sqrt(d2), low, high)
     return looked
+
+
+@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+def as_near(
+    p: Reals,
+    node: Indices,
+    x: Reals,
+    triangles: Indices,
+    grid: Grid,
+    away: Reals,
+    slack: float,
+    at: Indices,
+    face: Indices,
+    distance: Reals,
+    which: Indices,
+    other: Indices,
+    weight: Reals,
+    value: Reals,
+    feature: Indices,
+) -> int:
+    """Number of further faces as near as the nearest ones, but for a slack [m].
+
+    at, face, distance: points that have a nearest face, which, and how far. The rest is filled, up to
+    its length: which of these rows, the further face, its weights, distance and feature.
+    """
+    n = 0
+    w, low, high = np.empty(3), np.empty(3), np.empty(3)
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    near = np.empty(len(triangles), np.int64)
+    for i in range(len(at)):
+        point, most = p[at[i]], distance[i] + slack
+        around(point, most, low, high)
+        for k in range(boxes_near(grid, low, high, first, last, near)):
+            f = near[k]
+            triangle = triangles[f]
+            if f == face[i] or has_node(triangle, node[at[i]]):
+                continue
+            a, b, c = x[triangle[0]], x[triangle[1]], x[triangle[2]]
+            if len(away) and not opposed(a, b, c, away[at[i]]):
+                continue
+            d2, what = point_triangle(point, a, b, c, w)
+            if d2 <= most * most and n < len(which):
+                which[n], other[n], value[n], feature[n] = i, f, np.sqrt(d2), what
+                weight[n, 0], weight[n, 1], weight[n, 2] = w[0], w[1], w[2]
+                n += 1
+    return n

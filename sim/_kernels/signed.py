@@ -16,10 +16,10 @@ OPPOSED = 0.5
 """Length of the difference of two normals from which they face each other."""
 
 FLAT = 0.95
-"""Cosine of the angle between a face and a mean normal, below which an edge is sharp."""
+"""Mean cosine of the angles between faces and their mean normal, below which an edge is sharp."""
 
 CONCAVE = 0.1
-"""Sine of the angle from which two faces make a groove."""
+"""Height of a face above its neighbour, of its longest side, from which the two make a groove."""
 
 ON_EDGE = 1e-6
 """What lies no farther within a face counts as on its edge [m], as rounding would have it."""
@@ -31,6 +31,13 @@ NO_LENGTH = 1e-6
 @nb.njit(cache=True, error_model="numpy")
 def _length(v):
     return np.sqrt(dot(v, v))
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _size(x, triangle):
+    """Longest side of a triangle."""
+    a, b, c = x[triangle[0]], x[triangle[1]], x[triangle[2]]
+    return max(_length(b - a), _length(c - b), _length(a - c))
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -62,6 +69,39 @@ def _on_edge(what, weight, x, triangle, across, free):
 
 
 @nb.njit(cache=True, error_model="numpy")
+def places(
+    face: Indices,
+    weight: Reals,
+    feature: Indices,
+    x: Reals,
+    triangles: Indices,
+    across: Indices,
+    free: NDArray[np.bool_],
+    edge: Indices,
+    place: Indices,
+) -> None:
+    """Numbers of where points are nearest: face, edge or vertex; weights near a rim are put on it.
+
+    edge: (m, 3) number of the edges of each face, one for both of its faces.
+    """
+    m = len(triangles)
+    for i in range(len(face)):
+        f = face[i]
+        what = _on_edge(feature[i], weight[i], x, triangles[f], across[f], free)
+        if what >= CORNER_0:
+            place[i] = 4 * m + triangles[f, what - CORNER_0]
+            weight[i, :] = 0.0
+            weight[i, what - CORNER_0] = 1.0
+        elif what >= EDGE_0:
+            place[i] = m + edge[f, what - EDGE_0]
+            opposite = (what - EDGE_0 + 2) % 3
+            weight[i, opposite] = 0.0
+            weight[i, :] /= weight[i].sum()
+        else:
+            place[i] = f
+
+
+@nb.njit(cache=True, error_model="numpy")
 def signed(
     points: Reals,
     at: Indices,
@@ -75,6 +115,7 @@ def signed(
     free: NDArray[np.bool_],
     by_face: Reals,
     by_corner: Reals,
+    flat: Reals,
     blur: float,
     against: Reals,
     gap: Reals,
@@ -82,7 +123,7 @@ def signed(
 ) -> None:
     """Signed distances and their directions; see `SignedFaces.signed`.
 
-    across: (m, 3) faces beyond the edges of each, -1 at a free one; free: of the vertices.
+    across: (m, 3) faces beyond the edges of each, -1 at a free one; free, flat: of the vertices.
     """
     way, outward, along = np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(at)):
@@ -90,15 +131,16 @@ def signed(
         t = triangles[f]
         what = _on_edge(feature[i], weight[i], x, t, across[f], free)
         outward[:] = by_face[f]
-        open_edge = False
+        open_edge, mean = False, 1.0
         if what >= CORNER_0:
             vertex = t[what - CORNER_0]
-            outward[:], open_edge = by_corner[vertex], free[vertex]
+            outward[:], open_edge, mean = by_corner[vertex], free[vertex], flat[vertex]
         elif what >= EDGE_0:
             other = across[f, what - EDGE_0]
             open_edge = other < 0
             if not open_edge:
                 outward += by_face[other]
+                mean = 0.5 * _length(outward)
         size = _length(outward)
         if size > 0.0:
             outward /= size
@@ -109,7 +151,7 @@ def signed(
         sign = -1.0 if dot(way, outward) < 0.0 else 1.0
         gap[i] = np.nan if open_edge else sign * value
         # within a face the normal is known better than the difference of two near points
-        if what > 0 and value > NO_LENGTH * _length(x[t[1]] - x[t[0]]):
+        if what > 0 and value > NO_LENGTH * _size(x, t):
             along[:] = sign / value * way
         else:
             along[:] = outward
@@ -117,7 +159,7 @@ def signed(
             if len(against) > 0:
                 between = outward - against[at[i]]
                 size = _length(between)
-                if size > OPPOSED and dot(outward, by_face[f]) < FLAT:
+                if size > OPPOSED and mean < FLAT:
                     outward[:] = between / size
             share = value / (value + blur)
             along[:] = share * along + (1.0 - share) * outward
@@ -154,12 +196,11 @@ def walls(
             f = across[first, side]
             if f < 0:
                 continue
-            height = reach = 0.0
+            height = 0.0
             for k in range(3):
                 opposite = x[triangles[f, k]] - x[triangles[first, side]]
                 height = max(height, dot(opposite, by_face[first]))
-                reach = max(reach, _length(opposite))
-            if not height > CONCAVE * reach:
+            if not height > CONCAVE * _size(x, triangles[f]):
                 continue
             a, b, c = x[triangles[f, 0]], x[triangles[f, 1]], x[triangles[f, 2]]
             squared, what = point_triangle(p, a, b, c, weight[n])

@@ -131,13 +131,15 @@ def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray
 
 
 @nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
-def normals(x: Reals, triangles: Indices, face: Reals, corner: Reals) -> None:
+def normals(x: Reals, triangles: Indices, face: Reals, corner: Reals, flat: Reals) -> None:
     """Unit normals of faces, and of vertices by the angles of their faces (corner is per vertex).
+
+    flat: per vertex, mean cosine of the angles between its normal and those of its faces.
 
     The sign of a distance to the nearest edge or vertex follows from the mean normal of its faces,
     weighted by their angles (Baerentzen and Aanaes 2005).
     """
-    corner[:] = 0.0
+    corner[:], flat[:] = 0.0, 0.0
     u, v, n = np.empty(3), np.empty(3), np.empty(3)
     for f in range(len(triangles)):
         for k in range(3):
@@ -153,10 +155,12 @@ def normals(x: Reals, triangles: Indices, face: Reals, corner: Reals) -> None:
                     n[i] /= size
                     face[f, i] = n[i]
             angle = np.arccos(min(max(dot(u, v) / np.sqrt(dot(u, u) * dot(v, v)), -1.0), 1.0))
+            flat[a] += angle
             for i in range(3):
                 corner[a, i] += angle * n[i]
     for a in range(len(corner)):
         size = np.sqrt(corner[a, 0] ** 2 + corner[a, 1] ** 2 + corner[a, 2] ** 2)
         if size > 0.0:
+            flat[a] = size / flat[a]
             for i in range(3):
                 corner[a, i] /= size

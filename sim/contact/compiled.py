@@ -33,6 +33,8 @@ class CompiledContact:
         Coulomb's coefficient of each.
     reach, approach : float
         Of `ConstraintContact` [m].
+    removal_speed : float
+        Speed at which what starts inside is moved out, 0 where it may stay [m/s].
     layout : Layout
 
     Attributes
@@ -50,6 +52,7 @@ class CompiledContact:
         frictions: tuple[float, ...],
         reach: float,
         approach: float,
+        removal_speed: float,
         layout: Layout,
     ) -> None:
         self.pattern: SymmetricPattern = layout.pattern
@@ -59,6 +62,7 @@ class CompiledContact:
         free = np.zeros(3 * layout.mesh.n_nodes, dtype=bool)
         free[layout.pattern.free] = True
         free = free.reshape(-1, 3)
+        self._removal_speed = removal_speed
         self._directions: list[Direction] = []
         self._n_slots = 0
         # what is known of a surface's faces serves all who meet it
@@ -126,6 +130,17 @@ class CompiledContact:
             new[direction.slots, ALLOWED] = direction.depths(q, t)
         return new
 
+    def removed(self, allowed: Array, h: float) -> Array:
+        """By how much the depths (n_slots,) that are allowed fall in a step of h [m].
+
+        Behind an open surface there is no inside to be moved out of.
+        """
+        out = np.minimum(allowed, self._removal_speed * h)
+        for direction in self._directions:
+            if not direction.has_inside:
+                out[direction.slots] = 0.0
+        return out
+
     def turned(self, vectors: Array, t0: float, t1: float) -> Array:
         """Vectors (n_slots, 3) turned as the shell that each belongs to turns from t0 to t1 [s]."""
         out = vectors.copy()
@@ -133,6 +148,15 @@ class CompiledContact:
             turn = direction.turn(t0, t1)
             if turn is not None:
                 out[direction.slots] = vectors[direction.slots] @ turn.T
+        return out
+
+    def outward(self, q: Array, rows: Rows) -> Array:
+        """Mean normals (k, 3) of the surfaces that rows meet; see `Direction.outward`."""
+        out = np.zeros((len(rows), 3))
+        for direction in self._directions:
+            first, last = direction.slots[[0, -1]] if len(direction.slots) else (0, -1)
+            mine = np.flatnonzero((rows.slot >= first) & (rows.slot <= last))
+            out[mine] = direction.outward(q, rows.take(mine))
         return out
 
     def near(self, move: Move, allowed: Array, way: Array | None = None) -> Rows:

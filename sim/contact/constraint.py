@@ -1,6 +1,7 @@
 """Contact by constraints, as published: vertices of one surface against the faces of the other."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -37,6 +38,12 @@ class ConstraintContact:
         Rows are made for vertices nearer than this to a face [m]. A vertex that meets a face from
         farther away within one step is found by the way it takes, and its step is solved again.
 
+    initial_penetration : {"kept", "removed"}
+        What becomes of vertices that start inside a closed surface: they may stay as deep as they are,
+        or are moved out, all at `removal_speed` until they are outside.
+    removal_speed : float
+        Speed at which they are moved out [m/s], as by a surface that rises at this speed.
+
     Raises
     ------
     SceneError
@@ -48,7 +55,9 @@ class ConstraintContact:
     Notes
     -----
     Overlap at the start: a vertex that begins inside a closed surface may stay as deep as it is and
-    come out, and may never go back in; it does not jump. Behind an open surface, which has a front and
+    come out, and may never go back in; it does not jump. With initial_penetration = "removed" the depth
+    that is allowed falls by removal_speed h in a step of h until nothing is inside, which does the work
+    of a wall that rises at this speed. Behind an open surface, which has a front and
     no inside, vertices farther away than `approach` are left alone, also those that pass around its
     free edge. A surface never touches itself through its own thickness: faces that do not oppose a
     vertex, and those it belongs to, are left out. Nodes that both surfaces of a pairing share belong to
@@ -66,6 +75,8 @@ class ConstraintContact:
     friction: float | tuple[float, ...] = 0.0
     reach: float = 0.01
     approach: float = 5e-4
+    initial_penetration: Literal["kept", "removed"] = "kept"
+    removal_speed: float = 0.01
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -82,9 +93,13 @@ class ConstraintContact:
         ):
             if not 0.0 <= value < np.inf:
                 raise SceneError(f"ConstraintContact: {name} = {value!r}, expected a number >= 0")
-        if not 0.0 < self.approach < np.inf:
+        for name, value in (("approach", self.approach), ("removal_speed", self.removal_speed)):
+            if not 0.0 < value < np.inf:
+                raise SceneError(f"ConstraintContact: {name} = {value!r}, expected a number > 0")
+        if self.initial_penetration not in ("kept", "removed"):
             raise SceneError(
-                f"ConstraintContact: approach = {self.approach!r}, expected a number > 0"
+                f"ConstraintContact: initial_penetration = {self.initial_penetration!r}, expected "
+                "'kept' or 'removed'"
             )
 
     @property
@@ -113,7 +128,10 @@ class ConstraintContact:
 
     def compile(self, layout: Layout) -> CompiledContact:
         """Lay out the directions of all pairings."""
-        return CompiledContact(self.pairings, self.frictions, self.reach, self.approach, layout)
+        speed = self.removal_speed if self.initial_penetration == "removed" else 0.0
+        return CompiledContact(
+            self.pairings, self.frictions, self.reach, self.approach, speed, layout
+        )
 
 
 @dataclass(frozen=True, eq=False)

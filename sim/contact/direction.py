@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.rows import Flags, Rows
+from sim.contact.rows import ENTERED, NEAREST, WALL, Flags, Rows
 from sim.contact.search import NO_NODES, NO_NORMALS, Found
 from sim.contact.signed_distance import SignedFaces
 from sim.contact.surfaces import NodeSurface, RigidShell, Surface
@@ -101,6 +101,11 @@ class Direction:
         self.nodes = vertices if isinstance(self._surface, NodeSurface) else none
         self._among = self.nodes if isinstance(self._faces, NodeSurface) else none
 
+    @property
+    def has_inside(self) -> bool:
+        """Whether a vertex can lie inside the faces."""
+        return self._faces.closed and not self._itself
+
     def depths(self, q: Array, t: float) -> Array:
         """How deep each vertex lies inside at positions q and time t [m]; 0 for self-contact."""
         deep = np.zeros(len(self.vertices))
@@ -140,17 +145,19 @@ class Direction:
         points, may = mine[self.vertices], allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
         away = self._signs.normals(x)[1][self.vertices] if self._itself else NO_NORMALS
-        found = self._signs.nearest(points, radius, x, self._among, away)
+        every = self._signs.all_nearest(points, radius, x, self._among, away)
         outward = away if self._itself else self._own.normals(mine)[1][self.vertices]
-        gap, normal = self._signs.signed(points, found, x, blur, outward)
-        beside, *more = self._signs.beside(points, found, x, blur)
-        gap, normal = np.r_[gap, more[0]], np.r_[normal, more[1]]
+        found, place, gap, normal = self._signs.distinct(points, every, x, blur, outward)
+        beside, *more = self._signs.beside(points, every, x, blur)
+        rank = np.r_[np.full(len(place), NEAREST), np.full(len(more[0]), WALL)]
+        place, gap, normal = np.r_[place, beside.face], np.r_[gap, more[0]], np.r_[normal, more[1]]
         found = found.joined(beside)
         deepest = -SELF_DEPTH * self._approach if self._itself else -np.inf
         good = np.flatnonzero((gap > deepest) & (gap + may[found.point] < radius[found.point]))
         found, gap, normal = found.take(good), gap[good], normal[good]
+        about = (place[good], rank[good])
         if not move.at_start:
-            return self._rows(move, found, normal, gap + may[found.point])
+            return self._rows(move, found, about, normal, gap + may[found.point])
         if not faces.closed:
             # nothing that came through the front lies this deep: it came around a free edge
             behind = np.flatnonzero(gap + may[found.point] < -SELF_DEPTH * self._approach)
@@ -161,12 +168,12 @@ class Direction:
             way_out = gap[:, None] * normal
             normal = normal @ turn.T
             gap = np.einsum("ki,ki->k", way_out, normal)
-        return self._rows(move, found, normal, gap + may[found.point])
+        return self._rows(move, found, about, normal, gap + may[found.point])
 
     def entered(self, move: Move, allowed: Array) -> Rows:
-        """Rows of the vertices that enter a face on their way, against that face.
+        """Rows of the vertices that enter a face on their way, against that face, or edge, or vertex.
 
-        The direction is the normal of the face at the end.
+        The direction is its normal at the end.
 
         Parameters
         ----------
@@ -177,10 +184,11 @@ class Direction:
         before, after = self._outside(move, allowed), move.ends(self._surface)[1][self.vertices]
         triangles = self._faces.triangles
         found = self._signs.entered(before, after, x0, x1, self._among)
-        normal = self._signs.normals(x1)[0][found.face]
+        found, place = self._signs.places_of(found, x1)
+        normal = self._signs.normals_of(place, x1)
         at = np.einsum("kj,kji->ki", found.weight, x1[triangles[found.face]])
         gap = np.einsum("ki,ki->k", normal, after[found.point] - at)
-        return self._rows(move, found, normal, gap)
+        return self._rows(move, found, (place, np.full(len(gap), ENTERED)), normal, gap)
 
     def _outside(self, move: Move, allowed: Array) -> Array:
         """Vertices (n, 3) at the start, those a hair inside put on the surface.
@@ -191,14 +199,27 @@ class Direction:
         if self._itself or not self._faces.closed:
             return points
         x0 = move.ends(self._faces)[0]
-        found = self._signs.nearest(points, HAIR, x0, self._among)
+        found = self._signs.all_nearest(points, HAIR, x0, self._among)
         gap, normal = self._signs.signed(points, found, x0)
         hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
-        points[found.point[hair]] += (LIFT - gap[hair])[:, None] * normal[hair]
+        at = found.point[hair]
+        share = 1.0 / np.bincount(at, minlength=len(points))[at]
+        np.add.at(points, at, (share * (LIFT - gap[hair]))[:, None] * normal[hair])
         return points
 
-    def _rows(self, move: Move, found: Found, normal: Array, gap: Array) -> Rows:
-        """Rows with their gaps, where nodes have moved, carried back to where none has."""
+    def outward(self, q: Array, rows: Rows) -> Array:
+        """Normals (k, 3) where rows meet a surface of the mesh at nodal positions q; zero on a shell."""
+        if not isinstance(self._faces, NodeSurface):
+            return np.zeros((len(rows), 3))
+        return self._signs.normals_of(rows.place, q)
+
+    def _rows(
+        self, move: Move, found: Found, about: tuple[Index, Index], normal: Array, gap: Array
+    ) -> Rows:
+        """Rows with their gaps, where nodes have moved, carried back to where none has.
+
+        about: their places and ranks.
+        """
         vertex, k = self.vertices[found.point], len(found.point)
         corners = self._faces.triangles[found.face]
         weight, carried = np.ones((k, 4)), np.zeros((k, 3))
@@ -215,7 +236,7 @@ class Direction:
             carried = np.einsum("kj,kji->ki", found.weight, x1[corners] - x0[corners])
         rows = Rows(
             self.slots[found.point],
-            found.face,
+            *about,
             nodes,
             weight,
             normal,

@@ -4,7 +4,7 @@ Of the relative displacement r of vertex and face since the start of the step, a
 g = gap0 + n . r at the end of the step.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ Flags = NDArray[np.bool_]
 FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
 
+NEAREST, ENTERED, WALL, GIVEN_UP, NO_RANK = 0, 1, 2, 3, 4
+"""Ranks of rows."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -27,7 +30,8 @@ class Rows:
     Attributes
     ----------
     slot : (k,) which vertex of which direction of a pairing.
-    face : (k,) triangle of the opposing surface.
+    place : (k,) where on the opposing surface: a triangle, an edge, or a vertex.
+    rank : (k,) 0 of the nearest faces of a vertex, more of rows that stand back behind those.
     nodes, weight : (k, 4) the vertex with weight 1, then the nodes of the face with minus their
         barycentric weights; those of a shell have weight zero and repeat a node of the other.
     normal : (k, 3) out of the opposing face.
@@ -38,7 +42,8 @@ class Rows:
     """
 
     slot: Index
-    face: Index
+    place: Index
+    rank: Index
     nodes: Index
     weight: Array
     normal: Array
@@ -59,12 +64,11 @@ class Rows:
         """Gaps (k,) for nodal displacements u [m]."""
         return self.gap + np.einsum("ki,ki->k", self.normal, self.displacement(u))
 
-    def face_normals(self, q: Array) -> Array:
-        """Unit normals (k, 3) of the faces at nodal positions q; zero of a rigid one."""
-        a, b, c = (q[self.nodes[:, i]] for i in (1, 2, 3))
-        normal = np.cross(b - a, c - a)
-        size = np.linalg.norm(normal, axis=1, keepdims=True)
-        return normal / np.where(size > 0.0, size, 1.0)
+    def foremost(self) -> Index:
+        """The rows of the lowest rank of every vertex, those of its nearest faces where it has any."""
+        lowest = np.full(int(self.slot.max(initial=-1)) + 1, NO_RANK)
+        np.minimum.at(lowest, self.slot, self.rank)
+        return np.flatnonzero(self.rank == lowest[self.slot])
 
     def spread(self, force: Array, n_nodes: int) -> Array:
         """Nodal forces (n_nodes, 3) of the forces (k, 3) on the vertices."""
@@ -86,16 +90,12 @@ class Rows:
 
     @property
     def keys(self) -> Index:
-        """One number (k,) per vertex and face."""
-        return self.slot * (1 << 32) + self.face
+        """One number (k,) per vertex and place."""
+        return self.slot * (1 << 32) + self.place
 
     def without(self, others: "Rows") -> "Rows":
-        """Those rows of which vertex and face have none among others."""
+        """Those rows of which vertex and place have none among others."""
         return self.take(np.flatnonzero(~np.isin(self.keys, others.keys)))
-
-    def outside_gap(self) -> "Rows":
-        """The same with no gap below zero: what is inside already may stay, and not go deeper."""
-        return replace(self, gap=np.maximum(self.gap, 0.0))
 
 
 class RowPlaces:

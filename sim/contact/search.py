@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.crossing import entries
+from sim._kernels.crossing import as_early, entries
 from sim._kernels.grid import Grid, grid_of
-from sim._kernels.nearest_faces import nearest
+from sim._kernels.nearest_faces import as_near, nearest
 from sim._kernels.triangles import within
 from sim.scene import Index
 from sim.state import Array
@@ -19,14 +19,20 @@ from sim.state import Array
 NO_NODES = np.empty(0, dtype=np.int64)
 NO_NORMALS = np.empty((0, 3))
 
+SAME_DISTANCE, SAME_TIME = 1e-9, 1e-9
+"""Distances [m], and shares of a step, that differ by less are equal but for rounding."""
+
+TOGETHER = 16
+"""Faces per point that may be equally near, on average."""
+
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A face per point, where there is one.
+    """Faces of points, one each or all that are equally near.
 
     Attributes
     ----------
-    point : (k,) indices of the points that have one, ascending.
+    point : (k,) indices of the points that have one; ascending where each has one.
     face : (k,) triangles.
     weight : (k, 3) barycentric weights of the nearest or entered point of the face.
     value : (k,) distance [m] of the nearest face, or share 0-1 of the way at which it is entered.
@@ -153,3 +159,79 @@ def entered_faces(
     hit = np.flatnonzero(face >= 0)
     none = np.zeros(len(hit), dtype=np.int64)
     return Found(hit, face[hit], weight[hit], when[hit], none)
+
+
+def with_as_near(
+    found: Found,
+    points: Array,
+    x: Array,
+    triangles: Index,
+    nodes: Index,
+    away: Array,
+    grid: Grid,
+) -> Found:
+    """The nearest faces, then all others that are as near, but for rounding.
+
+    Arguments as of `nearest_faces`, which found the former.
+    """
+    room = TOGETHER * len(found.point)
+    which, face, feature = (np.empty(room, dtype=np.int64) for _ in range(3))
+    weight, distance = np.empty((room, 3)), np.empty(room)
+    n = as_near(
+        np.ascontiguousarray(points),
+        nodes if len(nodes) else np.full(len(points), -1, dtype=np.int64),
+        x,
+        triangles,
+        grid,
+        away,
+        SAME_DISTANCE,
+        found.point,
+        found.face,
+        found.value,
+        which,
+        face,
+        weight,
+        distance,
+        feature,
+    )
+    return found.joined(
+        Found(found.point[which[:n]], face[:n], weight[:n], distance[:n], feature[:n])
+    )
+
+
+def with_as_early(
+    found: Found,
+    before: Array,
+    after: Array,
+    x_before: Array,
+    x_after: Array,
+    triangles: Index,
+    nodes: Index,
+    grid: Grid,
+) -> Found:
+    """The faces that points enter first, then all others that they enter together with those.
+
+    Arguments as of `entered_faces`, which found the former.
+    """
+    room = TOGETHER * len(found.point)
+    which, face = (np.empty(room, dtype=np.int64) for _ in range(2))
+    weight, when = np.empty((room, 3)), np.empty(room)
+    n = as_early(
+        np.ascontiguousarray(before),
+        np.ascontiguousarray(after),
+        nodes if len(nodes) else np.full(len(before), -1, dtype=np.int64),
+        x_before,
+        x_after,
+        triangles,
+        grid,
+        SAME_TIME,
+        found.point,
+        found.face,
+        found.value,
+        which,
+        face,
+        weight,
+        when,
+    )
+    none = np.zeros(n, dtype=np.int64)
+    return found.joined(Found(found.point[which[:n]], face[:n], weight[:n], when[:n], none))

@@ -1,13 +1,22 @@
 """The faces of a surface: which are near, signed distances to them, and their directions."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sim._kernels.grid import Grid, grid_of
-from sim._kernels.signed import signed, walls
+from sim._kernels.signed import places, signed, walls
 from sim._kernels.triangles import normals
 from sim.contact.connectivity import sides_of
 from sim.contact.recent import Recent
-from sim.contact.search import NO_NORMALS, Found, entered_faces, nearest_faces
+from sim.contact.search import (
+    NO_NORMALS,
+    Found,
+    entered_faces,
+    nearest_faces,
+    with_as_early,
+    with_as_near,
+)
 from sim.contact.surfaces import Surface
 from sim.scene import Index
 from sim.state import Array
@@ -39,19 +48,36 @@ class SignedFaces:
         order = np.argsort(key)
         place = np.minimum(np.searchsorted(key[order], back), len(key) - 1)
         match = order[place]
-        self._across = np.where(key[match] == back, match // 3, -1).reshape(-1, 3)
+        paired, own = key[match] == back, np.arange(len(key))
+        self._across = np.where(paired, match // 3, -1).reshape(-1, 3)
+        self._edge = np.where(paired, np.minimum(own, match), own).reshape(-1, 3)
         self._free = np.zeros(size, dtype=bool)
         self._free[surface.open_edges] = True
         self._normals, self._grid = Recent(self._normals_at), Recent(self._grid_over, GRIDS)
 
     def normals(self, x: Array) -> tuple[Array, Array]:
         """Unit normals of the faces (k, 3) and of the positions x (m, 3), zero where none is named."""
-        return self._normals(x)
-
-    def _normals_at(self, x: Array) -> tuple[Array, Array]:
-        face, corner = np.empty((len(self.triangles), 3)), np.empty((len(x), 3))
-        normals(x, self.triangles, face, corner)
+        face, corner, _ = self._normals(x)
         return face, corner
+
+    def normals_of(self, place: Index, x: Array) -> Array:
+        """Unit normals (k, 3) of places: faces, edges and vertices as `distinct` numbers them."""
+        face, corner, _ = self._normals(x)
+        m, out = len(self.triangles), np.empty((len(place), 3))
+        within, vertex = place < m, place >= 4 * m
+        edge = ~within & ~vertex
+        out[within], out[vertex] = face[place[within]], corner[place[vertex] - 4 * m]
+        one, side = np.divmod(place[edge] - m, 3)
+        other = self._across[one, side]
+        mean = face[one] + np.where((other >= 0)[:, None], face[other], 0.0)
+        size = np.linalg.norm(mean, axis=1, keepdims=True)
+        out[edge] = mean / np.where(size > 0.0, size, 1.0)
+        return out
+
+    def _normals_at(self, x: Array) -> tuple[Array, Array, Array]:
+        face, corner, flat = np.empty((len(self.triangles), 3)), np.empty_like(x), np.empty(len(x))
+        normals(x, self.triangles, face, corner, flat)
+        return face, corner, flat
 
     def nearest(
         self, points: Array, radius: Array | float, x: Array, nodes: Index, away: Array = NO_NORMALS
@@ -60,10 +86,74 @@ class SignedFaces:
         grid = self._grid(x, x)
         return nearest_faces(points, radius, x, self.triangles, nodes=nodes, away=away, grid=grid)
 
+    def all_nearest(
+        self, points: Array, radius: Array | float, x: Array, nodes: Index, away: Array = NO_NORMALS
+    ) -> Found:
+        """As `nearest`, with all faces that are equally near."""
+        found = self.nearest(points, radius, x, nodes, away)
+        return with_as_near(found, points, x, self.triangles, nodes, away, self._grid(x, x))
+
+    def _places(self, found: Found, x: Array) -> tuple[Index, Array]:
+        """Numbers (k,) of the faces, edges or vertices where points are nearest, and weights on them.
+
+        An edge is the same place seen from both its faces, and a vertex from all.
+        """
+        place, weight = np.empty(len(found.point), dtype=np.int64), found.weight.copy()
+        about = (self._across, self._free, self._edge)
+        places(found.face, weight, found.feature, x, self.triangles, *about, place)
+        return place, weight
+
+    def places_of(self, found: Found, x: Array) -> tuple[Found, Index]:
+        """Faces, edges and vertices where points meet the surface, each once, and their numbers."""
+        place, weight = self._places(found, x)
+        _, first = np.unique(np.c_[found.point, place], axis=0, return_index=True)
+        return replace(found, weight=weight).take(first), place[first]
+
+    def distinct(
+        self, points: Array, every: Found, x: Array, blur: float, against: Array
+    ) -> tuple[Found, Index, Array, Array]:
+        """Equally near faces as the places where points meet the surface, each once.
+
+        Parameters
+        ----------
+        points, x, blur, against
+            As of `signed`.
+        every : Found
+            Of `all_nearest`.
+
+        Returns
+        -------
+        found : Found
+        place : (k,) number of the face, edge or vertex.
+        gap, normal : (k,), (k, 3)
+            As of `signed`, the normal of a place from all its faces.
+
+        Notes
+        -----
+        A point inside, midway between faces that would push it opposite ways, keeps the first.
+        """
+        gaps, normals = self.signed(points, every, x, blur, against)
+        places, weight = self._places(every, x)
+        _, first, group = np.unique(
+            np.c_[every.point, places], axis=0, return_index=True, return_inverse=True
+        )
+        normal, gap = np.zeros((len(first), 3)), np.full(len(first), np.nan)
+        np.add.at(normal, group.ravel(), normals)
+        np.fmax.at(gap, group.ravel(), gaps)
+        size = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.where(size > 0.0, normal / np.where(size > 0.0, size, 1.0), normals[first])
+        found, place = replace(every, weight=weight).take(first), places[first]
+        leader = np.searchsorted(found.point, found.point)
+        against_it = np.einsum("ki,ki->k", normal, normal[leader]) < 0.0
+        good = np.flatnonzero(~(against_it & (gap < 0.0)))
+        return found.take(good), place[good], gap[good], normal[good]
+
     def entered(self, before: Array, after: Array, x0: Array, x1: Array, nodes: Index) -> Found:
-        """First face that every point enters while they move from x0 to x1; see `entered_faces`."""
-        grid = self._grid(x0, x1)
-        return entered_faces(before, after, x0, x1, self.triangles, nodes=nodes, grid=grid)
+        """Faces that points enter first while they move from x0 to x1; see `entered_faces`."""
+        ways, grid = (before, after, x0, x1, self.triangles), self._grid(x0, x1)
+        return with_as_early(
+            entered_faces(*ways, nodes=nodes, grid=grid), *ways, nodes=nodes, grid=grid
+        )
 
     def _grid_over(self, x0: Array, x1: Array) -> Grid:
         return grid_of(x0, x1, self.triangles)
@@ -79,7 +169,7 @@ class SignedFaces:
         ----------
         points : (n, 3) [m]
         found : Found
-            Of `nearest_faces`.
+            Of `all_nearest`.
         x : (m, 3) positions that the triangles name [m].
         near : float
             A further face counts where the point is above it, or nearer to it than this [m].
@@ -87,11 +177,13 @@ class SignedFaces:
         Returns
         -------
         found : Found
-            The same points again, once per further face, with the distances from its plane.
+            The same points again, once per further face, with the distances from its plane. Faces within
+            which points are nearest are not among them.
         gap : (k,) distance from the plane of the face, negative behind [m].
         normal : (k, 3) its unit normal.
         """
         by_face, _ = self.normals(x)
+        places, n_faces = self._places(found, x)[0], len(self.triangles)
         room = 3 * len(found.point)
         which, face, feature = (np.empty(room, dtype=np.int64) for _ in range(3))
         weight, gap = np.empty((room + 1, 3)), np.empty(room)
@@ -110,8 +202,13 @@ class SignedFaces:
             gap,
             feature,
         )
-        beside = Found(found.point[which[:n]], face[:n], weight[:n], np.abs(gap[:n]), feature[:n])
-        return beside, gap[:n], by_face[face[:n]]
+        point = found.point[which[:n]]
+        within = places < n_faces
+        known = found.point[within] * n_faces + places[within]
+        key, first = np.unique(point * n_faces + face[:n], return_index=True)
+        keep = first[~np.isin(key, known)]
+        beside = Found(point[keep], face[keep], weight[keep], np.abs(gap[keep]), feature[keep])
+        return beside, gap[keep], by_face[face[keep]]
 
     def signed(
         self,
@@ -142,7 +239,7 @@ class SignedFaces:
         gap : (k,) distance, negative inside [m]; NaN at a free edge.
         normal : (k, 3) unit vectors out of the surface, without blur the gradient of the gap.
         """
-        by_face, by_corner = self.normals(x)
+        by_face, by_corner, flat = self._normals(x)
         k = len(found.point)
         gap, normal = np.empty(k), np.empty((k, 3))
         signed(
@@ -158,6 +255,7 @@ class SignedFaces:
             self._free,
             by_face,
             by_corner,
+            flat,
             blur,
             against,
             gap,

@@ -19,7 +19,6 @@ from sim.contact.direction import Move
 from sim.contact.multipliers import Acting, Multipliers
 from sim.contact.rows import RowPlaces, Rows
 from sim.pattern import SymmetricPattern
-from sim.scene import Index
 from sim.state import Array, State
 
 TOUCH = 1e-6
@@ -31,7 +30,7 @@ ALIKE = 0.5
 TURN, SLIDE = 0.2, 2.5e-4
 """Time [s] and way [m] in which a vertex that rests, or slides, turns to another direction."""
 
-SHARING = 20
+SHARING = 40
 """Sweeps that share a push among the walls of a groove."""
 
 
@@ -57,19 +56,20 @@ class ContactStep:
         h = t1 - state.t
         self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
         self._memory = contact.remembered(state.memory, state.q, state.t)
-        self._allowed = self._memory[:, ALLOWED].copy()
+        self._removed = contact.removed(self._memory[:, ALLOWED], h)
+        self._allowed = self._memory[:, ALLOWED] - self._removed
         self._before = contact.turned(self._memory[:, DIRECTION], state.t, t1)
 
     def at_start(self, way: Array) -> Rows:
         """Rows of the vertices near a face, which may come a way (n_nodes,) in the step [m]."""
         # what a vertex of a shell comes near moves up to as far as anything
         reach = np.r_[way, way.max(initial=0.0)][self.contact.vertex_of_slot]
-        rows = self.contact.near(self._move(self.q0), self._allowed, reach)
+        rows = self.contact.near(self._move(self.q0), self._allowed, reach + self._removed)
         return self._steadied(rows)
 
     def at(self, q: Array) -> Rows:
         """Rows of the vertices near a face at positions q near the end of the step."""
-        return self.contact.near(self._move(q), self._allowed)
+        return self.contact.near(self._move(q), self._allowed, self._removed)
 
     def passed(self, q: Array, near: Rows) -> Rows:
         """Rows of the vertices that have passed a face on their way to positions q.
@@ -92,7 +92,7 @@ class ContactStep:
         slides back: directions are those of the start of a step, so nothing within it stops that. Those
         that pushed are remembered, turned with their face. Further walls of a groove keep theirs.
         """
-        first = _nearest(rows)
+        first = rows.foremost()
         before, normal = self._before[rows.slot[first]], rows.normal[first]
         slide = rows.take(first).displacement(self._way)
         slide -= np.einsum("ki,ki->k", slide, normal)[:, None] * normal
@@ -102,6 +102,13 @@ class ContactStep:
         every = rows.normal.copy()
         every[first] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
         return replace(rows, normal=every)
+
+    def entering(self, rows: Rows) -> Rows:
+        """The same with no gap below that of what is moved out in this step.
+
+        What else is inside already may stay, and not go deeper.
+        """
+        return replace(rows, gap=np.maximum(rows.gap, -self._removed[rows.slot]))
 
     def _move(self, q: Array) -> Move:
         return Move(self.q0, q, self._t0, self._t1)
@@ -123,18 +130,17 @@ class ContactStep:
         np.add.at(new[:, FORCE], slot, acting.force)
         np.add.at(new[:, PUSH], slot, acting.force[:, None] * multipliers.rows.normal)
         np.add.at(new[:, FRICTION], slot, acting.friction)
-        nearest = _nearest(multipliers.rows)
-        first = multipliers.rows.take(nearest[acting.force[nearest] > 0.0])
-        turned = first.normal + first.face_normals(q) - first.face_normals(self.q0)
-        new[first.slot, DIRECTION] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+        foremost = multipliers.rows.foremost()
+        foremost = foremost[acting.force[foremost] > 0.0]
+        first, force = multipliers.rows.take(foremost), acting.force[foremost]
+        outward = (self.contact.outward(at, first) for at in (q, self.q0))
+        turned = force[:, None] * (first.normal + next(outward) - next(outward))
+        np.add.at(new[:, DIRECTION], first.slot, turned)
+        size = np.linalg.norm(new[:, DIRECTION], axis=1, keepdims=True)
+        new[:, DIRECTION] /= np.where(size > 0.0, size, 1.0)
         depth = self._allowed[near.slot] - near.gaps(q - self.q0)
         np.maximum.at(new[:, ALLOWED], near.slot, np.clip(depth, 0.0, self._allowed[near.slot]))
         return {MEMORY: new}
-
-
-def _nearest(rows: Rows) -> Index:
-    """The first row of every vertex."""
-    return np.unique(rows.slot, return_index=True)[1]
 
 
 def _beside(entered: Rows, near: Rows) -> NDArray[np.bool_]:
@@ -176,24 +182,23 @@ def carried_over(multipliers: Multipliers, rows: Rows, rho: Array) -> Multiplier
 
 
 def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers:
-    """Rows that share what their vertices (slots) push and rub: the first the friction, all the push.
+    """Rows that share what their vertices (slots) push and rub: the nearest the friction, all the push.
 
-    The multipliers are those >= 0 of which the sum along the normals is nearest to the push.
+    The multipliers are those >= 0 of which the sum along the normals is nearest to the push. All rows of
+    a vertex take their parts at once, so that none comes first.
     """
-    n = rows.normal
-    order = np.argsort(rows.slot, kind="stable")
-    first = np.searchsorted(rows.slot[order], rows.slot[order])
-    rank = np.empty(len(rows), dtype=np.int64)
-    rank[order] = np.arange(len(rows)) - first
+    n, n_slots = rows.normal, len(push)
+    count = np.bincount(rows.slot, minlength=n_slots)[rows.slot]
     left, normal = push.copy(), np.zeros(len(rows))
-    single = rank.max(initial=0) == 0
+    single = count.max(initial=1) == 1
     for _ in range(1 if single else SHARING):
-        for k in range(int(rank.max(initial=0)) + 1):
-            row = np.flatnonzero(rank == k)
-            more = np.einsum("ki,ki->k", left[rows.slot[row]], n[row])
-            more = np.maximum(more, -normal[row])
-            normal[row] += more
-            left[rows.slot[row]] -= more[:, None] * n[row]
-    tangent = np.where((rank == 0)[:, None], friction[rows.slot], 0.0)
+        more = np.einsum("ki,ki->k", left[rows.slot], n) / count
+        more = np.maximum(more, -normal)
+        normal += more
+        np.subtract.at(left, rows.slot, more[:, None] * n)
+    first = rows.foremost()
+    number = np.bincount(rows.slot[first], minlength=n_slots)
+    tangent = np.zeros((len(rows), 3))
+    tangent[first] = friction[rows.slot[first]] / number[rows.slot[first], None]
     tangent -= np.einsum("ki,ki->k", tangent, n)[:, None] * n
     return Multipliers(rows, rho, normal, tangent)

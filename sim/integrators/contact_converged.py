@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.contact.correction import AT_ALL, considerable, moved_out
 from sim.contact.multipliers import Multipliers
-from sim.contact.rows import Rows
+from sim.contact.rows import GIVEN_UP, Rows
 from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
@@ -188,4 +188,5 @@ def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:
     way round for ever; vertices that came to lie inside (`contested` slots) keep both rows.
     """
     lost = old.without(new)
-    return lost.take(np.flatnonzero(np.isin(lost.slot, contested)))
+    lost = lost.take(np.flatnonzero(np.isin(lost.slot, contested)))
+    return replace(lost, rank=np.full(len(lost), GIVEN_UP))

@@ -112,7 +112,7 @@ class LinearContact:
     def _multipliers_of(self, rows: Rows, before: Multipliers | None = None) -> Multipliers:
         """Rows that allow no way in, with their multipliers."""
         rho = penalties(self._system.pattern, self._equation.diagonal, rows, PENALTY)
-        multipliers = self._step.multipliers(rows.outside_gap(), rho)
+        multipliers = self._step.multipliers(self._step.entering(rows), rho)
         if before is not None:
             k = len(before.rows)
             multipliers.normal[:k], multipliers.tangent[:k] = before.normal, before.tangent

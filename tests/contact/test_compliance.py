@@ -50,7 +50,9 @@ def rows_of(mesh, k, rng):
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     zero = np.zeros(k)
     index = np.arange(k)
-    return Rows(index, index, nodes, weight, normal, zero, np.zeros((k, 3)), zero, 0 * index)
+    return Rows(
+        index, index, 0 * index, nodes, weight, normal, zero, np.zeros((k, 3)), zero, 0 * index
+    )
 
 
 def spread(rows, n_nodes):

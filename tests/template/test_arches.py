@@ -41,6 +41,13 @@ def test_arch(bone: int) -> None:
     assert widest[0] - widest[1] > 1e-3, "to the cheeks"
     rows = {tuple(point) for point in arch.points.tolist()}
     assert rows == {(-x if x else x, y, z) for x, y, z in arch.points.tolist()}
+    # triangles too: nothing slides to one side on them
+    corners = arch.points[arch.triangles] + 0.0
+    faces, images = (
+        {frozenset(map(tuple, face)) for face in (each + 0.0).tolist()}
+        for each in (corners, corners * MIRROR)
+    )
+    assert faces == images and len(faces) == len(arch.triangles)
     # Sizes of published casts: 45 to 60 mm between the outer faces of the molars, 22 to 34 mm deep.
     assert 45e-3 < np.ptp(arch.points[:, 0]) < 60e-3
     at_edge = sign * (arch.points[:, 2] - edge) < 1e-3

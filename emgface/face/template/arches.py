@@ -162,5 +162,9 @@ def _arch(bone: int, left: Floats) -> Arch:
     quad = np.concatenate(quads)
     if bone == MANDIBLE:
         quad = quad[:, ::-1]
+    # Mirrored quads are cut along mirrored diagonals, lest a symmetric face slides to one side.
+    points = section.reshape(-1, 3)
+    right = points[quad, 0].mean(axis=1) > 0.0
+    quad[right] = np.roll(quad[right], 1, axis=1)
     triangles = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
-    return Arch(bone, section.reshape(-1, 3), triangles)
+    return Arch(bone, points, triangles)

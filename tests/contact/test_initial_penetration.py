@@ -1,0 +1,99 @@
+"""What starts inside: kept as deep as it is, or moved out at a given speed."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+import sim
+from emgface.face.contact_parameters import ContactParameters
+from tests.bodies import grid
+from tests.contact.scenes import box, moved, system_of
+
+SIZE, DEPTH, SPEED, H = 0.01, 1e-3, 0.02, 0.005
+INTEGRATORS = (
+    sim.ConvergedEuler,
+    sim.LinearlyImplicitEuler,
+    sim.LinearlyImplicitTrapezoidal,
+)
+
+
+def inside(depth=DEPTH, motion=None, **contact):
+    """A block whose lower side lies at a depth below the top of a plate."""
+    mesh = grid((2, 2, 2), (SIZE, SIZE, SIZE))
+    plate = box([-0.1, -0.1, depth - 0.05], [0.1, 0.1, depth], "plate", motion)
+    pairing = sim.Pairing(sim.boundary_surface(mesh), plate)
+    term = sim.ConstraintContact((pairing,), **contact)
+    return mesh, system_of(mesh, term, sim.Gravity((0.0, 0.0, -9.81)))
+
+
+def lowest(states):
+    return np.array([state.q[:, 2].min() for state in states])
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_kept_or_moved_out_at_the_speed_that_was_given(integrator):
+    """Depth over time, and where it ends: d(t) = d0, or d0 - speed t until nothing is left."""
+    steps = 40
+    t = H * np.arange(steps + 1)
+    mesh, system = inside()
+    kept = lowest(moved(system, integrator(), 12, h=H))
+    np.testing.assert_allclose(kept, 0.0, rtol=0, atol=5e-6)
+    mesh, system = inside(initial_penetration="removed", removal_speed=SPEED)
+    states = moved(system, integrator(), steps, h=H)
+    expected = np.minimum(SPEED * t, DEPTH)
+    above = lowest(states) - expected
+    # the trapezoidal rule takes half of the velocity of its end into the step after
+    assert above.min() > -5e-6 and above.max() < 5e-6 + 0.5 * SPEED * H
+    # it comes to rest on the plate, and the plate carries its weight
+    end = states[-1]
+    assert np.abs(end.v).max() < 1e-3
+    weight = 9.81 * system.node_mass.sum()
+    _, _, force = system.contact.measure(end, system.control(np.zeros(0)))
+    assert force.sum() == pytest.approx(weight, rel=0.05)
+    # no faster than what moves it out, but for its own swing
+    assert max(state.v[:, 2].mean() for state in states) < 1.2 * SPEED
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_moving_out_does_the_work_of_a_plate_that_rises(integrator):
+    """The same motion and velocities, hence momentum and energy, as on a plate of that speed."""
+    steps = 16
+
+    def rising(t):
+        return np.eye(3), np.array([0.0, 0.0, min(SPEED * t, DEPTH)])
+
+    _, system = inside(initial_penetration="removed", removal_speed=SPEED)
+    out = moved(system, integrator(), steps, h=H)
+    _, system = inside(depth=0.0, motion=rising)
+    raised = moved(system, integrator(), steps, h=H)
+    for one, other in zip(out, raised, strict=True):
+        np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(one.v, other.v, rtol=0, atol=5e-3)
+
+
+def test_the_depth_does_not_depend_on_the_step_or_on_a_restart():
+    _, system = inside(initial_penetration="removed", removal_speed=SPEED)
+    coarse = moved(system, sim.ConvergedEuler(), 4, h=0.005)[-1]
+    fine = moved(system, sim.ConvergedEuler(), 10, h=0.002)[-1]
+    assert lowest([coarse]) == pytest.approx(SPEED * 0.02, abs=5e-6)
+    assert lowest([fine]) == pytest.approx(SPEED * 0.02, abs=5e-6)
+    halfway = moved(system, sim.ConvergedEuler(), 5, h=0.002)[-1]
+    again = moved(system, sim.ConvergedEuler(), 5, h=0.002, initial=halfway)[-1]
+    np.testing.assert_allclose(again.q, fine.q, rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_speed_that_outruns_the_search_takes_one_step(integrator):
+    """1 mm in a step of 5 ms, twice as deep as faces are looked for: out, and not lost."""
+    _, system = inside(initial_penetration="removed", removal_speed=1.0)
+    states = moved(system, integrator(), 3, h=H)
+    assert lowest(states)[1:].min() > DEPTH - 5e-6
+
+
+def test_what_cannot_be_is_refused():
+    with pytest.raises(sim.SceneError, match="initial_penetration"):
+        inside(initial_penetration="gone")
+    with pytest.raises(sim.SceneError, match="removal_speed"):
+        inside(initial_penetration="removed", removal_speed=0.0)
+    with pytest.raises(ValidationError, match="constraint"):
+        ContactParameters(method="barrier", initial_penetration="removed")
