@@ -1,10 +1,10 @@
 """The page docs/science, from nothing: simulated volunteers, their studies, figures and text.
 
     python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
-                              [--instructions ABCDEF] [--accuracy study] [--finished]
+                              [--instructions ABCDEF] [--accuracy study] [--finished] [--ends]
 
 Nothing that the store holds is computed again; with --finished, studies that have a cube are taken as
-they are, whatever code computed them.
+they are, whatever code computed them; with --ends, the ladder of worlds has its two ends alone.
 """
 
 import argparse
@@ -65,9 +65,10 @@ def main() -> None:
     parser.add_argument("--accuracy", default=plan.accuracy)
     parser.add_argument("--workers", type=int, default=plan.workers)
     parser.add_argument("--finished", action="store_true")
+    parser.add_argument("--ends", action="store_true")
     given = parser.parse_args()
     plan.store, plan.volunteers, plan.workers = given.store, given.volunteers, given.workers
-    plan.observer, plan.finished = Told(), given.finished
+    plan.observer, plan.finished, plan.ends = Told(), given.finished, given.ends
     plan.instructions, plan.accuracy = tuple(given.instructions), given.accuracy
     studies = {world: run_world(world) for world in WORLDS}
     given.out.mkdir(parents=True, exist_ok=True)
@@ -98,6 +99,7 @@ def _command(given: argparse.Namespace) -> str:
     told = [
         f"--{key} {getattr(given, key)}" for key, v in usual.items() if getattr(given, key) != v
     ]
+    told += ["--ends"] if given.ends else []
     return " ".join(["python -m studies.science", *told])
 
 

@@ -38,6 +38,7 @@ class Plan:
     workers: int = 2
     observer: Observer = Silent()
     finished: bool = False
+    ends: bool = False
 
 
 plan = Plan()

@@ -24,15 +24,20 @@ RUNGS: Final = (
 TRUE: Final = "true activation"
 
 
+def _rungs() -> list[int]:
+    """Rungs that are made: all, or the two ends."""
+    return [0, len(RUNGS) - 1] if plan.ends else list(range(len(RUNGS)))
+
+
 def make(studies: Mapping[str, Path], out: Path) -> str:
     """Draw the median rho of every strategy in every world from matched to mismatched."""
-    found = pd.concat([_rung(k, studies) for k in range(len(RUNGS))], ignore_index=True)
+    found = pd.concat([_rung(k, studies) for k in _rungs()], ignore_index=True)
     found.to_csv(out / "worlds.csv", index=False)
     save(_draw(found), out / "worlds.png", dpi=130)
     order = list(dict.fromkeys(found["strategy"]))
     mean = found.groupby(["rung", "strategy"])["median rho"].mean().unstack()[order]
     shift = found.groupby(["rung", "strategy"])["median shift [s]"].median().unstack()
-    titles = [_title(k) for k in range(len(RUNGS))]
+    titles = [_title(k) for k in _rungs()]
     table = mean.set_axis(titles).rename_axis("world (simulated)")
     table["shift of act_all [ms]"] = (1e3 * shift["act_all"]).round().astype(int).to_numpy()
     lost = int(found["without score"].sum())
@@ -42,7 +47,9 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "",
             f"The first {found['volunteer'].nunique()} volunteers, one repetition of each instruction. "
             "Each row adds kinds of mismatch to the row above (`emgface volunteers --world "
-            "mesh+laws+...`), with the sizes of `emgface.volunteers.world.World`. The same persons, "
+            "mesh+laws+...`)"
+            + (", all of them at once here" if plan.ends else "")
+            + ", with the sizes of `emgface.volunteers.world.World`. The same persons, "
             "instructions and random numbers are behind all rows. Of "
             f"{int(found['trials'].sum())} trials {lost} have no score.",
             "",
@@ -87,6 +94,16 @@ def _rung(k: int, studies: Mapping[str, Path]) -> pd.DataFrame:
     return found.assign(world=world.label)
 
 
+def _before_delay() -> int:
+    return 0 if plan.ends else _with_delay() - 1
+
+
+def _with_delay() -> int:
+    if plan.ends:
+        return len(RUNGS) - 1
+    return next(k for k, (_, kinds) in enumerate(RUNGS) if "delay" in kinds)
+
+
 def _world(k: int) -> World:
     return mismatched_in([kind for _, kinds in RUNGS[: k + 1] for kind in kinds])
 
@@ -123,25 +140,33 @@ def _reading(mean: pd.DataFrame, shift: pd.DataFrame) -> str:
     last = len(RUNGS) - 1
     true = mean[TRUE]
     change = mean.diff()
-    mechanics = float(true[0] - true[2])
-    rest = float(true[2] - true[last])
     worst = {name: int(change[name].idxmin()) for name in mean.columns if name != TRUE}
     told = [
         f"* **The true activation scores {true[0]:.2f} where all is matched and {true[last]:.2f} in the "
         "mismatched world.** It moves the face of the study, whose anatomy, mesh, laws, courses and "
         "strengths are not the person's. If that is the reason, the fall must come with the first two "
         "steps, and delay, recruitment, pick-up and noise may cost nothing more, since the true "
-        f"activation is that after the delay: the first two steps take {mechanics:.2f}, the other three "
-        f"{rest:.2f}.",
+        "activation is that after the delay"
+        + (
+            "."
+            if plan.ends
+            else f": the first two steps take {true[0] - true[2]:.2f}, the other three "
+            f"{true[2] - true[last]:.2f}."
+        ),
         "* **Delay and dynamics** are taken up by the alignment, which shifts the measured motion: the "
-        f"median shift of act_all goes from {1e3 * shift['act_all'][2]:.0f} to "
-        f"{1e3 * shift['act_all'][3]:.0f} ms. rho does not see a delay that all muscles share.",
+        f"median shift of act_all goes from {1e3 * shift['act_all'][_before_delay()]:.0f} to "
+        f"{1e3 * shift['act_all'][_with_delay()]:.0f} ms. rho does not see a delay that all muscles "
+        "share.",
     ]
     for name, step in worst.items():
         told.append(
-            f"* {name} falls from {mean[name][0]:.2f} to {mean[name][last]:.2f}; the largest single "
-            f"step is {_title(step).partition(' = ')[0].removeprefix('+ ')} "
-            f"({change[name][step]:+.2f})."
+            f"* {name} goes from {mean[name][0]:.2f} to {mean[name][last]:.2f}"
+            + (
+                "."
+                if plan.ends
+                else f"; the largest fall is with {_title(step).partition(' = ')[0].removeprefix('+ ')} "
+                f"({change[name][step]:+.2f})."
+            )
         )
     if "act_rel" in mean and "act_all" in mean:
         lead = mean["act_rel"] - mean["act_all"]
