@@ -126,7 +126,8 @@ def _draw(found: pd.DataFrame):
         aside = (i - 0.5 * (len(strategies) - 1)) * 0.06
         panel.scatter(own["rung"] + aside, own["median rho"], s=10, marker=MARKS[i], color=colour,
                       alpha=0.45, linewidths=0)  # fmt: skip
-    panel.set_xticks(range(len(RUNGS)), [title for title, _ in RUNGS], rotation=20, ha="right")
+    made = sorted(set(found["rung"]))
+    panel.set_xticks(made, [RUNGS[k][0] for k in made], rotation=20, ha="right")
     panel.set_ylabel("median rho of a volunteer")
     panel.axhline(1.0, color="0.8", linewidth=0.7, zorder=0)
     panel.set_ylim(min(0.0, float(found["median rho"].min()) - 0.05), 1.02)
