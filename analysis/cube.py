@@ -48,6 +48,7 @@ PER_TRIAL: Final = {
     "steps": ("1", "time steps computed"),
     "run_time": ("s", "computing time"),
     "numerical_error": ("m", "estimated error of the time steps"),
+    "motion": ("m", "largest displacement of a simulated marker"),
 }
 CHOICES: Final = ("form", "reference", "smallest_motion", "scaling", "scale_range", "scale_step",
                   "max_shift", "least_overlap", "least_gain", "cutoff", "sign_by", "clear_cosine",
@@ -132,7 +133,7 @@ def build_cube(
         status[index], reason[index] = trial.status, trial.reason
         computed[index] = trial.computed
         computed_with[index] = " ".join(sorted(map(_short, trial.environments)))
-        for name in ("sigma_max", "steps", "run_time", "numerical_error"):
+        for name in ("sigma_max", "steps", "run_time", "numerical_error", "motion", "inaccurate"):
             per_trial[name][index] = getattr(trial, name)
         if trial.scores is None:
             continue

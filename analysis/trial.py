@@ -36,6 +36,8 @@ class Trial:
         Time steps computed [1]; NaN where unknown.
     numerical_error : float
         Estimated error of the time steps [m].
+    motion : float
+        Largest displacement of a simulated marker [m].
     run_time : float
         Computing time [s]; NaN where unknown.
     origin : {"measured", "simulated"}, optional
@@ -62,6 +64,7 @@ class Trial:
     steps: float = np.nan
     run_time: float = np.nan
     numerical_error: float = np.nan
+    motion: float = np.nan
     origin: Origin | None = None
     computed: str = ""
     environments: tuple[str, ...] = ()
@@ -81,6 +84,12 @@ class Trial:
     def label(self) -> str:
         """Volunteer, instruction, repetition and strategy, for messages."""
         return f"{self.volunteer}/{self.instruction}/{self.repetition}/{self.strategy}"
+
+    @property
+    def inaccurate(self) -> float:
+        """1 where the numerical error exceeds a tenth of the motion, else 0; NaN where unknown."""
+        known = np.isfinite(self.numerical_error) and np.isfinite(self.motion)
+        return float(self.numerical_error > 0.1 * self.motion) if known else np.nan
 
     @classmethod
     def failed(

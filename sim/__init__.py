@@ -1,5 +1,6 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
+from sim.activation import Activation, resting
 from sim.constraints import HardElementVolume
 from sim.contact import (
     BarrierContact,
@@ -21,6 +22,7 @@ from sim.errors import (
     SceneError,
     SimulationError,
     SingularSystem,
+    ToleranceMissed,
 )
 from sim.grids import grid_cells, grid_mesh
 from sim.integrators import (
@@ -65,8 +67,8 @@ from sim.probes import (
 )
 from sim.reductions import Fixed
 from sim.scene import Scene
-from sim.simulate import Activation, resting, simulate
-from sim.state import Control, ControlAt, State, StepReport
+from sim.simulate import simulate
+from sim.state import Control, ControlAt, Line, State, StepReport
 from sim.steps import ErrorControlledStep, FixedStep, HalvingStep
 from sim.system import System, compile_scene
 from sim.terms import (
@@ -114,6 +116,7 @@ __all__ = [
     "Iterations",
     "LineFibre",
     "LineMuscles",
+    "Line",
     "LinearElastic",
     "LinearlyImplicitEuler",
     "LinearlyImplicitTrapezoidal",
@@ -156,6 +159,7 @@ __all__ = [
     "Support",
     "SymplecticEuler",
     "System",
+    "ToleranceMissed",
     "Trapezoidal",
     "Workspace",
     "boundary_surface",

@@ -61,6 +61,28 @@ class NotConverged(SimulationError):
         )
 
 
+class ToleranceMissed(SimulationError):
+    """The smallest step of an error control still errs by more than was asked for.
+
+    Nothing failed: every step found its equilibrium and no element inverted. It says nothing about the
+    strength of the muscles.
+
+    Attributes
+    ----------
+    error, allowed : float
+        Estimated error of the step, and what it was allowed [m].
+    time : float
+        Simulated time in seconds.
+    """
+
+    def __init__(self, error: float, allowed: float, h: float, time: float) -> None:
+        self.error, self.allowed, self.time = error, allowed, time
+        super().__init__(
+            f"the smallest step, {h:.2g} s to t = {time:.4g} s, errs by {1e3 * error:.2g} mm, expected "
+            f"at most {1e3 * allowed:.2g} mm: ask for less accuracy, or allow more halvings"
+        )
+
+
 class SingularSystem(SimulationError):
     """A matrix could not be factorised or solved."""
 

@@ -135,7 +135,8 @@ class SmallestJ:
 class StepErrors:
     """Estimated error that each step has made at named nodes, (marker, axis) [m].
 
-    NaN where the integrator has no estimate.
+    NaN where the integrator has no estimate. Besides it what the iterations may have left of any node
+    [m], 0 for a method that does not iterate.
 
     Attributes
     ----------
@@ -147,18 +148,19 @@ class StepErrors:
     names: tuple[str, ...]
 
     def variables(self) -> tuple[Variable, ...]:
-        """One variable ``step_error``."""
-        return _over_markers("step_error", self.names)
+        """Variables ``step_error`` and ``iteration_error``."""
+        return *_over_markers("step_error", self.names), Variable("iteration_error", "m")
 
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
         """Return the estimate at the nodes; zero at the start."""
         if report is None:
-            return (np.zeros((len(self.nodes), 3)),)
+            return np.zeros((len(self.nodes), 3)), 0.0
+        left = float(np.nan_to_num(report.increment))
         if report.local_error is None:
-            return (np.full((len(self.nodes), 3), np.nan),)
-        return (report.local_error[self.nodes],)
+            return np.full((len(self.nodes), 3), np.nan), left
+        return report.local_error[self.nodes], left
 
 
 @dataclass(frozen=True)

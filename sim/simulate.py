@@ -3,12 +3,12 @@
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
-from sim.errors import ControlError, SceneError, SimulationError
+from sim.activation import Activation, Driven
+from sim.errors import SceneError, SimulationError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.outputs import intervals, outputs_of
 from sim.probes import Probe, SmallestJ
@@ -18,50 +18,6 @@ from sim.steps import FixedStep, StepControl, Watch, united
 from sim.system import System
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Activation:
-    """Activation of all muscles over time, linear between samples, held outside them.
-
-    Attributes
-    ----------
-    time : (n,) ascending [s].
-    values : (n, n_muscles) in 0-1.
-
-    Raises
-    ------
-    ControlError
-        Shapes disagree or times do not ascend.
-    """
-
-    time: Array
-    values: Array
-
-    def __post_init__(self) -> None:
-        """Check shapes and times."""
-        if self.values.ndim != 2 or len(self.values) != len(self.time) or len(self.time) == 0:
-            raise ControlError(
-                f"activation has shape {self.values.shape} for {len(self.time)} times, expected "
-                "(time, muscle)"
-            )
-        if not (np.diff(self.time) > 0.0).all():
-            raise ControlError("the times of the activation do not ascend")
-
-    def at(self, t: float) -> Array:
-        """Activation (n_muscles,) at time t [s]."""
-        i = int(np.clip(np.searchsorted(self.time, t) - 1, 0, max(len(self.time) - 2, 0)))
-        if len(self.time) == 1 or t <= self.time[0]:
-            return self.values[0]
-        if t >= self.time[-1]:
-            return self.values[-1]
-        s = (t - self.time[i]) / (self.time[i + 1] - self.time[i])
-        return (1.0 - s) * self.values[i] + s * self.values[i + 1]
-
-
-def resting(n_muscles: int) -> Activation:
-    """All muscles at zero, for ever."""
-    return Activation(np.zeros(1), np.zeros((1, n_muscles)))
 
 
 def simulate(
@@ -131,9 +87,7 @@ def simulate(
     longest = min(steps.h, every) if system.holds_at_ends else steps.h
     plan = intervals(state.t, duration, longest, every)
 
-    def control(t: float) -> Control:
-        return system.control(activation.at(t), t)
-
+    control = Driven(system, activation)
     for values in activation.values:  # all of it now, not one by one hours later
         system.control(values)
     start = time.perf_counter()
@@ -141,6 +95,8 @@ def simulate(
     times = [state.t]
     reports: list[StepReport] = []
     unstable: list[float] = []
+    # what has been at rest knows nothing yet of an activation that it starts with
+    astray = 0.0 if state.v.any() else float(activation.at(state.t).max(initial=0.0))
 
     def advance(state: State, until: float, watch: Watch | None) -> tuple[State, StepReport]:
         return steps.advance(integrator, system, state, control, until, work, watch)
@@ -149,8 +105,10 @@ def simulate(
         return system.smallest_J(q)[0]
 
     for i, interval in enumerate(plan):
+        bent, astray = astray, control.astray(state.t, interval.until) if interval.inside else 0.0
         with _told(unstable):
-            passed = outputs_of(advance, state, interval, smallest_J)
+            # velocities at the start, too, belong to a line only if the activation ran straight there
+            passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]
         shifted = (report.indefinite + report.shifts for _, report in passed if report is not None)
         if sum(shifted) > 0 or snapped(system, before, state, control(state.t)):

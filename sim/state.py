@@ -1,7 +1,8 @@
 """What changes in time: state, control, and the report of a step."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ class State:
 
 @dataclass(frozen=True)
 class Control:
-    """What drives the scene from outside during one step.
+    """What drives the scene from outside at one instant.
 
     Attributes
     ----------
@@ -41,8 +42,7 @@ class Control:
 
     Notes
     -----
-    Called with a time it gives its activation at that time, so that one held over time serves wherever
-    a control that varies is asked for.
+    It is also a `ControlAt`, that of an activation held over time.
     """
 
     activation: Array
@@ -52,9 +52,55 @@ class Control:
         """The control at time t [s]: the same activation."""
         return replace(self, t=t)
 
+    def chord(self, t: float, h: float) -> "Line":
+        """The same activation over a step."""
+        return Line(self.activation, 0.0 * self.activation, t, h)
 
-ControlAt = Callable[[float], Control]
-"""The control as a function of time [s]; integrators ask at the instants of their stages."""
+    def moments(self, t: float, h: float, places: tuple[float, ...]) -> "Line":
+        """The same activation over a step."""
+        return self.chord(t, h)
+
+
+@dataclass(frozen=True)
+class Line:
+    """The activation over one step as a line; c = (time - t)/h.
+
+    Attributes
+    ----------
+    mean, rise : (n_muscles,) of mean + rise (c - 1/2).
+    t, h : float
+        Start and length of the step [s].
+    """
+
+    mean: Array
+    rise: Array
+    t: float
+    h: float
+
+    def at(self, c: float) -> Control:
+        """The control at a place c of the step, in 0-1 but for rounding, which is taken off."""
+        activation = np.clip(self.mean + (c - 0.5) * self.rise, 0.0, 1.0)
+        return Control(activation, self.t + c * self.h)
+
+
+class ControlAt(Protocol):
+    """The control over time, and over one step.
+
+    An integrator takes the control of its stages from a line over the step, not from the activation at
+    their instants: what the activation does between instants then arrives.
+    """
+
+    def __call__(self, t: float) -> Control:
+        """The control at an instant [s]."""
+        ...
+
+    def chord(self, t: float, h: float) -> Line:
+        """Line over a step for a method of first order: the mean, and the rise where it is straight."""
+        ...
+
+    def moments(self, t: float, h: float, places: tuple[float, ...]) -> Line:
+        """Line over a step with the mean and, as far as 0-1 allows at the places, the first moment."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -95,7 +141,8 @@ class StepReport:
     residual : float
         Largest nodal residual force at the end [N]; NaN for a method that does not iterate.
     increment : float
-        Estimated error of the largest nodal position left by the iteration [m]; NaN likewise.
+        Estimated error of the largest nodal position left by the iteration [m], summed over the steps of
+        an interval; NaN likewise.
     smallest_J : float
         Smallest det F at the end.
     line_search : float

@@ -90,7 +90,9 @@ def simulate(
     base = configuration.simulation
     base = base if accuracy is None else base.as_accurate(accuracy)
     given = {"sigma_max": sigma_max, "solver": solver}
-    changes = {name: value for name, value in given.items() if value is not None}
+    changes: dict[str, object] = {name: v for name, v in given.items() if v is not None}
+    if accuracy is None and str(solver).startswith("linearly_implicit"):
+        changes["error_tolerance"] = None  # schemes of one solution do not control their error
     parameters = configure(SimulationParameters, base.model_dump() | changes, where="simulation")
     drive = read_netcdf(activation, "activation")
     where = FaceConfiguration(path=face) if face else configuration.face
@@ -110,16 +112,25 @@ def simulate(
     keep = ("volunteer", "instruction", "repetition", "strategy")
     trajectory.attrs |= {name: drive.attrs[name] for name in keep if name in drive.attrs}
     write_netcdf(trajectory, out_path, "trajectory")
-    moved = trajectory["position"] - trajectory["position"].isel(time=0)
+    moved = 1e3 * trajectory.attrs["motion"]
     say(
-        f"Wrote {out_path}: {trajectory.sizes['time'] - 1} steps in "
+        f"Wrote {out_path}: {int(trajectory['steps'].sum())} steps in "
         f"{trajectory.attrs['run_time_s']:.1f} s, sigma_max "
         f"{trajectory.attrs['sigma_max'] / 1e3:.4g} kPa, smallest J "
         f"{float(trajectory['smallest_J'].min()):.2g}, largest marker displacement "
-        f"{1e3 * float((moved**2).sum('axis').max() ** 0.5):.2f} mm."
+        f"{moved:.2f} mm."
     )
     if warning := stability_warning(trajectory):
         say(f"Warning: {warning}.")
+    if "numerical_error" not in trajectory.attrs:
+        say(f"The error of the time steps is not estimated by solver = '{parameters.solver}'.")
+        return
+    error = 1e3 * trajectory.attrs["numerical_error"]
+    share = f", {100 * error / moved:.2g} % of the motion" if moved > 0.0 else ""
+    told = f"Estimated error of the time steps: {error:.2g} mm{share}."
+    if trajectory.attrs["inaccurate"]:
+        told += " It exceeds a tenth of the motion: ask for an --accuracy such as '0.1 mm'."
+    say(told)
 
 
 def score(

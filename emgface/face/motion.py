@@ -10,7 +10,7 @@ import xarray as xr
 from emgface.errors import ActivationError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.lip_shape import UP
-from emgface.face.numerical_error import numerical_error
+from emgface.face.numerical_error import largest_motion, numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.stability import rounding_sensitivity
@@ -169,7 +169,9 @@ def simulate_face(
         ``solver``, ``step`` and ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin``
         "simulated", ``unstable_from_s``, ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] where
         the equilibrium lost stability (`emgface.face.stability`), and where the motion
-        lies in the recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second).
+        lies in the recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second);
+        ``motion`` [m], the largest displacement of a marker, and, where the integrator has an estimate,
+        the largest ``numerical_error`` [m] and ``inaccurate``, 1 where it exceeds a tenth of the motion.
 
     Raises
     ------
@@ -180,6 +182,8 @@ def simulate_face(
         If a value is not finite or outside 0-1.
     InvertedElement, NotConverged, SingularSystem
         If a step fails; ``element`` is the id in the face model.
+    ToleranceMissed
+        If `error_tolerance` cannot be met by the smallest step.
     """
     system = compile_scene(compose_scene(face, parameters))
     control, duration, pace = _control(activation, system, parameters)
@@ -210,8 +214,9 @@ def simulate_face(
         trajectory.attrs["rounding_sensitivity"] = rounding_sensitivity(
             system, start, trajectory, lambda moved: run(moved, _probes(face)[:1])
         )
-    error = numerical_error(trajectory["step_error"], parameters.beta)
-    trajectory = trajectory.drop_vars("step_error").assign(numerical_error=error)
+    step, left = trajectory["step_error"], trajectory["iteration_error"]
+    error = numerical_error(step, parameters.beta, left)
+    trajectory = trajectory.drop_vars([step.name, left.name]).assign(numerical_error=error)
     trajectory.attrs |= {
         "solver": parameters.solver,
         "step": parameters.step,
@@ -222,8 +227,11 @@ def simulate_face(
         "recorded_start": float(activation["time"].values[0]),
         "recorded_pace": pace,
     }
+    trajectory.attrs["motion"] = largest_motion(trajectory)
     if error.notnull().all():
         trajectory.attrs["numerical_error"] = float(error.max())
+        inaccurate = trajectory.attrs["numerical_error"] > 0.1 * trajectory.attrs["motion"]
+        trajectory.attrs["inaccurate"] = int(inaccurate)
     return trajectory
 
 

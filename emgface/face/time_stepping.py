@@ -5,7 +5,7 @@ from typing import Any, Literal
 from pydantic import model_validator
 
 from emgface.choices import ESKES, OWN, Parameters, choice, parameter, positive
-from emgface.face.accuracy import accuracy_settings
+from emgface.face.accuracy import PRESETS, accuracy_settings
 
 
 class TimeStepping(Parameters):
@@ -16,8 +16,8 @@ class TimeStepping(Parameters):
         "'draft', 'study', 'reference', 'published', or the error wanted such as '0.1 mm'; sets solver, "
         "step, iteration_tolerance and error_tolerance where they are not given.",
         source=f"{OWN}: points measured by `emgface bench work-precision`",
-        note="the defaults are those of 'study'; with contact.method = 'constraint' these are implicit "
-        "Euler in steps of 10 ms",
+        note="the defaults are those of 'study'; with contact.method = 'constraint' the solver is "
+        "implicit Euler under the same control of its error",
     )
     solver: Literal[
         "converged",
@@ -32,7 +32,7 @@ class TimeStepping(Parameters):
         note="'linearly_implicit' is what the published simulator does",
     )
     step: float = parameter(
-        0.02, "Time step; the largest one of error control.", unit="s", source=OWN, gt=0, le=0.1
+        0.01, "Time step; the largest one of error control.", unit="s", source=OWN, gt=0, le=0.1
     )
     output: float = parameter(
         0.01,
@@ -45,15 +45,15 @@ class TimeStepping(Parameters):
         le=0.1,
     )
     iteration_tolerance: float = positive(
-        1e-5,
+        5e-6,
         "Error of the position of a node that the iteration of a step may leave.",
         unit="m",
         note="solvers of one linear solution a step do not iterate",
     )
     error_tolerance: float | None = positive(
-        None,
-        "Error of the lip markers that the steps are chosen by, each dividing `step`; absent: steps "
-        "of one size, halved where they fail.",
+        1e-4,
+        "Error of the lip markers that the steps are chosen by, each dividing `step`; absent, as "
+        "where a `solver` is given without it: steps of one size, halved where they fail.",
         unit="m",
     )
     timing: Literal["recorded", "normalised"] = choice(
@@ -80,8 +80,11 @@ class TimeStepping(Parameters):
         method = contact.get("method") if isinstance(contact, dict) else contact.method
         if data.get("accuracy") is not None or (method == "constraint" and "solver" not in data):
             wanted = str(data.get("accuracy") or "study")
-            return accuracy_settings(wanted, constrained=method == "constraint") | data
-        return data
+            settings = accuracy_settings(wanted, constrained=method == "constraint")
+            if wanted in PRESETS and str(data.get("solver")).startswith("linearly_implicit"):
+                settings["error_tolerance"] = None  # a solver of one's own choice, without control
+            return settings | data
+        return {"error_tolerance": None} | data if "solver" in data else data
 
     @model_validator(mode="after")
     def _runnable(self) -> "TimeStepping":

@@ -77,6 +77,7 @@ def verdict(cube: xr.Dataset) -> list[str]:
             "distinguishes strategies, and no test of a difference means anything. Real data does "
             "not look like this; check what was compared."
         )
+    told += accuracy(cube)
     if cube.sizes["volunteer"] == 1:
         told.append(
             "There is one volunteer: nothing can be said about other people, and no test is made."
@@ -91,6 +92,40 @@ def verdict(cube: xr.Dataset) -> list[str]:
             f"There is one strategy, {cube['strategy'].values[0]}: there is nothing to compare."
         )
     return told
+
+
+def accuracy(cube: xr.Dataset) -> list[str]:
+    """Say how large the estimated error of the time steps is beside the motion.
+
+    Parameters
+    ----------
+    cube : Dataset
+        Scores, without further axes.
+
+    Returns
+    -------
+    list of str
+        One sentence, none where the cube holds no estimate.
+    """
+    if not {"numerical_error", "motion", "inaccurate"} <= set(cube.data_vars):
+        return []
+    ok = (cube["status"] == "ok").values
+    error, motion = (1e3 * cube[name].values[ok] for name in ("numerical_error", "motion"))
+    known = np.isfinite(error)
+    if not known.any():
+        return ["The error of the time steps was not estimated in any scored trial."]
+    flagged = int((cube["inaccurate"].values[ok] == 1.0).sum())
+    lost = (
+        f" {_n(int((~known).sum()), 'scored trial')} without an estimate."
+        if not known.all()
+        else ""
+    )
+    return [
+        f"The estimated error of the time steps is {np.median(error[known]):.2g} mm in the median trial "
+        f"and {error[known].max():.2g} mm at most, beside a median motion of "
+        f"{np.nanmedian(motion):.2g} mm; it exceeds a tenth of the motion in "
+        f"{_n(flagged, 'trial')}{', flagged as inaccurate' if flagged else ''}.{lost}"
+    ]
 
 
 def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:

@@ -7,6 +7,7 @@ import numpy as np
 from analysis.errors import AnalysisError
 from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError
+from emgface.face.numerical_error import largest_motion
 from emgface.face.stability import stability_warning
 from emgface.study.stages import Laboratory, StoredFailure, steps_of
 from emgface.study.store import Result
@@ -56,6 +57,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
             "run_time": float(attrs["run_time_s"]),
             "steps": steps_of(motion.dataset),
             "numerical_error": float(attrs.get("numerical_error", np.nan)),
+            "motion": largest_motion(motion.dataset),
         }
         aligned = laboratory.aligned(recording, motion, trial.label)
         stages.append(aligned)

@@ -38,6 +38,9 @@ def lower_sigma_max(
 ) -> Lowered:
     """Simulate, lowering sigma_max each time an element inverts or a step does not converge.
 
+    Weaker muscles cure what fails mechanically. An accuracy that is missed (`ToleranceMissed`) is not
+    such a failure and is raised at once: the motion would be another, not a better one.
+
     Parameters
     ----------
     simulate : callable

@@ -14,7 +14,7 @@ class Integrator(Protocol):
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
-        """State at t + h under a control, asked at the instants of the stages, and how it went.
+        """State at t + h under a control, taken as a line over the step, and how it went.
 
         Raises
         ------

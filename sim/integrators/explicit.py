@@ -62,7 +62,8 @@ class SymplecticEuler:
         SceneError
             The scene has constraints.
         """
-        a0 = _acceleration(system.during(state, 0.0), state.q, state.v, control(state.t), work)
+        at_start = control.chord(state.t, h).at(0.0)
+        a0 = _acceleration(system.during(state, 0.0), state.q, state.v, at_start, work)
         v1 = system.reduce(state.v) + h * a0
         q1 = system.expand(system.reduce(state.q) + h * v1, state.q)
         return _finish(system, q1, system.expand(v1, state.v), state, h)
@@ -87,7 +88,8 @@ class RungeKutta4:
         """Advance by h; errors as `SymplecticEuler.step`."""
         w0, v0 = system.reduce(state.q), system.reduce(state.v)
         at_start = system.during(state, 0.0)
-        dw, dv = v0, _acceleration(at_start, state.q, state.v, control(state.t), work)
+        line = control.moments(state.t, h, (0.0, 0.5, 1.0))
+        dw, dv = v0, _acceleration(at_start, state.q, state.v, line.at(0.0), work)
         sum_w, sum_v = dw, dv
         for fraction, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             s = fraction * h
@@ -95,7 +97,7 @@ class RungeKutta4:
             v = v0 + s * dv
             dw = v
             part = system.during(state, s)
-            dv = _acceleration(part, q, system.expand(v, state.v), control(state.t + s), work)
+            dv = _acceleration(part, q, system.expand(v, state.v), line.at(fraction), work)
             sum_w, sum_v = sum_w + weight * dw, sum_v + weight * dv
         q1 = system.expand(w0 + h / 6.0 * sum_w, state.q)
         return _finish(system, q1, system.expand(v0 + h / 6.0 * sum_v, state.v), state, h)

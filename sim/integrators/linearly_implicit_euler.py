@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.integrators.contract import require_upright
-from sim.integrators.linearly_implicit import LinearStep, step_of
+from sim.integrators.linearly_implicit import LinearStep, Missed, step_of
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.system import System
@@ -14,8 +14,9 @@ from sim.system import System
 class LinearlyImplicitEuler:
     """One Newton step of implicit Euler, (M + h D + h^2 K) v1 = M v0 + h f(q0), q1 = q0 + h v1.
 
-    K, D and f are taken at q0 with the control of the step's end. First order; it follows the
-    published simulator, and like it can invert elements when forces are large.
+    K, D and f are taken at q0 with the control of the step's end, or with the mean of the activation
+    where that does not run straight through the step. First order; it follows the published simulator,
+    and like it can invert elements when forces are large.
 
     Attributes
     ----------
@@ -45,7 +46,8 @@ class LinearlyImplicitEuler:
         SingularSystem
             The matrix could not be factorised.
         """
-        at_end = control(state.t + h)
+        line = control.chord(state.t, h)
+        at_end = line.at(1.0)
 
         def equation(system: System) -> LinearStep:
             with work.timed("tangent"):
@@ -54,6 +56,6 @@ class LinearlyImplicitEuler:
                 A = system.implicit_matrix(state.q, K, D, h, h * h)
             require_upright(here.element, here.smallest_J, state.t)
             rhs = system.mass * system.reduce(state.v) + h * system.reduce(here.f)
-            return LinearStep(A, rhs, 1.0)
+            return LinearStep(A, rhs, 1.0, Missed(line, D, here))
 
         return step_of(equation, system, state, h, self.tolerance, work)

@@ -16,7 +16,8 @@ class LinearlyImplicitTrapezoidal:
 
     (M + h/2 D + h^2/4 K) v1 = (M - h/2 D - h^2/4 K) v0 + h f(q0), q1 = q0 + h/2 (v0 + v1).
 
-    K, D and f are taken at q0 with the control of the step's end, as the published simulator does.
+    K, D and f are taken at q0 with the control of the step's end, as the published simulator does; where
+    the activation does not run straight through the step, with its mean.
 
     Attributes
     ----------
@@ -37,7 +38,7 @@ class LinearlyImplicitTrapezoidal:
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `LinearlyImplicitEuler.step`."""
-        at_end = control(state.t + h)
+        at_end = control.chord(state.t, h).at(1.0)
 
         def equation(system: System) -> LinearStep:
             with work.timed("tangent"):

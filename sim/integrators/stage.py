@@ -8,12 +8,13 @@ import numpy as np
 
 from sim.contact.step import ContactStep
 from sim.integrators.contact_converged import minimise_in_contact
+from sim.integrators.estimate import relaxed
 from sim.integrators.incremental import IncrementalPotential
 from sim.integrators.iterative import Iterative
 from sim.integrators.newton import Iteration
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
-from sim.state import Array, Control, ControlAt, Evaluation, State, StepReport
+from sim.state import Array, Control, Evaluation, Line, State, StepReport
 from sim.system import System
 
 
@@ -83,18 +84,37 @@ class Converged(Iterative):
         end = found.point
         return Solved(found.q, phi.velocities(end.d), found.here, found.went, found.memory)
 
+    def _freed(
+        self, system: System, error: Array, momentum: Array, D: Matrix, s: float, work: Workspace
+    ) -> Array:
+        """Return an estimated error without what the start of the step owes to a jump of the load.
 
-def middle_damping(system: System, state: State, control: ControlAt, h: float) -> Matrix:
+        Arguments as of `relaxed`. With contact, whose forces at the start are not at hand, the
+        estimate stays as it is.
+        """
+        if system.contact is not None:
+            return error
+        with_conditions = system.constraints
+
+        def solve(rhs: Array) -> Array:
+            if with_conditions is None:
+                return work.solve(rhs)
+            return work.saddle.solve(rhs, np.zeros(with_conditions.n))[0]
+
+        return relaxed(system, error, momentum, D, s, solve)
+
+
+def middle_damping(system: System, state: State, control: Line, h: float) -> Matrix:
     """Damping at the predicted middle of a step, where the predictor does not invert.
 
     Held over the step, it keeps the second order of a method: its change is odd about the middle.
     """
-    q, middle = state.q + 0.5 * h * state.v, control(state.t + 0.5 * h)
+    q, middle = state.q + 0.5 * h * state.v, control.at(0.5)
     upright = system.smallest_J(q)[0] > 0.0
     return system.damping_matrix(q if upright else state.q, middle)
 
 
-def report_of(h: float, stages: list[Solved], local_error: Array) -> StepReport:
+def report_of(h: float, stages: list[Solved], local_error: Array | None = None) -> StepReport:
     """One report for the stages of a step and the estimated error of its positions (n_nodes, 3)."""
     went = reduce(Iteration.joined, (stage.went for stage in stages))
     return StepReport(

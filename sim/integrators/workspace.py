@@ -43,12 +43,15 @@ class Solution:
         Solutions with a factor, and factors made.
     definite : bool
         Whether the latest matrix that was factorised is positive definite.
+    roughly : callable or None
+        Solves with the same matrix, or with one near it.
     """
 
     x: Array
     iterations: int = 1
     factorisations: int = 1
     definite: bool = True
+    roughly: Callable[[Array], Array] | None = None
 
 
 class Workspace:
@@ -94,8 +97,6 @@ class Workspace:
         """Changes with every factor."""
         self.secants = SecantMemory()
         self.inverse_secants = InverseSecants()
-        self.level = 0
-        """Halvings of the latest step of an error control, where the next interval starts."""
         self.multipliers: Array | None = None
         """Multipliers of the latest constrained step, where the next one starts."""
         self.velocities: tuple[float, float, Array] | None = None
@@ -204,9 +205,10 @@ class Workspace:
                 self.linear.factorise(A.values)
             x = self.linear.solve(rhs, start, error)
             done = self.linear
-            return Solution(x, done.iterations, done.factorisations, done.definite)
+            counts = done.iterations, done.factorisations
+            return Solution(x, *counts, done.definite, done.roughly)
         solve, definite = self.solver_of(A.values)
-        return Solution(solve(rhs), 1, 1 if definite else 2, definite)
+        return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve)
 
     def extrapolated(self, t: float, h: float, v: Array) -> Array:
         """Velocities where an iteration for those at t + h may begin, from those at t.

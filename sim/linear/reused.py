@@ -153,6 +153,11 @@ class ReusedFactor:
         self.definite = self.definite and found.smallest > 0.0
         return found.x if found.reached else self._solve_whole(rhs)
 
+    def roughly(self, rhs: Array) -> Array:
+        """Solve with the factor at hand, which was made for a matrix near the latest."""
+        assert self._active is not None  # a solution has made one
+        return self._active.approximate(rhs)
+
     def _iterate(self, rhs: Array, x: Array, error: float | None, limit: int) -> Iterate:
         assert self._active is not None  # callers have made a factor
         factor = self._active

@@ -57,7 +57,7 @@ def united(reports: list[StepReport], rejected: int) -> StepReport:
         iterations=sum(r.iterations for r in reports),
         factorisations=sum(r.factorisations for r in reports),
         residual=max(r.residual for r in reports),
-        increment=max(r.increment for r in reports),
+        increment=sum(r.increment for r in reports),
         line_search=min(r.line_search for r in reports),
         shifts=sum(r.shifts for r in reports),
         indefinite=sum(r.indefinite for r in reports),

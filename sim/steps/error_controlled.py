@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.errors import NotConverged, SceneError
+from sim.errors import SceneError, ToleranceMissed
 from sim.integrators.contract import Integrator, TimeIntegrator
 from sim.integrators.workspace import Workspace
 from sim.scene import Index
@@ -12,16 +12,26 @@ from sim.state import Array, ControlAt, State, StepReport
 from sim.steps.contract import FAILURES, Watch, require_positive, united
 from sim.system import System
 
+MEMORY = "steps"
+"""Name in the memory of a state of (halvings of the next step, error [m] that its past has left)."""
+
+SHARE = 0.25
+"""Share of what is left of the tolerance that one step may take."""
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorControlledStep:
     """Steps h/2^k within every interval h, k by the estimated error at watched nodes.
 
-    A step is accepted if its estimated error is at most tolerance * step/horizon, and the tolerance
-    where it is longer than the horizon: the errors made within one horizon, the time over which the
-    tissue forgets, then sum to the tolerance. The estimate is that of the integrator, which costs
-    nothing; without one the step is repeated in two halves. Steps never cross the end of an interval,
-    where the activation may bend.
+    A step is accepted if its estimated error is at most tolerance * step/horizon (the tolerance where it
+    is longer than the horizon), or a quarter of what the steps before have left of the tolerance. Of
+    their errors e^(-time/horizon) is remembered, the horizon being the time over which the tissue
+    forgets. A short transient, as after a jump of the load, may so take what steady motion does not
+    need; the sum stays near the tolerance.
+
+    The estimate is that of the integrator. Without one, and where halving a step does not lower it by
+    the order of the method, as after a jump of the load that the estimate takes for an error, the step
+    is repeated in two halves and judged by the difference. Steps never cross the end of an interval.
 
     Attributes
     ----------
@@ -75,7 +85,7 @@ class ErrorControlledStep:
         ------
         InvertedElement, NotConverged, SingularSystem
             The smallest step failed.
-        NotConverged
+        ToleranceMissed
             The smallest step misses the tolerance.
         SceneError
             The integrator is not one of motion.
@@ -86,38 +96,48 @@ class ErrorControlledStep:
             )
         start, total = state.t, until - state.t
         finest = 1 << self.max_halvings
-        done, level = 0, min(work.level, self.max_halvings)
+        level, spent = state.memory.get(MEMORY, np.zeros(2))
+        done, level = 0, min(int(level), self.max_halvings)
         reports: list[StepReport] = []
-        rejected = 0
+        rejected, before = 0, np.inf  # the estimate of the attempt before, of twice the step
         gain = 2.0**integrator.order  # of the accuracy, by halving a step
         while done < finest:
             size = finest >> level
             last = done + size == finest
             h = (until if last else start + total * (done + size) / finest) - state.t
+            kept = spent * np.exp(-h / self.horizon)
             allowed = self.tolerance * min(h / self.horizon, 1.0)
+            allowed = max(allowed, SHARE * (self.tolerance - kept))
+            new, report, error = state, None, np.inf
             try:
                 new, report, error = self._attempt(integrator, system, state, control, h, work)
+                if error > allowed and error > before / gain:
+                    new, report, error = self._halves(
+                        integrator, system, state, control, h, work, new
+                    )
+                    before = np.inf
+                else:
+                    before = error
             except FAILURES:
                 if level == self.max_halvings:
                     raise
-                error, new, report = np.inf, state, None
+                before = np.inf
             if report is None or not error <= allowed:
                 if level == self.max_halvings:
-                    raise NotConverged(
-                        (error,), state.t + h, f"the smallest step {h:.2g} s misses the tolerance"
-                    )
+                    raise ToleranceMissed(error, allowed, h, state.t + h)
                 level, rejected = level + 1, rejected + 1
                 continue
-            new = replace(new, t=until) if last else new
-            if watch is not None:
-                watch(state, new)
-            state = new
-            reports.append(replace(report, error=error))
+            before, spent = np.inf, kept + error
             done += size
             aligned = level > 0 and done % (finest >> (level - 1)) == 0
             if aligned and error * 1.5 * gain <= allowed:
                 level -= 1
-        work.level = level
+            memory = {**new.memory, MEMORY: np.array([level, spent])}
+            new = replace(new, t=until if last else new.t, memory=memory)
+            if watch is not None:
+                watch(state, new)
+            state = new
+            reports.append(replace(report, error=error))
         return state, united(reports, rejected)
 
     def _attempt(
@@ -132,10 +152,24 @@ class ErrorControlledStep:
         new, report = integrator.step(system, state, control, h, work)
         if report.local_error is not None:
             return new, report, self._largest(report.local_error)
+        return self._halves(integrator, system, state, control, h, work, new)
+
+    def _halves(
+        self,
+        integrator: TimeIntegrator,
+        system: System,
+        state: State,
+        control: ControlAt,
+        h: float,
+        work: Workspace,
+        new: State,
+    ) -> tuple[State, StepReport, float]:
+        """The step in two halves, with its error by the difference to the whole one."""
         middle, first = integrator.step(system, state, control, 0.5 * h, work)
         better, second = integrator.step(system, middle, control, state.t + h - middle.t, work)
-        error = (better.q - new.q) / (2.0**integrator.order - 1.0)
-        return better, united([first, second], 0), self._largest(error)
+        error = (new.q - better.q) / (2.0**integrator.order - 1.0)
+        report = replace(united([first, second], 0), local_error=error)
+        return better, report, self._largest(error)
 
     def _largest(self, error: Array) -> float:
         watched = error if self.nodes is None else error[self.nodes]

@@ -222,3 +222,28 @@ def test_scores_without_a_variable() -> None:
 def test_status_and_scores_must_agree(kind: dict, words: str) -> None:
     with pytest.raises(CubeError, match=words):
         Trial("v1", "A", 1, "s", **kind)
+
+
+def test_a_trial_whose_error_exceeds_a_tenth_of_its_motion_is_flagged() -> None:
+    errors = {("V1", 1): (0.2e-3, 3e-3), ("V1", 2): (0.4e-3, 3e-3), ("V2", 1): (np.nan, 3e-3)}
+    given_in = [
+        Trial(
+            volunteer,
+            "A",
+            repetition,
+            "act_all",
+            scores(repetition),
+            numerical_error=error,
+            motion=motion,
+        )
+        for (volunteer, repetition), (error, motion) in errors.items()
+    ]
+    found = build_cube(given_in)
+    for (volunteer, repetition), raised in {("V1", 1): 0.0, ("V1", 2): 1.0}.items():
+        cell = found.sel(volunteer=volunteer, repetition=repetition)
+        assert cell["inaccurate"].item() == raised
+        assert cell["motion"].item() == 3e-3
+    assert np.isnan(found["inaccurate"].sel(volunteer="V2", repetition=1).item())
+    listed = trials(found)
+    flagged = listed[listed["flags"] == "inaccurate"]
+    assert flagged[["volunteer", "repetition"]].values.tolist() == [["V1", 2]]

@@ -11,7 +11,7 @@ from emgface.study import stages
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.policy import lower_sigma_max
 from emgface.study.run import run_study
-from sim.errors import InvertedElement, NotConverged, SingularSystem
+from sim.errors import InvertedElement, NotConverged, SingularSystem, ToleranceMissed
 from tests.study_run.conftest import STEP
 
 PARAMETERS = SimulationParameters()
@@ -68,6 +68,18 @@ def test_a_step_that_does_not_converge_also_lowers_but_a_singular_matrix_does_no
 
     with pytest.raises(SingularSystem):
         lower_sigma_max(singular, PARAMETERS)
+
+
+def test_a_missed_accuracy_weakens_no_muscle() -> None:
+    calls: list[float] = []
+
+    def inaccurate(parameters: SimulationParameters) -> xr.Dataset:
+        calls.append(parameters.sigma_max)
+        raise ToleranceMissed(2e-5, 1e-5, 1e-5, 0.1)
+
+    with pytest.raises(ToleranceMissed, match="less accuracy"):
+        lower_sigma_max(inaccurate, PARAMETERS)
+    assert calls == [300e3]
 
 
 @pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")

@@ -324,3 +324,30 @@ def test_command_writes_page_and_tables(page: Path, tmp_path: Path) -> None:
     assert "script-src 'none'" in html.unescape(text) and "Moving face" not in text_of(text)
     written = {path.name for path in (folder / "tables").iterdir()}
     assert {"strategy.csv", "strategy.md", "strategy.tex", "trials.csv"} <= written
+
+
+def test_the_error_of_the_time_steps_is_told_beside_the_motion() -> None:
+    labels = {"volunteer": ["V1", "V2", "V3"], "instruction": ["A"], "repetition": [1]}
+    dims = (*labels, "strategy")
+    shape = (3, 1, 1, 1)
+
+    def over(*values: object) -> tuple[tuple[str, ...], np.ndarray]:
+        return dims, np.array(values).reshape(shape)
+
+    cube = xr.Dataset(
+        {
+            "status": over("ok", "ok", "failed:InvertedElement"),
+            "numerical_error": over(0.1e-3, 2e-3, 9e-3),
+            "motion": over(4e-3, 6e-3, 1e-3),
+            "inaccurate": over(0.0, 1.0, 1.0),
+        },
+        coords={**labels, "strategy": ["act_all"]},
+    )
+    (told,) = contents.accuracy(cube)
+    assert "1.1 mm in the median trial and 2 mm at most, beside a median motion of 5 mm" in told
+    assert "a tenth of the motion in 1 trial, flagged as inaccurate" in told
+    assert (
+        "not estimated in any"
+        in contents.accuracy(cube.assign(numerical_error=over(*[np.nan] * 3)))[0]
+    )
+    assert contents.accuracy(cube.drop_vars("motion")) == []

@@ -51,7 +51,8 @@ def test_a_cubic_motion_is_met_at_every_instant():
         np.testing.assert_allclose(found.v, state(t).v, atol=1e-12)
 
 
-def test_outputs_inside_steps_are_as_accurate_as_their_ends(block):
+def test_outputs_inside_steps_are_as_accurate_as_their_ends(block, monkeypatch):
+    monkeypatch.setattr(sim.outputs, "STRAIGHT", np.inf)  # the cubic also where it bends
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
     errors = []
     for h in (0.02, 0.01):
@@ -73,8 +74,9 @@ def test_fewer_outputs_are_a_selection_with_the_counts_of_all_their_steps(block)
     assert fewer["iterations"].sum() == every_step["iterations"].sum()
 
 
-def test_divided_steps_are_interpolated_piece_by_piece(block):
+def test_divided_steps_are_interpolated_piece_by_piece(block, monkeypatch):
     """An interval of error control knows the ends of its steps, not of itself alone."""
+    monkeypatch.setattr(sim.outputs, "STRAIGHT", np.inf)
     nodes = np.flatnonzero(block.scene.mesh.X[:, 2] > 0.0)
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
     steps = sim.ErrorControlledStep(1e-5, 0.04, nodes)
@@ -131,6 +133,8 @@ def jerked(sigma_max, integrator, steps, probes, every=0.005):
 )
 def test_no_output_is_inverted_where_the_cubic_of_its_step_is(name, control):
     """Both ends of a step upright, the state between them not: the step is taken to the output."""
+    if name == "Trapezoidal" and isinstance(control, sim.ErrorControlledStep):
+        pytest.skip("without an estimate every step is taken in two halves, whose ends are upright")
     integrator = getattr(sim, name)()
     ends = []
 

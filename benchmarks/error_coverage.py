@@ -1,0 +1,219 @@
+"""How often the estimated error of time stepping holds on activations of EMG.
+
+    python benchmarks/error_coverage.py --out OUT.csv [--volunteers 6] [--seed 0] [--shared ../shared]
+
+Simulated volunteers' EMG goes through the signal chain with three strategies; with --shared rectified
+recordings drive the face too. Every trial is moved by each preset and by SDIRK2 in
+steps of a quarter of the output: the largest distance of a lip marker over outputs is the true error.
+One row per trial and preset; then, per preset, how many trials have a true error of at most the
+estimate, how many one within the tolerance, medians and the worst.
+"""
+
+import argparse
+import time
+import warnings
+from collections.abc import Iterator
+from itertools import chain
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from analysis.scores import correlation_3d
+from emgface.choices import configure
+from emgface.face.motion import settle_face, simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
+from emgface.signals.activation import activation_of
+from emgface.signals.parameters import SignalChain
+from emgface.volunteers.emg import draw_pools, synthesise_emg
+from emgface.volunteers.person import draw_volunteer
+from emgface.volunteers.session import trial_activation
+from emgface.volunteers.settings import VolunteerParameters
+from sim.errors import SimulationError
+
+PRESETS = ("study", "draft", "published")
+STRATEGIES = ("act_all", "act_3", "act_rel")
+SNR = 20.0  # dB
+OUTPUT = 0.01  # s
+EXACT = {"solver": "sdirk2", "step": OUTPUT / 4, "iteration_tolerance": 1e-6}
+
+
+def emg_trials(
+    n: int, seed: int, duration: float
+) -> Iterator[tuple[str, xr.DataArray, xr.DataArray]]:
+    """Label, activation estimated from simulated EMG, and the true one, in an order drawn by lot."""
+    settings = VolunteerParameters(duration=duration)
+    signals = configure(SignalChain, {"normalisation": {"silent": "zero"}})
+    wanted = [(i, x, s) for i in range(1, n + 1) for x in INSTRUCTIONS for s in STRATEGIES]
+    for k in np.random.default_rng(seed).permutation(len(wanted)):
+        index, instruction, strategy = wanted[k]
+        person = draw_volunteer(index, seed)
+        truth = trial_activation(person, instruction, 1, settings)
+        gain = np.array([person.gain[channel] for channel in CHANNELS])
+        rng = np.random.default_rng([seed, index, 11, list(INSTRUCTIONS).index(instruction)])
+        emg = synthesise_emg(
+            truth,
+            gain=gain,
+            cross_talk=person.cross_talk,
+            baseline_noise=0.0,
+            mains_hum=person.mains_hum,
+            rng=rng,
+            sampling_rate=settings.sampling_rate,
+            pools=draw_pools(np.random.default_rng([seed, index, 7])),
+        )
+        noise = gain[:, None] * 10.0 ** (-SNR / 20.0) * rng.standard_normal(emg.shape)
+        recording = xr.Dataset(
+            {"emg": (emg + noise).assign_attrs(units="V")},
+            attrs={"origin": "simulated", "volunteer": person.name, "instruction": instruction},
+        )
+        label = f"{person.name} {instruction} {strategy}"
+        estimated = activation_of(recording, signals, strategy=strategy)["activation"]
+        yield label, estimated, truth.rename(time_true="time")
+
+
+def recorded_trials(
+    shared: Path, muscles: list[str], *, each: int = 6, duration: float = 0.8
+) -> Iterator[tuple[str, xr.DataArray, None]]:
+    """Rectified facial EMG, 100 Hz, as activations: zygomaticus drives ZYG, corrugator DAO."""
+    for path in sorted((shared / "recordings" / "oxazepam-facial-emg").glob("*_preprocessed.txt")):
+        size = pd.read_csv(path, sep="\t", header=None).iloc[:, 3:5].abs().to_numpy(dtype=float)
+        size = np.clip(size / np.percentile(size, 99.9, axis=0), 0.0, 1.0)
+        n = round(duration * 100) + 1
+        loudest = np.argsort(-np.convolve(size[:, 0], np.ones(n), "valid")[::n])[:each]
+        for k in loudest:
+            part = size[k * n : (k + 1) * n]
+            values = np.zeros((len(muscles), len(part)))
+            for name, column in (("ZYG", 0), ("DAO", 1)):
+                for side in "LR":
+                    values[muscles.index(f"{name}_{side}")] = part[:, column]
+            drive = xr.DataArray(
+                values,
+                dims=("muscle", "time"),
+                coords={"muscle": muscles, "time": np.arange(len(part)) / 100.0},
+            )
+            yield f"recorded {path.stem[:7]} {k}", drive, None
+
+
+Job = tuple[str, xr.DataArray, xr.DataArray | None]
+
+
+class Bench:
+    """A settled face that every trial is moved on; made once per process."""
+
+    one: "Bench"
+
+    def __init__(self, resolution: str, presets: tuple[str, ...]) -> None:
+        warnings.simplefilter("ignore")
+        wanted = int(resolution) if resolution.isdigit() else resolution
+        self.presets, self.face = presets, template_face(resolution=wanted)
+        self.base = {"sigma_max": 100e3, "output": OUTPUT}
+        self.settled = settle_face(self.face, configure(SimulationParameters, self.base))
+        Bench.one = self
+
+    def moved(self, drive: xr.DataArray, values: dict[str, object]) -> xr.Dataset:
+        """Motion of the face."""
+        parameters = configure(SimulationParameters, self.base | values)
+        chosen = drive.sel(muscle=self.face["muscle"].values.tolist())
+        return simulate_face(self.face, chosen, parameters, settled=self.settled)
+
+    def rows(self, job: Job) -> list[dict[str, object]]:
+        """One row per preset of a trial."""
+        label, drive, truth = job
+        exact = self.moved(drive, EXACT)["position"]
+        signal = float(np.sqrt(((exact - exact.isel(time=0)) ** 2).sum("axis")).max())
+        goal = None
+        if truth is not None:
+            span = truth.sel(time=slice(float(drive["time"][0]), float(drive["time"][-1])))
+            goal = self.moved(span, {"accuracy": "draft"})["position"]
+        found: list[dict[str, object]] = []
+        for preset in self.presets:
+            row: dict[str, object] = {"trial": label, "preset": preset, "motion_mm": 1e3 * signal}
+            found.append(row)
+            started = time.process_time()
+            try:
+                motion = self.moved(drive, {"accuracy": preset})
+            except SimulationError as error:
+                row["status"] = type(error).__name__
+                continue
+            row["processor_s_per_s"] = (time.process_time() - started) / float(motion["time"][-1])
+            here = motion["position"].assign_coords(time=exact["time"])
+            row["status"] = "ok"
+            row["error_mm"] = 1e3 * float(np.sqrt(((here - exact) ** 2).sum("axis")).max())
+            row["estimate_mm"] = 1e3 * motion.attrs.get("numerical_error", np.nan)
+            row["steps"] = float(motion["steps"].sum())
+            row["iterations"] = float(motion["iterations"].sum())
+            if goal is not None:
+                n = min(goal.sizes["time"], exact.sizes["time"])
+                three = (
+                    d.isel(time=slice(0, n)).assign_coords(time=exact["time"][:n])
+                    for d in (goal, here, exact)
+                )
+                to, a, b = three
+                row["change_of_rho"] = float(
+                    np.abs(correlation_3d(to, a) - correlation_3d(to, b)).max()
+                )
+        return found
+
+
+def _of(job: Job) -> list[dict[str, object]]:
+    return Bench.one.rows(job)
+
+
+def main() -> None:
+    """Measure, store after every trial, print."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--volunteers", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--duration", type=float, default=1.0, help="length of a recording [s]")
+    parser.add_argument("--resolution", default="coarse", help="of the generated face")
+    parser.add_argument("--preset", action="append", help=f"{', '.join(PRESETS)} by default")
+    parser.add_argument("--shared", type=Path, help="folder with recordings")
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    presets = tuple(given.preset or PRESETS)
+    jobs = emg_trials(given.volunteers, given.seed, given.duration)
+    if given.shared is not None:
+        jobs = chain(recorded_trials(given.shared, list(MUSCLES)), jobs)
+    rows: list[dict[str, object]] = []
+    context = get_context("spawn")
+    with context.Pool(given.workers, Bench, (given.resolution, presets)) as pool:
+        for found in pool.imap(_of, jobs):
+            rows += found
+            pd.DataFrame(rows).to_csv(given.out, index=False)
+    print(summary(pd.DataFrame(rows)).to_string(index=False))
+
+
+def summary(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row per preset."""
+    told: list[dict[str, object]] = []
+    for preset, of in rows.groupby("preset", sort=False):
+        ok = of[of["status"] == "ok"]
+        ratio = ok["estimate_mm"] / ok["error_mm"]
+        told.append(
+            {
+                "preset": preset,
+                "trials": len(of),
+                "failed": len(of) - len(ok),
+                "median motion mm": ok["motion_mm"].median(),
+                "median error mm": ok["error_mm"].median(),
+                "worst error mm": ok["error_mm"].max(),
+                "within 0.1 mm": (ok["error_mm"] <= 0.1).mean(),
+                "change of rho <= 0.01": (ok["change_of_rho"].dropna() <= 0.01).mean(),
+                "worst change of rho": ok["change_of_rho"].max(),
+                "error <= estimate": (ratio >= 1.0).mean(),
+                "median estimate/error": ratio.median(),
+                "smallest estimate/error": ratio.min(),
+                "median s/s": ok["processor_s_per_s"].median(),
+            }
+        )
+    return pd.DataFrame(told).round(4)
+
+
+if __name__ == "__main__":
+    main()

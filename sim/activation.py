@@ -1,0 +1,120 @@
+"""Activation over time, and the line that stands for it over a step: its integral and first moment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.errors import ControlError
+from sim.state import Array, Control, Line
+from sim.system import System
+
+STRAIGHT = 4.0
+"""Largest deviation from the chord, times this, that is taken off the rise of a step of first order.
+
+From 2 on the ends of the line stay in the range of the activation. With 4 all of a burst that is shorter
+than twice the step arrives wherever it lies, and a line is its own line.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Activation:
+    """Activation of all muscles over time, linear between samples, held outside them.
+
+    Attributes
+    ----------
+    time : (n,) ascending [s].
+    values : (n, n_muscles) in 0-1.
+
+    Raises
+    ------
+    ControlError
+        Shapes disagree or times do not ascend.
+    """
+
+    time: Array
+    values: Array
+
+    def __post_init__(self) -> None:
+        """Check shapes and times."""
+        if self.values.ndim != 2 or len(self.values) != len(self.time) or len(self.time) == 0:
+            raise ControlError(
+                f"activation has shape {self.values.shape} for {len(self.time)} times, expected "
+                "(time, muscle)"
+            )
+        if not (np.diff(self.time) > 0.0).all():
+            raise ControlError("the times of the activation do not ascend")
+
+    def at(self, t: float) -> Array:
+        """Activation (n_muscles,) at time t [s]."""
+        i = int(np.clip(np.searchsorted(self.time, t) - 1, 0, max(len(self.time) - 2, 0)))
+        if len(self.time) == 1 or t <= self.time[0]:
+            return self.values[0]
+        if t >= self.time[-1]:
+            return self.values[-1]
+        s = (t - self.time[i]) / (self.time[i + 1] - self.time[i])
+        return (1.0 - s) * self.values[i] + s * self.values[i + 1]
+
+    def within(self, t0: float, t1: float) -> tuple[Array, Array]:
+        """Corners between two instants: their places c in 0-1 (k,), and values (k, n_muscles)."""
+        first = int(np.searchsorted(self.time, t0, side="right"))
+        inside = slice(first, max(first, int(np.searchsorted(self.time, t1, side="left"))))
+        c = np.concatenate([[0.0], (self.time[inside] - t0) / (t1 - t0), [1.0]])
+        return c, np.concatenate([self.at(t0)[None], self.values[inside], self.at(t1)[None]])
+
+
+def resting(n_muscles: int) -> Activation:
+    """All muscles at zero, for ever."""
+    return Activation(np.zeros(1), np.zeros((1, n_muscles)))
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """The control that an activation is for a system; see `sim.state.ControlAt`."""
+
+    system: System
+    activation: Activation
+
+    def __call__(self, t: float) -> Control:
+        """The control at time t [s]."""
+        return self.system.control(self.activation.at(t), t)
+
+    def chord(self, t: float, h: float) -> Line:
+        """Line with the mean of the activation, rising with it in as far as it runs straight.
+
+        rise = sign(a1 - a0) max(|a1 - a0| - 4 d, 0), d the largest distance from the chord.
+        """
+        c, a = self.activation.within(t, t + h)
+        whole = a[-1] - a[0]
+        astray = np.abs(a - (a[0] + c[:, None] * whole)).max(axis=0)
+        rise = np.sign(whole) * np.maximum(np.abs(whole) - STRAIGHT * astray, 0.0)
+        return Line(_mean(c, a), rise, t, h)
+
+    def moments(self, t: float, h: float, places: tuple[float, ...]) -> Line:
+        """Line with mean and first moment of the activation, turned where it leaves 0-1.
+
+        rise = 12/h int a (c - 1/2) dt, the projection onto linear functions of c = (time - t)/h, limited
+        so that the line stays in 0-1 at the `places` c where it is asked for; the mean is kept always.
+        """
+        c, a = self.activation.within(t, t + h)
+        mean, c = _mean(c, a), c[:, None] - 0.5
+        first = np.diff(c, axis=0) * (a[:-1] * (2 * c[:-1] + c[1:]) + a[1:] * (c[:-1] + 2 * c[1:]))
+        rise = 2.0 * first.sum(axis=0)
+        for place in places:
+            away = abs(place - 0.5)
+            if away > 0.0:
+                up = rise if place > 0.5 else -rise
+                up = np.clip(up, -mean / away, (1.0 - mean) / away)
+                rise = up if place > 0.5 else -up
+        return Line(mean, rise, t, h)
+
+    def astray(self, t0: float, t1: float) -> float:
+        """Largest distance of the activation from its straight line over an interval [1]."""
+        c, a = self.activation.within(t0, t1)
+        line = self.moments(t0, t1 - t0, ())
+        return float(np.abs(a - line.mean - (c[:, None] - 0.5) * line.rise).max())
+
+
+def _mean(c: Array, a: Array) -> Array:
+    """Mean over c in 0-1 of what is linear between corners."""
+    mean = 0.5 * (np.diff(c)[:, None] * (a[1:] + a[:-1])).sum(axis=0)
+    return np.clip(mean, 0.0, 1.0)  # but for rounding it is

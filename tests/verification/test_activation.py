@@ -1,0 +1,152 @@
+"""Steps see the activation between their instants: its integral and, to second order, its moment."""
+
+import numpy as np
+import pytest
+
+import sim
+from sim.activation import Driven
+from sim.integrators import INTEGRATORS
+from sim.integrators.sdirk2 import GAMMA
+from sim.integrators.stage import Converged
+from tests.bodies import crossed_muscles, grid, solid_system
+
+H = 0.01
+SDIRK2 = (GAMMA, 1.0), (1.0 - GAMMA, GAMMA)
+TRAPEZOIDAL = (0.0, 1.0), (0.5, 0.5)
+KUTTA = (0.0, 0.5, 1.0), (1 / 6, 4 / 6, 1 / 6)
+
+
+def block(damping=0.03):
+    mesh = grid((2, 2, 2), wedges=(1,))
+    return solid_system(
+        mesh,
+        muscles=crossed_muscles(mesh, sim.Blemker(20e3)),
+        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
+        damping=sim.RestRayleigh(19.0, damping),
+    )
+
+
+SYSTEM = block()
+
+
+def burst(centre, half, height=1.0):
+    """One sample above zero: a triangle, of which the first muscle feels all and the other a part."""
+    time = np.array([0.0, centre - half, centre, centre + half, 1.0])
+    a = height * np.array([0.0, 0.0, 1.0, 0.0, 0.0])
+    return sim.Activation(time, np.stack([a, 0.4 * a], axis=1))
+
+
+def rough(seed=0, n=200):
+    rng = np.random.default_rng(seed)
+    time = np.sort(rng.uniform(0.0, 0.3, n))
+    return sim.Activation(time, rng.uniform(0.0, 1.0, (n, 2)) ** 3)
+
+
+def integral(activation, t0, t1, power=0):
+    """Of what lies between two instants, times (t - t0)^power, by a fine rule."""
+    t = np.linspace(t0, t1, 20001)
+    values = np.stack([np.interp(t, activation.time, column) for column in activation.values.T])
+    return np.trapezoid(values * (t - t0) ** power, t, axis=1)
+
+
+@pytest.mark.parametrize("h", [0.005, 0.01, 0.02])
+@pytest.mark.parametrize("milliseconds", [1, 2, 5, 10, 20])
+def test_all_of_a_burst_arrives_wherever_it_lies(milliseconds, h):
+    half = 0.5e-3 * milliseconds
+    for phase in np.arange(0.0, 1.0, 0.05):
+        drive = Driven(SYSTEM, burst(0.1 + phase * h, half))
+        steps = [i * h for i in range(round(0.2 / h))]
+        exact = half * np.array([1.0, 0.4])
+        for places, weights in (SDIRK2, TRAPEZOIDAL, KUTTA):
+            lines = [drive.moments(t, h, places) for t in steps]
+            given = sum(
+                h * w * line.at(c).activation
+                for line in lines
+                for c, w in zip(places, weights, strict=True)
+            )
+            np.testing.assert_allclose(given, exact, rtol=1e-9)
+        if half < h:  # a burst that the steps see as one rises and falls over several of them
+            given = sum(h * drive.chord(t, h).at(1.0).activation for t in steps)
+            np.testing.assert_allclose(given, exact, rtol=1e-9)
+
+
+def test_what_a_step_is_given_stays_an_activation_and_keeps_its_mean():
+    activation = rough()
+    drive = Driven(SYSTEM, activation)
+    turned = 0
+    for t in np.arange(0.0, 0.29, H):
+        mean = integral(activation, t, t + H) / H
+        chord = drive.chord(t, H)
+        corners = activation.within(t, t + H)[1]
+        for c in (0.0, 1.0):
+            a = chord.at(c).activation
+            assert (a >= corners.min(axis=0) - 1e-12).all()
+            assert (a <= corners.max(axis=0) + 1e-12).all()
+        for places, _ in (SDIRK2, TRAPEZOIDAL):
+            line = drive.moments(t, H, places)
+            np.testing.assert_allclose(line.mean, mean, atol=1e-6)
+            ends = np.array([line.mean + (c - 0.5) * line.rise for c in places])
+            assert ends.min() > -1e-12
+            assert ends.max() < 1 + 1e-12
+            free = drive.moments(t, H, ())
+            turned += int((line.rise != free.rise).any())
+            moment = integral(activation, t, t + H, 1) / H**2
+            np.testing.assert_allclose(free.mean / 2 + free.rise / 12, moment, atol=1e-6)
+    assert turned > 3
+
+
+def test_a_straight_line_is_given_as_it_is():
+    activation = sim.Activation(
+        np.array([0.0, 0.1, 0.2]), np.array([[0, 0.9], [0.7, 0.1], [0.7, 0]])
+    )
+    drive = Driven(SYSTEM, activation)
+    for t in np.arange(0.0, 0.199, H):
+        for c in (0.0, GAMMA, 0.5, 1.0):
+            there = activation.at(t + c * H)
+            np.testing.assert_allclose(drive.chord(t, H).at(c).activation, there, atol=1e-14)
+            np.testing.assert_allclose(
+                drive.moments(t, H, (c,)).at(c).activation, there, atol=1e-14
+            )
+    assert drive.astray(0.02, 0.09) < 1e-14
+    assert drive.astray(0.05, 0.15) > 0.05
+
+
+def test_the_line_of_first_order_approaches_a_smooth_activation_with_the_square_of_the_step():
+    time = np.linspace(0.0, 0.2, 4001)
+    a = 0.5 + 0.4 * np.sin(40.0 * time)
+    drive = Driven(SYSTEM, sim.Activation(time, np.stack([a, a], axis=1)))
+    gaps = []
+    for h in (0.008, 0.004):
+        starts = np.arange(0.0, 0.19, h)
+        there = [drive.activation.at(t + h) for t in starts]
+        found = [drive.chord(t, h).at(1.0).activation for t in starts]
+        gaps.append(np.abs(np.array(found) - there).max())
+    assert np.log2(gaps[0] / gaps[1]) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("cls", INTEGRATORS)
+def test_a_burst_between_steps_moves_the_body_under_every_integrator(cls):
+    """After a burst shorter than a step the body is where it is with steps that resolve it."""
+    stiff = cls.stability == "conditional"
+    system, h = (block(1e-5), 1e-4) if stiff else (SYSTEM, H)
+    options = {"tolerance": 1e-10, "residual_tolerance": 1e-9}
+    exact = {}
+
+    def end(integrator, h, phase):
+        _, state = sim.simulate(
+            system,
+            burst(4 * unit + phase * unit, 0.2 * unit, 0.8),
+            duration=7 * unit,
+            integrator=integrator,
+            steps=sim.FixedStep(h),
+        )
+        return state.q - system.scene.mesh.X
+
+    unit = h
+    made = cls(**options) if issubclass(cls, Converged) else cls()
+    for phase in (0.0, 0.3, 0.5, 0.8):
+        exact[phase] = end(sim.Sdirk2(**options), unit / 40, phase)
+        found = end(made, h, phase)
+        gap = np.linalg.norm(found - exact[phase]) / np.linalg.norm(exact[phase])
+        # methods of first order place the burst within the step only, and smear it
+        assert gap < (0.5 if cls.order == 1 else 0.15), (phase, gap)
