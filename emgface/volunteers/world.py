@@ -134,7 +134,7 @@ class World(Parameters):
         "Power of a channel in the pass-band while active over that at rest: range from which each "
         "channel's ratio is drawn; absent: the amplifier's noise alone.",
         unit="dB",
-        source="facial recordings, as an independent check of this package put it",
+        source=f"{OWN}: surface EMG of facial muscles as laboratories record it",
         note="measured as `emgface.volunteers.noise.signal_to_noise` does",
     )
     amplitude: float = positive(
