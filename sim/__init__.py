@@ -66,6 +66,7 @@ from sim.probes import (
     StepErrors,
 )
 from sim.reductions import Fixed
+from sim.restart import read_state, save_state
 from sim.scene import Scene
 from sim.simulate import simulate
 from sim.state import Control, ControlAt, Line, State, StepReport
@@ -170,7 +171,9 @@ __all__ = [
     "grid_mesh",
     "initial_stretch",
     "mesh_from_arrays",
+    "read_state",
     "resting",
+    "save_state",
     "simulate",
     "stretch_field",
 ]

@@ -4,9 +4,10 @@ A pressure that acts on many nodes at once couples them all. Its stiffness k g g
 g of a volume, has few numbers as a product and many as entries of a matrix.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy.sparse import csr_array
 
 from sim.linear.contract import symmetric_product
@@ -61,18 +62,46 @@ class Matrix:
             y += part.times(x)
         return y
 
+    def arrays(self) -> dict[str, Array]:
+        """Values and products, without the stand-in."""
+        kept = {"values": self.values}
+        for i, part in enumerate(self.products):
+            own = {"data": part.G.data, "indices": part.G.indices, "indptr": part.G.indptr}
+            own |= {"k": part.k}
+            kept |= {f"{i}.{name}": a.astype(np.float64) for name, a in own.items()}
+        return kept
+
+    @staticmethod
+    def of_arrays(pattern: Sparsity, kept: Mapping[str, Array]) -> "Matrix":
+        """The matrix of `arrays`."""
+        products: list[Product] = []
+        while f"{len(products)}.k" in kept:
+            data, indices, indptr, k = (
+                kept[f"{len(products)}.{name}"] for name in ("data", "indices", "indptr", "k")
+            )
+            places = indices.astype(np.int32), indptr.astype(np.int32)
+            G = csr_array((data, *places), shape=(len(k), pattern.n))
+            products.append(Product(G, k))
+        return Matrix(pattern, kept["values"], tuple(products))
+
     def to_factorise(self) -> Array:
         """Values of the matrix that is factorised for this one."""
         return self.values if self.stand_in is None else self.values + self.stand_in()
 
 
 def merged(products: Sequence[Product]) -> tuple[Product, ...]:
-    """Sum of products, as one where they share their G."""
+    """Sum of products, as one where their G are equal, whether or not they are one object."""
     found: list[Product] = []
     for part in products:
-        same = [i for i, other in enumerate(found) if other.G is part.G]
+        same = [i for i, other in enumerate(found) if _same(other.G, part.G)]
         if same:
             found[same[0]] = Product(part.G, found[same[0]].k + part.k)
         else:
             found.append(part)
     return tuple(found)
+
+
+def _same(a: csr_array, b: csr_array) -> bool:
+    if a is b:
+        return True
+    return np.array_equal(a.data, b.data) and np.array_equal(a.indices, b.indices)

@@ -64,8 +64,13 @@ class Interval:
     ends_output: bool
 
 
-def intervals(start: float, duration: float, h: float, every: float) -> list[Interval]:
+def intervals(
+    start: float, duration: float, h: float, every: float, origin: float | None = None
+) -> list[Interval]:
     """Lay out steps of at most h [s] and outputs every so often [s]; the last step may be shorter.
+
+    Instants are origin + i h with whole i where the start is one of them, so that a simulation that
+    goes on from a state ends its steps at the same numbers as one that never stopped; else start + i h.
 
     Raises
     ------
@@ -84,17 +89,23 @@ def intervals(start: float, duration: float, h: float, every: float) -> list[Int
             f"steps of {h:g} s and outputs every {every:g} s: expected one to be a whole multiple of "
             "the other"
         )
+    unit = every if per_step > 1 else h
+    before = 0 if origin is None else round((start - origin) / unit)
+    if origin is not None and before >= 0 and abs(origin + before * unit - start) <= 1e-9 * unit:
+        start = origin
+    else:
+        before = 0
     if per_output > 1:
         return [
-            Interval(start + i * h, (), i % per_output == 0)
+            Interval(start + (before + i) * h, (), i % per_output == 0)
             for i in range(1, outputs * per_output + 1)
         ]
     found: list[Interval] = []
     for first in range(0, outputs, per_step):
         last = min(first + per_step, outputs)
-        inside = tuple(start + k * every for k in range(first + 1, last))
+        inside = tuple(start + (before + k) * every for k in range(first + 1, last))
         # the same product where every step is an output, whatever its rounding
-        end = start + (last * every if per_step > 1 else last * h)
+        end = start + (before + last) * unit
         found.append(Interval(end, inside, True))
     return found
 

@@ -12,14 +12,17 @@ from sim.errors import SceneError, SimulationError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.outputs import intervals, outputs_of
 from sim.probes import Probe, SmallestJ
+from sim.restart import solver_memory, with_solver_memory
 from sim.snapping import snapped
 from sim.state import Array, Control, State, StepReport
 from sim.steps import FixedStep, StepControl, Watch, united
 from sim.system import System
+from sim.threads import one_blas_thread
 
 Progress = Callable[[int, int], None]
 
 
+@one_blas_thread
 def simulate(
     system: System,
     activation: Activation,
@@ -54,9 +57,11 @@ def simulate(
         steps, no step passes an output.
     probes : sequence of Probe
     initial : State, optional
-        Rest by default.
+        Rest by default. The final state of another simulation goes on from it, bit for bit as if that
+        had not stopped where steps, outputs and solver are the same (`sim.save_state`, `read_state`).
     work : Workspace, optional
-        Solver memory to go on with, so that several simulations of a system analyse once.
+        Analysed solver, so that several simulations of a system analyse once; what it has solved before
+        has no influence.
     progress : callable, optional
         Called as ``progress(done, total)`` after every step.
 
@@ -83,9 +88,12 @@ def simulate(
     state = initial or system.rest_state()
     _require_finite(state)
     work = work or Workspace(system)
+    carried, origin = solver_memory(state)
+    work.restore(carried)
     every = steps.h if every is None else every
     longest = min(steps.h, every) if system.holds_at_ends else steps.h
-    plan = intervals(state.t, duration, longest, every)
+    origin = state.t if origin is None else origin
+    plan = intervals(state.t, duration, longest, every, origin)
 
     control = Driven(system, activation)
     for values in activation.values:  # all of it now, not one by one hours later
@@ -136,7 +144,7 @@ def simulate(
     }
     if unstable:
         attrs |= {"unstable_from_s": unstable[0], "unstable_until_s": unstable[-1]}
-    return _dataset(probes, times, records, attrs), state
+    return _dataset(probes, times, records, attrs), with_solver_memory(state, work, origin)
 
 
 @contextmanager

@@ -46,6 +46,7 @@ from sim.integrators import Integrator
 from sim.integrators.stage import Converged
 from sim.probes import Probe
 from sim.steps import StepControl
+from sim.threads import one_blas_thread
 
 Progress = Callable[[int, int], None]
 ConvergedT = TypeVar("ConvergedT", bound=Converged)
@@ -59,6 +60,7 @@ NOT_OF_REST: Final = frozenset(
 """Parameters that the rest of a face does not depend on."""
 
 
+@one_blas_thread
 def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:
     """Positions of all nodes at rest under gravity and prestress, all muscles silent.
 
@@ -134,6 +136,7 @@ def _settled(
     return state
 
 
+@one_blas_thread
 def simulate_face(
     face: xr.Dataset,
     activation: xr.DataArray,

@@ -27,6 +27,7 @@ from emgface.study.store import Event, Result, Store, write_text
 from emgface.study.table import Intake, PlannedTrial, plan_trials, take_in, take_in_references
 from emgface.study.variants import variants
 from emgface.study.workers import in_parallel
+from sim.threads import one_blas_thread
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ class StudyResult:
         return [event for event in self.events if event.outcome != "reused"]
 
 
+@one_blas_thread
 def run_study(
     study: StudyConfiguration,
     out: Path,

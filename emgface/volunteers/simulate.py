@@ -38,11 +38,13 @@ from emgface.volunteers.session import (
 )
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.write import write_session
+from sim.threads import one_blas_thread
 
 REST = Stage("volunteer_rest", MECHANICS)
 MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.study.policy"))
 
 
+@one_blas_thread
 def make_volunteers(
     face: xr.Dataset | None,
     out: Path,

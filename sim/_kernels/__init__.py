@@ -2,6 +2,10 @@
 
 A kernel takes contiguous arrays and scalars, writes into buffers of the caller, knows no classes and
 reports trouble by value; the Python around it raises.
+
+No kernel has `fastmath`, not even `contract`: numba optimises a parallel kernel once when it is compiled
+and once more for its cache, and whatever the compiler is allowed to reorder differs between the two, in
+the last digit of a stiffness. By the plain rules of IEEE 754 both are the same.
 """
 
 from pathlib import Path

@@ -7,13 +7,12 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.laws import FLAGS
 from sim._kernels.triangles import between, edge_edge, point_triangle
 
 VERTICES, EDGE_VERTEX, EDGES, FACE_VERTEX = 0, 1, 2, 3
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, error_model="numpy")
 def shares(
     kind: NDArray[np.int64],
     vertex: NDArray[np.int64],

@@ -21,8 +21,6 @@ import math
 import numba as nb
 import numpy as np
 
-FLAGS = {"contract", "reassoc", "nsz", "arcp"}  # never all of fastmath: it assumes NaN away
-
 MOONEY_RIVLIN = 0
 NEO_HOOKE = 1
 
@@ -44,20 +42,20 @@ GAUSS_X = 0.5 * (_GAUSS[0] + 1.0)
 GAUSS_W = 0.5 * _GAUSS[1]
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def mooney_rivlin(p, I1bar):
     """C10 (I1bar - 3) + C20 (I1bar - 3)^2."""
     x = I1bar - 3.0
     return p[0] * x + p[1] * x * x, p[0] + 2.0 * p[1] * x, 2.0 * p[1]
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def neo_hooke(p, I1bar):
     """mu/2 (I1bar - 3)."""
     return 0.5 * p[0] * (I1bar - 3.0), 0.5 * p[0], 0.0
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def isochoric(code, p, I1bar):
     """Energy, slope and curvature of the isochoric law with this code."""
     if code == MOONEY_RIVLIN:
@@ -67,21 +65,21 @@ def isochoric(code, p, I1bar):
     return math.nan, math.nan, math.nan
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def quadratic_bulk(kappa, J):
     """kappa/2 (J - 1)^2."""
     x = J - 1.0
     return 0.5 * kappa * x * x, kappa * x, kappa
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def logarithmic_bulk(kappa, J):
     """kappa/2 (ln J)^2."""
     log_J = math.log(J)
     return 0.5 * kappa * log_J * log_J, kappa * log_J / J, kappa * (1.0 - log_J) / (J * J)
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def bulk(code, kappa, J):
     """Energy, slope and curvature of the bulk law with this code."""
     if code == QUADRATIC:
@@ -91,7 +89,7 @@ def bulk(code, kappa, J):
     return math.nan, math.nan, math.nan
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def blemker_active(r):
     """Active force-length curve f_act(r), its integral from 0 and its slope."""
     if r <= 0.4 or r >= 1.6:
@@ -106,7 +104,7 @@ def blemker_active(r):
     return 508.0 / 750.0 + 3.0 * x * x * x, 9.0 * x * x, 18.0 * x
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def exponential_then_linear(P1, P2, r_star, r):
     """P1 (exp(P2 (r - 1)) - 1) up to r*, then its tangent line; integral from 1, value and slope."""
     if r <= r_star:
@@ -120,7 +118,7 @@ def exponential_then_linear(P1, P2, r_star, r):
     return w_star + f_star * x + 0.5 * P3 * x * x, f_star + P3 * x, P3
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def blemker(p, stretch, activation):
     """dw/dstretch = sigma_max/stretch_opt (f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
     r = stretch / p[1]
@@ -136,7 +134,7 @@ def blemker(p, stretch, activation):
     return w, f, k
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def generic(p, stretch, activation):
     """dw/dstretch = f_pas(stretch)/stretch + a sigma_max; p as for blemker, P1 in pascals."""
     _, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2], stretch)
@@ -156,13 +154,13 @@ def generic(p, stretch, activation):
     return w, f, k
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def constant(p, stretch, activation):
     """dw/dstretch = a sigma_max: no length dependence, no passive part."""
     return p[0] * activation * (stretch - 1.0), p[0] * activation, 0.0
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def fibre(code, p, stretch, activation):
     """Energy, slope and curvature of the fibre law with this code."""
     if code == BLEMKER:
@@ -174,7 +172,7 @@ def fibre(code, p, stretch, activation):
     return math.nan, math.nan, math.nan
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def fibre_rests(code, p, longest, activation):
     """Whether a fibre has neither energy nor force at any stretch up to the longest."""
     if activation != 0.0:

@@ -7,12 +7,10 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.laws import FLAGS
-
 Reals = NDArray[np.float64]
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, error_model="numpy")
 def symmetric_product(
     indptr: NDArray[np.int32], indices: NDArray[np.int32], values: Reals, x: Reals, out: Reals
 ) -> None:

@@ -42,7 +42,7 @@ from sim._kernels.element import (
     take,
 )
 from sim._kernels.lanes import LANES, load, rows, smallest, store, total
-from sim._kernels.laws import FLAGS, bulk, fibre, fibre_rests, isochoric
+from sim._kernels.laws import bulk, fibre, fibre_rests, isochoric
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: stress, M, N and T, moduli, blocks, and what laws of fibres return
@@ -50,7 +50,7 @@ _P, _M, _N, _T, _A, _K, _LAW = 0, 9, 18, 27, 36, 90, 138
 ROWS = 141
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def inverse_cube_root(J):
     """J^(-1/3), by two steps of fourth order where the volume changes by less than half."""
     x = J - 1.0
@@ -63,13 +63,13 @@ def inverse_cube_root(J):
     return y
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _add(w, row, value, more):
     """Write lanes into a row, added to those that fibres left there."""
     store(w, row, value + load(w, row) if more else value)
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _add_moduli(w, e_11, e_1J, e_JJ, c, p_1, inverse, e, more):
     """Moduli of isochoric and bulk laws, from M and N in the scratch array.
 
@@ -108,7 +108,7 @@ def _add_moduli(w, e_11, e_1J, e_JJ, c, p_1, inverse, e, more):
             block += 9
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
     """Moduli of one fibre with T and N in the scratch array, and b = A a0."""
     block = _A
@@ -127,7 +127,7 @@ def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
             block += 9
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _fibre_at_points(w, code, p, stretch, drive):
     """Energy, slope and curvature of a law of fibres, point by point."""
     store(w, _LAW, stretch)
@@ -136,7 +136,7 @@ def _fibre_at_points(w, code, p, stretch, drive):
     return load(w, _LAW), load(w, _LAW + 1), load(w, _LAW + 2)
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def smallest_J(q: Reals, part: Part, out: Reals) -> None:
     """Smallest det F over the points of every element, into out of all elements."""
     for chunk in nb.prange(part.chunk.size - 1):
@@ -147,7 +147,7 @@ def smallest_J(q: Reals, part: Part, out: Reals) -> None:
             out[part.element[e]] = least(determinant(F, cofactor(F)))
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def evaluate(
     q: Reals,
     part: Part,

@@ -30,7 +30,7 @@ from sim._kernels.element import (
     stiffness_blocks,
 )
 from sim._kernels.lanes import load, rows, store, total
-from sim._kernels.laws import FLAGS, bulk
+from sim._kernels.laws import bulk
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 from sim._kernels.tensor_element import (
     BLOCK_ROW,
@@ -56,7 +56,7 @@ from sim._kernels.tensor_laws import SMALL
 from sim._kernels.tensor_point import add_fibre, add_product, passive_law, project, strains
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _deformation_at(w, k, F, cof):
     """F (3, 3) and its cofactor at point k, from their rows; J."""
     for i in range(3):
@@ -66,7 +66,7 @@ def _deformation_at(w, k, F, cof):
     return w[J_ROW, k]
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _add_history(history, strain, S):
     """Add the stress (6,) that stays the same to S; its energy by a strain given as I + 2 E."""
     W = 0.0
@@ -77,7 +77,7 @@ def _add_history(history, strain, S):
     return W
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _add_bulk(code, kappa, J, inverse, S, D, with_tangent):
     """Add stress and moduli of the bulk law; its energy."""
     U, UJ, UJJ = bulk(code, kappa, J)
@@ -88,7 +88,7 @@ def _add_bulk(code, kappa, J, inverse, S, D, with_tangent):
     return U
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _write(w, k, S, D, S_row, D_row, with_tangent):
     """Write stress and moduli of point k into their rows."""
     for a in range(6):
@@ -98,7 +98,7 @@ def _write(w, k, S, D, S_row, D_row, with_tangent):
                 w[D_row + 6 * a + b, k] = D[a, b]
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def evaluate(
     q: Reals,
     part: Part,
@@ -246,7 +246,7 @@ def evaluate(
                     add_to_matrix(w, BLOCK_ROW, part.nodes, places, e, values)
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def law_stress(
     q: Reals,
     part: Part,

@@ -7,8 +7,6 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.laws import FLAGS
-
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -16,12 +14,12 @@ INSIDE_FACE, EDGE_0, EDGE_1, EDGE_2, CORNER_0, CORNER_1, CORNER_2 = 0, 1, 2, 3, 
 """Where on a triangle its nearest point lies."""
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, error_model="numpy")
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, error_model="numpy")
 def between(p, a, b):
     """Share of the way from a to b at which the line is nearest to p, within 0-1."""
     along = length = 0.0
@@ -33,7 +31,7 @@ def between(p, a, b):
     return min(max(along / length, 0.0), 1.0)
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, error_model="numpy")
 def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tuple[float, int]:
     """Squared distance and feature of the point of a triangle nearest to p; its barycentric weights.
 
@@ -83,7 +81,7 @@ def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tup
     return best, feature
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, error_model="numpy")
 def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
     """Squared distance of the segments ab and cd; the shares of the way along each where it is."""
     # the least of the crossing of the two lines, if within both, and of each end to the other segment
@@ -119,7 +117,7 @@ def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
     return best
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, error_model="numpy")
 def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray[np.bool_]) -> None:
     """Whether each point (row of out) is within a distance of each face (column)."""
     w = np.empty(3)
@@ -130,7 +128,7 @@ def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray
             out[i, f] = d2 <= distance * distance
 
 
-@nb.njit(cache=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, error_model="numpy")
 def normals(x: Reals, triangles: Indices, face: Reals, corner: Reals, flat: Reals) -> None:
     """Unit normals of faces, and of vertices by the angles of their faces (corner is per vertex).
 

@@ -31,7 +31,6 @@ from sim._kernels.element import (
     stiffness_block,
 )
 from sim._kernels.lanes import load, rows, store, total
-from sim._kernels.laws import FLAGS
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: N, pressure or 1 times dV N, derivative of the volume, moduli, blocks
@@ -41,7 +40,7 @@ CHUNKS = 64  # of nodes or of blocks
 _OFF_DIAGONAL = (1, 2, 4)  # of the six blocks; those of equal axes have no second derivative
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _deform(w, q, part, e, x):
     """Write N; det F."""
     gather(q, part.nodes, e, x)
@@ -51,7 +50,7 @@ def _deform(w, q, part, e, x):
     return determinant(F, C)
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _derivative(w, factor, slope):
     """Write into rows _H the sum over points of factor N d."""
     for r in range(9):
@@ -59,7 +58,7 @@ def _derivative(w, factor, slope):
     nodal(w, _P, slope, _H)
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _curvature(w, c, slope):
     """Write into rows _K the sum over points of c (N d_a (N d_b)' - N d_b (N d_a)')."""
     row = _A
@@ -75,7 +74,7 @@ def _curvature(w, c, slope):
         stiffness_block(w, _A + 9 * n, slope, _K + NODES * block)
 
 
-@nb.njit(cache=True, fastmath=FLAGS)
+@nb.njit(cache=True)
 def _add_square(w, stiffness):
     """Add stiffness h h' to the blocks."""
     block = _K
@@ -87,7 +86,7 @@ def _add_square(w, stiffness):
             block += NODES
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def add_pressure(
     q: Reals,
     part: Part,
@@ -142,7 +141,7 @@ def add_pressure(
                     add_to_matrix(w, _K, part.nodes, places, e, values)
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def element_volumes(q: Reals, part: Part, v: Reals, h: Reals) -> None:
     """Present volume v (element,) of every element and its derivative h (3 * element, 8)."""
     for chunk in nb.prange(part.chunk.size - 1):
@@ -158,7 +157,7 @@ def element_volumes(q: Reals, part: Part, v: Reals, h: Reals) -> None:
                 store(h, 3 * own + i, load(w, _H + i))
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def point_volumes(q: Reals, part: Part, v: Reals, n: Reals) -> None:
     """Present volume v (element, 8) of every point and dV N into n (element, 8, 9)."""
     for chunk in nb.prange(part.chunk.size - 1):
@@ -176,7 +175,7 @@ def point_volumes(q: Reals, part: Part, v: Reals, n: Reals) -> None:
                     n[own, k, r] = w[_P + r, k]
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def gather_nodal(
     v: Reals,
     n: Reals,
@@ -221,7 +220,7 @@ def gather_nodal(
             nodal_volume[m] = sum_v
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
 def add_products(
     stiffness: Reals,
     g: Reals,

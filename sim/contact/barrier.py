@@ -128,6 +128,8 @@ class CompiledBarrier:
 
     def starting(self, state: State, h: float) -> "CompiledBarrier":
         """Barriers over a step of length h [s] from a state, with the friction of its contacts."""
+        for pair in self.pairs:
+            pair.forget()
         if self._part.friction == 0.0 or h == 0.0:
             return self
         slip = self._part.stick_speed * h if h < math.inf else CREEP * self._part.distance
@@ -191,6 +193,7 @@ class CompiledBarrier:
         """Pairs that are felt, smallest gap [m] and normal force [N], per pairing."""
         count, gap, force = (np.zeros(len(self.pairs)) for _ in range(3))
         for i, pair in enumerate(self.pairs):
+            pair.forget()  # what is told of a state depends on the state alone
             x = pair.vertices(state.q, state.t)
             count[i], gap[i] = len(pair.collisions(x)), pair.smallest_distance(x)
             first = next(s for s in pair.pairing.surfaces if isinstance(s, NodeSurface))

@@ -181,6 +181,10 @@ class CollisionPair:
         a, b = (self._ipc.make_vertex_patches_filter(row) for row in chosen)
         self.mesh.can_collide = a & b
 
+    def forget(self) -> None:
+        """Search anew next time: the order of pairs, and of their sum, follows where they were found."""
+        self._reference = None
+
     def _near(self, *x: Array) -> Any:
         """Pairs that may come within the distance on the way through these positions."""
         if self._reference is not None and all(_farthest(p, self._reference) <= SLACK for p in x):

@@ -57,7 +57,7 @@ def minimise_in_contact(
     start: Point,
     step: ContactStep,
     way: Array,
-    key: tuple[type, float],
+    key: tuple[str, float],
     work: Workspace,
     minimise: Minimise,
     until: float,
@@ -76,7 +76,7 @@ def minimise_in_contact(
         Of the potential, with det F > 0.
     step : ContactStep
     way : (n_nodes,) how far nodes may come in the step [m].
-    key : (type, float)
+    key : (str, float)
         Integrator and step that a factor belongs to.
     work : Workspace
     minimise : callable
@@ -154,7 +154,7 @@ def minimise_in_contact(
 
 
 def _stiffness_met(
-    potential: Placed, start: Point, key: tuple[type, float], work: Workspace
+    potential: Placed, start: Point, key: tuple[str, float], work: Workspace
 ) -> Array:
     """Diagonal (n_free,) of the stiffness that rows meet [N/m], once per integrator and step."""
     known = work.contact_stiffness

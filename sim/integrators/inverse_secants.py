@@ -1,6 +1,7 @@
 """Limited-memory secant updates of an inverse, as a sum: for a factor whose compliance is known too."""
 
 from collections import deque
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -36,6 +37,20 @@ class InverseSecants:
         if dot(s, y) > 1e-10 * norm(s) * norm(y):
             self._pairs.append((s, y, z))
             self._lay_out()
+
+    def arrays(self) -> dict[str, Array]:
+        """Moves s, changes y and answers z (k, n) of all pairs; none without pairs."""
+        if not self._pairs:
+            return {}
+        parts = zip(*self._pairs, strict=True)
+        return {name: np.stack(part) for name, part in zip("syz", parts, strict=True)}
+
+    def restore(self, kept: Mapping[str, Array]) -> None:
+        """Hold the pairs of `arrays`, and no others."""
+        self._pairs.clear()
+        if kept:
+            self._pairs.extend(zip(kept["s"], kept["y"], kept["z"], strict=True))
+        self._lay_out()
 
     def _lay_out(self) -> None:
         m = len(self._pairs)

@@ -46,7 +46,7 @@ class Iterative:
 
         def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
             if system.constraints is None:
-                return minimise(potential, point, work, (type(self), s), tolerances, until)
+                return minimise(potential, point, work, (type(self).__name__, s), tolerances, until)
             return minimise_constrained(potential, point, work, tolerances, until)
 
         return settle

@@ -183,7 +183,7 @@ def minimise(
     potential: Potential,
     point: Point,
     work: Workspace,
-    key: tuple[type, float],
+    key: tuple[str, float],
     tolerances: Tolerances,
     until: float,
 ) -> tuple[Point, Iteration]:
@@ -196,7 +196,7 @@ def minimise(
         Start, with det F > 0.
     work : Workspace
         Holds the factor; one made under the same key is used as it is.
-    key : (type, float)
+    key : (str, float)
         Integrator and step that the factor belongs to.
     tolerances : Tolerances
     until : float

@@ -1,7 +1,9 @@
 """Limited-memory secant updates of a factor that has grown old."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+
+import numpy as np
 
 from sim.state import Array
 from sim.vectors import dot, norm
@@ -34,6 +36,20 @@ class SecantMemory:
         sy = dot(s, y)
         if sy > 1e-10 * norm(s) * norm(y):
             self._pairs.append((s, y, 1.0 / sy))
+
+    def arrays(self) -> dict[str, Array]:
+        """Moves s and changes y (k, n) of all pairs; none without pairs."""
+        if not self._pairs:
+            return {}
+        s, y, _ = zip(*self._pairs, strict=True)
+        return {"s": np.stack(s), "y": np.stack(y)}
+
+    def restore(self, kept: Mapping[str, Array]) -> None:
+        """Hold the pairs of `arrays`, and no others."""
+        self.clear()
+        if kept:
+            rows = zip(kept["s"], kept["y"], strict=True)
+            self._pairs.extend((s, y, 1.0 / dot(s, y)) for s, y in rows)
 
     def direction(self, g: Array, solve: Solve) -> Array:
         """-H g, with `solve` the inverse of the factorised Hessian."""

@@ -77,7 +77,7 @@ class Converged(Iterative):
         if system.contact is None:
             end, went = settle(phi, start)
             return Solved(phi.positions(end.d), phi.velocities(end.d), end.here, went)
-        key = (type(self), stage.s)
+        key = (type(self).__name__, stage.s)
         contact = ContactStep(system.contact, state, stage.t)
         way = stage.s * np.sqrt((stage.v**2).sum(axis=1))
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t)

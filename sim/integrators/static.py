@@ -63,7 +63,7 @@ class Static(Iterative):
             least = end.here.smallest_J
         else:
             contact = ContactStep(system.contact, state, until, equilibrium=True)
-            way, key = np.zeros(len(state.q)), (Static, 0.0)
+            way, key = np.zeros(len(state.q)), ("Static", 0.0)
             found = minimise_in_contact(
                 energy, start, contact, way, key, work, settle, until, grip=True
             )

@@ -1,9 +1,11 @@
 """Solver memory of a simulation, kept between steps."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+
+import numpy as np
 
 from sim.contact.compliance import Compliance
 from sim.errors import SceneError
@@ -57,7 +59,9 @@ class Solution:
 class Workspace:
     """Solver memory of one simulation: the analysed linear solver, its latest factor, run times.
 
-    Nothing here changes a result beyond the tolerance of the iteration that uses it.
+    An older factor, secants and guesses leave their traces within the tolerance of an iteration. A
+    simulation therefore begins with what its initial state carries of them (`arrays`, `restore`), and
+    never with what another simulation left here.
 
     Parameters
     ----------
@@ -87,11 +91,12 @@ class Workspace:
             # with a contact the first step tells which form serves
             self._analyse(self._form.pattern)
         self._beside: Matrix | None = None
+        self._made_of: Array | None = None
         self._compliance: Compliance | None = None
         self._compliance_by: int | None = None
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
-        self.factor_of: tuple[type, float] | None = None
+        self.factor_of: tuple[str, float] | None = None
         """Integrator and step that the latest factor was made for, set by one that reuses factors."""
         self.factor_number = 0
         """Changes with every factor."""
@@ -101,7 +106,7 @@ class Workspace:
         """Multipliers of the latest constrained step, where the next one starts."""
         self.velocities: tuple[float, float, Array] | None = None
         """Start and end of the latest linearly implicit step, and the velocities at its start."""
-        self.contact_stiffness: tuple[tuple[type, float], Array] | None = None
+        self.contact_stiffness: tuple[tuple[str, float], Array] | None = None
         """Integrator and step, and the diagonal of their stiffness that penalties of contact follow."""
 
     def factorise(self, A: Matrix, shift: Array, max_shifts: int = 12) -> int:
@@ -119,6 +124,7 @@ class Workspace:
         values, tau = A.to_factorise(), 0.0
         shifted = values
         self._forget()
+        self._made_of = None
         for shifts in range(max_shifts + 1):
             try:
                 with self.timed("factorisation"):
@@ -130,12 +136,107 @@ class Workspace:
                 shifted = values.copy()
                 shifted[A.pattern.diagonal] += tau * shift
                 continue
+            self._made_of = shifted
             if A.products:
                 own = A.values.copy()
                 own[A.pattern.diagonal] += tau * shift
                 self._beside = replace(A, values=own)
             return shifts
         raise AssertionError("unreachable: the loop returns or raises")
+
+    def arrays(self) -> dict[str, Array]:
+        """All that later results depend on: with it `restore` goes on bit for bit.
+
+        Matrices are kept, not their factors, which the same solver makes of them again.
+        """
+        parts: dict[str, dict[str, Array]] = {
+            "solver": {"name": _codes(self.linear.name), "of": self._fits()},
+            "step": {},
+        }
+        forms = [form.pattern is self._factored for form in self._forms()]
+        parts["solver"]["form"] = np.array([float(forms.index(True)) if any(forms) else -1.0])
+        parts["solver"]["double"] = np.array([float(getattr(self.factor, "in_double", False))])
+        if isinstance(self.linear, ReusedFactor):
+            parts["reused"] = self.linear.arrays()
+        if self.factor_of is not None and self._made_of is not None:
+            by, h = self.factor_of
+            parts["factor"] = {"by": _codes(by), "h": np.array([h]), "values": self._made_of}
+            parts["secants"] = self.secants.arrays()
+            parts["inverse_secants"] = self.inverse_secants.arrays()
+            if self._beside is not None:
+                parts["beside"] = self._beside.arrays()
+        if self._compliance is not None:
+            of_factor = np.array([float(self._compliance_by == self.factor_number)])
+            parts["compliance"] = self._compliance.arrays() | {"of_factor": of_factor}
+        if self.multipliers is not None:
+            parts["step"]["multipliers"] = self.multipliers
+        if self.velocities is not None:
+            t0, t1, v = self.velocities
+            parts["step"] |= {"velocity_times": np.array([t0, t1]), "velocities": v}
+        if self.contact_stiffness is not None:
+            (by, h), diagonal = self.contact_stiffness
+            parts["stiffness"] = {"by": _codes(by), "h": np.array([h]), "diagonal": diagonal}
+        return {f"{part}.{name}": a for part, kept in parts.items() for name, a in kept.items()}
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Hold what `arrays` told, and nothing else; those of another solver or pattern are left out."""
+
+        def part(name: str) -> dict[str, Array]:
+            start = f"{name}."
+            return {k.removeprefix(start): a for k, a in arrays.items() if k.startswith(start)}
+
+        solver = part("solver")
+        fits = solver and np.array_equal(solver["name"], _codes(self.linear.name))
+        if not (fits and np.array_equal(solver["of"], self._fits())):
+            arrays, solver = {}, {"form": np.array([-1.0]), "double": np.zeros(1)}
+        form = int(solver["form"][0])
+        if form >= 0:
+            self._analyse(self._forms()[form].pattern)
+        self._forget()
+        self._made_of = None
+        start_over = getattr(self.factor, "start_over", None)
+        if start_over is not None and self._factored is not None:
+            start_over(bool(solver["double"][0]))
+        if isinstance(self.linear, ReusedFactor) and self._factored is not None:
+            self.linear.restore(part("reused"))
+        factor, step, stiffness = part("factor"), part("step"), part("stiffness")
+        if factor:
+            self._made_of = factor["values"]
+            self.factor.factorise(self._made_of)
+            self.factor_of = _text(factor["by"]), float(factor["h"][0])
+            if beside := part("beside"):
+                assert self._factored is not None  # a factor was made for it
+                self._beside = Matrix.of_arrays(self._factored, beside)
+        self.secants.restore(part("secants"))
+        self.inverse_secants.restore(part("inverse_secants"))
+        self._compliance, self._compliance_by = None, None
+        if compliance := part("compliance"):
+            self._compliance = Compliance(self._pattern.n, self.factor.approximate_many)
+            self._compliance.restore(compliance)
+            if compliance["of_factor"][0]:
+                self._compliance_by = self.factor_number
+        self.multipliers = step.get("multipliers")
+        self.velocities = None
+        if "velocities" in step:
+            t0, t1 = step["velocity_times"].tolist()
+            self.velocities = t0, t1, step["velocities"]
+        self.contact_stiffness = None
+        if stiffness:
+            by = _text(stiffness["by"]), float(stiffness["h"][0])
+            self.contact_stiffness = by, stiffness["diagonal"]
+
+    def _forms(self) -> list[System]:
+        """Forms of the system that the solver may have been analysed for."""
+        forms = [self._form]
+        if self._form is not self._system:
+            forms.append(self._system)
+        if self._form.contact is not None and self._form.apart is not None:
+            forms.append(self._form.apart)
+        return forms
+
+    def _fits(self) -> Array:
+        """Size of what the arrays belong to: unknowns and entries."""
+        return np.array([self._pattern.n, self._pattern.nnz], dtype=np.float64)
 
     def form(self, system: System, state: State | None = None) -> System:
         """Return the system in the form that the solver works with: products apart, or all entries.
@@ -294,7 +395,7 @@ class Workspace:
             self._saddle = Saddle(self._pattern, self._system.constraints)
         return self._saddle
 
-    def has_factor_for(self, integrator: type, h: float) -> bool:
+    def has_factor_for(self, integrator: str, h: float) -> bool:
         """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
         return alike(self.factor_of, integrator, h)
 
@@ -336,6 +437,14 @@ class Workspace:
             )
 
 
-def alike(made: tuple[type, float] | None, integrator: type, h: float) -> bool:
+def _codes(name: str) -> Array:
+    return np.frombuffer(name.encode(), dtype=np.uint8).astype(np.float64)
+
+
+def _text(codes: Array) -> str:
+    return codes.astype(np.uint8).tobytes().decode()
+
+
+def alike(made: tuple[str, float] | None, integrator: str, h: float) -> bool:
     """Whether what was made belongs to this integrator and step, but for rounding of h."""
-    return made is not None and made[0] is integrator and math.isclose(made[1], h, rel_tol=1e-9)
+    return made is not None and made[0] == integrator and math.isclose(made[1], h, rel_tol=1e-9)

@@ -25,6 +25,7 @@ from sim.state import Array
 SYMMETRIC_POSITIVE_DEFINITE, SYMMETRIC_INDEFINITE = 2, -2
 MKL_PATH = "PYPARDISO_MKL_RT"  # where pypardiso looks first
 ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
+AVX2, COMPATIBLE, STRICT = 10, 3, 0x10000  # branches of MKL's conditional numerical reproducibility
 NOT_DEFINITE = -4
 
 # places in iparm, as PARDISO counts them less one
@@ -46,7 +47,30 @@ def _wrapper() -> tuple[Any, str]:
     """Module of pypardiso, and the path of the MKL that it found."""
     with _pointed_to(_installed_mkl()):
         wrapper = importlib.import_module("pypardiso.pardiso_wrapper")
-        return wrapper, str(wrapper.PyPardisoSolver().libmkl._name)
+        mkl = wrapper.PyPardisoSolver().libmkl
+        _fix_code_path(mkl)
+        return wrapper, str(mkl._name)
+
+
+def _fix_code_path(mkl: ctypes.CDLL) -> None:
+    """Have MKL compute alike in every process, wherever its arrays begin.
+
+    Its kernels otherwise follow the alignment of memory, and solutions differ between processes in
+    their last digits. MKL refuses once it has computed something in this process, or where MKL_CBWR
+    has chosen already; a processor without AVX2 gets the branch that all have.
+    """
+    if mkl.MKL_CBWR_Set(ctypes.c_int(AVX2 | STRICT)) != 0:
+        mkl.MKL_CBWR_Set(ctypes.c_int(COMPATIBLE))
+
+
+@contextmanager
+def _one_thread(mkl: ctypes.CDLL) -> Generator[None]:
+    """Let MKL use one thread: a factor found in parts, one for each thread, is rounded differently."""
+    before = mkl.MKL_Set_Num_Threads_Local(ctypes.c_int(1))
+    try:
+        yield
+    finally:
+        mkl.MKL_Set_Num_Threads_Local(ctypes.c_int(before))
 
 
 def _installed_mkl() -> str | None:
@@ -87,6 +111,7 @@ class _Handle:
     def __init__(self, matrix_type: int, pattern: Sparsity, precision: type) -> None:
         solver = _new_solver(matrix_type)
         self._routine, self._pt, self.iparm = solver._mkl_pardiso, solver.pt, solver.iparm
+        self._mkl = solver.libmkl
         self._pt_type, self._matrix_type, self._n = solver._pt_type[0], matrix_type, pattern.n
         self.iparm[GIVEN] = 1  # so that all entries count; those at zero are the defaults
         self.iparm[NESTED_DISSECTION] = 2
@@ -117,24 +142,25 @@ class _Handle:
         def data(array: NDArray[Any], kind: Any = ctypes.c_void_p) -> Any:
             return array.ctypes.data_as(kind)
 
-        self._routine(
-            data(self._pt, ctypes.POINTER(self._pt_type)),
-            number(1),  # factors kept
-            number(1),  # which of them
-            number(self._matrix_type),
-            number(phase),
-            number(self._n),
-            data(self.values),
-            data(self._indptr, integer),
-            data(self._indices, integer),
-            data(self._order, integer),
-            number(b.size // self._n),  # right-hand sides
-            data(self.iparm, integer),
-            number(0),  # no messages
-            data(b),
-            data(into),
-            ctypes.byref(error),
-        )
+        with _one_thread(self._mkl):
+            self._routine(
+                data(self._pt, ctypes.POINTER(self._pt_type)),
+                number(1),  # factors kept
+                number(1),  # which of them
+                number(self._matrix_type),
+                number(phase),
+                number(self._n),
+                data(self.values),
+                data(self._indptr, integer),
+                data(self._indices, integer),
+                data(self._order, integer),
+                number(b.size // self._n),  # right-hand sides
+                data(self.iparm, integer),
+                number(0),  # no messages
+                data(b),
+                data(into),
+                ctypes.byref(error),
+            )
         return error.value
 
 

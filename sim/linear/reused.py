@@ -1,6 +1,6 @@
 """Solution with the present matrix by the factor of an older one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
@@ -94,6 +94,30 @@ class ReusedFactor:
         """Drop the factor, as when it was made for something else."""
         self._active = None
 
+    def arrays(self) -> dict[str, Array]:
+        """What the next solution depends on: the matrix behind the factor, and the counts."""
+        fresh = -1 if self._fresh is None else self._fresh
+        other = self._active is self._indefinite
+        counts = np.array([fresh, self._excess, self.definite, other], dtype=np.float64)
+        return {"counts": counts} | ({} if self._active is None else {"factored": self._factored})
+
+    def restore(self, kept: Mapping[str, Array]) -> None:
+        """Go on as where `arrays` were told; without any, as if nothing had been solved."""
+        fresh, excess, definite, other = kept["counts"].tolist() if kept else (-1, 0, 1, 0)
+        self._fresh = None if fresh < 0 else int(fresh)
+        self._excess, self.definite, self._active = int(excess), bool(definite), None
+        if "factored" in kept:
+            active = self._for_indefinite() if other else self.factor
+            active.factorise(kept["factored"])
+            self._active, self._factored = active, kept["factored"]
+
+    def _for_indefinite(self) -> Factor:
+        """Solver that factorises what is not positive definite, analysed when it is first needed."""
+        if self._indefinite is None:
+            self._indefinite = self._new_indefinite()
+            self._indefinite.analyse(self._pattern)
+        return self._indefinite
+
     def factorise(
         self,
         values: Array,
@@ -178,26 +202,24 @@ class ReusedFactor:
     def _renew(self) -> None:
         """Factorise the matrix at hand, or the one nearby."""
         values = self._values if self._to_factorise is None else self._to_factorise()
-        self._fresh, self._excess = None, 0
+        self._fresh, self._excess, self._factored, self._active = None, 0, values, None
         with self.timed("factorisation"):
             self.factorisations += 1
-            counts = hasattr(self._indefinite, "negative_pivots")
-            if not self.definite and self._indefinite is not None and counts:
+            if not self.definite and hasattr(self._for_indefinite(), "negative_pivots"):
                 # active muscles keep a matrix indefinite for many steps
-                self._indefinite.factorise(values)
-                self._active = self._indefinite
-                self.definite = getattr(self._indefinite, "negative_pivots", 0) == 0
+                active = self._for_indefinite()
+                active.factorise(values)
+                self._active = active
+                self.definite = getattr(active, "negative_pivots", 0) == 0
                 return
             try:
                 self.factor.factorise(values)
                 self._active, self.definite = self.factor, True
             except NotPositiveDefinite:
-                if self._indefinite is None:
-                    self._indefinite = self._new_indefinite()
-                    self._indefinite.analyse(self._pattern)
-                self._indefinite.factorise(values)
+                active = self._for_indefinite()
+                active.factorise(values)
                 self.factorisations += 1
-                self._active, self.definite = self._indefinite, False
+                self._active, self.definite = active, False
 
     def _solve_whole(self, rhs: Array) -> Array:
         """Solve by a factor of the matrix itself."""

@@ -33,7 +33,7 @@ class SinglePardiso:
     solutions_per_factorisation: ClassVar[int] = 8
 
     def __init__(self) -> None:
-        self._factor = Pardiso(np.float32)
+        self._factor = self._single = Pardiso(np.float32)
         self._double: Pardiso | None = None
         self._is_single = True
 
@@ -80,6 +80,19 @@ class SinglePardiso:
             self._double.analyse(self._pattern)
         self._double.factorise(self._values)
         self._factor, self._is_single = self._double, False
+
+    @property
+    def in_double(self) -> bool:
+        """Whether single precision did not serve, and factors are in double from then on."""
+        return not self._is_single
+
+    def start_over(self, in_double: bool = False) -> None:
+        """Forget which precision served, or take double at once."""
+        if in_double and self._double is None:
+            self._double = Pardiso()
+            self._double.analyse(self._pattern)
+        self._is_single = not in_double
+        self._factor = self._double if in_double and self._double is not None else self._single
 
     def approximate(self, rhs: Array) -> Array:
         """Solve by one pass, to about six digits over the condition number."""

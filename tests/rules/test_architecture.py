@@ -39,12 +39,12 @@ def test_numba_lives_in_kernel_files_alone(root):
                 assert "_kernels" in str(path.relative_to(root)), path
 
 
-def test_no_kernel_assumes_nan_away(root):
+def test_no_kernel_lets_the_compiler_reorder_arithmetic(root):
+    """It would differ between the process that compiles a kernel and those that load it."""
     for package in PACKAGES:
         for path in modules(root, package):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.keyword) and node.arg == "fastmath":
-                    assert not (isinstance(node.value, ast.Constant) and node.value.value), path
+                assert not (isinstance(node, ast.keyword) and node.arg == "fastmath"), path
 
 
 def test_there_is_no_drawer_for_everything(root):

@@ -1,0 +1,136 @@
+"""Digests of results over processes with other threads, hash seeds, environments and kernel caches.
+
+    python benchmarks/same_bits.py --processes 20
+
+The first process compiles the kernels into an empty cache, the others load them from it. Prints a line
+for each process and result, and fails unless every result has one digest. Simulated data throughout.
+"""
+
+import argparse
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+THREADS = (1, 2, 4)
+RESTARTED = " restarted"
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def digest(*arrays: object) -> str:
+    """Twelve digits that change with any bit."""
+    import numpy as np
+
+    found = hashlib.blake2b(digest_size=6)
+    for array in arrays:
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()
+
+
+def of_blocks() -> dict[str, str]:
+    """Small bodies: contact by both methods, and the same with a restart from a file."""
+    import sim
+    from tests.verification.test_same_bits import CONVERGED, falling
+
+    found: dict[str, str] = {}
+    cases = {"constraint": CONVERGED, "barrier": replace(CONVERGED, tolerance=1e-6)}
+    for method, integrator in cases.items():
+        system = falling(method)
+        none = sim.Activation(*_still())
+        options = {"integrator": integrator, "probes": ()}
+        _, end = sim.simulate(system, none, duration=0.16, **options)
+        _, middle = sim.simulate(system, none, duration=0.08, **options)
+        with tempfile.TemporaryDirectory() as folder:
+            sim.save_state(middle, Path(folder) / "state.nc")
+            middle = sim.read_state(Path(folder) / "state.nc")
+        _, again = sim.simulate(falling(method), none, duration=0.08, initial=middle, **options)
+        found[f"{method} contact of blocks"] = digest(end.q, end.v)
+        found[f"{method} contact of blocks{RESTARTED}"] = digest(again.q, again.v)
+    return found
+
+
+def _still():
+    import numpy as np
+
+    return np.zeros(1), np.zeros((1, 0))
+
+
+def of_face() -> dict[str, str]:
+    """The coarse generated face: rest, short motions of two presets, and a score."""
+    import numpy as np
+    import xarray as xr
+
+    from analysis.align import align
+    from analysis.scores import score
+    from emgface.face.motion import settle_face, simulate_face
+    from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.face.template import template_face
+    from emgface.muscles import MUSCLES
+
+    face, base = template_face(resolution="coarse"), SimulationParameters()
+    rest = settle_face(face, base)
+    found = {"rest of the face": digest(rest["node_position"])}
+    time = np.linspace(0.0, 0.2, 21)
+    size = np.where([name.startswith(("ZYG", "OOP")) for name in MUSCLES], 0.3, 0.02)
+    values = size[:, None] * np.sin(np.pi * time / 0.2) ** 2
+    drive = xr.DataArray(values, {"muscle": list(MUSCLES), "time": time}, ("muscle", "time"))
+    motions = {}
+    for accuracy in ("published", "study"):
+        motion = simulate_face(face, drive, base.as_accurate(accuracy), settled=rest)
+        motions[accuracy] = motion["position"]
+        found[f"motion, {accuracy}"] = digest(motion["position"], motion["smallest_J"])
+    aligned = align(motions["published"], motions["study"])
+    scores = score(aligned, motions["study"])
+    found["score"] = digest(*(scores[name] for name in sorted(map(str, scores.data_vars))))
+    return found
+
+
+def environment(number: int, cache: str) -> dict[str, str]:
+    """Threads, hash seed and size of the environment of a process."""
+    threads = str(THREADS[number % len(THREADS)])
+    pools = ("MKL", "OMP", "OPENBLAS", "NUMBA")
+    own = {f"{name}_NUM_THREADS": threads for name in pools}
+    own["NUMBA_NUM_THREADS"] = str(min(int(threads), os.cpu_count() or 1))
+    own |= {"PYTHONHASHSEED": str(number), "PADDING": "x" * (37 * number), "EMGFACE_CACHE": cache}
+    own |= {"OMP_WAIT_POLICY": "passive", "KMP_BLOCKTIME": "0", "PYTHONPATH": str(ROOT)}
+    return {**os.environ, **own}
+
+
+def main() -> None:
+    """Start the processes one after the other and compare."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--processes", type=int, default=20)
+    parser.add_argument("--small", action="store_true", help="Bodies of a few elements alone.")
+    parser.add_argument("--warm", action="store_true", help="Kernels from the cache for all.")
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.child:
+        for name, value in (of_blocks() | ({} if options.small else of_face())).items():
+            print(f"{name}: {value}")
+        return
+    found: dict[str, set[str]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        cache = os.environ.get("EMGFACE_CACHE", "") if options.warm else folder
+        for number in range(options.processes):
+            own = environment(number, cache)
+            if not cache:
+                del own["EMGFACE_CACHE"]
+            command = [sys.executable, __file__, "--child", *(["--small"] if options.small else [])]
+            lines = subprocess.run(
+                command, env=own, check=True, text=True, stdout=subprocess.PIPE, cwd=ROOT
+            ).stdout.splitlines()
+            for line in lines:
+                name, value = line.rsplit(": ", 1)
+                found.setdefault(name.removesuffix(RESTARTED), set()).add(value)
+                print(f"process {number}, {own['MKL_NUM_THREADS']} threads, {line}", flush=True)
+    for name, values in found.items():
+        print(f"{name}: {len(values)} digest(s) in {options.processes} processes")
+    if any(len(values) > 1 for values in found.values()):
+        raise SystemExit("results differ between processes")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""States with the solver memory that a simulation goes on with, and their files.
+
+An implicit step is solved to a tolerance, by a factor, secants and guesses that earlier steps have left.
+The state at the end of `sim.simulate` carries them as arrays in its memory: a simulation that goes on
+from it, in any process, gives the bits of one that never stopped.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from sim.errors import SceneError
+from sim.integrators.workspace import Workspace
+from sim.state import Array, State
+
+SOLVER = "solver."
+"""Begins the names of solver memory in `State.memory`; what other names hold belongs to terms."""
+_ORIGIN = SOLVER + "origin"
+_KIND = "state of a simulation"
+
+
+def with_solver_memory(state: State, work: Workspace, origin: float) -> State:
+    """The state with all that a solver goes on with, and the time [s] from which steps are counted."""
+    kept = {SOLVER + name: array for name, array in work.arrays().items()}
+    own = {name: array for name, array in state.memory.items() if not name.startswith(SOLVER)}
+    return replace(state, memory={**own, **kept, _ORIGIN: np.array([origin])})
+
+
+def solver_memory(state: State) -> tuple[Mapping[str, Array], float | None]:
+    """Solver memory that a state carries, and the time [s] from which its steps are counted."""
+    carried = {
+        name.removeprefix(SOLVER): array
+        for name, array in state.memory.items()
+        if name.startswith(SOLVER)
+    }
+    origin = carried.pop("origin", None)
+    return carried, None if origin is None else float(origin[0])
+
+
+def save_state(state: State, path: str | PathLike[str]) -> None:
+    """Write a state to a netCDF file, every number as it is.
+
+    Parameters
+    ----------
+    state : State
+        As `sim.simulate` returns it.
+    path : path
+    """
+    data = xr.Dataset(
+        {
+            "position": (("node", "axis"), state.q, {"units": "m"}),
+            "velocity": (("node", "axis"), state.v, {"units": "m s-1"}),
+            "time": ((), state.t, {"units": "s"}),
+        },
+        attrs={"kind": _KIND, "memory": list(state.memory) or ""},
+    )
+    for i, array in enumerate(state.memory.values()):
+        data[f"memory_{i}"] = tuple(f"memory_{i}_{k}" for k in range(array.ndim)), array
+    data.to_netcdf(  # pyright: ignore[reportUnknownMemberType]
+        path, encoding={name: {"_FillValue": None} for name in data.variables}
+    )
+
+
+def read_state(path: str | PathLike[str]) -> State:
+    """Read a state that `save_state` wrote.
+
+    Raises
+    ------
+    SceneError
+        The file is absent or holds no state.
+    """
+    if not Path(path).is_file():
+        raise SceneError(f"{path} is no file, expected a state written by sim.save_state")
+    try:
+        with xr.open_dataset(  # pyright: ignore[reportUnknownMemberType]
+            path, decode_cf=False
+        ) as data:
+            if data.attrs.get("kind") != _KIND:
+                raise ValueError(f"its attribute 'kind' is {data.attrs.get('kind')!r}")
+            names = np.atleast_1d(data.attrs["memory"]).tolist()
+            arrays = [data[f"memory_{i}"].values for i in range(len(names) if names != [""] else 0)]
+            q, v = data["position"].values, data["velocity"].values
+            return State(float(data["time"]), q, v, dict(zip(names, arrays, strict=False)))
+    except (OSError, ValueError, KeyError) as error:
+        raise SceneError(
+            f"{path} holds no state of a simulation ({error}), expected a file of sim.save_state"
+        ) from error

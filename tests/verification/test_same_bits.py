@@ -1,0 +1,241 @@
+"""The same inputs give the same bits: after a restart from a file, whatever a solver did before."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sim
+from sim.linear import LINEAR_SOLVERS, pardiso_is_available
+from tests.bodies import crossed_muscles, grid, solid_system
+
+H = 0.01
+CONVERGED = sim.ConvergedEuler(tolerance=1e-5, residual_tolerance=2e-4)
+HARD = "hard volumes"
+
+SOLVERS = [
+    pytest.param(
+        name,
+        marks=pytest.mark.skipif(
+            "pardiso" in name and not pardiso_is_available(), reason="pypardiso is not installed"
+        ),
+    )
+    for name in LINEAR_SOLVERS
+    if name not in ("pardiso_ldlt", "superlu_pivoting")
+]
+INTEGRATORS = [
+    sim.LinearlyImplicitEuler(),
+    sim.LinearlyImplicitTrapezoidal(),
+    CONVERGED,
+    sim.Trapezoidal(tolerance=1e-5, residual_tolerance=2e-4),
+    sim.Sdirk2(tolerance=1e-5, residual_tolerance=2e-4),
+    sim.Static(tolerance=1e-5, residual_tolerance=1e-3),
+    sim.RungeKutta4(),
+]
+CONTROLS = [
+    sim.FixedStep(H),
+    sim.HalvingStep(H),
+    sim.ErrorControlledStep(tolerance=2e-5, h=H),
+]
+
+
+def block(volume: str = "") -> sim.System:
+    """A block with two muscles, held at one end."""
+    mesh = grid((3, 3, 2), distort=0.1, seed=2)
+    terms = {"nodal": (sim.NodalVolume(),), HARD: ()}.get(volume, ())
+    return solid_system(
+        mesh,
+        muscles=crossed_muscles(mesh),
+        reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0)),),
+        constraints=(sim.HardElementVolume(),) if volume == HARD else (),
+        damping=sim.RestRayleigh(),
+        terms=(*terms, sim.Gravity()),
+        relaxation=sim.Prony((0.2,), (0.05,)) if volume == "memory" else None,
+    )
+
+
+def falling(method: str, friction: float = 0.0) -> sim.System:
+    """A block that falls onto a fixed one and is pressed by its weight."""
+    low = grid((3, 3, 1), (0.02, 0.02, 0.006))
+    high = grid((2, 2, 1), (0.012, 0.012, 0.006))
+    n = len(low.X)
+    X = np.concatenate([low.X, high.X + [0.0035, 0.0045, 0.0062]])
+    hexes = np.concatenate([low.blocks[0].nodes, high.blocks[0].nodes + n])
+    mesh = sim.mesh_from_arrays(X, hex8=hexes)
+    skin = sim.boundary_surface(mesh).triangles
+    below = sim.NodeSurface(skin[(skin < n).all(axis=1)], "below")
+    above = sim.NodeSurface(skin[(skin >= n).all(axis=1)], "above")
+    made = {"constraint": sim.ConstraintContact, "barrier": sim.BarrierContact}[method]
+    contact = made((sim.Pairing(below, above),), friction=friction)
+    terms = contact, sim.Gravity((2.0, 1.0, -40.0))
+    held = sim.Fixed(np.flatnonzero(X[:, 2] == 0.0))
+    return solid_system(mesh, reductions=(held,), damping=sim.RestRayleigh(), terms=terms)
+
+
+def drive(system: sim.System, until: float) -> sim.Activation:
+    """A burst that ends in the second half."""
+    n = len(system.muscles)
+    a = np.linspace(0.1, 0.3, n) if n else np.zeros(0)
+    return sim.Activation(np.array([0.0, 0.4, 0.7]) * until, np.stack([0.0 * a, a, 0.2 * a]))
+
+
+def require_a_restart_to_change_nothing(
+    made, path: Path, *, integrator, steps=None, linear="auto", n=12, every=None
+) -> None:
+    """Whole run against two halves with a file between them, the second with a system of its own."""
+    steps = steps or sim.FixedStep(H)
+    until = n * steps.h
+
+    def run(duration, initial=None, work=None):
+        system = made()
+        return sim.simulate(
+            system,
+            drive(system, until),
+            duration=duration,
+            integrator=integrator,
+            steps=steps,
+            every=every,
+            probes=(sim.Positions(), sim.Energies()),
+            initial=initial,
+            work=work or sim.Workspace(system, linear),
+        )
+
+    whole, end = run(until)
+    _, middle = run(0.5 * until)
+    sim.save_state(middle, path)
+    second, again = run(0.5 * until, sim.read_state(path))
+    assert not np.array_equal(end.q, middle.q)  # it still moves
+    assert again.t == end.t
+    np.testing.assert_array_equal(again.q, end.q)
+    np.testing.assert_array_equal(again.v, end.v)
+    assert set(again.memory) == set(end.memory)
+    for name, array in end.memory.items():
+        np.testing.assert_array_equal(again.memory[name], array, err_msg=name)
+    late = whole.isel(time=slice(-second.sizes["time"], None))
+    for name in second.variables:
+        np.testing.assert_array_equal(second[name].values, late[name].values, err_msg=str(name))
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda i: type(i).__name__)
+def test_a_restart_changes_no_bit_with_any_integrator(integrator, tmp_path):
+    steps = sim.FixedStep(1e-5 if isinstance(integrator, sim.RungeKutta4) else H)
+    require_a_restart_to_change_nothing(
+        block, tmp_path / "state.nc", integrator=integrator, steps=steps
+    )
+
+
+@pytest.mark.parametrize("linear", SOLVERS)
+@pytest.mark.parametrize("integrator", [sim.LinearlyImplicitEuler(), CONVERGED], ids=["one", "all"])
+def test_a_restart_changes_no_bit_with_any_solver(linear, integrator, tmp_path):
+    for volume in ("", "nodal"):
+        require_a_restart_to_change_nothing(
+            lambda volume=volume: block(volume),
+            tmp_path / "state.nc",
+            integrator=integrator,
+            linear=linear,
+        )
+
+
+@pytest.mark.parametrize("steps", CONTROLS, ids=lambda s: type(s).__name__)
+def test_a_restart_changes_no_bit_with_any_step_control(steps, tmp_path):
+    for integrator, every in ((CONVERGED, None), (sim.LinearlyImplicitEuler(), 0.5 * H)):
+        require_a_restart_to_change_nothing(
+            block, tmp_path / "state.nc", integrator=integrator, steps=steps, every=every
+        )
+
+
+@pytest.mark.parametrize("volume", [HARD, "memory"])
+def test_a_restart_changes_no_bit_with_conditions_or_memory(volume, tmp_path):
+    for integrator in (CONVERGED, sim.LinearlyImplicitEuler()):
+        require_a_restart_to_change_nothing(
+            lambda: block(volume), tmp_path / "state.nc", integrator=integrator
+        )
+
+
+@pytest.mark.parametrize(
+    "method, friction, integrator",
+    [
+        ("constraint", 0.0, CONVERGED),
+        ("constraint", 0.3, CONVERGED),
+        ("constraint", 0.0, sim.LinearlyImplicitEuler()),
+        ("barrier", 0.0, CONVERGED),
+        ("barrier", 0.3, sim.Sdirk2()),
+    ],
+)
+def test_a_restart_changes_no_bit_with_contact(method, friction, integrator, tmp_path):
+    if method == "barrier":
+        pytest.importorskip("ipctk")
+    for linear in ("auto", "gmres_superlu"):
+        require_a_restart_to_change_nothing(
+            lambda: falling(method, friction),
+            tmp_path / "state.nc",
+            integrator=integrator,
+            linear=linear,
+            n=16,
+        )
+
+
+@pytest.mark.parametrize("integrator", [sim.LinearlyImplicitEuler(), CONVERGED], ids=["one", "all"])
+def test_what_a_workspace_solved_before_has_no_influence(integrator):
+    system = block("nodal")
+    used = sim.Workspace(system, "gmres_superlu")
+
+    def run(work, size):
+        activation = sim.Activation(
+            np.array([0.0, 0.05]), size * np.array([[0.0, 0.0], [0.3, 0.1]])
+        )
+        steps = sim.ErrorControlledStep(tolerance=2e-5, h=H)
+        options = {"duration": 0.05, "integrator": integrator, "steps": steps, "work": work}
+        return sim.simulate(system, activation, **options)[1]
+
+    first = run(sim.Workspace(system, "gmres_superlu"), 1.0)
+    run(used, 0.5)
+    np.testing.assert_array_equal(run(used, 1.0).q, first.q)
+
+
+def test_a_state_of_another_scene_or_solver_brings_no_solver_memory():
+    system, other = block(), block("nodal")
+    _, state = sim.simulate(system, drive(system, 0.05), duration=0.02, integrator=CONVERGED)
+    bare = sim.State(state.t, state.q, state.v)
+    ends = [
+        sim.simulate(other, drive(other, 0.05), duration=0.02, integrator=CONVERGED, initial=s)[1].q
+        for s in (state, bare)
+    ]
+    np.testing.assert_array_equal(*ends)
+
+
+def test_a_file_that_is_no_state_is_refused(tmp_path):
+    with pytest.raises(sim.SceneError, match=r"none\.nc is no file"):
+        sim.read_state(tmp_path / "none.nc")
+    path = tmp_path / "text.nc"
+    path.write_text("no netCDF")
+    with pytest.raises(sim.SceneError, match="holds no state"):
+        sim.read_state(path)
+    system = block()
+    data, _ = sim.simulate(system, drive(system, 0.05), duration=0.01)
+    data.to_netcdf(tmp_path / "motion.nc")
+    with pytest.raises(sim.SceneError, match="holds no state"):
+        sim.read_state(tmp_path / "motion.nc")
+
+
+def run_processes(root: Path, *options: str) -> str:
+    """Output of the command that compares processes; it fails where they differ."""
+    command = [sys.executable, str(root / "benchmarks" / "same_bits.py"), *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_processes_with_other_threads_and_hash_seeds_give_the_same_bits(root):
+    pytest.importorskip("ipctk")
+    found = run_processes(root, "--processes", "3", "--small", "--warm")
+    assert found.count("1 digest(s) in 3 processes") == 2
+
+
+@pytest.mark.slow
+def test_a_process_that_compiles_gives_the_bits_of_those_that_load_its_kernels(root):
+    pytest.importorskip("ipctk")
+    found = run_processes(root, "--processes", "4")
+    assert found.count("1 digest(s) in 4 processes") == 6
