@@ -1,6 +1,6 @@
 """Volumetric locking: Cook's membrane and a bending beam, for every volumetric part.
 
-    python benchmarks/locking.py [--out locking.csv]
+    python benchmarks/locking.py [--out locking.csv] [--body cook]
 
 Cook's membrane in plane strain at small strains: E = 250 Pa, side 44 to 16 m over 48 m, a shear
 traction on the right side; vertical displacement of the upper right corner for a traction of 6.25 Pa.
@@ -98,16 +98,29 @@ def main() -> None:
     """Print and store the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=None)
+    parser.add_argument("--body", choices=("cook", "beam"), help="One body, as a Markdown table.")
     options = parser.parse_args()
     rows = []
-    for body, function, sizes in (("cook", cook, (4, 8, 16, 32)), ("beam", beam, (2, 4, 6))):
-        for poisson in (0.3, 0.49, 0.4999, 0.49999):
+    bodies = {"cook": (cook, (4, 8, 16, 32)), "beam": (beam, (2, 4, 6))}
+    for body in (options.body,) if options.body else bodies:
+        function, sizes = bodies[body]
+        for poisson in (0.3, 0.4999, 0.49999):
             for part in PARTS:
-                if part == "hard" and poisson < 0.49:
+                if part == "hard" and poisson < 0.49999:
                     continue  # it has no other Poisson ratio than 0.5
                 found = {f"n={n}": function(n, poisson, part) for n in sizes}
                 rows.append({"body": body, "poisson": poisson, "part": part} | found)
     table = pd.DataFrame(rows)
+    if options.body:
+        hard = table["part"] == "hard"
+        table["poisson"] = table["poisson"].where(~hard, 0.5).map("{:g}".format)
+        names = {"poisson": "Poisson ratio", "part": "volume"}
+        table = table.drop(columns="body").rename(columns=names)
+        table = table.rename(columns=lambda name: name.removeprefix("n="))
+        table = table.map(lambda x: x if isinstance(x, str) else f"{x:.3g}")
+        for line in (list(table), ["---"] * len(table.columns), *table.to_numpy().tolist()):
+            print("| " + " | ".join(line) + " |")
+        return
     print(table.to_string(index=False, float_format="%.5g", na_rep=""))
     if options.out:
         table.to_csv(options.out, index=False, float_format="%.5g")

@@ -1,0 +1,40 @@
+"""Tables of the documentation: marked with their commands, compared digit by digit."""
+
+import pytest
+
+from benchmarks.tables import MARKED, ROOT, differences
+
+HEAD = "| case | error |\n|---|---|\n"
+
+
+@pytest.mark.parametrize(
+    "printed, made, agrees",
+    [
+        ("2.6e-6", "2.6e-6", True),
+        ("2.6e-6", "2.7e-6", True),  # one unit of the last digit
+        ("2.6e-6", "2.8e-6", False),
+        ("1.5e-10", "2.6e-6", False),
+        ("9.10", "9.11", True),
+        ("9.10", "9.12", False),
+        ("< 1e-09", "< 1e-09", True),
+        ("< 1e-09", "2.0e-06", False),
+    ],
+)
+def test_figures_differ_beyond_one_unit_of_their_last_digit(printed, made, agrees):
+    found = differences(HEAD + f"| a | {printed} |\n", HEAD + f"| a | {made} |\n")
+    assert (found == []) is agrees
+
+
+def test_a_missing_line_or_column_is_a_difference():
+    assert differences(HEAD + "| a | 1 |\n", HEAD)
+    assert differences(HEAD + "| a | 1 |\n", HEAD + "| a | 1 | 2 |\n")
+
+
+def test_commands_of_marked_tables_exist():
+    marked = [
+        m for page in ROOT.glob("docs/*.md") for m in MARKED.finditer(page.read_text("utf-8"))
+    ]
+    assert marked
+    for found in marked:
+        python, script, *_ = found["command"].split()
+        assert python == "python" and (ROOT / script).is_file(), found["command"]
