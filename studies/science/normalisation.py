@@ -154,7 +154,7 @@ def _draw(found: pd.DataFrame, silent: pd.DataFrame):
         panels[0, column].set_title(f"{world} world")
     panels[0, 0].set_ylabel("median rho of a volunteer")
     panels[1, 0].set_ylabel("peak activation\nof silent muscles")
-    figure.legend(loc="outside lower center", ncols=2)
+    panels[1, 0].legend(*panels[0, 0].get_legend_handles_labels(), loc="upper right")
     figure.suptitle("Normalisation per trial and per session (SIMULATED recordings)")
     figure.supxlabel(
         "minimum and maximum over the trial or the session; "

@@ -39,7 +39,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     shift = found.groupby(["rung", "strategy"])["median shift [s]"].median().unstack()
     titles = [_title(k) for k in _rungs()]
     table = mean.set_axis(titles).rename_axis("world (simulated)")
-    table["shift of act_all [ms]"] = (1e3 * shift["act_all"]).round().astype(int).to_numpy()
+    table["shift of act_3 [ms]"] = (1e3 * shift["act_3"]).round().astype(int).to_numpy()
     lost = int(found["without score"].sum())
     return "\n".join(
         [
@@ -155,8 +155,8 @@ def _reading(mean: pd.DataFrame, shift: pd.DataFrame) -> str:
             f"{true[2] - true[last]:.2f}."
         ),
         "* **Delay and dynamics** are taken up by the alignment, which shifts the measured motion: the "
-        f"median shift of act_all goes from {1e3 * shift['act_all'][_before_delay()]:.0f} to "
-        f"{1e3 * shift['act_all'][_with_delay()]:.0f} ms. rho does not see a delay that all muscles "
+        f"median shift of act_3 goes from {1e3 * shift['act_3'][_before_delay()]:.0f} to "
+        f"{1e3 * shift['act_3'][_with_delay()]:.0f} ms. rho does not see a delay that all muscles "
         "share.",
     ]
     for name, step in worst.items():
