@@ -48,6 +48,7 @@ def test_kept_or_moved_out_at_the_speed_that_was_given(integrator):
     end = states[-1]
     assert np.abs(end.v).max() < 1e-3
     weight = 9.81 * system.node_mass.sum()
+    assert system.contact is not None
     _, _, force = system.contact.measure(end, system.control(np.zeros(0)))
     assert force.sum() == pytest.approx(weight, rel=0.05)
     # no faster than what moves it out, but for its own swing

@@ -23,7 +23,7 @@ SHAPES = {"keel in groove": (0.3, 0.4), "flat on flat": (0.0, 0.0), "keel on pla
 
 def mirrored_surface(surface, X):
     """The same surface with the triangles of its right half the images of those of its left."""
-    mirror = KDTree(X).query(X * MIRROR)[1]
+    mirror = np.asarray(KDTree(X).query(X * MIRROR)[1], dtype=np.int64)
     left = surface.triangles[X[surface.triangles, 0].mean(axis=1) < 0.0]
     return sim.NodeSurface(np.concatenate([left, mirror[left][:, ::-1]]), surface.name)
 
