@@ -29,7 +29,10 @@ def in_head_frame(
     For every frame the rotation R and the translation minimise the sum over the face markers
     present of |R (p - mean p) - (q - mean q)|^2, q their reference positions; they then move all
     markers of the frame. A face marker that drops out is left out of its frames as long as three
-    that are not on one line remain. Afterwards, in the head frame, dropouts up to `max_gap` are
+    that are not on one line remain. Where a reference is given, q is the person's own mean
+    configuration, placed on that reference by the same fit once: a head differs in shape from a
+    face model, and a fit of the markers present to the model itself would shift the whole frame
+    whenever one of them drops out. Afterwards, in the head frame, dropouts up to `max_gap` are
     bridged by monotone cubic interpolation.
 
     Parameters
@@ -77,20 +80,21 @@ def in_head_frame(
     points = values[:, face]
     present = np.isfinite(points[:, :, 0])
     fitted = _check_frames(points, present, time, rate)
-    if reference is not None:
-        target, described = _given_reference(reference), "given"
-    else:
-        described = f"own, {parameters.own_reference}"
-        target = points[int(np.argmax(present.sum(axis=1)))]
-        present = present & np.isfinite(target[:, 0])  # only what the first frame shows as well
-        fitted = _check_frames(points, present, time, rate)
-        if parameters.own_reference == "mean":
-            target = _aligned_mean(points[fitted], present[fitted], target)
+    given = None if reference is None else _given_reference(reference)
+    described = f"own, {parameters.own_reference}" if given is None else "given"
+    target = points[int(np.argmax(present.sum(axis=1)))]
+    present = present & np.isfinite(target[:, 0])  # only what that frame shows as well
+    fitted = _check_frames(points, present, time, rate)
+    if given is not None or parameters.own_reference == "mean":
+        target = _aligned_mean(points[fitted], present[fitted], target)
+    if given is not None:
+        target = _placed(target, given)
     rotation, origin, goal = _fit(points[fitted], present[fitted], target)
     moved = np.full_like(values, np.nan)
     moved[fitted] = np.einsum("tij,tmj->tmi", rotation, values[fitted] - origin[:, None])
     moved[fitted] += goal[:, None]
-    distance = np.linalg.norm(moved[:, face] - target, axis=2)[present]
+    about = target if given is None else given
+    distance = np.linalg.norm(moved[:, face] - about, axis=2)[present]
     distance = distance[np.isfinite(distance)]
     bridged = _bridge(moved, names, time, rate, parameters.max_gap)
     result = position.copy(data=moved.transpose(1, 2, 0))
@@ -172,6 +176,13 @@ def _aligned_mean(points: np.ndarray, present: np.ndarray, target: np.ndarray) -
     seen = np.maximum(np.sum(present, axis=0), 1)[:, None]
     mean = np.where(present[:, :, None], aligned, 0.0).sum(axis=0) / seen
     return np.where(np.any(present, axis=0)[:, None], mean, np.nan)
+
+
+def _placed(own: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """A configuration turned and shifted onto a reference of another shape."""
+    known = np.isfinite(own[:, 0])[None]
+    rotation, origin, goal = _fit(own[None], known, reference)
+    return (own - origin[0]) @ rotation[0].T + goal[0]
 
 
 def _given_reference(reference: xr.DataArray) -> np.ndarray:

@@ -87,20 +87,42 @@ def test_own_reference_gives_the_frame_of_the_first_frame(own):
 
 
 def test_rotation_equals_an_independent_least_squares_fit():
-    """Noisy markers, against scipy's Rotation.align_vectors frame by frame."""
+    """Noisy markers, against scipy's Rotation.align_vectors frame by frame.
+
+    Each frame is fitted to the mean configuration of the trial, and that to the reference.
+    """
     rng = np.random.default_rng(4)
     moved = head_motion(still_face_moving_lips()) + 1e-3 * rng.standard_normal((FRAMES, 16, 3))
     result = frames_of(in_head_frame(positions_of(moved), PARAMETERS, reference()))
-    squares = []
+
+    def onto(target: np.ndarray, points: np.ndarray, also: np.ndarray) -> np.ndarray:
+        turn, _ = Rotation.align_vectors(target - target.mean(0), points - points.mean(0))
+        return turn.apply(also - points.mean(0)) + target.mean(0)
+
+    mean = np.mean([onto(moved[0, :6], frame[:6], frame[:6]) for frame in moved], axis=0)
+    target = onto(FACE, mean, mean)
     for k in range(0, FRAMES, 7):
-        centre = moved[k, :6].mean(0)
-        turn, _ = Rotation.align_vectors(FACE - FACE.mean(0), moved[k, :6] - centre)
-        expected = turn.apply(moved[k] - centre) + FACE.mean(0)
+        expected = onto(target, moved[k, :6], moved[k])
         np.testing.assert_allclose(result[k], expected, atol=1e-12)
     squares = np.sum((result[:, :6] - FACE) ** 2, axis=2)
     attrs = in_head_frame(positions_of(moved), PARAMETERS, reference()).attrs
     assert attrs["residual_rms"] == pytest.approx(np.sqrt(squares.mean()), rel=1e-12)
     assert attrs["residual_max"] == pytest.approx(np.sqrt(squares.max()), rel=1e-12)
+
+
+@pytest.mark.parametrize("lost", range(6))
+def test_a_dropout_moves_nothing_where_head_and_reference_differ_in_shape(lost):
+    """Six millimetres of difference in shape; the lips of a still head then must not leap."""
+    truth = still_face_moving_lips()
+    truth[:, :6] += 6e-3 * np.random.default_rng(8).standard_normal((6, 3))
+    whole = head_motion(truth)
+    holed = whole.copy()
+    holed[40:80, lost] = np.nan
+    expected, result = (
+        frames_of(in_head_frame(positions_of(values), PARAMETERS, reference()))
+        for values in (whole, holed)
+    )
+    assert np.abs(result[:, 6:] - expected[:, 6:]).max() < 1e-12
 
 
 def test_mean_reference_averages_the_noise_of_the_first_frame():
