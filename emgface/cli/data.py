@@ -66,7 +66,7 @@ def check(
     n_files = 0
     if page is not None:
         n_files = sum(len(find_recordings(path)) if path.is_dir() else 1 for path in paths)
-    n_bad = n_all = 0
+    n_bad = n_all = n_read = 0
     excluded: list[Exclusion] = []
     with overview_pages(page, n_files) as add_page:
         for file, recording in read_recordings(*paths, mapping=mapping):
@@ -75,6 +75,7 @@ def check(
                 fail(recording)
                 n_bad += 1
                 continue
+            n_read += 1
             try:
                 report = check_recording(recording, study=study)
             except Exception as error:  # one file must not end the check of the others
@@ -90,7 +91,8 @@ def check(
                 say(f"{file.name}: {sentence}")
             if bad and exclude is not None:
                 excluded += _exclusion(recording, bad, file.name)
-    say(f"{n_all - n_bad} of {n_all} recordings can be used.")
+    if n_read or n_all > 1:
+        say(f"{n_all - n_bad} of {n_all} recordings can be used.")
     if exclude is not None:
         replace_file(
             exclude, lambda path: path.write_text(exclusions_text(excluded), encoding="utf-8")
