@@ -18,6 +18,7 @@ MECHANICS: Final = (
     "emgface.face.numerical_error",
     "emgface.face.quality",
     "emgface.face.recipe",
+    "emgface.face.stability",
     "emgface.face.support",
     "emgface.face.surface",
     "emgface.face.tension_lines",
