@@ -32,8 +32,8 @@ def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
     Notes
     -----
     The accuracy is that of a draft, so that the demonstration ends within minutes; ``--accuracy
-    study`` is the default of studies. Muscles whose feature never exceeds the threshold are taken as silent (Eq. 8 would be 0/0),
-    which the published chain does not foresee.
+    study`` is the default of studies. Muscles whose feature never exceeds the threshold are taken
+    as silent (Eq. 8 would be 0/0), which the published chain does not foresee.
     """
     return configure(
         StudyConfiguration,
