@@ -96,6 +96,7 @@ def test_scale_without_noise(course, shift: float, scale: float) -> None:
     assert float(found["shift"]) == pytest.approx(shift, abs=1e-3)
 
 
+@pytest.mark.slow
 @COURSES
 def test_shift_and_scale_under_noise_reach_the_cramer_rao_bound(course) -> None:
     """Forty noisy trials scatter no more than 1.4 times the least possible, without bias.
@@ -115,6 +116,7 @@ def test_shift_and_scale_under_noise_reach_the_cramer_rao_bound(course) -> None:
         assert abs(error.mean()) < 4 * bound / np.sqrt(count)
 
 
+@pytest.mark.slow
 @COURSES
 def test_noise_creates_no_stretch(course) -> None:
     """With marker noise of 0.5 mm a search leaves the time alone in at least 90 % of trials.

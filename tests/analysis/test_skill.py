@@ -64,6 +64,7 @@ def test_few_volunteers_have_no_interval(n: int) -> None:
     assert np.isfinite(found["skill_interval"]).all() == (n >= LEAST_VOLUNTEERS)
 
 
+@pytest.mark.slow
 def test_interval_covers_the_true_gain() -> None:
     """100 studies of six volunteers: 0.95 within what 100 draws allow (0.87 is 3.7 errors off)."""
     inside = 0

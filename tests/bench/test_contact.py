@@ -17,6 +17,8 @@ from emgface.face.accuracy import accuracy_settings
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def closed() -> xr.Dataset:

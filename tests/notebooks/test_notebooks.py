@@ -97,6 +97,7 @@ def test_there_are_notebooks():
     assert NOTEBOOKS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs(path, headless):
     # show() says on Agg that it cannot: what a reader sees as a picture is none here

@@ -20,6 +20,8 @@ from emgface.study.run import run_study
 from emgface.volunteers.simulate import make_volunteers
 from tests.study_run.conftest import STEP
 
+pytestmark = pytest.mark.slow
+
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
 

@@ -152,6 +152,7 @@ def test_failures_are_drawn_and_told() -> None:
     assert json.loads(session().attrs["electrode_failures"]) == {}
 
 
+@pytest.mark.slow
 def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -> None:
     short = QUICK.model_copy(update={"duration": 0.8, "keep_sessions": True, "world": MISMATCHED})
     paths = make_volunteers(

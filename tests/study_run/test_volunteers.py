@@ -58,6 +58,7 @@ def test_lips_move_within_the_head_while_the_instruction_lasts(made) -> None:
     assert moved[80:100, upper].mean() > 1e-3  # raise upper lip
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_files_and_stored_motions_are_reused(
     made, slab, tmp_path: Path
 ) -> None:
@@ -74,6 +75,7 @@ def test_the_same_seed_gives_the_same_files_and_stored_motions_are_reused(
     assert {p: p.stat().st_mtime_ns for p in (out / "store").rglob("*.nc")} == stored
 
 
+@pytest.mark.slow
 def test_two_processes_write_the_files_of_one(made, slab, tmp_path: Path) -> None:
     paths = make_volunteers(
         slab, tmp_path, n=1, instructions=("B", "E"), seed=4, parameters=PARAMETERS, workers=2

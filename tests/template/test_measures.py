@@ -82,6 +82,7 @@ def test_measures_that_make_no_sound_face_are_refused_by_name(
         template_face(resolution="coarse", measures={"cheek_thickness": 0.015})
 
 
+@pytest.mark.slow
 def test_any_measures_make_a_face_or_are_refused_by_name() -> None:
     """Far beyond any person: half of the measures anywhere within their bounds."""
     rng, built = np.random.default_rng(3), 0

@@ -43,6 +43,7 @@ def test_unknown_preset_and_spread() -> None:
         random_measures(1, spread=1e3)
 
 
+@pytest.mark.slow
 def test_volunteers_of_a_set() -> None:
     face, drawn = volunteer_face(2017, 2, resolution="coarse", asymmetry=1.0)
     again, same = volunteer_face(2017, 2, resolution="coarse", asymmetry=1.0)

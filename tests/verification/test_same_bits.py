@@ -228,6 +228,7 @@ def run_processes(root: Path, *options: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_processes_with_other_threads_and_hash_seeds_give_the_same_bits(root):
     pytest.importorskip("ipctk")
     found = run_processes(root, "--processes", "3", "--small", "--warm")
