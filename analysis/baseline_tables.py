@@ -1,4 +1,4 @@
-"""What the scores of a study are worth, as tables and in sentences."""
+"""Tables and sentences that compare the scores of a study with baselines and ceilings."""
 
 from collections.abc import Sequence
 from typing import Any, Final

@@ -1,4 +1,4 @@
-"""What a correlation is to be compared with: template, other trials, repeat ceiling, and skill.
+"""Baselines of a correlation: template, other trials, repeat ceiling, and skill.
 
 A simulated motion is one of several that can be laid beside a measured trial. The others cost no
 simulation: the mean motion of other people at the same instruction (template), the simulated
@@ -250,7 +250,7 @@ def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Da
 
 
 def has_baselines(cube: xr.Dataset) -> bool:
-    """Whether a cube holds a baseline of any trial."""
+    """Return True if a cube holds a baseline of any trial."""
     return "template_rho" in cube and any(
         bool(np.isfinite(cube[name].values).any())
         for name in ("template_rho", "wrong_rho", "repeat_rho")

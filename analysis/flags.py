@@ -1,4 +1,4 @@
-"""What an alignment says of itself that a reader of its scores must know."""
+"""Flags of an alignment that a reader of its scores must know."""
 
 from typing import Final
 

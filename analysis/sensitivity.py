@@ -1,4 +1,4 @@
-"""Which of the choices that a paper leaves open move the result, strategy by strategy."""
+"""Effect, per strategy, of the choices that a paper leaves open."""
 
 import math
 from collections.abc import Mapping, Sequence

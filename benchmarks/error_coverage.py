@@ -1,4 +1,4 @@
-"""How often the estimated error of time stepping holds on activations of EMG.
+"""Coverage of the estimated error of time stepping on activations from EMG.
 
     python benchmarks/error_coverage.py --out OUT.csv [--volunteers 6] [--seed 0] [--shared ../shared]
 
