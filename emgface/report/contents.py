@@ -1,4 +1,4 @@
-"""What a report says in words and tables: outcome, tests, exclusions, run time."""
+"""Text and tables of a report: outcome, tests, exclusions, run time."""
 
 from dataclasses import dataclass
 from typing import Any

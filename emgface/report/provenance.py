@@ -1,4 +1,4 @@
-"""What a report says of its origin: what computed the cube, and what wrote the report."""
+"""Provenance in a report: the software that computed the cube and that wrote the report."""
 
 import json
 import platform

@@ -1,4 +1,4 @@
-"""What a study of simulated volunteers can and cannot show, in words for its report."""
+"""Sentences for a report on the limits of a study of simulated volunteers."""
 
 import xarray as xr
 

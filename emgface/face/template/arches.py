@@ -162,7 +162,7 @@ def _arch(bone: int, left: Floats) -> Arch:
     quad = np.concatenate(quads)
     if bone == MANDIBLE:
         quad = quad[:, ::-1]
-    # Mirrored quads are cut along mirrored diagonals, lest a symmetric face slides to one side.
+    # Mirrored quads are cut along mirrored diagonals: a symmetric face then does not slide sideways.
     points = section.reshape(-1, 3)
     right = points[quad, 0].mean(axis=1) > 0.0
     quad[right] = np.roll(quad[right], 1, axis=1)

@@ -63,7 +63,7 @@ class Muscles:
 
 @dataclass(frozen=True)
 class CourseShift:
-    """How one person's muscles run beside the courses of the template.
+    """Deviations of one person's muscle courses from those of the template.
 
     Attributes
     ----------
