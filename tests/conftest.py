@@ -1,9 +1,10 @@
-"""Shared fixtures: where the published geometry and the recordings lie, if at all."""
+"""Shared fixtures: template faces; where published geometry and recordings lie, if at all."""
 
 import os
 from pathlib import Path
 
 import pytest
+import xarray as xr
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -26,3 +27,24 @@ def shared() -> Path:
 @pytest.fixture(scope="session")
 def root() -> Path:
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def coarse() -> xr.Dataset:
+    from emgface.face.template import template_face  # not all tests need it
+
+    return template_face(resolution="coarse")
+
+
+@pytest.fixture(scope="session")
+def medium() -> xr.Dataset:
+    from emgface.face.template import template_face  # not all tests need it
+
+    return template_face(resolution="medium")
+
+
+@pytest.fixture(scope="session")
+def fine() -> xr.Dataset:
+    from emgface.face.template import template_face  # not all tests need it
+
+    return template_face(resolution="fine")

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from emgface.bench.lip_probe import LipProbe, to_and_fro
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.contact_parameters import ContactParameters
-from emgface.face.lip_rounding import SIGMA_MAX
 from emgface.face.lip_shape import lip_rim, lip_shape
 from emgface.face.motion import integrator_of
+from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.bench.unit import STEP, unit_seconds
-from emgface.face.lip_rounding import SIGMA_MAX
+from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import (

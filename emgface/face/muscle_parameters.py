@@ -1,10 +1,13 @@
 """How strong the muscles of the face are, and how they pull."""
 
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import Field
 
 from emgface.choices import BLEMKER, ESKES, STAVNESS, Parameters, choice, parameter, positive
+
+SIGMA_MAX: Final = 100e3
+"""Largest active stress of the published lip and expression simulations [Pa] (Stavness et al.)."""
 
 
 class SigmaMaxPolicy(Parameters):

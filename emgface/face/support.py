@@ -1,5 +1,7 @@
 """Walls behind the inner sheet of a face, in place of teeth and bone."""
 
+from typing import Final
+
 import numpy as np
 import xarray as xr
 
@@ -8,6 +10,9 @@ from emgface.face.check import sheet_nodes
 from emgface.face.parts import FREE, INNER
 from emgface.face.surface import faces_among
 from sim import Support
+
+WALL: Final = 1000.0
+"""Stiffness of a wall that stands for teeth [N/m]."""
 
 
 def inner_support(face: xr.Dataset, stiffness: float) -> Support:

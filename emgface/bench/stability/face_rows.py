@@ -15,10 +15,9 @@ from emgface.face.parts import LIPS, arches_of
 from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.support import WALL
 
 STEP = sim.HalvingStep(0.01)
-WALL = 1000.0
-"""Stiffness of the walls behind the lips [N/m]."""
 OVERLAP = 5e-4
 """How deep the inner nodes start behind their walls [m]."""
 TOUCHING = {

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from emgface.choices import STAVNESS
 from emgface.errors import ActivationError
 from emgface.face.contact_parameters import ContactParameters
-from emgface.face.lip_rounding import SIGMA_MAX
 from emgface.face.lip_shape import lip_opening
+from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from emgface.errors import DataError
 from emgface.face.drawing import MM, VIEWS, draw_tissue, view_axes
-from emgface.face.lip_rounding import SIGMA_MAX, WALL
+from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.support import WALL
 from emgface.face.template.actions import steady_positions
 
 Floats = NDArray[np.float64]

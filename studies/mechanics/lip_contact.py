@@ -1,8 +1,8 @@
 """Contact of lips with each other and with teeth: closing, gestures, support of the teeth, friction.
 
-    python benchmarks/lip_contact.py                             template face, tables and pictures
-    python benchmarks/lip_contact.py --face FACE.nc --out DIR    any other face
-    python benchmarks/lip_contact.py --part closing --part teeth some of the parts
+    python -m studies.mechanics.lip_contact  template face, tables and pictures
+    python -m studies.mechanics.lip_contact --face FACE.nc --out DIR  any other face
+    python -m studies.mechanics.lip_contact --part closing --part teeth  some of the parts
 
 closing   both parts of orbicularis oris at full activation, held for 1 s, with and without contact
 gestures  the held gestures of the six instructions
@@ -21,16 +21,16 @@ from PIL import Image
 from emgface.bench.contact import CLOSING, METHODS, STEPPING, measure
 from emgface.bench.store import store
 from emgface.face.file import load_face
+from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.show_displacement import draw_displacement
 from emgface.face.show_section import draw_sections
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.teeth_support import BACKING, protrude_lips
 from emgface.face.template import template_face
 from emgface.face.template.gestures import GESTURES
+from studies.mechanics.teeth_support import BACKING, protrude_lips
 
-DOCS = Path(__file__).resolve().parent.parent / "docs" / "contact"
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "contact"
 RESOLUTION = "medium"
-SIGMA_MAX = 100e3
 STIFFENING = (1.0, 10.0)
 
 

@@ -1,8 +1,8 @@
-"""Make the tables and pictures of this folder.
+"""Make the tables and pictures of `docs/mechanics`.
 
-python docs/mechanics/make.py                          template face, then the page
-python docs/mechanics/make.py --face FACE.nc --out DIR  any other face; numbers and pictures to DIR
-python docs/mechanics/make.py --page                    the page alone, from the tables that are here
+python -m studies.mechanics                          template face, then the page
+python -m studies.mechanics --face FACE.nc --out DIR  any other face; numbers and pictures to DIR
+python -m studies.mechanics --page                    the page alone, from the tables that are here
 """
 
 import argparse
@@ -12,21 +12,21 @@ import pandas as pd
 import xarray as xr
 from PIL import Image
 
-from emgface.face.expressions import EXPRESSIONS, SKINS, express, summary
 from emgface.face.file import load_face
-from emgface.face.lip_rounding import round_lips
 from emgface.face.show_displacement import draw_displacement
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.skin_probe import probe_skin
 from emgface.face.template import template_face
+from studies.mechanics.expressions import EXPRESSIONS, SKINS, express, summary
+from studies.mechanics.lip_rounding import round_lips
+from studies.mechanics.skin_probe import probe_skin
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parents[2] / "docs" / "mechanics"
 RESOLUTION = "medium"
 STRESSES = (0.0, 15.9e3, 40e3, 89.4e3)
 
 PAGE = """# Lips, expressions and skin
 
-Everything here is simulated. `python docs/mechanics/make.py` makes the template's tables and
+Everything here is simulated. `python -m studies.mechanics` makes the template's tables and
 pictures anew, with `--face` and `--out` those of any other face. The lips do not touch each
 other: `overlap` says how far they pass through. "Walls" are frictionless one-sided supports of
 1000 N/m behind every free node of the inner sheet, in place of teeth and bone. Without gravity,
@@ -45,7 +45,7 @@ reference face they retract without them. Stiffening itself lessens the protrusi
 activation.
 
 **Expressions.** The publication states no activations; those used are in
-`emgface.face.expressions.EXPRESSIONS`. Landmarks are the ten lip markers, the lip margins in the
+`studies.mechanics.expressions.EXPRESSIONS`. Landmarks are the ten lip markers, the lip margins in the
 midline, chin and cheeks. With every skin without tension the mouth corner moves most in each of
 the four. A stiffer skin, isotropic or the orthotropic one of the publication from young to old,
 moves the landmarks of both smiles less on both faces, as published; the exception is the lips

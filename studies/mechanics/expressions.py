@@ -10,10 +10,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.face.check import sheet_nodes
-from emgface.face.equilibria import equilibria
-from emgface.face.lip_rounding import SIGMA_MAX, WALL
+from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.parts import OUTER
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.support import WALL
+from studies.mechanics.equilibria import equilibria
 
 Floats = NDArray[np.float64]
 
@@ -137,7 +138,7 @@ def express(
 
     Raises
     ------
-    As `emgface.face.equilibria.equilibria`.
+    As `studies.mechanics.equilibria.equilibria`.
 
     Notes
     -----

@@ -7,11 +7,11 @@ import pandas as pd
 import xarray as xr
 
 from emgface.face.contact_parameters import ContactParameters
-from emgface.face.equilibria import equilibria
-from emgface.face.lip_rounding import SIGMA_MAX
 from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.penetration import Penetration
 from emgface.face.simulation_parameters import SimulationParameters
+from studies.mechanics.equilibria import equilibria
 
 LEVELS: Final = (0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0)
 BACKING: Final[Mapping[str, tuple[str, ...]]] = {
@@ -58,11 +58,11 @@ def protrude_lips(
         `emgface.face.lip_shape.lip_shape` in mm and mm^2, how deep lips stand in each other and in the
         teeth [mm], and the smallest det F.
     motion : dict
-        (backing, stiffening) to the Dataset of `emgface.face.equilibria.equilibria`.
+        (backing, stiffening) to the Dataset of `studies.mechanics.equilibria.equilibria`.
 
     Raises
     ------
-    As `emgface.face.equilibria.equilibria` and `emgface.face.penetration.Penetration`.
+    As `studies.mechanics.equilibria.equilibria` and `emgface.face.penetration.Penetration`.
 
     Notes
     -----

@@ -7,15 +7,11 @@ from typing import Final
 import pandas as pd
 import xarray as xr
 
-from emgface.face.equilibria import LEVELS, equilibria
 from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.simulation_parameters import SimulationParameters
-
-SIGMA_MAX: Final = 100e3
-"""Largest active stress of the published lip and expression simulations [Pa] (Stavness et al.)."""
-
-WALL: Final = 1000.0
-"""Stiffness of the walls that stand for teeth [N/m]."""
+from emgface.face.support import WALL
+from studies.mechanics.equilibria import LEVELS, equilibria
 
 _UNIT: Final = {
     "width": ("mm", 1e3),
@@ -78,7 +74,7 @@ def round_lips(
 
     Raises
     ------
-    As `emgface.face.equilibria.equilibria` and `emgface.face.lip_shape.lip_rim`.
+    As `studies.mechanics.equilibria.equilibria` and `emgface.face.lip_shape.lip_rim`.
 
     Notes
     -----

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from emgface.face.expressions import EXPRESSIONS, SKINS, express, landmarks, summary
+from studies.mechanics.expressions import EXPRESSIONS, SKINS, express, landmarks, summary
 
 
 @pytest.fixture(scope="module")

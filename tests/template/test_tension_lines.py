@@ -1,12 +1,8 @@
-"""Tension lines of a face and the stiffness that a small probe feels along them."""
+"""Tension lines of a face and the prestretch along them."""
 
 import numpy as np
-import pytest
 import xarray as xr
 
-from emgface.errors import FaceError
-from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.skin_probe import probe_skin
 from emgface.face.tension_lines import skin_axes, skin_prestretch
 
 
@@ -41,21 +37,3 @@ def test_the_prestretch_of_a_face_is_that_of_its_skin(coarse: xr.Dataset) -> Non
     np.testing.assert_allclose(np.linalg.det(F0[element]), stretch.prod(), rtol=1e-12)
     rest = np.setdiff1d(np.arange(coarse.sizes["element"]), element)
     assert (F0[rest] == np.eye(3)).all()
-
-
-def test_tension_raises_the_stiffness_that_a_probe_feels_along_the_lines(
-    coarse: xr.Dataset,
-) -> None:
-    def along(**prestress: object) -> np.ndarray:
-        p = SimulationParameters.model_validate(
-            {"gravity": False, "sigma_max": 100e3, "skin": {"kappa": 250e3}, "prestress": prestress}
-        )
-        return probe_skin(coarse, p, places=4)["along (N/m)"].to_numpy()
-
-    none = along()
-    least, most = (along(method="stretch", along=stress) for stress in (15.9e3, 89.4e3))
-    assert (none > 0).all()
-    assert (least > 1.02 * none).all() and (most > 1.1 * least).all()
-    inner = np.flatnonzero(coarse["layer"].values == 0)[:1]
-    with pytest.raises(FaceError, match="is not on the skin"):
-        probe_skin(coarse, SimulationParameters(gravity=False), elements=[int(inner[0])])

@@ -1,0 +1,1 @@
+"""Experiments on lips, expressions and skin; results in `docs/mechanics` and `docs/contact`."""
