@@ -32,11 +32,6 @@ class Reader(Protocol):
     FORMAT: str
 
     @staticmethod
-    def is_recording(path: Path) -> bool:
-        """Tell whether a file of that suffix may be a recording."""
-        ...
-
-    @staticmethod
     def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         """Read a recording under the labels of the file, in SI."""
         ...
@@ -205,7 +200,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
 def _may_be_recording(reader: Reader, path: Path) -> bool:
     """Ask a reader; a file that cannot be opened may be one, and is refused when it is read."""
     try:
-        return reader.is_recording(path)
+        return getattr(reader, "is_recording", _always)(path)
     except Exception:
         return True
 
@@ -260,6 +255,11 @@ def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
         return recording.assign_attrs(flagged=json.dumps(flagged, ensure_ascii=False))
     recording.attrs.pop("flagged", None)  # its channel was left out by the mapping
     return recording
+
+
+def _always(_: Path) -> bool:
+    """Accept every file of a format's suffix as a possible recording."""
+    return True
 
 
 def _none(_: Path) -> list[Path]:

@@ -131,8 +131,6 @@ import numpy as np
 from emgface.recordings.readers._build import assemble, emg_array
 SUFFIXES = (".raw8",)
 FORMAT = "one byte per sample"
-def is_recording(path):
-    return True
 def read(path, units):
     values = np.frombuffer(path.read_bytes(), "i1")[None].astype(float)
     part = emg_array(values, ["only"], np.arange(values.size) / 1000, units.get("emg", "uV"))

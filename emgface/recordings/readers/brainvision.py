@@ -29,22 +29,6 @@ class _Channel(NamedTuple):
     unit: str
 
 
-def is_recording(path: Path) -> bool:
-    """Decide whether a header may be that of a recording: always.
-
-    Parameters
-    ----------
-    path : Path
-        File with a suffix of `SUFFIXES`.
-
-    Returns
-    -------
-    bool
-        True.
-    """
-    return True
-
-
 def companions(path: Path) -> list[Path]:
     """Return the files of a recording beside its header.
 

@@ -27,22 +27,6 @@ _NO_POSITION = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Parameters of POINT that list points which are no positions."""
 
 
-def is_recording(path: Path) -> bool:
-    """Tell whether a C3D file may be a recording: always.
-
-    Parameters
-    ----------
-    path : Path
-        File with a suffix of `SUFFIXES`.
-
-    Returns
-    -------
-    bool
-        True.
-    """
-    return True
-
-
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read markers and the analog channels that are voltages.
 

@@ -49,22 +49,6 @@ class _Channel(NamedTuple):
     words: int
 
 
-def is_recording(path: Path) -> bool:
-    """Tell whether a Poly5 file may be a recording: always.
-
-    Parameters
-    ----------
-    path : Path
-        File with a suffix of `SUFFIXES`.
-
-    Returns
-    -------
-    bool
-        True.
-    """
-    return True
-
-
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the channels that are voltages.
 

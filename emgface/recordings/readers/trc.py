@@ -20,22 +20,6 @@ FORMAT = "TRC"
 _COUNTS = ("DataRate", "NumFrames", "NumMarkers", "Units")
 
 
-def is_recording(path: Path) -> bool:
-    """Tell whether a TRC file may be a recording: always.
-
-    Parameters
-    ----------
-    path : Path
-        File with a suffix of `SUFFIXES`.
-
-    Returns
-    -------
-    bool
-        True.
-    """
-    return True
-
-
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the markers.
 

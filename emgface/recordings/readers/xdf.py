@@ -33,22 +33,6 @@ _LENGTHS = {1: "B", 4: "<I", 8: "<Q"}
 _STREAM_CHUNKS = (2, 3, 4, 6)
 
 
-def is_recording(path: Path) -> bool:
-    """Decide whether an XDF file may be a recording: always.
-
-    Parameters
-    ----------
-    path : Path
-        File with a suffix of `SUFFIXES`.
-
-    Returns
-    -------
-    bool
-        True.
-    """
-    return True
-
-
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the EMG stream and the markers.
 
