@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from emgface.cli.band import BandOption, with_band
+from emgface.cli.chain import BandOption, chain_with
 from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def features(
     from emgface.signals.parameters import SignalChain
     from emgface.study.file import load_study
 
-    chain = with_band(SignalChain() if study is None else load_study(study).signals, band)
+    chain = chain_with(SignalChain() if study is None else load_study(study).signals, band=band)
     recording = read_recording(path, mapping=mapping)
     names = [str(name) for name in recording["channel"].values] if "emg" in recording else []
     chosen = [name for name in names if channels in name]

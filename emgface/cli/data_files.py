@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli.band import BandOption, with_band
+from emgface.cli.chain import BandOption, chain_with
 from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 from emgface.cli.data import FORMATS
 
@@ -161,7 +161,7 @@ def cut(
     if events is not None:
         table = read_events(events)
     elif "emg" in recording:
-        chain = with_band(SignalChain(), band)
+        chain = chain_with(SignalChain(), band=band)
         table = find_repetitions(bandpass(recording["emg"], chain.filter))
     else:
         raise DataError(

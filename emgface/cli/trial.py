@@ -5,7 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.band import BandOption, with_band
+from emgface.cli.chain import (
+    BandOption,
+    FeatureOption,
+    MissingMuscleOption,
+    MissingSideOption,
+    chain_with,
+)
 from emgface.cli.console import progress, say, show_table
 from emgface.cli.machine import announce_compilation
 from emgface.cli.study import AccuracyOption
@@ -33,6 +39,9 @@ def activate(
     ] = None,
     study: StudyPath = None,
     band: BandOption = None,
+    feature: FeatureOption = None,
+    missing_side: MissingSideOption = None,
+    missing_muscle: MissingMuscleOption = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the activations.")] = None,
 ) -> None:
     """Compute muscle activations from the sEMG of a recording."""
@@ -45,7 +54,13 @@ def activate(
     from emgface.study.truth import true_activation_of
 
     configuration = load_study(study) if study else StudyConfiguration()
-    signals = with_band(configuration.signals, band)
+    signals = chain_with(
+        configuration.signals,
+        band=band,
+        feature=feature,
+        missing_side=missing_side,
+        missing_muscle=missing_muscle,
+    )
     given = read_recording(recording, mapping=mapping)
     if strategy == TRUE_STRATEGY:
         activation = true_activation_of(given, signals.resampling)
@@ -53,6 +68,8 @@ def activate(
         activation = activation_of(given, signals, strategy=strategy, instruction=instruction)
     write_netcdf(activation, out_path, "activation")
     show_table(activation_rows(activation), f"{recording.name}, {given.attrs['origin']}")
+    if montage := activation.attrs.get("montage"):
+        say(f"Montage: {montage}.")
     if plot is not None:
         draw_activation(activation, plot)
         say(f"Wrote {plot}.")
@@ -109,7 +126,7 @@ def simulate(
             )
 
         trajectory = lower_sigma_max(once, parameters, report=bar.message).trajectory
-    keep = ("volunteer", "instruction", "repetition", "strategy")
+    keep = ("volunteer", "instruction", "repetition", "strategy", "montage")
     trajectory.attrs |= {name: drive.attrs[name] for name in keep if name in drive.attrs}
     write_netcdf(trajectory, out_path, "trajectory")
     moved = 1e3 * trajectory.attrs["motion"]

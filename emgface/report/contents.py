@@ -14,6 +14,7 @@ from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
 from analysis.tables import Column, Table, origin_of, recordings
 from emgface.report.results import Results
+from emgface.signals.montage import COMPLETE
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,9 @@ def verdict(cube: xr.Dataset) -> list[str]:
             "distinguishes strategies, and no test of a difference means anything. Real data does "
             "not look like this; check what was compared."
         )
+    montage = str(cube.attrs.get("montage", COMPLETE.sentence))
+    if montage != COMPLETE.sentence:
+        told.append(f"The montage is incomplete: {montage}.")
     told += accuracy(cube)
     if cube.sizes["volunteer"] == 1:
         told.append(

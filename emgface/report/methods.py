@@ -6,6 +6,7 @@ import xarray as xr
 
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
 from emgface.choices import parameter_table
+from emgface.signals.montage import COMPLETE
 from emgface.study.configuration import StudyConfiguration
 
 FEATURES = {
@@ -54,7 +55,12 @@ def methods(study: StudyConfiguration, cube: xr.Dataset) -> str:
     str
         One paragraph in the past tense, numbers in the units of the field.
     """
-    told = [*_recordings(study, cube), *_signals(study), *_mechanics(study, cube), *_scores(study)]
+    told = [
+        *_recordings(study, cube),
+        *_signals(study, cube),
+        *_mechanics(study, cube),
+        *_scores(study),
+    ]
     return " ".join([*told, *_comparison(cube)])
 
 
@@ -74,7 +80,7 @@ def _recordings(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     return told
 
 
-def _signals(study: StudyConfiguration) -> list[str]:
+def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     if study.activation_source == "true":
         return ["The face was driven by the true activation of the simulated recordings."]
     chain = study.signals
@@ -95,11 +101,16 @@ def _signals(study: StudyConfiguration) -> list[str]:
         )
         text += f", with a threshold of {over}"
     told.append(f"{text}.")
+    montage = str(cube.attrs.get("montage", COMPLETE.sentence))
+    complete = montage == COMPLETE.sentence
     oom = "in the weights of the text" if chain.mapping.oom == "text" else "as printed"
     told.append(
-        f"Ten muscles per side were derived from the {STAGES[chain.mapping.mapping_stage]} of seven "
-        f"electrodes per side (Eqs 2-6 of Eskes et al. 2017, Eq. 3 {oom})."
+        f"Ten muscles per side were derived from the {STAGES[chain.mapping.mapping_stage]} of "
+        f"{'seven' if complete else 'up to seven'} electrodes per side (Eqs 2-6 of Eskes et al. 2017, "
+        f"Eq. 3 {oom})."
     )
+    if not complete:
+        told.append(f"Channels: {montage}.")
     told.append(
         f"Features were scaled to 0-1 by minimum and maximum {REACHES[chain.normalisation.reach]}."
     )

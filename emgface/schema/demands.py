@@ -1,5 +1,7 @@
 """What a dataset must carry besides its arrays: attributes, and the demands of a study."""
 
+from collections.abc import Collection
+
 import numpy as np
 import xarray as xr
 
@@ -48,8 +50,13 @@ def _attribute(value: object, wanted: AttributeDeclaration) -> str | None:
     return None
 
 
-def study_problems(dataset: xr.Dataset, declared: ObjectDeclaration, told: str) -> list[Problem]:
-    """Find what a study demands and the dataset lacks, unless `told` names it already."""
+def study_problems(
+    dataset: xr.Dataset, declared: ObjectDeclaration, told: str, partial: Collection[str] = ()
+) -> list[Problem]:
+    """Find what a study demands and the dataset lacks, unless `told` names it already.
+
+    Coordinates in `partial` may lack names.
+    """
     demand = declared.study
     if demand is None:
         return []
@@ -67,7 +74,7 @@ def study_problems(dataset: xr.Dataset, declared: ObjectDeclaration, told: str) 
                 )
             problems.append((False, text))
     for coord, names in demand.names.items():
-        if coord not in dataset.coords:
+        if coord not in dataset.coords or coord in partial:
             continue
         found = [str(v) for v in dataset.coords[coord].values]
         missing = [name for name in names if name not in found]

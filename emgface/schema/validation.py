@@ -5,6 +5,7 @@ alone: a new kind is a new file.
 """
 
 import json
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
@@ -97,7 +98,9 @@ def declaration(kind: str) -> ObjectDeclaration:
     return ObjectDeclaration.model_validate(json.loads(path.read_text(encoding="utf-8")))
 
 
-def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Dataset:
+def validate(
+    dataset: xr.Dataset, kind: str, *, study: bool = False, partial: Collection[str] = ()
+) -> xr.Dataset:
     """Check a dataset against its declaration and return it in canonical form.
 
     Parameters
@@ -109,6 +112,8 @@ def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Datas
     study : bool
         Also demand what a study needs: for a recording EMG and positions, all channels and
         markers by name, and the attributes that identify the trial.
+    partial : collection of str
+        Coordinates that may lack some of the names a study demands, for example ``("channel",)``.
 
     Returns
     -------
@@ -140,7 +145,8 @@ def validate(dataset: xr.Dataset, kind: str, *, study: bool = False) -> xr.Datas
         problems = _structure(dataset, declared) + _values(dataset, declared)
         problems += attribute_problems(dataset, declared)
         if study:
-            problems += study_problems(dataset, declared, " ".join(text for _, text in problems))
+            told = " ".join(text for _, text in problems)
+            problems += study_problems(dataset, declared, told, partial)
     if problems:
         units_only = all(units for units, _ in problems)
         sentences = [text for _, text in problems]

@@ -12,22 +12,23 @@ Where minimum and maximum of Eq. 8 are to come from more than the trial itself, 
 computes them once over the session or the maximum-effort recordings, and every trial receives them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 
 from emgface.errors import ActivationError, ConfigurationError, SchemaError, SignalError, UnitsError
-from emgface.muscles import CHANNELS
+from emgface.muscles import MUSCLES
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
 from emgface.signals.filters import bandpass, constant_rows
-from emgface.signals.mapping import check_channels, map_channels
+from emgface.signals.mapping import map_channels
+from emgface.signals.montage import montage_of, with_mirrored
 from emgface.signals.normalisation import normalise
 from emgface.signals.parameters import SignalChain
 from emgface.signals.resampling import resample, simulation_times
-from emgface.signals.strategies import select_muscles
+from emgface.signals.strategies import needed_muscles, select_muscles
 
 
 def activation_of(
@@ -44,7 +45,8 @@ def activation_of(
     Parameters
     ----------
     recording : Dataset
-        ``emg`` (channel, time_emg) [V] with the fourteen channels.
+        ``emg`` (channel, time_emg) [V] with channels of the study; `chain.montage` says what becomes
+        of those that it lacks.
     chain : SignalChain
         All choices.
     strategy : str, optional
@@ -62,13 +64,15 @@ def activation_of(
         ``activation`` (muscle, time) [1], 0-1, zero for muscles that are not selected. Time [s] is
         that of the recording, from the first to the last instant at which the feature (and the
         markers, where present) exist. Attrs: volunteer, instruction, repetition, origin, strategy,
-        ``selected`` (names without side), ``silent``, ``resting``, ``clipped_fraction``, what filter
-        and feature recorded, and ``parameters`` (JSON).
+        ``selected`` (names without side), ``silent``, ``resting``, ``clipped_fraction``,
+        ``montage`` (which channels were recorded, and what became of the others), what filter and
+        feature recorded, and ``parameters`` (JSON).
 
     Raises
     ------
     SchemaError, UnitsError
-        If the recording has no sEMG, a channel is missing, or the unit is not V.
+        If the recording has no sEMG, the strategy needs a muscle whose channel is missing and no
+        treatment was chosen for it, or the unit is not V.
     SignalError
         If a signal cannot be processed: gap, constant, too short, rate too low.
     ConfigurationError
@@ -82,22 +86,25 @@ def activation_of(
     """
     strategy = strategy or chain.strategy.name
     instruction = instruction or recording.attrs.get("instruction")
+    montage = montage_of(map(str, emg_of(recording)["channel"].values), chain.montage)
+    montage.demand(needed_muscles(strategy, instruction), strategy)
     feature, silent = feature_before_normalisation(recording, chain)
     extent = _extent_for(recording, chain, feature, session, reference)
     normalised = normalise(feature, extent, chain.normalisation)
     if chain.feature.kind == "envelope":
         normalised = muscle_activation(normalised, chain.feature.A)
     if chain.mapping.mapping_stage == "activation":
-        normalised = map_channels(normalised, chain.mapping.oom)
-        feature = map_channels(feature, chain.mapping.oom)
+        normalised = map_channels(normalised, chain.mapping.oom, montage.estimated)
+        feature = map_channels(feature, chain.mapping.oom, montage.estimated)
     selected = select_muscles(feature, strategy, instruction, chain.strategy)
     on = [str(name).rsplit("_", 1)[0] in selected for name in normalised["muscle"].values]
     activation = normalised * xr.DataArray(np.array(on, dtype=float), dims="muscle")
     activation.attrs = {**normalised.attrs, "units": "1"}
     times = simulation_times(*_common_interval(activation, recording), chain.resampling)
     activation = resample(activation, times, bounded=True)
-    activation["muscle"].attrs.clear()
     check_activation(activation)
+    activation = activation.reindex(muscle=list(MUSCLES)).fillna(0.0)  # the others stay passive
+    activation["muscle"].attrs.clear()
     recorded = _storable(activation.attrs)
     activation.attrs = {"units": "1", "long_name": "muscle activation"}
     attrs = {
@@ -105,6 +112,7 @@ def activation_of(
         **{k: v for k, v in recording.attrs.items() if k in _IDENTITY},
         "strategy": strategy,
         "selected": " ".join(selected),
+        "montage": montage.sentence,
         "silent": " ".join(sorted({*silent, *recorded.get("silent", "").split()})),
         "parameters": chain.model_dump_json(),
     }
@@ -133,7 +141,7 @@ def feature_before_normalisation(
     Returns
     -------
     feature : DataArray, dims (muscle, time), or (channel, time) where mapping_stage is "activation"
-        Feature.
+        Feature of what the montage allows to be estimated.
     silent : tuple of str
         Channels that hold one value throughout (none, unless the policy tolerates them).
 
@@ -143,8 +151,8 @@ def feature_before_normalisation(
         As `activation_of`.
     """
     emg = emg_of(recording)
-    check_channels(emg)
-    emg = emg.sel(channel=list(CHANNELS))
+    montage = montage_of(map(str, emg["channel"].values), chain.montage)
+    emg = with_mirrored(emg, montage)
     filtered = bandpass(emg, chain.filter)
     silent = constant_rows(emg)
     if silent and chain.normalisation.silent == "error":
@@ -158,10 +166,10 @@ def feature_before_normalisation(
     filtered = filtered.where(~filtered["channel"].isin(silent), 0.0)
     oom, stage = chain.mapping.oom, chain.mapping.mapping_stage
     if stage == "signal":
-        filtered = map_channels(filtered, oom)
+        filtered = map_channels(filtered, oom, montage.estimated)
     feature = feature_of(filtered, chain.feature, phase=chain.filter.phase)
     if stage == "feature":
-        feature = map_channels(feature, oom)
+        feature = map_channels(feature, oom, montage.estimated)
     return feature, silent
 
 
@@ -229,9 +237,8 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
     for recording in recordings:
         feature, _ = feature_before_normalisation(recording, chain)
         lowest, highest = feature.min("time", keep_attrs=True), feature.max("time", keep_attrs=True)
-        # Same names in the same order: emg_of and map_channels see to it.
-        low = lowest if low is None else lowest.copy(data=np.fmin(low.values, lowest.values))
-        high = highest if high is None else highest.copy(data=np.fmax(high.values, highest.values))
+        low = lowest if low is None else _joined(np.fmin, low, lowest)
+        high = highest if high is None else _joined(np.fmax, high, highest)
         volunteers.append(str(recording.attrs.get("volunteer", "")))
     if low is None or high is None:
         raise SignalError(
@@ -252,6 +259,12 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
             "parameters": _feature_parameters(chain),
         },
     )
+
+
+def _joined(extreme: Callable[[Any, Any], Any], a: xr.DataArray, b: xr.DataArray) -> xr.DataArray:
+    """Extreme of two recordings; a row that one of them lacks is that of the other."""
+    first, second = xr.align(a, b, join="outer", copy=False)
+    return first.copy(data=extreme(first.values, second.values))
 
 
 def check_activation(activation: xr.DataArray) -> None:
@@ -301,6 +314,13 @@ def _extent_for(
             f"range of the {reach} was computed with other filter, feature or mapping parameters "
             "than this chain's: compute it again with feature_range"
         )
+    dim = "muscle" if "muscle" in feature.dims else "channel"
+    lacking = sorted(set(feature[dim].values.tolist()) - set(extent[dim].values.tolist()))
+    if lacking:
+        raise ConfigurationError(
+            f"range of the {reach} holds no {dim} {', '.join(lacking)}, expected all of the trial's: "
+            f"record the {reach} with the same channels"
+        )
     volunteer = str(recording.attrs.get("volunteer", ""))
     if extent.attrs.get("volunteer", "") != volunteer:
         raise ConfigurationError(
@@ -312,7 +332,7 @@ def _extent_for(
 
 def _feature_parameters(chain: SignalChain) -> str:
     """JSON of the stages that shape the feature before normalisation."""
-    return chain.model_dump_json(include={"filter", "feature", "mapping"})
+    return chain.model_dump_json(include={"filter", "feature", "mapping", "montage"})
 
 
 def _common_interval(activation: xr.DataArray, recording: xr.Dataset) -> tuple[float, float]:

@@ -4,6 +4,7 @@ Source: Eskes et al. 2017, Eqs 2-6. The other muscles (ZYG, RIS, LLSAN, DAO, MEN
 measured.
 """
 
+from collections.abc import Sequence
 from typing import Final, Literal
 
 import numpy as np
@@ -57,56 +58,68 @@ def mapping_matrix(oom: Literal["text", "as_printed"] = "text") -> xr.DataArray:
     return matrix
 
 
+def sources_of(muscle: str) -> tuple[str, ...]:
+    """Return the channels that a muscle is computed from.
+
+    Parameters
+    ----------
+    muscle : str
+        Muscle of the model with its side.
+
+    Returns
+    -------
+    tuple of str
+        Channels of the same side.
+
+    Examples
+    --------
+    >>> sources_of("BUC_L")
+    ('RIS_L', 'ZYG_L')
+    """
+    name, _, side = muscle.rpartition("_")
+    return tuple(f"{measured}_{side}" for measured in WEIGHTS[name])
+
+
 def map_channels(
-    quantity: xr.DataArray, oom: Literal["text", "as_printed"] = "text"
+    quantity: xr.DataArray,
+    oom: Literal["text", "as_printed"] = "text",
+    muscles: Sequence[str] = MUSCLES,
 ) -> xr.DataArray:
     """Combine channels into muscles (Eqs 2-6).
 
     Parameters
     ----------
     quantity : DataArray, dims (channel, time)
-        Signals, features or activations of the fourteen channels; further channels are ignored.
+        Signals, features or activations; channels that no muscle is computed from are ignored.
     oom : str
         Reading of Eq. 3, see `mapping_matrix`.
+    muscles : sequence of str
+        Muscles to compute; a missing channel counts as zero where another one of the same muscle
+        is there.
 
     Returns
     -------
     DataArray, dims (muscle, time)
-        The same quantity of the twenty muscles; attrs kept, with ``oom`` added.
+        The same quantity of the muscles; attrs kept, with ``oom`` added.
 
     Raises
     ------
     SchemaError
-        If a channel is missing.
+        If no channel of a muscle is there.
     """
-    check_channels(quantity)
-    selected = quantity.sel(channel=list(CHANNELS))
-    mapped = xr.dot(mapping_matrix(oom), selected, dim="channel")
+    found = [str(name) for name in quantity["channel"].values]
+    lacking = [name for name in muscles if not set(sources_of(name)) & set(found)]
+    if lacking:
+        raise SchemaError(
+            f"no channel of the muscle{'s' if len(lacking) > 1 else ''} {', '.join(lacking)} (found "
+            f"{', '.join(found) or 'none'}), expected {', '.join(sources_of(lacking[0]))} for "
+            f"{lacking[0]}: rename the channels or record them"
+        )
+    held = [name for name in CHANNELS if name in found]
+    matrix = mapping_matrix(oom).sel(muscle=list(muscles), channel=held)
+    mapped = xr.dot(matrix, quantity.sel(channel=held), dim="channel")
     (time,) = (dim for dim in mapped.dims if dim != "muscle")
     mapped = mapped.transpose("muscle", time).rename(quantity.name)
     mapped.attrs = {**quantity.attrs, "oom": oom}
     mapped[time].attrs = dict(quantity[time].attrs)
     return mapped
-
-
-def check_channels(quantity: xr.DataArray) -> None:
-    """Require the fourteen channels of the study.
-
-    Parameters
-    ----------
-    quantity : DataArray, dims (channel, time)
-        Signals or features.
-
-    Raises
-    ------
-    SchemaError
-        Naming the channels that are missing, and those found.
-    """
-    found = [str(name) for name in quantity["channel"].values]
-    missing = [name for name in CHANNELS if name not in found]
-    if missing:
-        raise SchemaError(
-            f"missing channel{'s' if len(missing) > 1 else ''} {', '.join(missing)} (found "
-            f"{', '.join(found) or 'none'}), expected the {len(CHANNELS)} channels of the study: "
-            "rename the channels or record them"
-        )

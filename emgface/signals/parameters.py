@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from emgface.choices import ESKES, OWN, Parameters, choice, parameter
+from emgface.signals.montage import MontageParameters
 
 BUCHANAN = "Buchanan et al. 2004, J Appl Biomech 20:367-395"
 
@@ -304,6 +305,9 @@ class SignalChain(Parameters):
 
     filter: FilterParameters = Field(default=FilterParameters(), description="Band-pass.")
     feature: FeatureParameters = Field(default=FeatureParameters(), description="Feature.")
+    montage: MontageParameters = Field(
+        default=MontageParameters(), description="Muscles that were not recorded."
+    )
     mapping: MappingParameters = Field(default=MappingParameters(), description="Eqs 2-6.")
     normalisation: NormalisationParameters = Field(
         default=NormalisationParameters(), description="Eq. 8."

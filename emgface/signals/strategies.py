@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 import xarray as xr
 
-from emgface.errors import ConfigurationError
+from emgface.errors import ConfigurationError, SchemaError
 from emgface.muscles import INSTRUCTIONS, MODELLED, RELEVANT
 from emgface.signals.parameters import StrategyName, StrategyParameters
 
@@ -23,21 +23,21 @@ def bilateral_mean(feature: xr.DataArray) -> xr.DataArray:
     Parameters
     ----------
     feature : DataArray, dims (muscle, time)
-        Feature of the twenty muscles.
+        Feature of the muscles of the montage.
 
     Returns
     -------
     DataArray, dims (muscle, time)
-        Mean of both sides of the ten muscles, without side in their names.
+        Mean of both sides, without side in the names, in the order of
+        `emgface.muscles.MODELLED`; a muscle with one side has the feature of that side.
 
     Notes
     -----
     Source: Eskes et al. 2017, act_3, step 1.
     """
-    left = feature.sel(muscle=[f"{name}_L" for name in MODELLED])
-    right = feature.sel(muscle=[f"{name}_R" for name in MODELLED])
-    mean = 0.5 * (left.values + right.values)
-    return left.copy(data=mean).assign_coords(muscle=list(MODELLED))
+    names = [str(name).rpartition("_")[0] for name in feature["muscle"].values]
+    mean = feature.assign_coords(muscle=names).groupby("muscle").mean()
+    return mean.sel(muscle=[name for name in MODELLED if name in names])
 
 
 def bilateral_variance(feature: xr.DataArray) -> xr.DataArray:
@@ -46,7 +46,7 @@ def bilateral_variance(feature: xr.DataArray) -> xr.DataArray:
     Parameters
     ----------
     feature : DataArray, dims (muscle, time)
-        Feature of the twenty muscles.
+        Feature of the muscles of the montage.
 
     Returns
     -------
@@ -60,6 +60,40 @@ def bilateral_variance(feature: xr.DataArray) -> xr.DataArray:
     return bilateral_mean(feature).var("time")
 
 
+def needed_muscles(strategy: str, instruction: str | None) -> tuple[str, ...]:
+    """Return the muscles without which a strategy cannot select.
+
+    Parameters
+    ----------
+    strategy, instruction
+        As of `select_muscles`.
+
+    Returns
+    -------
+    tuple of str
+        Names without side: those of Table 1 for act_rel; all ten otherwise.
+
+    Raises
+    ------
+    ConfigurationError
+        If the strategy or the instruction is unknown.
+    """
+    if strategy not in STRATEGIES:
+        near = difflib.get_close_matches(strategy, STRATEGIES, n=1, cutoff=0.4)
+        raise ConfigurationError(
+            f"unknown strategy '{strategy}', "
+            + (f"did you mean '{near[0]}'?" if near else f"expected one of {', '.join(STRATEGIES)}")
+        )
+    if strategy != "act_rel":
+        return MODELLED
+    if instruction not in RELEVANT:
+        raise ConfigurationError(
+            f"instruction {instruction!r} has no row in the table of relevant muscles, "
+            f"expected one of {', '.join(INSTRUCTIONS)}: name it, or use another strategy"
+        )
+    return tuple(name for name in MODELLED if name in RELEVANT[instruction])
+
+
 def select_muscles(
     feature: xr.DataArray,
     strategy: str,
@@ -71,7 +105,7 @@ def select_muscles(
     Parameters
     ----------
     feature : DataArray, dims (muscle, time)
-        Feature of the twenty muscles before normalisation (act_3 and act_threshold).
+        Feature of the muscles of the montage before normalisation; the others are not selected.
     strategy : str
         ``"act_all"``: all ten; ``"act_3"``: the n of largest variance of the bilateral mean,
         ties in the order of `emgface.muscles.MODELLED`; ``"act_rel"``: Table 1;
@@ -92,26 +126,24 @@ def select_muscles(
     ------
     ConfigurationError
         If the strategy or the instruction is unknown.
+    SchemaError
+        If the montage holds none of the muscles that act_rel activates.
     """
-    if strategy == "act_all":
-        return MODELLED
-    if strategy == "act_rel":
-        if instruction not in RELEVANT:
-            raise ConfigurationError(
-                f"instruction {instruction!r} has no row in the table of relevant muscles, "
-                f"expected one of {', '.join(INSTRUCTIONS)}: name it, or use another strategy"
-            )
-        return tuple(name for name in MODELLED if name in RELEVANT[instruction])
+    present = {str(name).rpartition("_")[0] for name in feature["muscle"].values}
+    wanted = needed_muscles(strategy, instruction)
+    names = tuple(name for name in wanted if name in present)
+    if not names:
+        raise SchemaError(
+            f"{strategy} of instruction {instruction!r} activates {', '.join(wanted)}, of which the "
+            f"montage holds none (it holds {', '.join(sorted(present)) or 'no muscle'}): use another "
+            "strategy, or record these muscles"
+        )
     if strategy == "act_3":
         variance = bilateral_variance(feature).values
         order = np.argsort(-variance, kind="stable")
-        return tuple(MODELLED[k] for k in order[: parameters.n])
+        return tuple(names[k] for k in order[: parameters.n])
     if strategy == "act_threshold":
         deviation = np.sqrt(bilateral_variance(feature).values)
         active = deviation > parameters.threshold * deviation.max()
-        return tuple(name for name, on in zip(MODELLED, active, strict=True) if on)
-    near = difflib.get_close_matches(strategy, STRATEGIES, n=1, cutoff=0.4)
-    raise ConfigurationError(
-        f"unknown strategy '{strategy}', "
-        + (f"did you mean '{near[0]}'?" if near else f"expected one of {', '.join(STRATEGIES)}")
-    )
+        return tuple(name for name, on in zip(names, active, strict=True) if on)
+    return names

@@ -9,6 +9,7 @@ import xarray as xr
 
 from analysis.tables import origin_of, recordings
 from emgface import __version__
+from emgface.signals.montage import MontageParameters, montage_of
 from emgface.study.table import Recording
 
 REFERENCES: Final = (
@@ -65,6 +66,35 @@ def with_recordings(cube: xr.Dataset, recordings: Sequence[Recording]) -> xr.Dat
     )
 
 
+def montages(recordings: Sequence[Recording], parameters: MontageParameters) -> str:
+    """Say which channels the recordings hold, and what became of the others.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        All that took part.
+    parameters : MontageParameters
+        Treatment of missing channels.
+
+    Returns
+    -------
+    str
+        One sentence for each montage; where there are several, with the trials that have it.
+    """
+    trials: dict[str, list[str]] = {}
+    for recording in recordings:
+        if "channel" in recording.dataset.coords:
+            names = map(str, recording.dataset["channel"].values)
+            trials.setdefault(montage_of(names, parameters).sentence, []).append(recording.label)
+    if len(trials) == 1:
+        return next(iter(trials))
+    return ". ".join(
+        f"In {len(labels)} recording{'s' if len(labels) > 1 else ''} ({', '.join(labels[:3])}"
+        f"{', ...' if len(labels) > 3 else ''}) {sentence}"
+        for sentence, labels in trials.items()
+    )
+
+
 def described(
     cube: xr.Dataset,
     *,
@@ -72,6 +102,7 @@ def described(
     face: Mapping[str, str],
     configuration: str,
     environments: Mapping[str, Any],
+    montage: str,
 ) -> xr.Dataset:
     """Let a cube say what it is, what it came from and what computed it.
 
@@ -87,6 +118,8 @@ def described(
         All choices, JSON.
     environments : mapping
         Of `merged_environments`.
+    montage : str
+        Of `montages`.
 
     Returns
     -------
@@ -94,7 +127,7 @@ def described(
         With the attributes ``title``, ``source``, ``history``, ``references`` and
         ``Conventions`` of the CF conventions (1.11, section 2.6), ``date_created`` (of the last
         result in it, so that a cube put together again is the same), ``name``, ``face``,
-        ``face_origin``, ``face_digest``, ``configuration`` and ``environments``.
+        ``face_origin``, ``face_digest``, ``configuration``, ``environments`` and ``montage``.
     """
     which = recordings(origin_of(cube))
     versions = sorted({str(one["emgface"]) for one in environments.values()}) or [__version__]
@@ -111,6 +144,7 @@ def described(
         face_digest=face["digest"],
         configuration=configuration,
         environments=json.dumps(environments),
+        montage=montage,
     )
 
 

@@ -14,6 +14,7 @@ from analysis.errors import AnalysisError
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.statistics.summary import statistics_table, study_statistics
 from analysis.tables import Table, report_tables
+from emgface.signals.montage import COMPLETE
 from emgface.study.store import write_text
 
 
@@ -28,7 +29,8 @@ class Report:
     summary : str
         The table of rho per strategy.
     meaning : list of str
-        What rho means in this study, beside its baselines; empty where the cube has none.
+        Muscles that were not recorded, and what rho means in this study beside its baselines; empty
+        where there is nothing to say.
     failures : list of str
         One sentence per reason why trials have no score, or one that depends on rounding.
     folder : Path
@@ -75,6 +77,9 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
         write_text(table.csv(), folder / f"{name}.csv")
         write_text(table.markdown(), folder / f"{name}.md")
         write_text(table.latex(), folder / f"{name}.tex")
+    montage = str(base.attrs.get("montage", COMPLETE.sentence))
+    if montage != COMPLETE.sentence:
+        meaning = [f"The montage is incomplete: {montage}.", *meaning]
     return Report(tables, tables["strategy"].text(), meaning, _failures(base), folder)
 
 

@@ -17,7 +17,7 @@ from emgface.schema.netcdf import write_netcdf
 from emgface.study.axes import Label
 from emgface.study.baselines import add_baselines
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.description import described, merged_environments, with_recordings
+from emgface.study.description import described, merged_environments, montages, with_recordings
 from emgface.study.digest import dataset_digest
 from emgface.study.faces import study_face
 from emgface.study.observer import Observer, Silent
@@ -148,6 +148,7 @@ def run_study(
         },
         configuration=study.model_dump_json(),
         environments=merged_environments(cubes.values()),
+        montage=montages(intake.recordings, study.signals.montage),
     )
     path = write_netcdf(cube, out / "cube.nc", "cube")
     return StudyResult(cube, path, store.events, dict(intake.unreadable))

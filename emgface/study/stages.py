@@ -31,6 +31,7 @@ _SIGNALS = (
     "emgface.signals.envelope",
     "emgface.signals.features",
     "emgface.signals.mapping",
+    "emgface.signals.montage",
     "emgface.signals.normalisation",
     "emgface.signals.resampling",
     "emgface.signals.filters",
@@ -136,7 +137,9 @@ class Laboratory:
         """Return minimum and maximum of the features over recordings, given by their digests."""
         inputs = {f"recording_{k}": digest for k, digest in enumerate(recordings)}
         chain = self.study.signals
-        parameters = chain.model_dump(mode="json", include={"filter", "feature", "mapping"})
+        parameters = chain.model_dump(
+            mode="json", include={"filter", "feature", "mapping", "montage"}
+        )
         return self.store.get_or_compute(
             RANGE,
             inputs,

@@ -139,7 +139,8 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
                 f"instruction {place[1]}, repetition {place[2]}: remove or relabel one"
             )
         try:
-            given = validate(given, "recording", study=True)
+            # Missing channels are treated, or refused, by the montage of the signal chain.
+            given = validate(given, "recording", study=True, partial=("channel",))
         except DataError as lacking:
             error = type(lacking)(f"{path.name}: {lacking}")
         why = reason_to_exclude(place, exclude)
@@ -234,7 +235,7 @@ def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> l
 
 def load_recording(path: Path, configuration: RecordingsConfiguration) -> Recording:
     """Read one recording again, as `take_in` did (for a worker process)."""
-    dataset = read_recording(path, mapping=configuration.mapping, study=True)
+    dataset = read_recording(path, mapping=configuration.mapping)
     return Recording(_place(dataset, path), dataset, dataset_digest(dataset), path)
 
 

@@ -11,7 +11,10 @@ import xarray as xr
 from emgface.choices import configure
 from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import MEASURED
 from emgface.recordings.dataset import read_recording, write_recording
+from emgface.report.contents import verdict
+from emgface.report.methods import methods
 from emgface.schema.netcdf import read_netcdf
 from emgface.study import run as run_module
 from emgface.study.configuration import StudyConfiguration
@@ -197,7 +200,7 @@ def spoiled(laboratory: Path, folder: Path, change) -> StudyConfiguration:
 
 
 def without_a_channel(recording: xr.Dataset) -> xr.Dataset:
-    return recording.drop_sel(channel="ZYG_L")
+    return recording.drop_sel(channel="LLSAN_L")
 
 
 def without_a_marker(recording: xr.Dataset) -> xr.Dataset:
@@ -217,7 +220,7 @@ def with_a_lost_marker(recording: xr.Dataset) -> xr.Dataset:
 @pytest.mark.parametrize(
     ("change", "status", "said"),
     [
-        (without_a_channel, "failed:SchemaError", "ZYG_L"),
+        (without_a_channel, "failed:SchemaError", "LLSAN_L"),
         (without_a_marker, "failed:SchemaError", "nasion"),
         (with_a_gap, "failed:SignalError", "gap"),
         (with_a_lost_marker, "failed:MarkerError", "corner_left"),
@@ -237,6 +240,23 @@ def test_a_bad_recording_fails_alone_with_its_reason(
     np.testing.assert_array_equal(
         good["rho"].values, finished.cube.sel(instruction="E").squeeze()["rho"].values
     )
+
+
+def test_a_montage_of_one_side_is_scored_and_said(laboratory, finished, tmp_path) -> None:
+    left = [f"{name}_L" for name in MEASURED]
+    study = spoiled(laboratory, tmp_path, lambda recording: recording.sel(channel=left))
+    signals = {**study.signals.model_dump(), "montage": {"missing_side": "mirror"}}
+    study = configure(StudyConfiguration, study.model_dump() | {"signals": signals})
+    shutil.copytree(laboratory / "study", tmp_path / "study")
+    cube = run_study(study, tmp_path / "study").cube
+    assert (cube["status"] == "ok").all()
+    said = cube.attrs["montage"]
+    assert "In 1 recording (S01 B 1) 7 of 14 channels were recorded" in said
+    assert "copied from the other side: OOS_R" in said and "(S01 E 1) all 14 channels" in said
+    assert "Channels: In 1 recording" in methods(study, cube)
+    assert verdict(cube)[1].startswith("The montage is incomplete: In 1 recording")
+    assert finished.cube.attrs["montage"] == "all 14 channels were recorded"
+    assert "montage" not in " ".join(verdict(finished.cube))
 
 
 def test_a_marker_unseen_at_an_end_is_scored_on_the_rest(laboratory, finished, tmp_path) -> None:

@@ -1,0 +1,53 @@
+"""Options of commands that replace choices of the signal chain."""
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from emgface.signals.parameters import SignalChain
+
+BandOption = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        metavar="LOW HIGH",
+        help="Pass-band [Hz] instead of that of the signal chain, for example 20 400.",
+    ),
+]
+FeatureOption = Annotated[
+    str | None, typer.Option(help="Amplitude feature: wamp, rms, mav or envelope.")
+]
+MissingSideOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Treatment of a channel recorded on the other side only: mirror, zero or leave_out."
+    ),
+]
+MissingMuscleOption = Annotated[
+    str | None,
+    typer.Option(help="Treatment of a channel recorded on neither side: zero or leave_out."),
+]
+
+
+def chain_with(
+    chain: "SignalChain",
+    *,
+    band: tuple[float, float] | None = None,
+    feature: str | None = None,
+    missing_side: str | None = None,
+    missing_muscle: str | None = None,
+) -> "SignalChain":
+    """Return the signal chain with the choices that options of a command replace."""
+    from emgface.choices import configure
+    from emgface.signals.parameters import SignalChain
+
+    low, high = band or (None, None)
+    given: dict[str, dict[str, Any]] = {
+        "filter": {"low": low, "high": high},
+        "feature": {"kind": feature},
+        "montage": {"missing_side": missing_side, "missing_muscle": missing_muscle},
+    }
+    values = chain.model_dump()
+    for stage, options in given.items():
+        values[stage] |= {name: value for name, value in options.items() if value is not None}
+    return configure(SignalChain, values, where="options")

@@ -1,0 +1,194 @@
+"""Channels of the study that a recording holds, and the treatment of those that it lacks."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import xarray as xr
+
+from emgface.choices import Parameters, choice
+from emgface.errors import SchemaError
+from emgface.muscles import CHANNELS, MUSCLES
+from emgface.signals.mapping import sources_of
+
+
+class MontageParameters(Parameters):
+    """Treatment of muscles that were not recorded."""
+
+    missing_side: Literal["error", "mirror", "zero", "leave_out"] = choice(
+        "error",
+        "Treatment of a channel that was recorded on the other side only.",
+        note="'mirror' copies the signal of the other side, so that the motion is symmetric; 'zero' "
+        "takes the signal as zero; 'leave_out' leaves out every muscle that is computed from it; "
+        "with 'error' a strategy that needs such a muscle fails",
+    )
+    missing_muscle: Literal["error", "zero", "leave_out"] = choice(
+        "error",
+        "Treatment of a channel that was recorded on neither side.",
+        note="with 'zero' a muscle that is computed from several channels is estimated from those "
+        "that were recorded, for example BUC from ZYG alone; 'leave_out' leaves such a muscle out",
+    )
+
+
+@dataclass(frozen=True)
+class Montage:
+    """What becomes of each of the fourteen channels.
+
+    Attributes
+    ----------
+    recorded, mirrored, zero, left_out, unresolved : tuple of str
+        Channels, each in one of the groups. `unresolved` are missing, and no treatment was chosen.
+    ignored : tuple of str
+        Further channels of the recording, which are not used.
+    """
+
+    recorded: tuple[str, ...]
+    mirrored: tuple[str, ...] = ()
+    zero: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    unresolved: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Muscles whose activation is computed from recorded or mirrored channels."""
+        held, absent = {*self.recorded, *self.mirrored}, {*self.left_out, *self.unresolved}
+        return tuple(
+            name
+            for name in MUSCLES
+            if not absent & set(sources_of(name)) and held & set(sources_of(name))
+        )
+
+    @property
+    def sentence(self) -> str:
+        """Say in words which channels were recorded and what became of the others."""
+        if len(self.recorded) == len(CHANNELS):
+            told = [f"all {len(CHANNELS)} channels were recorded"]
+        else:
+            told = [
+                f"{len(self.recorded)} of {len(CHANNELS)} channels were recorded "
+                f"({', '.join(self.recorded) or 'none'})"
+            ]
+        groups = (
+            ("copied from the other side", self.mirrored),
+            ("taken as zero", self.zero),
+            ("left out", self.left_out),
+            ("missing without a chosen treatment", self.unresolved),
+            ("recorded and not used", self.ignored),
+        )
+        told += [f"{what}: {', '.join(names)}" for what, names in groups if names]
+        without = [name for name in MUSCLES if name not in self.estimated]
+        if without:
+            told.append(f"muscles without an estimated activation: {', '.join(without)}")
+        return "; ".join(told)
+
+    def demand(self, wanted: Iterable[str], strategy: str) -> None:
+        """Refuse a strategy that needs a muscle whose channels have no chosen treatment.
+
+        Parameters
+        ----------
+        wanted : iterable of str
+            Muscles without side that the strategy needs.
+        strategy : str
+            Its name.
+
+        Raises
+        ------
+        SchemaError
+            Naming the missing channels and the possible treatments.
+        """
+        needs = set(wanted)
+        lacking = [
+            channel
+            for channel in self.unresolved
+            if any(channel in sources_of(m) for m in MUSCLES if m.rpartition("_")[0] in needs)
+        ]
+        if not lacking:
+            return
+        raise SchemaError(
+            f"missing channel{'s' if len(lacking) > 1 else ''} {', '.join(lacking)} (found "
+            f"{', '.join((*self.recorded, *self.ignored)) or 'none'}), which {strategy} needs; "
+            f"expected the {len(CHANNELS)} channels of the study: map the labels of the recording, or "
+            "choose signals.montage.missing_side (mirror, zero, leave_out) and "
+            "signals.montage.missing_muscle (zero, leave_out)"
+        )
+
+
+COMPLETE: Final = Montage(CHANNELS)
+"""Montage of the study, seven muscles on each side."""
+
+
+def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montage:
+    """Decide what becomes of every channel of the study.
+
+    Parameters
+    ----------
+    channels : iterable of str
+        Channels of a recording, in any order.
+    parameters : MontageParameters
+        Treatment of those that are missing.
+
+    Returns
+    -------
+    Montage
+        Every channel in one group.
+
+    Examples
+    --------
+    >>> choices = MontageParameters(missing_side="mirror", missing_muscle="leave_out")
+    >>> montage_of(["ZYG_L"], choices).mirrored
+    ('ZYG_R',)
+    """
+    found = list(channels)
+    groups: dict[str, list[str]] = {}
+    for name in CHANNELS:
+        if name in found:
+            treatment = "recorded"
+        elif _opposite(name) in found:
+            treatment = parameters.missing_side
+        else:
+            treatment = parameters.missing_muscle
+        groups.setdefault(treatment, []).append(name)
+    return Montage(
+        *(
+            tuple(groups.get(key, ()))
+            for key in ("recorded", "mirror", "zero", "leave_out", "error")
+        ),
+        ignored=tuple(name for name in found if name not in CHANNELS),
+    )
+
+
+def with_mirrored(emg: xr.DataArray, montage: Montage) -> xr.DataArray:
+    """Return the recorded and mirrored channels, in the order of the study.
+
+    Parameters
+    ----------
+    emg : DataArray, dims (channel, time_emg) [V]
+        Signals of a recording.
+    montage : Montage
+        Result of `montage_of` for its channels.
+
+    Returns
+    -------
+    DataArray, dims (channel, time_emg) [V]
+        A mirrored channel holds the signal of the other side.
+
+    Raises
+    ------
+    SchemaError
+        If no channel of the study was recorded.
+    """
+    held = [name for name in CHANNELS if name in montage.recorded or name in montage.mirrored]
+    if not held:
+        raise SchemaError(
+            f"the recording has the channels {', '.join(montage.ignored) or 'none'}, expected at "
+            f"least one of {', '.join(CHANNELS)}: map its labels to these names"
+        )
+    sources = [name if name in montage.recorded else _opposite(name) for name in held]
+    return emg.sel(channel=sources).assign_coords(channel=held)
+
+
+def _opposite(channel: str) -> str:
+    """Channel of the same muscle on the other side."""
+    muscle, _, side = channel.rpartition("_")
+    return f"{muscle}_{'R' if side == 'L' else 'L'}"
