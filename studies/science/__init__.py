@@ -1,1 +1,1 @@
-"""What a simulated study can and cannot show: a page of docs whose figures one command makes."""
+"""Experiments on simulated studies, from which one command generates the page `docs/science`."""

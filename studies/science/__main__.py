@@ -1,10 +1,11 @@
-"""The page docs/science, from nothing: simulated volunteers, their studies, figures and text.
+"""Generate the page docs/science: simulated volunteers, their studies, figures and text.
 
     python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
                               [--instructions ABCDEF] [--accuracy study] [--finished] [--ends]
 
-Nothing that the store holds is computed again; with --finished, studies that have a cube are taken as
-they are, whatever code computed them; with --ends, the ladder of worlds has its two ends alone.
+Stored results are not computed again. With --finished, the cube of a finished study is used
+irrespective of the code that computed it; with --ends, only the first and the last world of the series
+are computed.
 """
 
 import argparse
@@ -27,20 +28,20 @@ HEAD = """# What a simulated study can and cannot show
 
     {command}
 
-makes this page: {volunteers} simulated volunteers, instructions {instructions}, {repetitions}
-repetitions, seed {seed}, faces of resolution {resolution}, time steps "{accuracy}". **Everything here is
-simulated.** No score of this page says how well the method does with people.
+generates this page: {volunteers} simulated volunteers, instructions {instructions}, {repetitions}
+repetitions, seed {seed}, faces of resolution {resolution}, accuracy "{accuracy}". **All recordings are
+simulated.** The scores on this page do not estimate how well the method predicts the motion of people.
 """
 
 
 class Told(Silent):
-    """Prints a line now and then."""
+    """Print progress, one line for every tenth trial."""
 
     def __init__(self) -> None:
         self._started, self._done, self._total = time.monotonic(), 0, 0
 
     def begin(self, total: int) -> None:
-        """Begin to count."""
+        """Set the number of trials."""
         self._done, self._total = 0, total
 
     def message(self, text: str) -> None:
@@ -48,7 +49,7 @@ class Told(Silent):
         print(text, flush=True)
 
     def finished(self, label: str, status: str) -> None:
-        """Print where the run is, every tenth time."""
+        """Print the state of the run for every tenth trial and every failure."""
         self._done += 1
         if self._done % 10 == 0 or self._done == self._total or status != "ok":
             spent = time.monotonic() - self._started
@@ -56,7 +57,7 @@ class Told(Silent):
 
 
 def main() -> None:
-    """Make volunteers, studies and the page."""
+    """Simulate the volunteers, run their studies and write the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("docs/science"))
     parser.add_argument("--store", type=Path, default=plan.store)
@@ -89,7 +90,7 @@ def main() -> None:
 
 
 def _command(given: argparse.Namespace) -> str:
-    """The command with what decides its numbers."""
+    """Command line with the options that affect the numbers."""
     default = Plan()
     usual = {
         "volunteers": default.volunteers,

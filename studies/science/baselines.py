@@ -1,4 +1,4 @@
-"""rho of every world beside what scores without the EMG of the trial."""
+"""Compare rho in every world with baselines that do not use the EMG of the trial."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,13 +11,14 @@ from analysis.figures import baseline_plot, save
 from emgface.files import replace_file
 from emgface.schema.netcdf import read_netcdf
 
-HEAD = """## What a rho of 0.9 means
+HEAD = """## Interpretation of a rho of 0.9
 
-A correlation says little before it is known what scores without the EMG of the person. After the same
-alignment each trial is therefore also compared with the mean motion of the other volunteers at the same
-instruction (template); with another repetition of the person, from which follows the ceiling of all
-motions that are the same in every repetition; with the simulated motion of the other instructions, and
-with that of another repetition (EMG shuffled over trials). `docs/statistics.md` defines them.
+A correlation can be interpreted only by comparison with baselines that do not use the EMG of the trial.
+After the same alignment, each trial is therefore also compared with the mean motion of the other
+volunteers for the same instruction (template); with another repetition of the person, which determines
+the highest score of a motion that is the same in every repetition (ceiling); with the simulated motion
+of the other instructions; and with the simulated motion of another repetition (EMG shuffled over
+trials). `docs/statistics.md` defines these baselines.
 """
 
 
@@ -34,12 +35,12 @@ def _of_world(cube: xr.Dataset, world: str, out: Path) -> list[str]:
     """Write figure and tables of one world; return the Markdown that shows them."""
     told, tables = comparison(cube)
     if not tables:
-        lacking = told or ["The cube holds no baselines: run its study again."]
+        lacking = told or ["The cube contains no baselines; run its study again."]
         return [f"### {world.capitalize()} world (simulated)", "", *lacking, ""]
     figure = f"baselines_{world}.svg"
     save(baseline_plot(cube), out / figure)
     lines = [f"### {world.capitalize()} world (simulated)", "", *(f"* {one}" for one in told), ""]
-    lines += [f"![rho beside its baselines, {world} world (simulated)]({figure})", ""]
+    lines += [f"![rho and its baselines, {world} world (simulated)]({figure})", ""]
     for name, table in tables.items():
         text = table.csv()
         replace_file(

@@ -1,4 +1,4 @@
-"""What tests of few volunteers and instructions are worth, and what they say of the studies."""
+"""Calibration of tests with few volunteers and instructions, and their results for the studies."""
 
 import math
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ MODELS = {
     "these instructions": "these instructions (fixed)",
     "instructions": "instructions in general (random)",
 }
-"""The models that are compared; what is tested is the claim on instructions in general."""
+"""Models compared by their claims about instructions in general."""
 
 
 def make(studies: Mapping[str, Path], out: Path) -> str:
@@ -42,20 +42,21 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     lines = [
         "## Scope of inference",
         "",
-        f"Six volunteers, six instructions, no difference between strategies, {CUBES} cubes of "
-        "simulated scores for every point. A claim on instructions in general, made by a model "
-        "without a term for instruction x strategy, is wrong "
-        f"{100 * float(bad['size']):.0f} % of the time at a nominal 5 % once instructions differ "
-        f"with a standard deviation of 0.3 in z, and its intervals cover "
-        f"{100 * float(bad['coverage']):.0f} %. With the term it is "
-        f"{100 * float(good['size']):.0f} % and {100 * float(good['coverage']):.0f} %; the intervals "
-        "are wider. A test that takes the instructions as fixed is right only of these.",
+        f"Each point was computed from {CUBES} cubes of simulated scores of six volunteers and six "
+        "instructions, without a difference between strategies. If the effect of the strategy "
+        "varies among instructions with a standard deviation of 0.3 in z, a model without a term "
+        "for instruction x strategy makes a false claim about instructions in general in "
+        f"{100 * float(bad['size']):.0f} % of the cubes (nominal 5 %), and its intervals cover "
+        f"{100 * float(bad['coverage']):.0f} %. With this term the values are "
+        f"{100 * float(good['size']):.0f} % and {100 * float(good['coverage']):.0f} %, and the "
+        "intervals are wider. A test that treats the instructions as fixed is valid only for these "
+        "instructions.",
         "",
-        "![Size and coverage of claims on instructions in general against the standard deviation of "
+        "![Size and coverage of claims about instructions in general against the standard deviation of "
         "instruction x strategy, simulated scores](inference.svg)",
         "",
-        "What the studies of this page say, in both scopes (mixed model; no interval from fewer than "
-        f"{LEAST_VOLUNTEERS} volunteers, nor of instructions in general from fewer than "
+        "Contrasts of the studies on this page in both scopes (mixed model; no interval is given with "
+        f"fewer than {LEAST_VOLUNTEERS} volunteers or, for instructions in general, with fewer than "
         f"{LEAST_INSTRUCTIONS} instructions):",
         "",
     ]
@@ -66,13 +67,13 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     save(contrasts_figure(table), out / "contrasts.svg")
     lines += [table.markdown(), "![Contrasts of the strategies in both scopes](contrasts.svg)", ""]
     for world, found in tests.items():
-        lines += [f"The {world} world (simulated) concludes:", ""]
+        lines += [f"Conclusions for the {world} world (simulated):", ""]
         lines += [f"* {sentence}" for sentence in conclusions(found)] + [""]
     return "\n".join(lines)
 
 
 def claims_in_general() -> xr.Dataset:
-    """Size and coverage of three models, read as claims on instructions in general.
+    """Size and coverage of three models, interpreted as claims about instructions in general.
 
     Returns
     -------
@@ -97,7 +98,7 @@ def claims_in_general() -> xr.Dataset:
 
 
 def _outside(z: NDArray[np.float64]) -> list[bool]:
-    """Whether the interval of each model lacks zero, z (volunteer, instruction, strategy, marker)."""
+    """Test if the interval of each model excludes 0; z (volunteer, instruction, strategy, marker)."""
     estimate, error, freedom = without_the_term(z)
     found = [abs(estimate) > float(t.ppf(0.975, freedom)) * error]
     differences = (z[:, :, 1] - z[:, :, 0]).mean(axis=2)
@@ -111,7 +112,7 @@ def _outside(z: NDArray[np.float64]) -> list[bool]:
 
 
 def without_the_term(z: NDArray[np.float64]) -> tuple[float, float, int]:
-    """Second strategy minus first by the model without instruction x strategy, on complete data.
+    """Fit the second minus the first strategy without instruction x strategy, on complete data.
 
     z = strategy + volunteer + instruction + marker + volunteer x strategy + residual; restricted
     maximum likelihood in closed form, volunteer x strategy at least zero.
@@ -162,7 +163,7 @@ def claims_figure(worth: xr.Dataset) -> "Figure":
     panels[0].set_ylim(0.0, None)
     panels[1].set_ylim(None, 1.0)
     legend(figure, handles, most=3)
-    heading(figure, "claims on instructions in general, six volunteers", "simulated")
+    heading(figure, "claims about instructions in general, six volunteers", "simulated")
     return figure
 
 
@@ -177,7 +178,7 @@ def claims_table(worth: xr.Dataset) -> Table:
         for model in worth["model"].values
     ]
     heads = ("spread", "model", "size", "coverage", "Monte Carlo error")
-    title = "claims on instructions in general, simulated scores"
+    title = "claims about instructions in general, simulated scores"
     return Table(title, tuple(map(Column, heads)), tuple(rows), "simulated")
 
 
@@ -207,7 +208,7 @@ def contrasts_table(tests: Mapping[str, Mapping[str, xr.Dataset]]) -> Table:
 
 @styled
 def contrasts_figure(table: Table) -> "Figure":
-    """Draw every contrast with its interval in both scopes, worlds below each other."""
+    """Draw every contrast with its interval in both scopes, one block per world."""
     figure = blank(7.5, 1.2 + 0.28 * len(table.rows))
     panel = grid(figure)[0][0]
     panel.axvline(0.0, color="0.5", linewidth=0.8, zorder=0)

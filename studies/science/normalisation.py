@@ -1,4 +1,4 @@
-"""What minimum and maximum over each trial cost, per strategy, and what they do to silent muscles."""
+"""Effect of normalisation per trial and per session on rho and on inactive muscles."""
 
 import warnings
 from collections.abc import Mapping
@@ -17,12 +17,12 @@ from studies.science.setup import finished_study, opened, plan
 from studies.science.subset import markdown, median_per_volunteer, names_of, of_subset, subset_study
 
 REACHES: Final = ("trial", "session")
-"""Data over which Eq. 8 takes minimum and maximum."""
+"""Data from which Eq. 8 takes the minimum and maximum."""
 WORDS: Final = {"trial": "per trial", "session": "per session"}
 
 
 def make(studies: Mapping[str, Path], out: Path) -> str:
-    """Compare the reach of Eq. 8: rho per strategy, and the activation of muscles that are silent."""
+    """Compare normalisation per trial and per session: rho, and activation of silent muscles."""
     scores, peaks = [], []
     for world, folder in studies.items():
         cube = of_subset(opened(folder))
@@ -61,14 +61,15 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     ).rename_axis("simulated")
     return "\n".join(
         [
-            "## Normalisation: what minimum and maximum over each trial cost",
+            "## Normalisation per trial and per session",
             "",
-            "Eq. 8 as printed takes minimum and maximum over each trial, so that a muscle that takes no "
-            "part reaches 1 like all others. The alternative takes them over all trials of a volunteer "
-            f"(`signals.normalisation.reach`). The same {found['volunteer'].nunique()} volunteers and "
-            "one repetition as above. A muscle is silent in a trial where the excitation that made its "
-            f"EMG stays below {LEAST_PEAK:g}; shown is the median, over trials and silent muscles, of "
-            "the peak activation that the chain gives it (0 for muscles that the strategy leaves out).",
+            "Eq. 8 as printed uses the minimum and maximum of each trial, so that an inactive "
+            "muscle reaches an activation of 1 like all others. The alternative uses the minimum "
+            "and maximum over all trials of a volunteer (`signals.normalisation.reach`). The same "
+            f"{found['volunteer'].nunique()} volunteers and one repetition as above. A muscle is "
+            "called silent in a trial if the excitation that generated its EMG remains below "
+            f"{LEAST_PEAK:g}. The table lists the median, over trials and silent muscles, of the "
+            "peak activation computed by the chain (0 for muscles that the strategy omits).",
             "",
             markdown(shown),
             "",
@@ -84,7 +85,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
 
 
 def _silent_peaks(recordings: Path, names: list[str], study) -> pd.DataFrame:
-    """Peak activation of every muscle that is silent in a trial, under every strategy."""
+    """Peak activation of every silent muscle of a trial, with every strategy."""
     chain = study.signals
     rows: list[dict[str, object]] = []
     for name in names:
@@ -166,27 +167,27 @@ def _draw(found: pd.DataFrame, silent: pd.DataFrame):
 
 
 def _reading(rho: pd.Series, peak: pd.Series) -> str:
-    """Say what the figure shows, with its numbers."""
+    """Describe the figure in sentences with its numbers."""
     told = []
     for world in dict.fromkeys(rho.index.get_level_values("world")):
         mean, tall = rho[world], peak[world]
         gain = {name: mean["session", name] - mean["trial", name] for name in mean["trial"].index}
         most = max(gain, key=lambda name: gain[name])
         told.append(
-            f"* {world} world: over the session in place of the trial changes "
+            f"* In the {world} world, normalisation per session instead of per trial changes rho of "
             + ", ".join(f"{name} by {value:+.2f}" for name, value in gain.items())
-            + f"; {most} gains most. Under act_all silent muscles peak at "
+            + f"; {most} gains most. With act_all, the peak activation of silent muscles is "
             f"{tall['trial', 'act_all']:.2f} per trial and {tall['session', 'act_all']:.2f} per session."
         )
     told.append(
-        "* act_3 and act_rel leave most silent muscles out, so that they hardly depend on the choice: "
-        "what is called the weakness of act_all is to a large part that of the normalisation."
+        "* act_3 and act_rel omit most silent muscles and therefore hardly depend on the choice: the "
+        "lower scores of act_all are largely due to the normalisation."
         if all(
             abs(rho[w, "session", "act_rel"] - rho[w, "trial", "act_rel"])
             < rho[w, "session", "act_all"] - rho[w, "trial", "act_all"]
             for w in dict.fromkeys(rho.index.get_level_values("world"))
         )
-        else "* act_rel gains no less than act_all in at least one world here: the silent muscles alone "
-        "do not explain the difference between the strategies there."
+        else "* In at least one world, act_rel gains no less than act_all; silent muscles alone "
+        "therefore do not explain the difference between the strategies."
     )
     return "\n".join(told) + "\n"

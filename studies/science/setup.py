@@ -1,4 +1,4 @@
-"""The simulated volunteers and studies that all sections of the page are made from."""
+"""Simulated volunteers and studies on which all sections of the page are based."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,16 +20,16 @@ from emgface.volunteers.world import World, world_of
 SEED: Final = 17
 REPETITIONS: Final = 2
 RESOLUTION: Final = "coarse"
-"""Elements of the face of the study; it is the mesh, not the physiology, that is coarse."""
+"""Resolution of the face of the study; only the mesh is coarse, not the physiology."""
 SIGMA_MAX: Final = 100e3
 """Largest muscle stress [Pa] of the study, within the range of the volunteers' own."""
 WORLDS: Final = ("matched", "mismatched")
-"""Worlds whose finished studies all sections are given."""
+"""Worlds whose finished studies are passed to all sections."""
 
 
 @dataclass
 class Plan:
-    """How much is simulated, and who is told; the command fills it."""
+    """Extent of the simulations and their observer, set by the command."""
 
     store: Path = Path("studies-store")
     volunteers: int = 6
@@ -45,7 +45,7 @@ plan = Plan()
 
 
 def simulation() -> SimulationParameters:
-    """Mechanics of both sides, but for what a world changes."""
+    """Simulation parameters of study and volunteers, except those changed by a world."""
     return configure(SimulationParameters, {"sigma_max": SIGMA_MAX, "accuracy": plan.accuracy})
 
 
@@ -66,7 +66,7 @@ def study_of(recordings: Path, name: str, /, **changes: Any) -> StudyConfigurati
 def people(world: World, folder: Path, *, volunteers: int, repetitions: int) -> Path:
     """Simulate the volunteers of a world and return the folder of their recordings.
 
-    Motions of all worlds lie in one store, so that worlds which differ in their EMG alone share them.
+    Motions of all worlds are kept in one store, because worlds that differ only in their EMG share them.
     """
     make_volunteers(
         None,
@@ -85,7 +85,7 @@ def people(world: World, folder: Path, *, volunteers: int, repetitions: int) -> 
 
 
 def finished_study(study: StudyConfiguration, results: Path) -> Path:
-    """Run a study, of which stored results are not computed again, and return its folder."""
+    """Run a study, reusing stored results, and return its folder."""
     if plan.finished and (results / "cube.nc").is_file():
         return results
     cube = run_study(study, results, workers=plan.workers, observer=plan.observer).cube

@@ -1,4 +1,4 @@
-"""The part of a study that experiments with many simulations are made of."""
+"""Subset of a study for experiments with many simulations."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +11,7 @@ from emgface.study.configuration import StudyConfiguration
 from studies.science.setup import study_of
 
 VOLUNTEERS: Final = 4
-"""The first so many volunteers, the first repetition: what the page's time allows."""
+"""Number of volunteers in the subset, which limits the run time of the page."""
 
 
 def names_of(cube: xr.Dataset) -> list[str]:
@@ -33,7 +33,7 @@ def subset_study(
 
 
 def median_per_volunteer(cube: xr.Dataset, **labels: Any) -> pd.DataFrame:
-    """Median rho of each volunteer and strategy over instructions and markers, and what was lost."""
+    """Tabulate median rho over instructions and markers, and lost trials, per volunteer and strategy."""
     rows: list[dict[str, Any]] = []
     for strategy in cube["strategy"].values:
         for volunteer in cube["volunteer"].values:
@@ -54,7 +54,7 @@ def median_per_volunteer(cube: xr.Dataset, **labels: Any) -> pd.DataFrame:
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """Table of text and numbers of two decimals, the index as the first column."""
+    """Format a table with two decimals, the index as the first column."""
     head = [str(table.index.name or ""), *map(str, table.columns)]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for name, row in table.iterrows():

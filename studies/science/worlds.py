@@ -1,4 +1,4 @@
-"""How the scores fall from volunteers that match the study's assumptions to those that do not."""
+"""Scores of simulated volunteers from the matched to the mismatched world."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,12 +20,12 @@ RUNGS: Final = (
     ("+ recruitment", ("recruitment",)),
     ("+ pick-up and noise\n= mismatched", ("pick-up", "noise")),
 )
-"""Steps of the ladder, each with the kinds of mismatch that it adds to those before."""
+"""Worlds of the series, each with the kinds of mismatch that it adds to the one before."""
 TRUE: Final = "true activation"
 
 
 def _rungs() -> list[int]:
-    """Rungs that are made: all, or the two ends."""
+    """Indices of the worlds to compute: all, or the first and the last."""
     return [0, len(RUNGS) - 1] if plan.ends else list(range(len(RUNGS)))
 
 
@@ -43,15 +43,15 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     lost = int(found["without score"].sum())
     return "\n".join(
         [
-            "## Worlds: how scores fall as assumptions are taken back",
+            "## Worlds: decrease of the scores as assumptions are violated",
             "",
             f"The first {found['volunteer'].nunique()} volunteers, one repetition of each instruction. "
             "Each row adds kinds of mismatch to the row above (`emgface volunteers --world "
-            "mesh+laws+...`)"
-            + (", all of them at once here" if plan.ends else "")
-            + ", with the sizes of `emgface.volunteers.world.World`. The same persons, "
-            "instructions and random numbers are behind all rows. Of "
-            f"{int(found['trials'].sum())} trials {lost} have no score.",
+            "mesh+laws+...`"
+            + ("; here all of them at once" if plan.ends else "")
+            + "), with the sizes of `emgface.volunteers.world.World`. All rows use the same persons, "
+            "instructions and random numbers. Of "
+            f"{int(found['trials'].sum())} trials, {lost} have no score.",
             "",
             markdown(table),
             "",
@@ -114,7 +114,7 @@ def _title(k: int) -> str:
 
 @styled
 def _draw(found: pd.DataFrame):
-    """Median rho over the rungs, a line per strategy, a mark per volunteer."""
+    """Draw median rho over the worlds, one line per strategy, one mark per volunteer."""
     figure = blank(8.5, 4.6)
     panel = figure.subplots()
     strategies = list(dict.fromkeys(found["strategy"]))
@@ -137,50 +137,52 @@ def _draw(found: pd.DataFrame):
 
 
 def _reading(mean: pd.DataFrame, shift: pd.DataFrame) -> str:
-    """Say what the figure shows, with its numbers."""
+    """Describe the figure in sentences with its numbers."""
     last = len(RUNGS) - 1
     true = mean[TRUE]
     change = mean.diff()
     worst = {name: int(change[name].idxmin()) for name in mean.columns if name != TRUE}
     told = [
-        f"* **The true activation scores {true[0]:.2f} where all is matched and {true[last]:.2f} in the "
-        "mismatched world.** It moves the face of the study, whose anatomy, mesh, laws, courses and "
-        "strengths are not the person's. If that is the reason, the fall must come with the first two "
-        "steps, and delay, recruitment, pick-up and noise may cost nothing more, since the true "
-        "activation is that after the delay"
+        f"* **The true activation scores {true[0]:.2f} in the matched and {true[last]:.2f} in the "
+        "mismatched world.** It drives the face of the study, whose anatomy, mesh, laws, muscle "
+        "courses and strengths differ from the person's. If this is the cause, the score must "
+        "decrease in the first two steps, and delay, recruitment, pick-up and noise must not "
+        "decrease it further, because the true activation is the one after the delay"
         + (
             "."
             if plan.ends
-            else f": the first two steps take {true[0] - true[2]:.2f}, the other three "
-            f"{true[2] - true[last]:.2f}."
+            else f": the decrease is {true[0] - true[2]:.2f} in the first two steps and "
+            f"{true[2] - true[last]:.2f} in the other three."
         ),
-        "* **Delay and dynamics** are taken up by the alignment, which shifts the measured motion: the "
-        f"median shift of act_3 goes from {1e3 * shift['act_3'][_before_delay()]:.0f} to "
-        f"{1e3 * shift['act_3'][_with_delay()]:.0f} ms. rho does not see a delay that all muscles "
-        "share.",
+        "* **Delay and dynamics** are compensated by the alignment, which shifts the measured motion: "
+        f"the median shift of act_3 changes from {1e3 * shift['act_3'][_before_delay()]:.0f} to "
+        f"{1e3 * shift['act_3'][_with_delay()]:.0f} ms. A delay common to all muscles does "
+        "not affect rho.",
     ]
     for name, step in worst.items():
         told.append(
-            f"* {name} goes from {mean[name][0]:.2f} to {mean[name][last]:.2f}"
+            f"* {name} changes from {mean[name][0]:.2f} to {mean[name][last]:.2f}"
             + (
                 "."
                 if plan.ends
-                else f"; the largest fall is with {_title(step).partition(' = ')[0].removeprefix('+ ')} "
+                else "; the largest decrease is with "
+                f"{_title(step).partition(' = ')[0].removeprefix('+ ')} "
                 f"({change[name][step]:+.2f})."
             )
         )
     if "act_rel" in mean and "act_all" in mean:
         lead = mean["act_rel"] - mean["act_all"]
         told.append(
-            f"* act_rel leads act_all by {lead[0]:.2f} in the matched world, where the bursts come from "
-            f"the table that act_rel is told, and by {lead[last]:.2f} in the mismatched one, where each "
-            "person departs from it. Even there movements begin from that table, so that the lead is no "
-            "estimate of one with people."
+            f"* act_rel exceeds act_all by {lead[0]:.2f} in the matched world, where the bursts are "
+            f"drawn from the table of muscles that act_rel uses, and by {lead[last]:.2f} in the "
+            "mismatched world, where each person departs from this table. Because the movements of both "
+            "worlds are derived from this table, the difference is not an estimate of the difference in "
+            "people."
         )
     told.append(
-        "* The sizes of the mismatches were chosen (delay, activation dynamics, tissue filter and "
-        "signal-to-noise ratio after publications). The ladder tells which assumptions matter and in "
-        "which order they were taken back; other sizes and another order give other steps."
+        "* The sizes of the mismatches were chosen, those of delay, activation dynamics, tissue filter "
+        "and signal-to-noise ratio after publications. The size of each step depends on these choices "
+        "and on the order in which the assumptions are violated."
     )
     assert set(KINDS) == {kind for _, kinds in RUNGS for kind in kinds} and np.isfinite(true).all()
     return "\n".join(told) + "\n"
