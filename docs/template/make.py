@@ -1,11 +1,10 @@
 """Make the pictures and tables of the template face in this folder.
 
-    python docs/template/make.py                 everything
-    python docs/template/make.py quality norms   these parts alone
+    python docs/template/make.py                 all parts
+    python docs/template/make.py quality norms   the parts specified
 
 Parts: pictures, quality, volunteers, actions, gestures, convergence, norms. Each writes its
-pictures and
-its part of README.md; the others stay as they are.
+pictures and its part of README.md; other parts are not changed.
 """
 
 import re
@@ -65,12 +64,12 @@ def pictures() -> str:
         shrink(draw_shaded(fine, HERE / "shaded.png"))
     return """![Shaded: skin, lips, teeth, markers; muscles and attachments](shaded.jpg)
 
-`emgface face show face.nc` draws the former where pyvista is installed, and this by matplotlib
-anywhere:
+`emgface face show face.nc` draws the picture above if pyvista is installed, and otherwise, with
+matplotlib, the following one:
 
 ![Skin, markers, muscles and attachments](face.jpg)
 
-The nostrils are dimples in the underside of the nose; there is no passage."""
+The nostrils are dimples in the underside of the nose without a nasal passage."""
 
 
 def quality() -> str:
@@ -150,8 +149,8 @@ def actions() -> str:
     return f"""Fine face, activation 0.5, sigma_max 100 kPa, no gravity, lips held apart by constraints,
 at 0.8 s; displacement in mm, x positive medially (left markers), y forward, z up. `opening` (mm):
 height of the upper above the lower margin in the midline, negative where one lip has come in front of
-the other; `lips in lips` (mm): how deep they lie in each other. `agrees`: every sign of the action, and
-the lips have not passed through each other.
+the other; `lips in lips` (mm): depth to which the lips penetrate each other. `agrees`: all signs of the
+displacement agree with the action, and the lips do not pass through each other.
 
 {markdown(table)}"""
 
@@ -183,9 +182,10 @@ def gestures() -> str:
         }
     table = pd.DataFrame.from_dict(moved, orient="index").rename_axis("instruction (mm)")
     rest = 1e3 * lip_opening(fine, fine["position"].values)
-    return f"""Before (rest) and after, by muscles of Table 1 of Eskes et al. 2017, simulated.
-Walls behind the lining of lips and cheeks stand for teeth and gums; lips do not meet lips. The
-opening is {rest:.2f} mm at rest, and negative where the lips have passed through each other.
+    return f"""Displacement from rest by the muscles of Table 1 of Eskes et al. 2017, simulated.
+Walls behind the lining of lips and cheeks represent teeth and gums; contact between the lips is not
+modelled. The opening is {rest:.2f} mm at rest, and negative where the lips have passed through each
+other.
 
 ![Rest and six gestures](gestures.jpg)
 
@@ -245,30 +245,30 @@ def orders(*, on_a_curve: bool) -> pd.DataFrame:
 
 def convergence() -> str:
     """Displacement of the lip markers on grids refined in proportion, with the observed order."""
-    return f"""Grids of the coarse number of rays and rings times 1, 2, 4 and 8 (`refined_grid`), so
-that the edges along the surface are halved each time; the three layers stay, as the anatomy has them.
-Muscle pairs at 0.3. `change`: root mean square over the ten markers between neighbouring grids. The
-observed order is log2 of the ratio of two changes.
+    return f"""The numbers of rays and rings of the coarse grid are multiplied by 1, 2, 4 and 8
+(`refined_grid`), so that the edges along the surface are halved each time; the three anatomical layers
+are not divided. Muscle pairs at an activation of 0.3. `change`: root mean square, over the ten markers,
+of the difference between successive grids. The observed order is log2 of the ratio of two changes.
 
 {markdown(orders(on_a_curve=False))}
 
-Muscles fill shares of elements, so their volume does not jump. Fixed nodes do: the border between bone
-and free lining crosses the rings, and the node it falls on changes with the grid by up to an element,
-an error of first order. The same muscles with the lining held from the perioral curve, which is a ring
-of nodes on every grid (another face, of another motion):
+Muscles occupy fractions of elements, so that their volume does not depend on the grid. The set of
+fixed nodes does: the border between bone and free lining crosses the rings and moves by up to one
+element from grid to grid, which causes an error of first order. In the following table, the lining
+is instead fixed outside the perioral curve, which is a ring of nodes on every grid (a different
+boundary condition, with different displacements):
 
 {markdown(orders(on_a_curve=True))}
 
-ZYG and DAO gain by it, so that border is what limits them. LLSAN and OOP do not; what limits them was
-not isolated (the kink of the boundary condition and the mouth corner, where the rings meet and
-stresses are singular, are candidates)."""
+The orders of ZYG and DAO increase; they are therefore limited by this border. Those of LLSAN and
+OOP do not increase consistently, and the cause was not isolated (possible causes are the kink in
+the boundary condition and the mouth corner, at which the rings meet and stresses are singular)."""
 
 
 def norms() -> str:
     """Means, spreads, sources."""
-    return f"""All in mm. `found`: the numbers stand in the table named; `assumption`: quoted
-without the source at hand,
-derived or chosen, as the note says.
+    return f"""All measures are in mm. `found`: numbers taken from the table cited; `assumption`:
+numbers that are quoted without access to the source, derived or chosen, as stated in the note.
 
 {markdown(norms_table(), 1)}
 
@@ -288,7 +288,7 @@ PARTS: dict[str, tuple[str, Callable[[], str]]] = {
 }
 INTRODUCTION = """# The template face
 
-Everything here is generated; every motion is simulated. `python docs/template/make.py` makes it anew.
+The face is generated, and all motions are simulated. `python docs/template/make.py` generates this page.
 """
 
 

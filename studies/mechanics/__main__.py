@@ -26,51 +26,55 @@ STRESSES = (0.0, 15.9e3, 40e3, 89.4e3)
 
 PAGE = """# Lips, expressions and skin
 
-Everything here is simulated. `python -m studies.mechanics` makes the template's tables and
-pictures anew, with `--face` and `--out` those of any other face. The lips do not touch each
-other: `overlap` says how far they pass through. "Walls" are frictionless one-sided supports of
-1000 N/m behind every free node of the inner sheet, in place of teeth and bone. Without gravity,
-largest muscle stress 100 kPa, pointwise volume; equilibria by the quasi-static solver.
+All results on this page are simulated. `python -m studies.mechanics` generates the tables and
+pictures of the template face, and with `--face` and `--out` those of any other face. Contact of
+the lips is switched off; `overlap` is the area in which they pass through each other. "Walls" are
+frictionless unilateral supports of 1000 N/m behind every free node of the inner surface, which
+represent teeth and bone. No gravity, largest muscle stress 100 kPa, pointwise volume; equilibria
+are computed by the quasi-static solver.
 
-## How to read it
+## Interpretation
 
-**Lip rounding.** Orbicularis oris (peripheral part) of both sides at half and full activation;
-`stiffening` is the factor on the passive moduli of its elements at full activation, 1 is without
-(Stavness et al., Fig. 11.10). With stiffening the shape reached at half activation is kept better
-as the activation doubles: the opening changes 0.14 to 0.41 times as much as without, the
-protrusion 0.40 to 0.67 times, on both faces, with and without walls. Without walls and without
-stiffening the lower lip of the reference face is pulled in beneath the upper one between 0.4 and
-0.5; with stiffening it is not. With walls the lips protrude further (Fig. 11.12); on the
-reference face they retract without them. Stiffening itself lessens the protrusion at a given
-activation.
+**Lip rounding.** The peripheral part of orbicularis oris on both sides is activated to 0.5 and 1.
+`stiffening` is the factor on the passive moduli of its elements at full activation; 1 is no
+stiffening (Stavness et al., Fig. 11.10). With stiffening, the shape changes less between half and
+full activation: the change of the opening is 0.14 to 0.41 times, and that of the protrusion 0.40
+to 0.67 times, the change without stiffening, on both faces, with and without walls. Without walls
+and without stiffening, the lower lip of the reference face is drawn beneath the upper lip at
+activations between 0.4 and 0.5; with stiffening it is not. With walls the lips protrude further
+(Fig. 11.12); without walls they retract on the reference face. At a given activation, stiffening
+reduces the protrusion.
 
 **Expressions.** The publication states no activations; those used are in
 `studies.mechanics.expressions.EXPRESSIONS`. Landmarks are the ten lip markers, the lip margins in the
-midline, chin and cheeks. With every skin without tension the mouth corner moves most in each of
-the four. A stiffer skin, isotropic or the orthotropic one of the publication from young to old,
-moves the landmarks of both smiles less on both faces, as published; the exception is the lips
-turned downwards on the reference face, where the stiffest skin of either kind moves the corners 6
-% more. What tension does depends on the expression, as published. That the corner moves most
-depends on the choice for the lips turned downwards: on the reference face the depressor of the
-lower lip at only 0.1 moves chin and lower lip further than the depressor of the corner at 0.7
-moves the corner.
+midline, chin and cheeks. For every skin without tension, the mouth corner is the landmark with the
+largest displacement in each of the four expressions. A stiffer skin, isotropic or orthotropic as in
+the publication (young to old), reduces the displacements in both smiles on both faces, as
+published. The exception is the expression with lips turned downwards on the reference face, in
+which the stiffest skin of either kind increases the displacement of the corners by 6 %. The effect
+of tension depends on the expression, as published. For lips turned downwards, the landmark with the
+largest displacement depends on the chosen activations: on the reference face, the depressor of the
+lower lip at an activation of only 0.1 moves the chin and the lower lip further than the depressor
+of the corner at 0.7 moves the corner.
 
-**Skin under tension.** Two feet 16 mm apart pull at the skin within a held ring of 30 mm radius,
-along and across the tension line of the place. The lines come from a rule, at right angles to the
-muscles beneath. Against the published orientations of the reference face, carried over by node
-numbers, its median deviation is 14 degrees round the mouth and 18 in the upper face, but 50 in
-the cheeks, where the rule is no better than chance. On a held block the stress is exactly the
-prescribed one, and 15.9 and 89.4 kPa raise the stiffness along the line from 14.9 to 61.6 and 248
-kPa, across it to 19.6 and 29.6 kPa (`tests/verification`). On a face the stress relaxes within
-the ring and an isotropic tissue lies beneath: tension stiffens both directions there, at 89.4 kPa
-along and across 2.4 and 1.8 times on the reference face, 2.2 and 2.1 times on the template.
+**Skin under tension.** Two feet, 16 mm apart, pull at the skin within a fixed ring of 30 mm radius,
+along and across the local tension line. The tension lines follow a rule: they are perpendicular to
+the muscles beneath. The median deviation from the published orientations on the reference face,
+transferred by node numbers, is 14 degrees around the mouth and 18 degrees in the upper face, but 50
+degrees in the cheeks, where the rule is no better than chance. In a fixed block, the stress equals
+the prescribed tension, and tensions of 15.9 and 89.4 kPa increase the stiffness along the line from
+14.9 to 61.6 and 248 kPa, and across it to 19.6 and 29.6 kPa (`tests/verification`). On a face, the
+stress relaxes within the ring and the tissue beneath is isotropic. Tension therefore increases the
+stiffness in both directions: 89.4 kPa increases it along and across the line by factors of 2.4 and
+1.8 on the reference face, and of 2.2 and 2.1 on the template.
 
 ## Survival
 
-Largest sigma_max (kPa) from a grid of 25 to 1000 kPa at which no element inverts, every muscle
-pair alone and all twenty muscles together, reference face, activation from 0 to 1 in 0.1 s and
-then held, steps of 10 ms; 0: not even 25 kPa, 1000: the end of the grid. `python
-benchmarks/survival.py` made `survival.csv`, which holds every attempt.
+The tables list the largest sigma_max (kPa), from a grid of 25 to 1000 kPa, at which no element
+inverts, for every muscle pair alone and for all twenty muscles together. Reference face; the
+activation rises from 0 to 1 in 0.1 s and is then held; steps of 10 ms. 0 means that elements invert
+at 25 kPa, 1000 is the end of the grid. `python benchmarks/survival.py` writes `survival.csv`, which
+contains all attempts.
 
 {survival}
 
