@@ -1,6 +1,6 @@
 """Size of every test and coverage of every interval with few volunteers, by simulation.
 
-    python benchmarks/calibration.py --out docs/statistics
+    python -m benchmarks calibration --out docs/statistics
 
 draws cubes of scores without any difference between strategies and counts how often each test
 claims one and how often each interval holds the truth: six volunteers and six instructions under
@@ -8,10 +8,6 @@ eight conditions, and each kind of interval, on three times as many cubes, for t
 volunteers. About six minutes of one processor; --simulations scales it.
 """
 
-import argparse
-import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +16,7 @@ import xarray as xr
 
 from analysis.statistics.calibration import METHODS, calibration, interval_coverage
 from analysis.tables import Column, Table
+from benchmarks.report import say
 
 BOTH: dict[str, Any] = {"sd_interaction": 0.3, "sd_instruction_strategy": 0.3}
 CONDITIONS: dict[str, dict[str, Any]] = {
@@ -73,7 +70,7 @@ def listed(found: dict[str, xr.Dataset], names: tuple[str, ...], title: str) -> 
     return Table(title, heads, tuple(rows), "simulated")
 
 
-def intervals(out: Path, count: int, seed: int, say: Callable[[str], None]) -> None:
+def intervals(out: Path, count: int, seed: int) -> None:
     """Write the coverage of every kind of interval for several numbers of volunteers."""
     covered: dict[str, xr.Dataset] = {}
     for volunteers, instructions in SIZES:
@@ -95,7 +92,7 @@ def intervals(out: Path, count: int, seed: int, say: Callable[[str], None]) -> N
         f"{3 * count} cubes per row, seed {seed}, ± Monte Carlo error; difference of two strategies "
         "in z, standard deviations of volunteer x strategy and instruction x strategy 0.3. Rows "
         "below the least numbers are what would be covered: no interval is given there. Made by "
-        "benchmarks/calibration.py.",
+        "python -m benchmarks calibration.",
     )  # fmt: skip
     (out / "intervals.md").write_text(table.markdown(), encoding="utf-8")
     rows = listed(covered, ("coverage",), table.title)
@@ -103,7 +100,7 @@ def intervals(out: Path, count: int, seed: int, say: Callable[[str], None]) -> N
     print(table.text())
 
 
-def sizes(out: Path, count: int, seed: int, say: Callable[[str], None]) -> None:
+def sizes(out: Path, count: int, seed: int) -> None:
     """Write size and coverage of every test under every condition."""
     found: dict[str, xr.Dataset] = {}
     for label, model in (CONDITIONS | DEPARTURES).items():
@@ -118,7 +115,7 @@ def sizes(out: Path, count: int, seed: int, say: Callable[[str], None]) -> None:
         "volunteer x strategy and instruction x strategy; departures with both 0.3. The truth is "
         "that of the instructions drawn, except in the rows 'mixed model, instructions' and 'mixed "
         "model, misread' (the test of these instructions taken for one of instructions in "
-        "general). Made by benchmarks/calibration.py."
+        "general). Made by python -m benchmarks calibration."
     )
     parts = [
         pivot(found, "size", "size at 0.05 without a difference, simulated scores", note),
@@ -133,23 +130,13 @@ def sizes(out: Path, count: int, seed: int, say: Callable[[str], None]) -> None:
     print(*(part.text() for part in parts), sep="\n")
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--simulations", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=1000)
-    parser.add_argument("--out", type=Path, default=Path("docs/statistics"))
-    parser.add_argument("--table", choices=("intervals", "sizes"), help="both where not given")
-    options = parser.parse_args()
-    started = time.process_time()
-    options.out.mkdir(parents=True, exist_ok=True)
-
-    def say(label: str) -> None:
-        print(f"{label}: {time.process_time() - started:.0f} s", file=sys.stderr, flush=True)
-
+def main(
+    simulations: int = 100,
+    seed: int = 1000,
+    out: Path = Path("docs/statistics"),
+    table: str = "intervals sizes",
+) -> None:
+    out.mkdir(parents=True, exist_ok=True)
     for write in (intervals, sizes):
-        if options.table in (None, write.__name__):
-            write(options.out, options.simulations, options.seed, say)
-
-
-if __name__ == "__main__":
-    main()
+        if write.__name__ in table:
+            write(out, simulations, seed)

@@ -1,6 +1,6 @@
 """Pursing in contact against the other simulator: what each rule of its contact is worth.
 
-    python benchmarks/contact_rules.py --shared ../shared --out table.csv --rule kept --rule removed
+    python -m benchmarks contact_rules --shared ../shared --out FOLDER --rule kept --rule removed
 
 The case is `X_contact_demo_nogravity_OOP0.1` (hard element volumes, trapezoidal rule, h = 5 ms,
 orbicularis oris peripheralis rising to 0.1 in 0.1 s, no gravity). Rules, each with those before it:
@@ -13,12 +13,10 @@ inside    only nodes that lie inside at the start of a step, held for the step w
 lumped    what is inside at the end moved out as nodes of their mass alone, not as the tissue gives way
 """
 
-import argparse
 import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -28,7 +26,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 import sim
-from benchmarks.other_simulator import FAR, RAMP, TRAPEZOIDAL, Case, their_face
+from benchmarks.other_simulator import FAR, RAMP, SHARED, TRAPEZOIDAL, Case, their_face
+from benchmarks.report import finish
 from emgface.face.artisynth import import_artisynth
 from emgface.face.parts import FREE, arches_of
 from emgface.face.penetration import depths
@@ -243,21 +242,13 @@ def run(folder: Path, name: str, until: float) -> list[dict[str, object]]:
     return rows
 
 
-def main() -> None:
-    """Compare, print and store."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--shared", type=Path, default=Path("../shared"))
-    parser.add_argument("--out", type=Path, default=Path("contact_rules.csv"))
-    parser.add_argument("--until", type=float, default=0.2, help="last time compared [s]")
-    parser.add_argument("--rule", action="append", choices=RULES, help="all by default")
-    options = parser.parse_args()
-    step = partial(run, options.shared / "artisynth_reference", until=options.until)
-    table = pd.DataFrame([row for name in options.rule or RULES for row in step(name)])
-    table.to_csv(options.out, index=False)
-    print(table.round(4).to_string(index=False))
-
-
-if __name__ == "__main__":
-    main()
+def main(
+    shared: Path = SHARED,
+    out: Path | None = None,
+    until: float = 0.2,
+    rule: list[str] = list(RULES),  # noqa: B006
+) -> None:
+    """Compare up to the time `until`, print and store."""
+    folder = shared / "artisynth_reference"
+    rows = [row for name in rule for row in run(folder, name, until=until)]
+    finish("contact-rules", pd.DataFrame(rows), out)

@@ -1,6 +1,6 @@
 """Spectra and amplitudes of simulated EMG beside those of real recordings, as a figure.
 
-    python benchmarks/emg_realism.py SET --recordings FOLDER --out FIGURE.png
+    python -m benchmarks emg_realism SET FOLDER FIGURE.png
 
 SET is a folder written by ``emgface volunteers``; FOLDER holds the public recordings that the
 sidecars in ``docs/recordings`` describe. Only moments of activity are compared: windows of a quarter
@@ -8,17 +8,18 @@ of a second whose power in the band exceeds a tenth of the 95th percentile. Prin
 frequency, the amplitude and the kurtosis of every source.
 """
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import scipy.signal
 import scipy.stats
 import xarray as xr
 from scipy.ndimage import uniform_filter1d
 
 from analysis.figures.style import COLOURS, MARKS, blank, styled
+from benchmarks.report import markdown
 from emgface.errors import EmgfaceError
 from emgface.muscles import CHANNELS, INSTRUCTIONS
 from emgface.recordings.dataset import read_recording
@@ -211,25 +212,25 @@ def draw(sources: list[Signals], found: list):
     return figure
 
 
-def main() -> None:
+def main(
+    simulations: Path, recordings: Path, out: Path, sidecars: Path = Path("docs/recordings")
+) -> None:
     """Read, measure, draw and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("set", type=Path)
-    parser.add_argument("--recordings", type=Path, required=True)
-    parser.add_argument("--sidecars", type=Path, default=Path("docs/recordings"))
-    parser.add_argument("--out", type=Path, required=True)
-    given = parser.parse_args()
-    sources = [simulated(given.set), modulated_noise(), *real(given.recordings, given.sidecars)]
+    sources = [simulated(simulations), modulated_noise(), *real(recordings, sidecars)]
     found = [measures(source) for source in sources]
-    print(f"{'source':44s} channels  median frequency [Hz]  RMS while active [uV]  excess kurtosis")
+    rows: list[dict[str, object]] = []
     for source, (_, medians, amplitudes, _, kurtoses) in zip(sources, found, strict=True):
         low, middle, high = np.percentile(medians, [5, 50, 95])
         a, b, c = 1e6 * np.percentile(amplitudes, [5, 50, 95])
-        print(f"{source.name:44s} {medians.size:8d}  {middle:6.0f} ({low:.0f}-{high:.0f})"
-              f"       {b:7.1f} ({a:.1f}-{c:.0f})     {np.median(kurtoses):6.2f}")  # fmt: skip
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    draw(sources, found).savefig(given.out, dpi=130)
-
-
-if __name__ == "__main__":
-    main()
+        rows.append(
+            {
+                "source": source.name,
+                "channels": medians.size,
+                "median frequency [Hz]": f"{middle:.0f} ({low:.0f}-{high:.0f})",
+                "RMS while active [uV]": f"{b:.1f} ({a:.1f}-{c:.0f})",
+                "excess kurtosis": float(np.median(kurtoses)),
+            }
+        )
+    print(markdown(pd.DataFrame(rows)))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    draw(sources, found).savefig(out, dpi=130)

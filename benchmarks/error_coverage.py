@@ -1,6 +1,6 @@
 """Coverage of the estimated error of time stepping on activations from EMG.
 
-    python benchmarks/error_coverage.py --out OUT.csv [--volunteers 6] [--seed 0] [--shared ../shared]
+    python -m benchmarks error_coverage OUT.csv [--volunteers 6] [--seed 0] [--shared ../shared]
 
 Simulated volunteers' EMG goes through the signal chain with three strategies; with --shared rectified
 recordings drive the face too. Every trial is moved by each preset and by SDIRK2 in
@@ -9,7 +9,6 @@ One row per trial and preset; then, per preset, how many trials have a true erro
 estimate, how many one within the tolerance, medians and the worst.
 """
 
-import argparse
 import time
 import warnings
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ import pandas as pd
 import xarray as xr
 
 from analysis.scores import correlation_3d
+from benchmarks.report import markdown
 from emgface.choices import configure
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
@@ -163,32 +163,6 @@ def _of(job: Job) -> list[dict[str, object]]:
     return Bench.one.rows(job)
 
 
-def main() -> None:
-    """Measure, store after every trial, print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--volunteers", type=int, default=6)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--duration", type=float, default=1.0, help="length of a recording [s]")
-    parser.add_argument("--resolution", default="coarse", help="of the generated face")
-    parser.add_argument("--preset", action="append", help=f"{', '.join(PRESETS)} by default")
-    parser.add_argument("--shared", type=Path, help="folder with recordings")
-    parser.add_argument("--workers", type=int, default=2)
-    given = parser.parse_args()
-    warnings.simplefilter("ignore")
-    presets = tuple(given.preset or PRESETS)
-    jobs = emg_trials(given.volunteers, given.seed, given.duration)
-    if given.shared is not None:
-        jobs = chain(recorded_trials(given.shared, list(MUSCLES)), jobs)
-    rows: list[dict[str, object]] = []
-    context = get_context("spawn")
-    with context.Pool(given.workers, Bench, (given.resolution, presets)) as pool:
-        for found in pool.imap(_of, jobs):
-            rows += found
-            pd.DataFrame(rows).to_csv(given.out, index=False)
-    print(summary(pd.DataFrame(rows)).to_string(index=False))
-
-
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """One row per preset."""
     told: list[dict[str, object]] = []
@@ -215,5 +189,25 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(told).round(4)
 
 
-if __name__ == "__main__":
-    main()
+def main(
+    out: Path,
+    volunteers: int = 6,
+    seed: int = 0,
+    duration: float = 1.0,
+    resolution: str = "coarse",
+    preset: list[str] = list(PRESETS),  # noqa: B006
+    shared: Path | None = None,
+    workers: int = 2,
+) -> None:
+    """Measure recordings of `duration` seconds, store after every trial, print."""
+    warnings.simplefilter("ignore")
+    jobs = emg_trials(volunteers, seed, duration)
+    if shared is not None:
+        jobs = chain(recorded_trials(shared, list(MUSCLES)), jobs)
+    rows: list[dict[str, object]] = []
+    context = get_context("spawn")
+    with context.Pool(workers, Bench, (resolution, tuple(preset))) as pool:
+        for found in pool.imap(_of, jobs):
+            rows += found
+            pd.DataFrame(rows).to_csv(out, index=False)
+    print(markdown(summary(pd.DataFrame(rows))))

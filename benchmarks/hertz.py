@@ -1,7 +1,6 @@
 """A deformable sphere on a rigid plane against Hertz: force over indentation, mesh by mesh.
 
-    python benchmarks/hertz.py [--cells 8 12 16 20 24] [--depth 0.0004] [--method constraint]
-        [--figure hertz.png]
+    python -m benchmarks hertz [--cells 8 --cells 12] [--depth 0.0004] [--method constraint]
 
 A quarter of a sphere of radius 1 m, cut off at its equator, where it is held; small strain, E = 10
 kPa, nu = 0.3. The plane rises by `depth` radii; the indentation is the rise of the pole, the force the
@@ -16,12 +15,14 @@ a = 0.02 R, either is 1 to 2 % of the force, and they oppose each other. The rad
 contact is solved to 1e-6 m, the scale of a face: the indentation is 400 times that. Simulated data.
 """
 
-import argparse
 import time
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 import sim
+from benchmarks.report import Chart, finish
 from sim.grids import grid_mesh
 
 RADIUS, YOUNG, POISSON = 1.0, 1e4, 0.3
@@ -88,54 +89,31 @@ def hertz(rise):
     return 4.0 / 3.0 * YOUNG / (1.0 - POISSON**2) * np.sqrt(RADIUS) * rise**1.5
 
 
-def main():
-    """Print the table and draw the figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, nargs="+", default=[8, 12, 16, 20, 24])
-    parser.add_argument("--depth", type=float, default=0.0004)
-    parser.add_argument("--method", choices=("constraint", "barrier"), default="constraint")
-    parser.add_argument("--figure")
-    options = parser.parse_args()
-    methods = {"constraint": sim.ConstraintContact, "barrier": sim.BarrierContact}
-    print(
-        "| cells | unknowns | indentation [mm] | force [mN] | Hertz [mN] | error | seconds |\n"
-        "|---|---|---|---|---|---|---|"
-    )
-    curves = {}
-    for cells in options.cells:
+METHODS = {"constraint": sim.ConstraintContact, "barrier": sim.BarrierContact}
+
+
+def main(
+    cells: list[int] = [8, 12, 16, 20, 24],  # noqa: B006
+    depth: float = 0.0004,
+    method: str = "constraint",
+    out: Path | None = None,
+):
+    """Print and store force over indentation, mesh by mesh."""
+    rows = []
+    for n in cells:
         start = time.perf_counter()
-        rise, force = pressed(cells, options.depth, methods[options.method])
-        expected = hertz(rise)
-        curves[cells] = (rise, force, expected)
-        print(
-            f"| {cells} | {3 * (cells + 1) ** 3} | {1e3 * rise[-1]:.4f} | {1e3 * force[-1]:.2f} | "
-            f"{1e3 * expected[-1]:.2f} | "
-            f"{100 * (force[-1] / expected[-1] - 1):+.1f} % | {time.perf_counter() - start:.0f} |",
-            flush=True,
-        )
-    if options.figure:
-        draw(curves, options.figure, options.method)
-
-
-def draw(curves, path, method):
-    """Force over indentation, and the error at the end over the size of the mesh."""
-    import matplotlib.pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
-    rise = np.linspace(0.0, curves[max(curves)][0][-1], 50)
-    left.plot(1e3 * rise, 1e3 * hertz(rise), "k-", label="Hertz")
-    for cells, (rise, force, _) in curves.items():
-        left.plot(1e3 * rise, 1e3 * force, "o", fillstyle="none", label=f"{cells} cells")
-    left.set(xlabel="indentation [mm]", ylabel="force [mN]")
-    left.legend(frameon=False)
-    errors = [100 * (force[-1] / expected[-1] - 1) for _, force, expected in curves.values()]
-    right.plot(list(curves), errors, "o-")
-    right.axhline(0.0, color="k", lw=0.5)
-    right.axhspan(-5, 5, color="0.92", zorder=0)
-    right.set(xlabel="cells along an edge", ylabel="error of the force [%]", xticks=list(curves))
-    figure.suptitle(f"Elastic sphere on a rigid plane, {method} contact (simulated)")
-    figure.savefig(path, dpi=130)
-
-
-if __name__ == "__main__":
-    main()
+        rise, force = pressed(n, depth, METHODS[method])
+        for place, value in zip(rise, force, strict=True):
+            rows.append(
+                {
+                    "cells": n,
+                    "unknowns": 3 * (n + 1) ** 3,
+                    "indentation mm": 1e3 * place,
+                    "force mN": 1e3 * value,
+                    "Hertz mN": 1e3 * hertz(place),
+                    "error %": 100 * (value / hertz(place) - 1),
+                    "seconds": time.perf_counter() - start,
+                }
+            )
+    chart = Chart("indentation mm", ("force mN", "Hertz mN"), "force [mN]", by="cells")
+    finish(f"hertz-{method}", pd.DataFrame(rows), out, chart)

@@ -1,6 +1,6 @@
 """Kill a study at random moments, and compare what is resumed with what was never interrupted.
 
-    python benchmarks/interruptions.py --out FOLDER [--kills 50] [--workers 1] [--seed 0]
+    python -m benchmarks interruptions FOLDER [--kills 50] [--workers 1] [--seed 0]
 
 A small study of simulated volunteers runs once undisturbed; then again and again in fresh folders,
 each run killed (SIGKILL) at a random moment and started anew until it ends. After every kill each
@@ -8,7 +8,6 @@ stored result is read and held against its index. The cube and all stored result
 of the undisturbed run bit for bit, measured computing times apart. Exit status 1 if any does not.
 """
 
-import argparse
 import json
 import random
 import shutil
@@ -89,16 +88,10 @@ def damage(out: Path) -> tuple[list[str], int]:
     return wrong, alone
 
 
-def main() -> int:
-    """Run it all and print what was found."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    rng = random.Random(given.seed)
-    out: Path = given.out.resolve()
+def main(out: Path, kills: int = 50, workers: int = 1, seed: int = 0) -> None:
+    """Run it all and print the findings."""
+    rng = random.Random(seed)
+    out = out.resolve()
     shutil.rmtree(out, ignore_errors=True)
     make_volunteers(
         template_face(resolution="coarse"), out / "volunteers",
@@ -108,45 +101,41 @@ def main() -> int:
     study = out / "study.toml"
     text = STUDY.format(folder=out / "volunteers" / "recordings")
     replace_file(study, lambda path: path.write_text(text))
-    start(study, out / "warm", given.workers).wait()  # compiles the kernels if need be
+    start(study, out / "warm", workers).wait()  # compiles the kernels if need be
     began = time.monotonic()
-    start(study, out / "whole", given.workers).wait()
+    start(study, out / "whole", workers).wait()
     lasted = time.monotonic() - began
     whole = results(out / "whole")
     print(f"undisturbed: {lasted:.1f} s, {len(whole)} results", flush=True)
-    kills = bad = unindexed = studies = early = 0
-    while kills < given.kills:
+    killed = bad = unindexed = studies = early = 0
+    while killed < kills:
         folder = out / f"killed_{studies:03d}"
         while True:
-            process = start(study, folder, given.workers)
+            process = start(study, folder, workers)
             try:
                 code = process.wait(timeout=rng.uniform(0.2, 1.0) * lasted)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-                kills += 1
+                killed += 1
                 early += not (folder / "store").is_dir()
                 wrong, alone = damage(folder)
                 bad, unindexed = bad + len(wrong), unindexed + alone
                 for name in wrong:
-                    print(f"kill {kills}: {name} differs from its index", flush=True)
-                if kills < given.kills:
+                    print(f"kill {killed}: {name} differs from its index", flush=True)
+                if killed < kills:
                     continue
-                code = start(study, folder, given.workers).wait()
+                code = start(study, folder, workers).wait()
             break
         studies += 1
         found = results(folder)
         same = found == whole and code == 0
         bad += not same
-        print(f"study {studies}: {kills} kills so far, exit {code}, "
+        print(f"study {studies}: {killed} kills so far, exit {code}, "
               f"{'equal bit for bit' if same else 'DIFFERENT'}", flush=True)  # fmt: skip
         shutil.rmtree(folder)
     print(
-        f"{kills} kills ({early} before anything was stored) in {studies} studies: {bad} faults; "
+        f"{killed} kills ({early} before anything was stored) in {studies} studies: {bad} faults; "
         f"{unindexed} results were whole without their index and were computed again"
     )
-    return 1 if bad else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(1 if bad else 0)

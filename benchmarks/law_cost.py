@@ -1,19 +1,21 @@
 """Cost of every law per evaluation of force and of force with tangent, relative to Mooney-Rivlin.
 
-    python benchmarks/law_cost.py [--cells 18] [--repeats 7]
+    python -m benchmarks law_cost [--cells 18] [--repeats 7]
 
 One block of hexahedra, at a random deformation, without muscles; the summation into nodes and matrix is
 counted, as every law needs it. Processor time, on one thread; the laws take turns, so that a drift of
 the machine hits all of them. Set NUMBA_NUM_THREADS=1.
 """
 
-import argparse
 import statistics
 import time
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 import sim
+from benchmarks.report import finish
 
 CASES = {
     "MooneyRivlin (first loop)": (sim.MooneyRivlin(), None),
@@ -39,13 +41,9 @@ def block(cells):
     return sim.mesh_from_arrays(X.reshape(-1, 3), hex8=np.stack(nodes, axis=1))
 
 
-def main():
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=18)
-    parser.add_argument("--repeats", type=int, default=7)
-    options = parser.parse_args()
-    mesh = block(options.cells)
+def main(cells: int = 18, repeats: int = 7, out: Path | None = None):
+    """Measure, print and store."""
+    mesh = block(cells)
     q = mesh.X + np.random.default_rng(0).normal(size=mesh.X.shape) * 5e-5
     axes = np.broadcast_to(np.eye(3), (mesh.n_elements, 3, 3))
     times, calls = {}, {}
@@ -61,22 +59,16 @@ def main():
         times[name] = ([], [])
         for call in calls[name]:
             call()
-    for _ in range(options.repeats):
+    for _ in range(repeats):
         for name, pair in calls.items():
             for call, found in zip(pair, times[name], strict=True):
                 start = time.process_time()
                 call()
                 found.append(time.process_time() - start)
     median = {name: [1e3 * statistics.median(x) for x in pair] for name, pair in times.items()}
-    reference = median["MooneyRivlin (first loop)"]
-    print(f"{mesh.n_elements} hexahedra, medians of {options.repeats}")
-    print(f"{'law':28s}{'force ms':>10s}{'ratio':>7s}{'with tangent ms':>17s}{'ratio':>7s}")
-    for name, (force, tangent) in median.items():
-        print(
-            f"{name:28s}{force:10.1f}{force / reference[0]:7.2f}{tangent:17.1f}"
-            f"{tangent / reference[1]:7.2f}"
-        )
-
-
-if __name__ == "__main__":
-    main()
+    table = pd.DataFrame.from_dict(median, orient="index", columns=["force ms", "with tangent ms"])
+    relative = (table / table.loc["MooneyRivlin (first loop)"]).set_axis(
+        ["ratio", "its ratio"], axis=1
+    )
+    table = table.join(relative).iloc[:, [0, 2, 1, 3]].rename_axis("law").reset_index()
+    finish("law-cost", table, out)

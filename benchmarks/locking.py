@@ -1,13 +1,12 @@
 """Volumetric locking: Cook's membrane and a bending beam, for every volumetric part.
 
-    python benchmarks/locking.py [--out locking.csv] [--body cook]
+    python -m benchmarks locking [--body cook] [--out FOLDER]
 
 Cook's membrane in plane strain at small strains: E = 250 Pa, side 44 to 16 m over 48 m, a shear
 traction on the right side; vertical displacement of the upper right corner for a traction of 6.25 Pa.
 The beam sags under its weight; slender-beam theory is 1.
 """
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 import sim
+from benchmarks.report import finish
 
 PARTS = ("pointwise", "element", "nodal", "hard")
 
@@ -94,37 +94,18 @@ def beam(cells: int, poisson: float, part: str) -> float:
     return float(-u[mesh.X[:, 0] == length, 2].mean() / slender)
 
 
-def main() -> None:
-    """Print and store the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=None)
-    parser.add_argument("--body", choices=("cook", "beam"), help="One body, as a Markdown table.")
-    options = parser.parse_args()
-    rows = []
-    bodies = {"cook": (cook, (4, 8, 16, 32)), "beam": (beam, (2, 4, 6))}
-    for body in (options.body,) if options.body else bodies:
-        function, sizes = bodies[body]
+BODIES = {"cook": (cook, (4, 8, 16, 32)), "beam": (beam, (2, 4, 6))}
+
+
+def main(body: list[str] = list(BODIES), out: Path | None = None) -> None:  # noqa: B006
+    """Print and store a table for every body: a column for every number of elements."""
+    for name in body:
+        function, sizes = BODIES[name]
+        rows: list[dict[str, object]] = []
         for poisson in (0.3, 0.4999, 0.49999):
             for part in PARTS:
                 if part == "hard" and poisson < 0.49999:
                     continue  # it has no other Poisson ratio than 0.5
-                found = {f"n={n}": function(n, poisson, part) for n in sizes}
-                rows.append({"body": body, "poisson": poisson, "part": part} | found)
-    table = pd.DataFrame(rows)
-    if options.body:
-        hard = table["part"] == "hard"
-        table["poisson"] = table["poisson"].where(~hard, 0.5).map("{:g}".format)
-        names = {"poisson": "Poisson ratio", "part": "volume"}
-        table = table.drop(columns="body").rename(columns=names)
-        table = table.rename(columns=lambda name: name.removeprefix("n="))
-        table = table.map(lambda x: x if isinstance(x, str) else f"{x:.3g}")
-        for line in (list(table), ["---"] * len(table.columns), *table.to_numpy().tolist()):
-            print("| " + " | ".join(line) + " |")
-        return
-    print(table.to_string(index=False, float_format="%.5g", na_rep=""))
-    if options.out:
-        table.to_csv(options.out, index=False, float_format="%.5g")
-
-
-if __name__ == "__main__":
-    main()
+                row = {"Poisson ratio": f"{0.5 if part == 'hard' else poisson:g}", "volume": part}
+                rows.append(row | {str(n): f"{function(n, poisson, part):.3g}" for n in sizes})
+        finish(f"locking-{name}", pd.DataFrame(rows), out)

@@ -1,6 +1,6 @@
 """Damage files of every format at random, and see that each read ends in time, room and words.
 
-    python benchmarks/mutations.py [--count 500] [--seed 0]
+    python -m benchmarks mutations [--count 500] [--seed 0]
 
 Every reader has a process of its own, whose memory is limited. A crash of a parser that runs in the
 child process of its reader is counted as a typed error "after a crash"; any other crash ends the
@@ -8,17 +8,18 @@ process and is reported as FAILED. Prints, for each reader, how many damaged fil
 recordings, the typed errors by name, the most computing time of a read and the growth of memory.
 """
 
-import argparse
 import collections
 import json
 import multiprocessing
 import random
 import resource
-import sys
 import tempfile
 import time
 from pathlib import Path
 
+import pandas as pd
+
+from benchmarks.report import markdown
 from tests.data.test_mutations import FORMATS, attempt, mutated
 
 ROOM = 1 << 30
@@ -56,37 +57,33 @@ def child(name: str, count: int, seed: int, place: str) -> None:
     Path(place).write_text(json.dumps(examine(name, count, seed)))
 
 
-def main() -> int:
+def main(count: int = 500, seed: int = 0) -> None:
     """Examine all readers."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--count", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
     context = multiprocessing.get_context("spawn")
+    rows: list[dict[str, object]] = []
     faults = 0
-    head = ("reader", "bytes", "valid", "typed", "CPU s most", "MiB grown", "errors")
-    print(("{:20s} {:>6s} {:>6s} {:>6s} {:>10s} {:>10s}  {}").format(*head))
     for name in FORMATS:
         with tempfile.TemporaryDirectory() as folder:
             place = Path(folder) / "result.json"
-            process = context.Process(
-                target=child, args=(name, given.count, given.seed, str(place))
-            )
+            process = context.Process(target=child, args=(name, count, seed, str(place)))
             process.start()
             process.join()
             if not place.exists():
-                print(f"{name:20s} FAILED, exit {process.exitcode}", flush=True)
+                rows.append({"reader": name, "errors": f"FAILED, exit {process.exitcode}"})
                 faults += 1
                 continue
             found = json.loads(place.read_text())
         outcomes = found["outcomes"]
-        valid = outcomes.pop("ok", 0)
-        told = ", ".join(f"{key} {value}" for key, value in sorted(outcomes.items()))
-        typed = sum(outcomes.values())
-        print(f"{name:20s} {found['size']:6d} {valid:6d} {typed:6d} {found['longest']:10.3f} "
-              f"{found['grown']:10.1f}  {told}", flush=True)  # fmt: skip
-    return 1 if faults else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        rows.append(
+            {
+                "reader": name,
+                "bytes": found["size"],
+                "valid": outcomes.pop("ok", 0),
+                "typed": sum(outcomes.values()),
+                "CPU s most": found["longest"],
+                "MiB grown": found["grown"],
+                "errors": ", ".join(f"{key} {value}" for key, value in sorted(outcomes.items())),
+            }
+        )
+    print(markdown(pd.DataFrame(rows)))
+    raise SystemExit(1 if faults else 0)

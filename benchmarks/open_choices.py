@@ -1,12 +1,11 @@
 """Which of the choices that the publication leaves open move rho, on simulated volunteers.
 
-    python benchmarks/open_choices.py --out docs/choices
+    python -m benchmarks open_choices --out docs/choices
 
 simulates volunteers on the coarse template face, scores them under every level of eight choices, one
 off its reference at a time, and writes table and figure. About four seconds per trial and core.
 """
 
-import argparse
 import tempfile
 import tomllib
 import warnings
@@ -74,39 +73,39 @@ def with_markers_further_out(face):
     return face.assign(marker_node=face["marker_node"].copy(data=node))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--volunteers", type=int, default=7)
-    parser.add_argument("--instructions", nargs="+", default=["B", "D"])
-    parser.add_argument("--strategies", nargs="+", default=["act_rel"])
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--out", type=Path, default=Path("docs/choices"))
-    parser.add_argument("--work", type=Path, help="folder to keep, so that a run can go on")
-    options = parser.parse_args()
+def main(
+    volunteers: int = 7,
+    instructions: list[str] = ["B", "D"],  # noqa: B006
+    strategies: list[str] = ["act_rel"],  # noqa: B006
+    workers: int = 1,
+    seed: int = 7,
+    out: Path = Path("docs/choices"),
+    work: Path | None = None,
+) -> None:
+    """Simulate and score; a folder `work` is kept, so that a run can be resumed."""
     warnings.simplefilter("ignore", FeatureWarning)
     with tempfile.TemporaryDirectory() as temporary:
-        folder = options.work or Path(temporary)
+        folder = work or Path(temporary)
         face = template_face(resolution="coarse")
         save_face(face, folder / "lips.nc")
         save_face(with_markers_further_out(face), folder / "further_out.nc")
         make_volunteers(
             face,
             folder / "volunteers",
-            n=options.volunteers,
-            instructions=options.instructions,
-            seed=options.seed,
+            n=volunteers,
+            instructions=instructions,
+            seed=seed,
             parameters=SimulationParameters(step=0.02, sigma_max=100e3),
             # Choices are told apart best where nothing else differs from what the study assumes.
             settings=VolunteerParameters(world=MATCHED),
-            workers=options.workers,
+            workers=workers,
         )
         text = CHOICES.replace("FOLDER", folder.as_posix())
         study = configure(
             StudyConfiguration,
             {
                 "name": "open choices",
-                "strategies": options.strategies,
+                "strategies": strategies,
                 "recordings": {"folder": folder / "volunteers" / "recordings"},
                 "face": {"path": folder / "lips.nc"},
                 "signals": {"normalisation": {"silent": "zero"}},
@@ -114,16 +113,12 @@ def main() -> None:
             }
             | tomllib.loads(text),
         )
-        cube = run_study(study, folder / "study", workers=options.workers).cube
-    options.out.mkdir(parents=True, exist_ok=True)
+        cube = run_study(study, folder / "study", workers=workers).cube
+    out.mkdir(parents=True, exist_ok=True)
     for variable in ("rho", "amplitude_ratio"):
         found = sensitivity(cube, variable=variable)
         table = choices_table(found)
-        (options.out / f"{variable}.csv").write_text(table.csv(), encoding="utf-8")
-        (options.out / f"{variable}.md").write_text(table.markdown(), encoding="utf-8")
-        save(sensitivity_plot(found), options.out / f"{variable}.svg")
+        (out / f"{variable}.csv").write_text(table.csv(), encoding="utf-8")
+        (out / f"{variable}.md").write_text(table.markdown(), encoding="utf-8")
+        save(sensitivity_plot(found), out / f"{variable}.svg")
         print(table.text(), found.attrs["summary"], sep="\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,18 +1,18 @@
 """Trajectories of the reference face against those recorded with another simulator.
 
-    python benchmarks/other_simulator.py --shared ../shared --out table.csv
-    python benchmarks/other_simulator.py --table    # that of docs/verification.md, without contact
+    python -m benchmarks other_simulator --shared ../shared --out FOLDER
+    python -m benchmarks other_simulator --table    # that of docs/verification.md, without contact
 
 Same mesh, muscles, laws, scheme and step; per case and time the rms and the largest distance of a
 node. The excitation rises linearly to its end value within 0.1 s and is then held; h = 5 ms.
 """
 
-import argparse
 import json
 import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 import sim
+from benchmarks.report import finish, markdown, say
 from emgface.face.artisynth import import_artisynth
 from emgface.face.contact import contact_term
 from emgface.face.contact_parameters import ContactParameters
@@ -27,6 +28,7 @@ from emgface.face.parts import FREE, arches_of
 from emgface.face.penetration import depths
 
 RAMP = 0.1  # s
+SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
 THEIR_HEX = [3, 2, 1, 0, 7, 6, 5, 4]  # that program lists the faces of a hexahedron the other way
 
 
@@ -180,50 +182,42 @@ def _undisturbed(folder: Path, system: sim.System) -> NDArray[np.bool_]:
     return KDTree(X[inside]).query(X)[0] > FAR
 
 
-def main() -> None:
-    """Compare, print and store."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--shared", type=Path, default=Path(os.environ.get("EMGFACE_SHARED", "../shared"))
-    )
-    parser.add_argument("--out", type=Path, default=None)
-    parser.add_argument(
-        "--table", action="store_true", help="As a Markdown table, without contact."
-    )
-    parser.add_argument("--until", type=float, default=1.0, help="last time compared [s]")
-    parser.add_argument("--case", action="append", help="name of a case; all by default")
-    options = parser.parse_args()
-    folder = options.shared / "artisynth_reference"
+def main(
+    shared: Path = SHARED,
+    out: Path | None = None,
+    table: bool = False,
+    until: float = 1.0,
+    case: list[str] | None = None,
+) -> None:
+    """Compare up to the time `until`, print and store; with --table as in docs, without contact."""
     rows: list[dict[str, object]] = []
-    for case in CASES if options.table else (*CASES, *CONTACT):
-        if options.case is None or case.name in options.case:
-            rows += compare(folder, case, options.until)
-            if options.out:
-                pd.DataFrame(rows).to_csv(options.out, index=False)
-    if options.table:
-        print(table_of(rows))
+    for one in CASES if table else (*CASES, *CONTACT):
+        if case is None or one.name in case:
+            say(f"{one.name}, contact {one.contact}")
+            rows += compare(shared / "artisynth_reference", one, until)
+    if table:
+        print(markdown(pd.DataFrame(table_of(rows))))
     else:
-        print(pd.DataFrame(rows).to_string(index=False))
+        finish("other-simulator", pd.DataFrame(rows), out)
 
 
-def table_of(rows: list[dict[str, object]]) -> str:
-    """Distances [mm] in Markdown; what is below `ROUNDING` is told as such."""
+def table_of(rows: list[dict[str, Any]]) -> list[dict[str, str]]:
+    """Distances [mm]; what is below `ROUNDING` is told as such."""
     names = {
         c.name: f"{c.volume} volumes, {type(c.fibre).__name__} muscle, "
         f"{'trapezoidal rule' if c.integrator is TRAPEZOIDAL else 'backward Euler'}, "
         + (f"{c.group} to {c.level:g}" if c.group else "gravity alone")
         for c in CASES
     }
-    cells: list[list[str]] = []
-    for row in rows:
-        errors = [float(str(row[name])) for name in ("rms_mm", "max_mm")]
-        told = [f"{e:.1e}" if e >= ROUNDING else f"< {ROUNDING:.0e}" for e in errors]
-        moved = f"{float(str(row['largest_displacement_mm'])):.3f}"
-        cells.append([names[str(row["case"])], f"{row['time_s']:g}", *told, moved])
-    header = ["case", "time s", "rms", "largest", "largest displacement"]
-    lines = (header, ["---"] * len(header), *cells)
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-if __name__ == "__main__":
-    main()
+    return [
+        {
+            "case": names[str(row["case"])],
+            "time s": f"{row['time_s']:g}",
+            **{
+                name: f"{row[key]:.1e}" if row[key] >= ROUNDING else f"< {ROUNDING:.0e}"
+                for name, key in (("rms", "rms_mm"), ("largest", "max_mm"))
+            },
+            "largest displacement": f"{row['largest_displacement_mm']:.3f}",
+        }
+        for row in rows
+    ]

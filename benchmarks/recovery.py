@@ -1,6 +1,6 @@
 """What the signal chain recovers of the true activation, against noise and cross-talk, as a figure.
 
-    python benchmarks/recovery.py --out FIGURE.png [--n 3] [--seed 0] [--emg motor_units]
+    python -m benchmarks recovery FIGURE.png [--n 3] [--seed 0] [--emg motor_units]
 
 Simulated EMG of known activations goes through the chain; estimate and truth are compared muscle by
 muscle: Spearman's rank correlation over time, and the root-mean-square error. Noise and cross-talk in
@@ -8,7 +8,6 @@ the matched world; noise in the mismatched one, where electrodes hear all muscle
 the truth is the activation, which follows the EMG. Writes the figure and, beside it, the values.
 """
 
-import argparse
 import warnings
 from pathlib import Path
 
@@ -110,14 +109,8 @@ def draw(noise: xr.Dataset, mixed: xr.Dataset, other: xr.Dataset):
     return figure
 
 
-def main() -> None:
+def main(out: Path, n: int = 3, seed: int = 0, emg: str = "motor_units") -> None:
     """Compute, draw and print."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--n", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--emg", choices=("motor_units", "noise"), default="motor_units")
-    given = parser.parse_args()
     noisy = [Condition(snr, USUAL.cross_talk) for snr in SNR]
     mixing = [Condition(USUAL.snr, share) for share in CROSS_TALK]
     conditions = list(dict.fromkeys([*noisy, *mixing]))
@@ -126,19 +119,19 @@ def main() -> None:
         warnings.simplefilter("ignore")
         found, other = (
             recover(
-                wanted, chains, n=given.n, seed=given.seed,
-                settings=VolunteerParameters(emg=given.emg, world=world, resolution="coarse"),
+                wanted, chains, n=n, seed=seed,
+                settings=VolunteerParameters(emg=emg, world=world, resolution="coarse"),
             )
             for world, wanted in (
                 (MATCHED, conditions),
                 (MISMATCHED, [Condition(snr) for snr in SNR]),
             )
         )  # fmt: skip
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    found.to_netcdf(given.out.with_suffix(".nc"))
-    other.to_netcdf(given.out.with_suffix(".mismatched.nc"))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    found.to_netcdf(out.with_suffix(".nc"))
+    other.to_netcdf(out.with_suffix(".mismatched.nc"))
     noise, mixed = sweep(found, noisy, conditions), sweep(found, mixing, conditions)
-    draw(noise, mixed, other).savefig(given.out, dpi=130)
+    draw(noise, mixed, other).savefig(out, dpi=130)
     for part, coord in ((noise, "snr"), (mixed, "cross_talk"), (other, "snr")):
         for name in (*SHOWN, "false_activation"):
             table = part[name].median("trial").median("muscle").to_pandas()
@@ -146,7 +139,3 @@ def main() -> None:
             print(f"\n{name} against {coord} (median over trials and muscles), simulated, "
                   f"{part.attrs['world']}")  # fmt: skip
             print(table.round(3).to_string())
-
-
-if __name__ == "__main__":
-    main()

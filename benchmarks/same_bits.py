@@ -1,12 +1,11 @@
 """Digests of results over processes with other threads, hash seeds, environments and kernel caches.
 
-    python benchmarks/same_bits.py --processes 20
+    python -m benchmarks same_bits --processes 20
 
 The first process compiles the kernels into an empty cache, the others load them from it. Prints a line
 for each process and result, and fails unless every result has one digest. Simulated data throughout.
 """
 
-import argparse
 import hashlib
 import os
 import subprocess
@@ -99,26 +98,27 @@ def environment(number: int, cache: str) -> dict[str, str]:
     return {**os.environ, **own}
 
 
-def main() -> None:
-    """Start the processes one after the other and compare."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--processes", type=int, default=20)
-    parser.add_argument("--small", action="store_true", help="Bodies of a few elements alone.")
-    parser.add_argument("--warm", action="store_true", help="Kernels from the cache for all.")
-    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        for name, value in (of_blocks() | ({} if options.small else of_face())).items():
+def main(processes: int = 20, small: bool = False, warm: bool = False, child: bool = False) -> None:
+    """Compare processes: --small bodies of a few elements alone, --warm kernels from the cache."""
+    if child:
+        for name, value in (of_blocks() | ({} if small else of_face())).items():
             print(f"{name}: {value}")
         return
     found: dict[str, set[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
-        cache = os.environ.get("EMGFACE_CACHE", "") if options.warm else folder
-        for number in range(options.processes):
+        cache = os.environ.get("EMGFACE_CACHE", "") if warm else folder
+        for number in range(processes):
             own = environment(number, cache)
             if not cache:
                 del own["EMGFACE_CACHE"]
-            command = [sys.executable, __file__, "--child", *(["--small"] if options.small else [])]
+            command = [
+                sys.executable,
+                "-m",
+                "benchmarks",
+                "same_bits",
+                "--child",
+                *(["--small"] if small else []),
+            ]
             lines = subprocess.run(
                 command, env=own, check=True, text=True, stdout=subprocess.PIPE, cwd=ROOT
             ).stdout.splitlines()
@@ -127,10 +127,6 @@ def main() -> None:
                 found.setdefault(name.removesuffix(RESTARTED), set()).add(value)
                 print(f"process {number}, {own['MKL_NUM_THREADS']} threads, {line}", flush=True)
     for name, values in found.items():
-        print(f"{name}: {len(values)} digest(s) in {options.processes} processes")
+        print(f"{name}: {len(values)} digest(s) in {processes} processes")
     if any(len(values) > 1 for values in found.values()):
         raise SystemExit("results differ between processes")
-
-
-if __name__ == "__main__":
-    main()

@@ -6,11 +6,10 @@ and times compare. The rounds go through all configurations in turn, so that a d
 all alike; medians are printed. Damping follows the current tangent for the linearly implicit steps, as
 the published simulator's does, and that at rest for the converged ones, which leave at most 1e-3 mm.
 
-    python benchmarks/step_time.py FACE.nc [--steps 40] [--repeats 5] [--muscle OOP] [--peak 0.5]
+    python -m benchmarks step_time FACE.nc [--steps 40] [--repeats 5] [--muscle OOP] [--peak 0.5]
         [--bulk nodal] [--linear pardiso]
 """
 
-import argparse
 import os
 import resource
 import statistics
@@ -19,9 +18,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 import sim
-from emgface.bench.unit import unit_seconds
+from benchmarks.report import finish, say
+from benchmarks.unit import unit_seconds
 from emgface.face.file import load_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -81,52 +82,49 @@ def cases(face, bulks, integrators, sigma_max):
     return found
 
 
-def main():
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("face", type=Path)
-    parser.add_argument("--steps", type=int, default=40)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--muscle", default="ZYG")
-    parser.add_argument("--peak", type=float, default=0.5)
-    parser.add_argument("--sigma-max", type=float, default=100e3)
-    parser.add_argument("--bulk", action="append", choices=BULK)
-    parser.add_argument("--integrator", action="append", choices=INTEGRATORS)
-    parser.add_argument("--linear", default="auto", help="name of the linear solver")
-    options = parser.parse_args()
-
-    face = load_face(options.face)
-    bulks, integrators = options.bulk or [*BULK], options.integrator or [*INTEGRATORS]
-    alone = cases(face, ["pointwise"], ["linearly implicit"], options.sigma_max)[0].system
-    chosen = cases(face, bulks, integrators, options.sigma_max)
-    peak = np.array([options.peak * m.startswith(options.muscle) for m in alone.muscles])
-    activation = sim.Activation(np.array([0.0, 0.1]), np.array([0.0 * peak, peak]))
+def main(
+    face: Path,
+    steps: int = 40,
+    repeats: int = 5,
+    muscle: str = "ZYG",
+    peak: float = 0.5,
+    sigma_max: float = 100e3,
+    bulk: list[str] = list(BULK),  # noqa: B006
+    integrator: list[str] = list(INTEGRATORS),  # noqa: B006
+    linear: str = "auto",
+    out: Path | None = None,
+):
+    """Measure, print and store."""
+    model = load_face(face)
+    alone = cases(model, ["pointwise"], ["linearly implicit"], sigma_max)[0].system
+    chosen = cases(model, bulk, integrator, sigma_max)
+    level = np.array([peak * m.startswith(muscle) for m in alone.muscles])
+    activation = sim.Activation(np.array([0.0, 0.1]), np.array([0.0 * level, level]))
     units = []
-    for _ in range(options.repeats):
+    for _ in range(repeats):
         units.append(1e3 * unit_seconds(alone))
         for case in chosen:
             try:
-                row = run(case, activation, options.steps, options.linear)
+                row = run(case, activation, steps, linear)
                 case.rows.append(row | {"U": row["step"] / units[-1]})
             except sim.SimulationError as error:
                 print(f"  {case.name}: {error}")
     print(
         f"{alone.pattern.n} unknowns, {alone.scene.mesh.n_elements} elements, {os.cpu_count()} cores, "
-        f"linear solver {options.linear}; U = {statistics.median(units):.1f} ms "
+        f"linear solver {linear}; U = {statistics.median(units):.1f} ms "
         f"({min(units):.1f} to {max(units):.1f})"
     )
     print(
-        f"{options.muscle} to {options.peak:g} in 0.1 s, {options.steps} steps of 10 ms, medians of "
-        f"{options.repeats} rounds, ms per step:"
+        f"{muscle} to {peak:g} in 0.1 s, {steps} steps of 10 ms, medians of "
+        f"{repeats} rounds, ms per step:"
     )
     columns = ("step", "U", *PHASES, "iterations", "factorisations", "indefinite", "smallest J")
-    print(f"{'':28s}" + "".join(f"{name:>15s}" for name in columns))
-    for case in (c for c in chosen if c.rows):
-        middle = [statistics.median(row[name] for row in case.rows) for name in columns]
-        print(f"{case.name:28s}" + "".join(f"{value:15.2f}" for value in middle))
+    rows = [
+        {"case": case.name}
+        | {name: statistics.median(row[name] for row in case.rows) for name in columns}
+        for case in chosen
+        if case.rows
+    ]
+    finish("step-time", pd.DataFrame(rows), out)
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"largest memory of the process, with all configurations compiled: {used:.0f} MB")
-
-
-if __name__ == "__main__":
-    main()
+    say(f"largest memory of the process, with all configurations compiled: {used:.0f} MB")

@@ -5,21 +5,19 @@ survives if every step ends with det F > 0 at every Gauss point; the value is fo
 grid, taking survival as monotone in sigma_max. Every attempt is appended to a CSV file at once, and
 attempts found there are not repeated.
 
-    python benchmarks/survival.py FACE.nc --out survival.csv [--figure survival.png] [--step 0.01]
-        [--duration 0.5] [--incompressibility pointwise]
+    python -m benchmarks survival FACE.nc survival.csv [--step 0.01] [--duration 0.5]
 """
 
-import argparse
 import csv
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 import sim
+from benchmarks.report import markdown
 from emgface.face.file import load_face
 from emgface.face.recipe import compose_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
@@ -147,46 +145,26 @@ class Attempts:
         return GRID_KPA[low] if low >= 0 else 0
 
 
-def draw(table, path):
-    """One group of bars per muscle."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
-    axes = figure.subplots()
-    width = 0.8 / len(table.columns)
-    for k, solver in enumerate(table.columns):
-        place = np.arange(len(table)) + (k - (len(table.columns) - 1) / 2) * width
-        axes.bar(place, table[solver], width, label=solver)
-    axes.axhline(300, color="0.4", linewidth=0.8, linestyle="--")
-    axes.set_xticks(np.arange(len(table)), table.index)
-    axes.set(ylabel="largest sigma_max survived (kPa)", xlabel="muscle pair, activation 1")
-    axes.set_title(
-        f"simulated; grid ends at {GRID_KPA[-1]} kPa, dashed: 300 kPa", fontsize="medium"
-    )
-    figure.legend(fontsize="small", loc="outside lower center", ncols=len(SOLVERS))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+@dataclass(frozen=True)
+class Options:
+    """One table: where it is kept and how all of its runs are made."""
+
+    out: Path
+    step: float
+    duration: float
+    incompressibility: str
 
 
-def main():
+def main(
+    face: Path,
+    out: Path,
+    step: float = 0.01,
+    duration: float = 0.5,
+    incompressibility: str = "pointwise",
+    muscle: list[str] = [*MODELLED, "all"],  # noqa: B006
+):
     """Fill the table and print it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("face", type=Path)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--figure", type=Path)
-    parser.add_argument("--step", type=float, default=0.01)
-    parser.add_argument("--duration", type=float, default=0.5)
-    parser.add_argument(
-        "--incompressibility", choices=("pointwise", "element", "nodal"), default="pointwise"
-    )
-    parser.add_argument("--muscles", nargs="*", default=[*MODELLED, "all"])
-    options = parser.parse_args()
-    attempts = Attempts(load_face(options.face), options)
-    table = pd.DataFrame(
-        {s: {m: attempts.largest(m, s) for m in options.muscles} for s in SOLVERS}
-    ).rename_axis("largest sigma_max survived (kPa)")
-    print(table.to_string())
-    if options.figure:
-        draw(table, options.figure)
-
-
-if __name__ == "__main__":
-    main()
+    attempts = Attempts(load_face(face), Options(out, step, duration, incompressibility))
+    rows = [{"muscle": m} | {s: attempts.largest(m, s) for s in SOLVERS} for m in muscle]
+    print("largest sigma_max survived [kPa]")
+    print(markdown(pd.DataFrame(rows)))

@@ -1,19 +1,18 @@
 """Tables of the documentation, made by the commands that they name.
 
-    python benchmarks/tables.py --check    # fails where a figure differs from what its command prints
-    python benchmarks/tables.py --write    # makes the tables again
+    python -m benchmarks tables            # fails where a figure differs from what its command prints
+    python -m benchmarks tables --write    # makes the tables again
 
 A table stands between two comments, the first with its command, which prints it in Markdown:
 
-    <!-- table: python benchmarks/locking.py --body cook -->
+    <!-- table: python -m benchmarks locking --body cook -->
     | ... |
     <!-- end of table -->
 
-`long table:` tells that the command takes minutes and runs with `--all`, `shared table:` that it reads
-the third-party models besides, and is left out where these are absent.
+`long table:` marks a command that takes minutes and runs with `--everything` only, `shared table:` one
+that reads the third-party models besides, and is left out where these are absent.
 """
 
-import argparse
 import os
 import re
 import shlex
@@ -77,22 +76,16 @@ def made_by(command: str) -> str:
     return "".join(f"{line}\n" for line in done.stdout.splitlines() if line.startswith("|"))
 
 
-def main() -> None:
-    """Check or make the tables of pages."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    task = parser.add_mutually_exclusive_group(required=True)
-    task.add_argument("--check", action="store_true")
-    task.add_argument("--write", action="store_true")
-    parser.add_argument("--all", action="store_true", help="Also what takes minutes.")
-    parser.add_argument("--only", default="", help="A part of the commands that are run.")
-    parser.add_argument("pages", nargs="*", type=Path, default=sorted(ROOT.glob("docs/*.md")))
-    options = parser.parse_args()
+def main(
+    pages: list[Path] | None = None, write: bool = False, everything: bool = False, only: str = ""
+) -> None:
+    """Check the tables of pages, or make them again; `only` is a part of the commands that are run."""
     wrong = 0
-    for page in options.pages:
+    for page in pages or sorted(ROOT.glob("docs/**/*.md")):
         text = page.read_text(encoding="utf-8")
         for found in list(MARKED.finditer(text)):
             kind, command = found["kind"], found["command"]
-            left_out = (kind and not options.all) or options.only not in command
+            left_out = (kind and not everything) or only not in command
             if left_out or (kind == "shared " and shared_folder() is None):
                 print(f"{page.name}: left out {command}")
                 continue
@@ -101,15 +94,11 @@ def main() -> None:
             wrong += bool(odd)
             print(f"{page.name}: {'differs' if odd else 'agrees'}: {command}")
             print("".join(f"    {line}\n" for line in odd), end="", flush=True)
-            if options.write:
+            if write:
                 text = text.replace(found[0], found[0].replace(found["table"], table))
-        if options.write:
+        if write:
             page.write_text(text, encoding="utf-8")
-    if wrong and options.check:
+    if wrong and not write:
         raise SystemExit(
             f"{wrong} tables differ from their commands: run with --write and explain why"
         )
-
-
-if __name__ == "__main__":
-    main()

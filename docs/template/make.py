@@ -18,6 +18,7 @@ import pandas as pd
 import xarray as xr
 from PIL import Image
 
+from benchmarks.report import markdown
 from emgface.face.check import face_report
 from emgface.face.lip_shape import lip_opening
 from emgface.face.parts import FREE, MANDIBLE, SKULL
@@ -42,18 +43,6 @@ def shrink(path: Path) -> None:
     with Image.open(path) as picture:
         picture.convert("RGB").save(path.with_suffix(".jpg"), quality=88, optimize=True)
     path.unlink()
-
-
-def markdown(table: pd.DataFrame, digits: int = 2) -> str:
-    """Format a table for a page."""
-    table = table.reset_index()
-
-    def cell(value: object) -> str:
-        return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
-
-    rows = [list(map(str, table.columns)), ["---"] * len(table.columns)]
-    rows += [[cell(value) for value in row] for row in table.itertuples(index=False)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
 def pictures() -> str:
@@ -104,11 +93,11 @@ def quality() -> str:
             "volume (cm3)": value["volume"] * 1e-3,
         }
     by_preset = pd.DataFrame.from_dict(rows, orient="index").rename_axis("preset")
-    return f"""{markdown(by_resolution)}
+    return f"""{markdown(by_resolution.reset_index(), ".2f")}
 
 The published reference mesh has a smallest scaled Jacobian of 0.011. Presets, fine:
 
-{markdown(by_preset)}"""
+{markdown(by_preset.reset_index(), ".2f")}"""
 
 
 def volunteers() -> str:
@@ -140,7 +129,7 @@ def volunteers() -> str:
 (`random_measures(seed, preset=..., asymmetry=1.0)`, seeds 0 to {VOLUNTEERS - 1}; {1e3 * took:.0f}
 ms each):
 
-{markdown(table)}"""
+{markdown(table.reset_index(), ".2f")}"""
 
 
 def actions() -> str:
@@ -152,7 +141,7 @@ height of the upper above the lower margin in the midline, negative where one li
 the other; `lips in lips` (mm): depth to which the lips penetrate each other. `agrees`: all signs of the
 displacement agree with the action, and the lips do not pass through each other.
 
-{markdown(table)}"""
+{markdown(table.reset_index(), ".2f")}"""
 
 
 def gestures() -> str:
@@ -189,7 +178,7 @@ other.
 
 ![Rest and six gestures](gestures.jpg)
 
-{markdown(table)}"""
+{markdown(table.reset_index(), ".2f")}"""
 
 
 PAIRS = {
@@ -250,7 +239,7 @@ def convergence() -> str:
 are not divided. Muscle pairs at an activation of 0.3. `change`: root mean square, over the ten markers,
 of the difference between successive grids. The observed order is log2 of the ratio of two changes.
 
-{markdown(orders(on_a_curve=False))}
+{markdown(orders(on_a_curve=False).reset_index(), ".2f")}
 
 Muscles occupy fractions of elements, so that their volume does not depend on the grid. The set of
 fixed nodes does: the border between bone and free lining crosses the rings and moves by up to one
@@ -258,7 +247,7 @@ element from grid to grid, which causes an error of first order. In the followin
 is instead fixed outside the perioral curve, which is a ring of nodes on every grid (a different
 boundary condition, with different displacements):
 
-{markdown(orders(on_a_curve=True))}
+{markdown(orders(on_a_curve=True).reset_index(), ".2f")}
 
 The orders of ZYG and DAO increase; they are therefore limited by this border. Those of LLSAN and
 OOP do not increase consistently, and the cause was not isolated (possible causes are the kink in
@@ -270,11 +259,11 @@ def norms() -> str:
     return f"""All measures are in mm. `found`: numbers taken from the table cited; `assumption`:
 numbers that are quoted without access to the source, derived or chosen, as stated in the note.
 
-{markdown(norms_table(), 1)}
+{markdown(norms_table().reset_index(), ".1f")}
 
 Groups of people:
 
-{markdown(pd.DataFrame({"means": PRESETS}).rename_axis("preset"))}"""
+{markdown(pd.DataFrame({"means": PRESETS}).rename_axis("preset").reset_index())}"""
 
 
 PARTS: dict[str, tuple[str, Callable[[], str]]] = {

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli import bench, data, data_files, face, study, trial, volunteers
+from emgface.cli import data, data_files, face, study, trial, volunteers
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
 
 app = typer.Typer(
@@ -47,7 +47,6 @@ app.add_typer(face.app, name="face")
 app.add_typer(data.app, name="data")
 for verb in (data_files.inventory, data_files.convert, data_files.cut, data_files.schema):
     data.app.command()(verb)
-app.add_typer(bench.app, name="bench")
 app.command()(trial.activate)
 app.command()(trial.simulate)
 app.command()(trial.score)

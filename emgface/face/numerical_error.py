@@ -36,7 +36,7 @@ def numerical_error(
     Notes
     -----
     Of time stepping alone: the mesh has an error of its own. How often it holds on activations of EMG is
-    measured by ``python benchmarks/error_coverage.py`` (docs/accuracy.md).
+    measured by ``python -m benchmarks error_coverage`` (docs/accuracy.md).
     """
     values = step_error.transpose("time", "marker", "axis").values
     h = np.diff(step_error["time"].values)

@@ -15,7 +15,7 @@ class TimeStepping(Parameters):
         None,
         "'draft', 'study', 'reference', 'published', or the error wanted such as '0.1 mm'; sets solver, "
         "step, iteration_tolerance and error_tolerance where they are not given.",
-        source=f"{OWN}: points measured by `emgface bench work-precision`",
+        source=f"{OWN}: points measured by `python -m benchmarks work_precision`",
         note="the defaults are those of 'study'; with contact.method = 'constraint' the solver is "
         "implicit Euler under the same control of its error",
     )

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pandas as pd
 import xarray as xr
-from PIL import Image
 
+from benchmarks.report import markdown, say, shrink
 from emgface.face.file import load_face
 from emgface.face.show_displacement import draw_displacement
 from emgface.face.simulation_parameters import SimulationParameters
@@ -73,35 +73,13 @@ stiffness in both directions: 89.4 kPa increases it along and across the line by
 The tables list the largest sigma_max (kPa), from a grid of 25 to 1000 kPa, at which no element
 inverts, for every muscle pair alone and for all twenty muscles together. Reference face; the
 activation rises from 0 to 1 in 0.1 s and is then held; steps of 10 ms. 0 means that elements invert
-at 25 kPa, 1000 is the end of the grid. `python benchmarks/survival.py` writes `survival.csv`, which
+at 25 kPa, 1000 is the end of the grid. `python -m benchmarks survival` writes `survival.csv`, which
 contains all attempts.
 
 {survival}
 
 {faces}
 """
-
-
-def shrink(path: Path) -> None:
-    """Store a picture with 128 colours."""
-    with Image.open(path) as picture:
-        picture.convert("RGB").quantize(128).save(path, optimize=True)
-
-
-def markdown(table: pd.DataFrame, digits: int = 2) -> str:
-    """Format a table for a page."""
-
-    def cell(value: object) -> str:
-        return f"{value:.{digits}f}" if isinstance(value, float) else str(value)
-
-    rows = [list(map(str, table.columns)), ["---"] * len(table.columns)]
-    rows += [[cell(value) for value in row] for row in table.itertuples(index=False)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
-
-
-def say(text: str) -> None:
-    """Print at once."""
-    print(text, flush=True)
 
 
 def rounding(face: xr.Dataset, out: Path) -> None:
@@ -176,7 +154,7 @@ def lips_table(folder: Path) -> str:
     )
     columns = ["walls", "stiffening", "activation", "protrusion (mm)", "margin_protrusion (mm)"]
     columns += ["height (mm)", "width (mm)", "area (mm2)", "overlap (mm2)", "roundness (1)"]
-    return markdown(table[[*columns, "smallest det F"]])
+    return markdown(table[[*columns, "smallest det F"]], ".2f")
 
 
 def survival_table() -> str:
@@ -188,7 +166,7 @@ def survival_table() -> str:
         order = [m for m in dict.fromkeys(own.muscle)]
         solvers = list(dict.fromkeys(own.solver))
         best = best.reindex(index=order, columns=solvers).fillna(0).astype(int)
-        table = markdown(best.rename_axis("muscle pair").reset_index())
+        table = markdown(best.rename_axis("muscle pair").reset_index(), ".2f")
         parts.append(f"{kind} volume, held to {duration:g} s:\n\n{table}")
     return "\n\n".join(parts)
 
@@ -206,10 +184,10 @@ def page() -> None:
         text = [f"## {name}", "### Lip rounding", lips_table(folder)]
         if pictures:
             text.append(f"![Lips rounded by orbicularis oris]({folder.name}/rounding.png)")
-        text += ["### Expressions", markdown(pd.read_csv(folder / "expressions.csv"))]
+        text += ["### Expressions", markdown(pd.read_csv(folder / "expressions.csv"), ".2f")]
         if pictures:
             text.append(f"![Four expressions]({folder.name}/expressions.png)")
-        text += ["### Skin under tension", markdown(pd.read_csv(folder / "probe.csv"))]
+        text += ["### Skin under tension", markdown(pd.read_csv(folder / "probe.csv"), ".2f")]
         sections.append("\n\n".join(text))
     body = PAGE.replace("{survival}", survival_table()).replace("{faces}", "\n\n".join(sections))
     (HERE / "README.md").write_text(body.rstrip() + "\n", encoding="utf-8")

@@ -16,10 +16,18 @@ from pathlib import Path
 
 import pandas as pd
 import xarray as xr
-from PIL import Image
 
-from emgface.bench.contact import CLOSING, METHODS, STEPPING, measure
-from emgface.bench.store import store
+from analysis.figures import save
+from benchmarks.contact import (
+    CLOSING,
+    METHODS,
+    OPENING,
+    STEPPING,
+    contact_table,
+    measure,
+    opening,
+)
+from benchmarks.report import draw, shrink
 from emgface.face.file import load_face
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.show_displacement import draw_displacement
@@ -34,12 +42,6 @@ RESOLUTION = "medium"
 STIFFENING = (1.0, 10.0)
 
 
-def shrink(path: Path) -> None:
-    """Store a picture with 128 colours."""
-    with Image.open(path) as picture:
-        picture.convert("RGB").quantize(128).save(path, optimize=True)
-
-
 def held(
     face: xr.Dataset,
     out: Path,
@@ -50,10 +52,6 @@ def held(
     friction: float = 0.0,
 ) -> xr.Dataset:
     """Run cases side by side; table, figure and a section of every case."""
-
-    def progress(done: int, total: int) -> None:
-        print(f"\r{name}: {done} of {total}", end="", flush=True)
-
     found = measure(
         face,
         methods=methods,
@@ -61,14 +59,11 @@ def held(
         friction=friction,
         hold=hold,
         parameters=SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, **STEPPING),
-        progress=progress,
     )
-    table, paths = store("contact", found, out / "raw" / name)
+    table = contact_table(found)
     table.round(6).to_csv(out / f"{name}.csv", index=False)
-    for path in paths:
-        if path.suffix == ".png":
-            shrink(path)
-            path.replace(out / f"{name}-opening.png")
+    title = f"opening of the lips, {face.attrs['name']}"
+    shrink(save(draw(opening(found), OPENING, title), out / f"{name}-opening.png"))
     for case in cases:
         shown = {"rest": face["position"].values}
         for method in methods:

@@ -3,34 +3,28 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import sim
-from emgface.bench import cost, scaling, start, work_precision
-from emgface.bench.drives import gesture
-from emgface.bench.scaling import slope
-from emgface.bench.stability import limits, run_battery
-from emgface.bench.stability.bodies import SIZE, Block
-from emgface.bench.store import KINDS, store
-from emgface.bench.work_precision import Model, Setting, pareto
-from emgface.bench.work_precision.errors import errors, other_person
-from emgface.bench.work_precision.models import finest
-from emgface.bench.work_precision.table import requested_and_achieved
-from emgface.cli import app
+from benchmarks import cost, scaling, start
+from benchmarks.__main__ import measurements, run
+from benchmarks.drives import gesture
+from benchmarks.report import Chart, draw, finish, markdown
+from benchmarks.scaling import slope
+from benchmarks.stability import limits, run_battery
+from benchmarks.stability.bodies import SIZE, Block
+from benchmarks.work_precision.errors import errors, other_person
+from benchmarks.work_precision.measure import TIME, Found, measure, worst
+from benchmarks.work_precision.models import Model, finest
+from benchmarks.work_precision.settings import Setting
 from emgface.errors import ConfigurationError, DataError
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.template import template_face
 
 
 @pytest.fixture(scope="module")
-def face():
-    return template_face(resolution="coarse")
-
-
-@pytest.fixture(scope="module")
-def measured(face):
+def measured(coarse) -> Found:
     settings = [
         # steps of at most an output, since longer ones end at outputs where the activation bends
         Setting("Euler", "10 ms", sim.ConvergedEuler(), sim.HalvingStep(0.01)),
@@ -40,8 +34,8 @@ def measured(face):
         Setting("SDIRK2", "20 ms", sim.Sdirk2(), sim.HalvingStep(0.02), Model(0, "element")),
         Setting("control", "0.5 mm", sim.Sdirk2(), sim.ErrorControlledStep(5e-4, 0.02)),
     ]
-    return work_precision.measure(
-        face,
+    return measure(
+        coarse,
         SimulationParameters(gravity=False, sigma_max=100e3),
         settings=settings,
         instructions=("D",),
@@ -51,32 +45,32 @@ def measured(face):
 
 
 def test_errors_fall_with_step_and_order_and_failures_are_named(measured):
-    euler10, euler5, sdirk10, failed = measured["error_max"].values[:4, 0]
+    table = worst(measured.stepping)
+    euler10, euler5, sdirk10, failed = table["error max mm"][:4]
     assert euler5 < 0.8 * euler10
     assert sdirk10 < 0.4 * euler10
     assert np.isnan(failed)
-    assert measured["status"].values[3, 0] == "NotConverged"
-    assert not measured["pareto"].values[3]
-    assert (measured["run_time"].values[:3] > 0.0).all()
-    euler10, euler5, sdirk10 = measured["change_rho"].values[:3, 0]
+    assert table["status"][3] == "NotConverged" and not table["Pareto"][3]
+    assert (table[TIME][:3] > 0.0).all()
+    euler10, euler5, sdirk10 = table["change of rho"][:3]
     assert 0.0 < sdirk10 < euler5 < euler10 < 0.5
-    found = work_precision.pareto(measured)
-    assert found[4], "another model is no rival"
+    assert table["Pareto"][4], "another model is no rival"
 
 
-def test_error_control_is_tabled_per_instruction(measured):
-    table = requested_and_achieved(measured)
-    assert table["requested mm"].tolist() == [0.5]
-    assert 0.0 < table["achieved / requested"][0] <= 1.0
-    assert table["instruction"].tolist() == ["D"]
+def test_error_control_tells_requested_and_achieved_errors(measured):
+    controlled = measured.stepping.dropna(subset="requested mm")
+    assert controlled["requested mm"].tolist() == [0.5]
+    assert controlled["instruction"].tolist() == ["D"]
+    assert 0.0 < controlled["error max mm"].item() <= 0.5
 
 
 def test_models_are_compared_with_the_finest(measured):
-    assert measured.attrs["finest"] == "element"
-    pointwise, element = measured["difference_max"].values[:, 0]
-    assert element == measured["difference_rho"].values[1, 0] == 0.0
-    assert 1e-6 < pointwise < 1e-3
-    assert measured["difference_rms"].values[0, 0] < pointwise
+    assert measured.finest == "element"
+    found = measured.models.set_index("model")
+    pointwise, element = found["error max mm"][["pointwise", "element"]]
+    assert element == found["change of rho"]["element"] == 0.0
+    assert 1e-3 < pointwise < 1.0
+    assert found["error rms mm"]["pointwise"] < pointwise
     models = [Model(1, "pointwise"), Model(0, "nodal"), Model(1, "hard"), Model(1, "element")]
     assert finest(tuple(models)) == models[-1]
     assert [Model.named(m.name) for m in models] == models
@@ -96,12 +90,14 @@ def test_errors_are_those_of_positions_and_of_scores():
 
     other = motion(np.roll(wave, 4, axis=2))
     shifted = errors(motion(wave + 1e-3), motion(wave), other)
-    assert shifted.rms == pytest.approx(np.sqrt(3.0) * 1e-3, rel=1e-9)
-    assert shifted.largest == pytest.approx(np.sqrt(3.0) * 1e-3, rel=1e-9)
-    assert shifted.rho == pytest.approx(0.0, abs=1e-9)  # rho does not see where a marker is
+    assert shifted["error rms mm"] == pytest.approx(np.sqrt(3.0), rel=1e-9)
+    assert shifted["error max mm"] == pytest.approx(np.sqrt(3.0), rel=1e-9)
+    assert shifted["change of rho"] == pytest.approx(
+        0.0, abs=1e-9
+    )  # rho does not see where a marker is
     late = errors(motion(np.roll(wave, 1, axis=2)), motion(wave), other)
     # of the angle between two waves: one step later is one step nearer to the other
-    assert late.rho == pytest.approx(
+    assert late["change of rho"] == pytest.approx(
         np.cos(3 * 2 * np.pi / 41) - np.cos(4 * 2 * np.pi / 41), abs=0.02
     )
 
@@ -115,15 +111,16 @@ def test_the_stand_in_for_a_measurement_is_another_motion():
 
 
 def test_pareto_marks_what_no_other_beats():
-    found = xr.Dataset(
-        {
-            "run_time": (("setting", "instruction"), [[1.0], [2.0], [2.0], [3.0], [0.5], [2.1]]),
-            "error_max": (("setting", "instruction"), [[4.0], [2.0], [3.0], [2.0], [0.1], [1.99]]),
-            "status": (("setting", "instruction"), [["ok"]] * 4 + [["NotConverged"], ["ok"]]),
-        },
-        coords={"model_of": ("setting", ["pointwise"] * 6)},
-    )
-    np.testing.assert_array_equal(pareto(found), [True, True, False, False, False, False])
+    time, error = [1.0, 2.0, 2.0, 3.0, 0.5, 2.1], [4.0, 2.0, 3.0, 2.0, 0.1, 1.99]
+    found = pd.DataFrame({TIME: time, "error max mm": error, "error rms mm": error})
+    found = found.assign(
+        model="pointwise", family="Euler", setting=list("abcdef"), instruction="A", status="ok",
+        **dict.fromkeys(
+            ("change of rho", "steps", "rejected", "iterations", "factorisations", "smallest J"), 1.0
+        ),
+    )  # fmt: skip
+    found.loc[4, "status"] = "NotConverged"
+    assert worst(found)["Pareto"].tolist() == [True, True, False, False, False, False]
 
 
 def test_growth_of_a_power_law_is_found():
@@ -132,11 +129,11 @@ def test_growth_of_a_power_law_is_found():
     assert np.isnan(slope(elements, np.full(3, np.nan)))
 
 
-def test_the_battery_has_no_wrong_answers_and_converged_solvers_survive(face):
+def test_the_battery_has_no_wrong_answers_and_converged_solvers_survive():
     found = run_battery(rows=(4, 5, 10))
-    outcome = found["outcome"].values.astype(str)
+    outcome = found["outcome"].to_numpy(dtype=str)
     assert not np.char.startswith(outcome, "WRONG").any()
-    converged = np.isin(found["integrator"].values.astype(str), ["Euler", "trapezoidal", "SDIRK2"])
+    converged = np.isin(found["integrator"].to_numpy(dtype=str), ["Euler", "trapezoidal", "SDIRK2"])
     jumps = converged & (found["row"].values == 4)
     assert jumps.sum() == 12
     assert (outcome[jumps] == "ok").all()
@@ -163,43 +160,47 @@ def test_a_sliver_has_the_scaled_jacobian_that_its_name_says():
         assert corner.sum() > 2.0 * SIZE / 3.0  # still on its own side
 
 
-def started():
-    return xr.Dataset(
+def test_a_measurement_is_printed_and_stored_with_its_figure(coarse, tmp_path, capsys):
+    table = scaling.measure([coarse], SimulationParameters(gravity=False), refine=False, repeats=1)
+    assert table["elements"].tolist() == [coarse.sizes["element"]]
+    assert (table.filter(like=" ms") > 0.0).all(axis=None)
+    paths = finish("scaling", table, tmp_path / "new", Chart("elements", ("step ms",), "time [ms]"))
+    assert [path.suffix for path in paths] == [".csv", ".svg", ".png"]
+    assert "simulated" in paths[1].read_text()
+    pd.testing.assert_frame_equal(pd.read_csv(paths[0]), table, check_dtype=False)
+    assert capsys.readouterr().out == markdown(table) + "\n"
+
+
+def test_cost_is_relative_to_the_first_scene(coarse):
+    table = cost.measure(coarse, rounds=2, only=("tissue alone", "+ element volume"))
+    assert table["scene"].tolist() == ["tissue alone", "+ element volume"]
+    assert table["step - alone ms"][0] == 0.0
+    assert table["step - alone ms"][1] == table["step ms"][1] - table["step ms"][0]
+
+
+def test_tables_are_drawn_as_lines_or_as_bars():
+    table = pd.DataFrame(
         {
-            "seconds": (("volume", "phase"), [[1.0, 0.5, 0.2, 0.1]], {"units": "s"}),
-            "peak": ("volume", [4e8], {"units": "B"}),
-            "import_time": ("module", [0.5], {"units": "s"}),
-        },
-        {"volume": ["pointwise"], "phase": list(start.PHASES), "module": ["sim"]},
-        {"origin": "simulated"},
+            "time": [2.0, 1.0, 1.0, 2.0],
+            "mm": [3.0, 4.0, 5.0, np.nan],
+            "of": list("aabb"),
+            "in": list("xxxy"),
+        }
     )
+    figure = draw(table, Chart("time", ("mm",), "error [mm]", "of", "in"), "errors")
+    lines = figure.axes[0].get_lines()
+    np.testing.assert_array_equal(lines[0].get_xdata(), [1.0, 2.0])
+    np.testing.assert_array_equal(lines[0].get_ydata(), [4.0, 3.0])
+    assert [axes.get_title() for axes in figure.axes] == ["x", "y"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
+    assert figure.get_suptitle() == "errors (simulated)"
+    bars = draw(table, Chart("of", ("mm", "time"), "all [ms]"), "cost").axes[0]
+    assert [label.get_text() for label in bars.get_yticklabels()] == list("aabb")
+    assert [bar.get_x() for bar in bars.patches[4:]] == [3.0, 4.0, 5.0, 0.0]
 
 
-def test_what_is_measured_is_stored_with_table_and_figure(measured, face, tmp_path):
-    small = scaling.measure([face], SimulationParameters(gravity=False), refine=False, repeats=1)
-    battery = run_battery(rows=(5,))
-    parts = cost.measure(face, rounds=2, only=("tissue alone", "+ element volume"))
-    made = dict(
-        zip(
-            ("work-precision", "stability", "cost", "scaling", "start"),
-            (measured, battery, parts, small, started()),
-            strict=True,
-        )
-    )
-    assert set(made) == set(KINDS) - {"contact"}  # stored in its own test
-    for kind, found in made.items():
-        table, paths = store(kind, found, tmp_path)
-        assert len(table) > 0
-        assert all(path.stat().st_size > 0 for path in paths)
-        again = xr.open_dataset(paths[0])
-        assert again.attrs["origin"] == "simulated"
-        assert set(again.data_vars) == set(found.data_vars)
-        again.close()
-        assert all("simulated" in p.read_text() for p in paths if p.suffix == ".svg")
-
-
-def test_every_scene_of_the_cost_table_has_the_part_that_it_names(face):
-    made = cost.scenes(face)
+def test_every_scene_of_the_cost_table_has_the_part_that_it_names(coarse):
+    made = cost.scenes(coarse)
     counts = {name: len(scene.terms) for name, (scene, _) in made.items()}
     alone = counts["tissue alone"]
     assert counts["the same again"] == counts["+ muscles, active, stiffening 1 (off)"] == alone
@@ -211,12 +212,18 @@ def test_every_scene_of_the_cost_table_has_the_part_that_it_names(face):
     assert damped == ["+ damping, current", "+ damping, at rest"]
 
 
-def test_the_command_writes_its_files(tmp_path):
-    result = CliRunner().invoke(app, ["bench", "stability", "--row", "10", "--out", str(tmp_path)])
-    assert result.exit_code == 0, result.output
-    assert {p.name for p in tmp_path.iterdir()} == {
-        f"stability{ending}" for ending in (".nc", ".csv", ".svg", ".png")
-    }
+def test_the_command_lists_measurements_and_writes_files(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        run([])
+    said = capsys.readouterr().out
+    assert {"stability", "work_precision", "locking", "tables"} <= set(measurements())
+    assert all(name in said and told for name, told in measurements().items())
+    with pytest.raises(SystemExit, match="2"):
+        run(["stabilty"])
+    with pytest.raises(SystemExit, match="0"):
+        run(["stability", "--row", "10", "--out", str(tmp_path)])
+    written = {"stability.csv", "stability-limits.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == written
 
 
 def test_a_fresh_process_tells_its_phases_and_its_memory():

@@ -3,30 +3,23 @@
 import numpy as np
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import sim
-from analysis.errors import FigureError
-from analysis.figures import opening_over_time
-from emgface.bench import contact
-from emgface.bench.contact import CLOSING, METHODS, drive, measure
-from emgface.bench.lip_probe import to_and_fro
-from emgface.bench.store import store
-from emgface.cli import app
+from benchmarks import contact
+from benchmarks.contact import CLOSING, METHODS, contact_table, drive, measure, opening
+from benchmarks.lip_probe import to_and_fro
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.template import template_face
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def closed() -> xr.Dataset:
+def closed(coarse: xr.Dataset) -> xr.Dataset:
     parameters = SimulationParameters(
         gravity=False, sigma_max=100e3, **accuracy_settings("draft", constrained=True)
     )
-    face = template_face(resolution="coarse")
-    return measure(face, cases=(CLOSING,), hold=0.1, parameters=parameters)
+    return measure(coarse, cases=(CLOSING,), hold=0.1, parameters=parameters)
 
 
 def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
@@ -47,38 +40,27 @@ def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
     assert bare["gap"].isnull()
 
 
-def test_lips_that_are_held_do_not_tremble() -> None:
+def test_lips_that_are_held_do_not_tremble(coarse: xr.Dataset) -> None:
     """No node sways by a tenth of a millimetre in a quarter of a second; lips moved by millimetres."""
-    face = template_face(resolution="coarse")
     parameters = SimulationParameters(
         gravity=False, sigma_max=100e3, **accuracy_settings("study", constrained=True)
     )
     found = measure(
-        face, cases=(CLOSING,), methods=("constraint",), hold=0.5, parameters=parameters
+        coarse, cases=(CLOSING,), methods=("constraint",), hold=0.5, parameters=parameters
     )
     assert found["chatter"] < 1e-4 and found["ripple"] < 1e-5
 
 
-def test_what_is_measured_is_stored_and_drawn(closed: xr.Dataset, tmp_path) -> None:
-    table, paths = store("contact", closed, tmp_path)
-    assert all(path.stat().st_size > 0 for path in paths)
+def test_what_is_measured_is_tabled(closed: xr.Dataset) -> None:
+    table = contact_table(closed)
     assert list(table["contact"]) == list(METHODS)
     assert table["step over that without"][0] == 1.0
     assert table["opening at rest mm"][0] == pytest.approx(2.85, abs=0.01)
+    line = opening(closed).set_index(["case", "contact"]).loc[(CLOSING, "none"), "opening mm"]
+    np.testing.assert_allclose(line, 1e3 * closed["opening"].sel(case=CLOSING, contact="none"))
 
 
-def test_the_figure_has_a_panel_per_case(closed: xr.Dataset) -> None:
-    figure = opening_over_time(closed)
-    (panel,) = figure.axes
-    lines = [line for line in panel.get_lines() if len(line.get_xdata()) > 2]
-    for line, name in zip(lines, METHODS, strict=True):
-        expected = 1e3 * closed["opening"].sel(contact=name, case=CLOSING).values
-        np.testing.assert_allclose(line.get_ydata(), expected)
-    with pytest.raises(FigureError, match="expected opening with dims case, contact and time"):
-        opening_over_time(closed.isel(case=0))
-
-
-def test_a_failed_run_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_run_is_told(coarse: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """A step that cannot be made ends the run; its row tells so, over as much as there is."""
     made = []
 
@@ -89,9 +71,8 @@ def test_a_failed_run_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         return sim.simulate(*args, **options)
 
     monkeypatch.setattr(contact, "simulate", simulate)
-    face = template_face(resolution="coarse")
     parameters = SimulationParameters(gravity=False, sigma_max=100e3)
-    found = measure(face, methods=("none",), cases=(CLOSING,), hold=0.05, parameters=parameters)
+    found = measure(coarse, methods=("none",), cases=(CLOSING,), hold=0.05, parameters=parameters)
     assert len(made) == 2
     assert str(found["status"].values[0, 0]).startswith("InvertedElement: ")
     assert np.isfinite(found["opening"].values[0, 0]).sum() == 6
@@ -113,5 +94,3 @@ def test_cases() -> None:
     assert drive(CLOSING) == {"OOP_L": 1.0, "OOP_R": 1.0, "OOM_L": 1.0, "OOM_R": 1.0}
     assert drive("protrusion") == {"OOP_L": 1.0, "OOP_R": 1.0}
     assert drive("B") == {"LLSAN_L": 0.5, "LLSAN_R": 0.5}
-    said = CliRunner().invoke(app, ["bench", "contact", "--help"])
-    assert said.exit_code == 0 and "penetration" in said.output

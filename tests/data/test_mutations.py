@@ -216,7 +216,7 @@ def attempt(path: Path) -> str:
 # The HDF5 library of netCDF runs in this process, which a crash of it would end.
 @pytest.mark.parametrize("name", FORMATS)
 def test_damage_gives_a_typed_error(name: str, tmp_path: Path) -> None:
-    """Forty times here; ``benchmarks/mutations.py`` does it 500 times, with limited memory."""
+    """Forty times here; `python -m benchmarks mutations` does it 500 times, with limited memory."""
     count = 40
     path, target = FORMATS[name](tmp_path)
     assert attempt(path) == "ok"

@@ -1,6 +1,6 @@
 """Motions of the reference face against those recorded with another simulator, node by node.
 
-The full table is made by benchmarks/other_simulator.py; here are its two cheapest cases.
+The full table is made by python -m benchmarks other_simulator; here are its two cheapest cases.
 """
 
 import pytest

@@ -45,7 +45,7 @@ def kill_after(child: int, folder: Path, more: int, rng: random.Random) -> int:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork a process")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_killed_at_random_the_store_is_never_corrupt(tmp_path: Path) -> None:
-    """``benchmarks/interruptions.py`` does the same to whole studies, fifty times."""
+    """`python -m benchmarks interruptions` does the same to whole studies, fifty times."""
     assert work(tmp_path / "whole") == ["computed"] * COUNT
     rng = random.Random(3)
     killed = 0

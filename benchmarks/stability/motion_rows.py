@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import sim
-from emgface.bench.integrators import EXPLICIT, IMPLICIT, STATIC
-from emgface.bench.stability.bodies import MODERATE, SIZE, Block, driven
-from emgface.bench.stability.material_rows import STEP, both
-from emgface.bench.stability.trial import Judge, Trial, stays
+from benchmarks.integrators import EXPLICIT, IMPLICIT, STATIC
+from benchmarks.stability.bodies import MODERATE, SIZE, Block, driven
+from benchmarks.stability.material_rows import STEP, both
+from benchmarks.stability.trial import Judge, Trial, stays
 
 FREE_FALL = 1e-4
 """Velocity that an iteration to 1e-6 m in steps of 10 ms may miss [m/s]."""

@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.bench.integrators import CONVERGED, IMPLICIT, STATIC
-from emgface.bench.stability.trial import Judge, Trial, stays
+from benchmarks.integrators import CONVERGED, IMPLICIT, STATIC
+from benchmarks.stability.trial import Judge, Trial, stays
 from emgface.errors import FaceError
 from emgface.face.lips import lip_surface
 from emgface.face.parts import LIPS, arches_of

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emgface.bench.integrators import CONVERGED, LINEARLY_IMPLICIT
-from emgface.bench.work_precision.models import Model
+from benchmarks.integrators import CONVERGED, LINEARLY_IMPLICIT
+from benchmarks.work_precision.models import Model
 from emgface.face.motion import iterated_to
 from sim import (
     ConvergedEuler,

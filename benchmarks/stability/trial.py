@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import sim
-from emgface.bench.integrators import CONVERGED, IMPLICIT, STATIC
+from benchmarks.integrators import CONVERGED, IMPLICIT, STATIC
 from sim.integrators import Integrator
 from sim.steps import StepControl
 

@@ -3,13 +3,16 @@
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.bench.drives import gesture
-from emgface.bench.unit import STEP, step_matrix
+from benchmarks.drives import gesture
+from benchmarks.report import Chart, face_of, finish, say
+from benchmarks.unit import STEP, step_matrix
 from emgface.face.recipe import compose_scene
 from emgface.face.refine import refine_face
 from emgface.face.simulation_parameters import SimulationParameters
@@ -17,7 +20,6 @@ from sim import FixedStep, LinearlyImplicitEuler, System, Workspace, compile_sce
 from sim.linear import linear_solver
 
 Floats = NDArray[np.float64]
-Progress = Callable[[str], None]
 
 PHASES = ("force", "tangent", "analysis", "factorisation", "solution", "step")
 
@@ -70,9 +72,8 @@ def measure(
     *,
     refine: bool = True,
     repeats: int = 3,
-    progress: Progress | None = None,
-) -> xr.Dataset:
-    """Time every phase on faces of growing size and fit the exponents.
+) -> pd.DataFrame:
+    """Time every phase on faces of growing size.
 
     Parameters
     ----------
@@ -84,45 +85,36 @@ def measure(
         Whether the last face is also divided, each element into eight.
     repeats : int
         Calls per phase; times are medians.
-    progress : callable, optional
-        Told what is being run.
 
     Returns
     -------
-    Dataset
-        Dim ``mesh``: ``seconds(mesh, phase)``, ``factor_bytes``, ``unknowns``, ``nonzeros``; coord
-        ``elements``. ``exponent(phase)`` is the slope of log time against log elements by least
-        squares, ``factor_exponent`` that of the factor's size.
+    DataFrame
+        One row per mesh: elements, unknowns, nonzeros, milliseconds per phase and the factor's size.
     """
-    tell = progress or (lambda _: None)
-    chosen = list(faces)
-    if refine:
-        chosen.append(refine_face(chosen[-1]))
-    seconds: list[list[float]] = []
-    sizes: list[float] = []
-    counts: list[tuple[int, int, int]] = []
+    chosen = [*faces, *([refine_face(faces[-1])] if refine else [])]
+    rows: list[dict[str, float]] = []
     Workspace(compile_scene(compose_scene(chosen[0], parameters)))  # what the first one loads
     for face in chosen:
-        tell(f"{face.sizes['element']} elements")
+        say(f"{face.sizes['element']} elements")
         system = compile_scene(compose_scene(face, parameters))
-        found, size = phase_seconds(system, repeats)
-        seconds.append([found[phase] for phase in PHASES])
-        sizes.append(size)
-        counts.append((face.sizes["element"], system.pattern.n, system.pattern.nnz))
-    elements = np.array([c[0] for c in counts], dtype=np.float64)
-    data = np.array(seconds)
-    return xr.Dataset(
-        {
-            "seconds": (("mesh", "phase"), data, {"units": "s"}),
-            "factor_bytes": ("mesh", np.array(sizes), {"units": "B"}),
-            "unknowns": ("mesh", [c[1] for c in counts], {"units": "1"}),
-            "nonzeros": ("mesh", [c[2] for c in counts], {"units": "1"}),
-            "exponent": ("phase", [slope(elements, column) for column in data.T], {"units": "1"}),
-            "factor_exponent": ((), slope(elements, np.array(sizes)), {"units": "1"}),
-        },
-        coords={"elements": ("mesh", elements.astype(int)), "phase": list(PHASES)},
-        attrs={"origin": "simulated", "face": str(chosen[0].attrs.get("name", ""))},
-    )
+        seconds, size = phase_seconds(system, repeats)
+        rows.append(
+            {
+                "elements": face.sizes["element"],
+                "unknowns": system.pattern.n,
+                "nonzeros": system.pattern.nnz,
+                **{f"{phase} ms": 1e3 * seconds[phase] for phase in PHASES},
+                "factor MB": size / 1e6,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def exponents(table: pd.DataFrame) -> pd.DataFrame:
+    """Exponents p of values ~ elements^p in a table of `measure`, by least squares in logarithms."""
+    names = [*(f"{phase} ms" for phase in PHASES), "factor MB"]
+    elements = table["elements"].to_numpy(dtype=float)
+    return pd.DataFrame([{n: slope(elements, table[n].to_numpy(dtype=float)) for n in names}])
 
 
 def slope(elements: Floats, values: Floats) -> float:
@@ -131,3 +123,14 @@ def slope(elements: Floats, values: Floats) -> float:
     if ok.sum() < 2:
         return float("nan")
     return float(np.polyfit(np.log(elements[ok]), np.log(values[ok]), 1)[0])
+
+
+def main(out: Path = Path("bench"), face: Path | None = None, refine: bool = True) -> None:
+    """Measure the template face at three resolutions, or one face, and print table and exponents."""
+    faces = [
+        face_of(face, name) for name in (("coarse", "medium", "fine") if face is None else "-")
+    ]
+    table = measure(faces, SimulationParameters(), refine=refine)
+    chart = Chart("elements", tuple(f"{p} ms" for p in PHASES), "time [ms]", log=True)
+    finish("scaling", table, out, chart)
+    finish("scaling-exponents", exponents(table), out)

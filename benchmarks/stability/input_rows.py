@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 
 import sim
-from emgface.bench.integrators import EXPLICIT, IMPLICIT, STATIC
-from emgface.bench.stability.bodies import Block, driven
-from emgface.bench.stability.material_rows import STEP
-from emgface.bench.stability.trial import Trial
+from benchmarks.integrators import EXPLICIT, IMPLICIT, STATIC
+from benchmarks.stability.bodies import Block, driven
+from benchmarks.stability.material_rows import STEP
+from benchmarks.stability.trial import Trial
 
 TITLE = "bad activation or muscle"
 

@@ -1,4 +1,4 @@
-"""What each part of a scene costs in a step, and that an absent part costs nothing.
+"""Cost of each part of a scene in a step, and a check that an absent part costs nothing.
 
 Scenes that differ by one part are evaluated in turn, round after round, so that a drift of the machine
 hits all of them. 'The same again' is a second, independently compiled copy of the first scene: what it
@@ -6,14 +6,17 @@ differs by is the noise of the measurement, and a part that is switched off must
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
-from emgface.bench.unit import STEP, unit_seconds
+from benchmarks.report import Chart, face_of, finish, say
+from benchmarks.unit import STEP, unit_seconds
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -28,8 +31,6 @@ from sim import (
     compile_scene,
 )
 from sim.linear import ReusedFactor
-
-Progress = Callable[[int, int], None]
 
 LEVEL: Final = 0.02
 """Activation of all muscles; low, since the step is the first one and linear."""
@@ -123,12 +124,8 @@ class _Stepped:
 
 
 def measure(
-    face: xr.Dataset,
-    *,
-    rounds: int = 15,
-    only: Sequence[str] | None = None,
-    progress: Progress | None = None,
-) -> xr.Dataset:
+    face: xr.Dataset, *, rounds: int = 15, only: Sequence[str] | None = None
+) -> pd.DataFrame:
     """Time every scene.
 
     Parameters
@@ -139,42 +136,36 @@ def measure(
         Rounds over all scenes; times are medians.
     only : sequence of str, optional
         Names of the scenes to time, all by default.
-    progress : callable, optional
-        Called as ``progress(done, total)`` after every round.
 
     Returns
     -------
-    Dataset
-        ``seconds(scene, phase)``, ``spread(scene)`` of the step between the two halves of the rounds,
-        ``unknowns`` and ``nonzeros``; attrs ``unit_s``, the time of one factorisation and solution of
-        the tissue alone.
+    DataFrame
+        One row per scene: milliseconds per phase, what force, tangent and step cost more than those of
+        the first scene, the difference of the step between the two halves of the rounds ("spread"), and
+        the step in units U of `benchmarks.unit`.
     """
-    chosen = scenes(face)
-    made = {n: _Stepped(*scene) for n, scene in chosen.items() if only is None or n in only}
+    made = {n: _Stepped(*scene) for n, scene in scenes(face).items() if only is None or n in only}
     times = np.zeros((rounds, len(made), len(PHASES)))
     for k in range(-1, rounds):
+        say(f"round {k + 1} of {rounds}")
         for i, scene in enumerate(made.values()):
             found = scene.seconds()
             if k >= 0:  # the first round warms up
-                times[k, i] = [found[phase] for phase in PHASES]
-        if progress is not None:
-            progress(k + 2, rounds + 1)
-    whole = times[..., PHASES.index("step")]
-    half = rounds // 2
-    spread = np.abs(np.median(whole[:half], axis=0) - np.median(whole[half:], axis=0))
+                times[k, i] = [1e3 * found[phase] for phase in PHASES]
+    whole, half = times[..., PHASES.index("step")], rounds // 2
+    table = pd.DataFrame(np.median(times, axis=0), columns=[f"{phase} ms" for phase in PHASES])
+    for phase in ("force", "tangent", "step"):
+        table[f"{phase} - alone ms"] = table[f"{phase} ms"] - table[f"{phase} ms"].iloc[0]
+    table["spread ms"] = np.abs(np.median(whole[:half], axis=0) - np.median(whole[half:], axis=0))
     systems = [scene.system for scene in made.values()]
-    return xr.Dataset(
-        {
-            "seconds": (("scene", "phase"), np.median(times, axis=0), {"units": "s"}),
-            "spread": ("scene", spread, {"units": "s"}),
-            "unknowns": ("scene", [s.pattern.n for s in systems], {"units": "1"}),
-            "nonzeros": ("scene", [s.pattern.nnz for s in systems], {"units": "1"}),
-        },
-        coords={"scene": list(made), "phase": list(PHASES)},
-        attrs={
-            "origin": "simulated",
-            "face": str(face.attrs.get("name", "")),
-            "rounds": rounds,
-            "unit_s": unit_seconds(systems[0]),
-        },
-    )
+    table["step U"] = table["step ms"] / (1e3 * unit_seconds(systems[0]))
+    table["nonzeros"] = [system.pattern.nnz for system in systems]
+    table.insert(0, "scene", list(made))
+    return table
+
+
+def main(out: Path = Path("bench"), face: Path | None = None, rounds: int = 15) -> None:
+    """Measure, print and store."""
+    phases = ("tangent ms", "factorisation ms", "solution ms")
+    chart = Chart("scene", phases, "time of a step [ms]")
+    finish("cost", measure(face_of(face), rounds=rounds), out, chart)

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
-from emgface.bench.integrators import EXPLICIT, IMPLICIT, STATIC
-from emgface.bench.stability.bodies import FULL, MODERATE, Block, driven
-from emgface.bench.stability.trial import Trial
+from benchmarks.integrators import EXPLICIT, IMPLICIT, STATIC
+from benchmarks.stability.bodies import FULL, MODERATE, Block, driven
+from benchmarks.stability.trial import Trial
 from sim import FixedStep, HalvingStep
 
 STEP = HalvingStep(0.01)

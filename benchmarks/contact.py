@@ -1,11 +1,14 @@
-"""Contact of the lips on a face: how deep, how steady, how dear, against the same face without.
+"""Contact of the lips on a face: depths, steadiness and cost, against the same face without contact.
 
-All advance in turn, a few steps each, so that a drift of the machine hits all of them alike.
+All advance in turn, a few steps each, so that a drift of the machine hits all of them alike. Cases are
+"closing", "protrusion" and the instructions A to F; methods are none, constraint and barrier; lips and
+teeth may touch.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, get_args
 
 import numpy as np
@@ -13,7 +16,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.bench.lip_probe import LipProbe, to_and_fro
+from benchmarks.lip_probe import LipProbe, to_and_fro
+from benchmarks.report import Chart, face_of, finish, say
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.lip_shape import lip_rim, lip_shape
@@ -38,7 +42,6 @@ from sim.integrators import Integrator
 from sim.system import System
 
 Floats = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 
 CLOSING: Final = "closing"
 FULL: Final = {CLOSING: ("OOP", "OOM"), "protrusion": ("OOP",)}
@@ -105,7 +108,6 @@ def measure(
     friction: float = 0.0,
     hold: float = HOLD,
     parameters: SimulationParameters | None = None,
-    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Run cases with and without contact, side by side.
 
@@ -123,8 +125,6 @@ def measure(
         How long the activation is held [s].
     parameters : SimulationParameters, optional
         By default sigma_max = 100 kPa, no gravity and `STEPPING`; its contact is set here.
-    progress : callable, optional
-        Called as ``progress(done, total)`` of all chunks.
 
     Returns
     -------
@@ -148,17 +148,14 @@ def measure(
     penetration, rim = Penetration(face), lip_rim(face)
     outputs = round((RISE + hold) / base.step)
     systems = {m: _compiled(face, base, m, between, friction) for m in methods}
-    total, done = len(cases) * len(methods) * -(-outputs // CHUNK), 0
     rows: list[list[dict[str, Any]]] = []
     for case in cases:
+        say(f"{case}: {', '.join(methods)}")
         runs = [_start(face, s, base, drive(case), penetration) for s in systems.values()]
         for at in range(0, outputs, CHUNK):
             for run in runs:
                 if not run.failure:
                     run.advance(min(CHUNK, outputs - at))
-                done += 1
-                if progress is not None:
-                    progress(done, total)
         tail = round(min(TAIL, 0.5 * hold) / base.step)
         rows.append([_judged(face, rim, run, outputs, tail) for run in runs])
     names = [name for name in rows[0][0] if name not in ("opening", "node_position")]
@@ -303,3 +300,37 @@ def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, tail: int) -> d
         "opening": opening,
         "node_position": run.state.q,
     }
+
+
+def opening(found: xr.Dataset) -> pd.DataFrame:
+    """Opening of the lips in mm over time [s], one row per instant, case and kind of contact."""
+    table = found["opening"].to_dataframe().reset_index()
+    return table.assign(**{"opening mm": 1e3 * table.pop("opening")})
+
+
+OPENING = Chart("time", ("opening mm",), "opening of the lips [mm]", by="contact", panel="case")
+
+
+def main(
+    out: Path = Path("bench"),
+    face: Path | None = None,
+    resolution: str = "medium",
+    case: list[str] = [CLOSING, *GESTURES],  # noqa: B006
+    method: list[str] = list(METHODS),  # noqa: B006
+    between: list[str] = ["lips", "teeth"],  # noqa: B006
+    friction: float = 0.0,
+    sigma_max: float = SIGMA_MAX,
+    hold: float = HOLD,
+) -> None:
+    """Measure, print and store."""
+    found = measure(
+        face_of(face, resolution),
+        methods=method,
+        cases=case,
+        between=between,
+        friction=friction,
+        hold=hold,
+        parameters=SimulationParameters(sigma_max=sigma_max, gravity=False, **STEPPING),
+    )
+    finish("contact", contact_table(found), out)
+    finish("contact-opening", opening(found), out, OPENING)

@@ -1,0 +1,41 @@
+"""Run a measurement by its name: ``python -m benchmarks NAME [options]``."""
+
+import ast
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import typer
+
+from emgface.cli.console import show_warnings_as_sentences
+
+
+def measurements() -> dict[str, str]:
+    """Names of the measurements and the first line of each module."""
+    found: dict[str, str] = {}
+    folder = Path(__file__).parent
+    for path in sorted([*folder.glob("[!_]*.py"), *folder.glob("*/__init__.py")]):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        if any(isinstance(node, ast.FunctionDef) and node.name == "main" for node in tree.body):
+            name = path.parent.name if path.name == "__init__.py" else path.stem
+            found[name] = (ast.get_docstring(tree) or "").split("\n")[0]
+    return found
+
+
+def run(arguments: list[str]) -> None:
+    """Run the measurement that the first argument names, or list them all."""
+    known = measurements()
+    name = arguments[0].replace("-", "_") if arguments else ""
+    if name not in known:
+        print("\n".join(f"{key:18s}{known[key]}" for key in known))
+        raise SystemExit(0 if name in ("", "__help") else 2)
+    show_warnings_as_sentences()
+    sys.argv = [f"python -m benchmarks {name}", *arguments[1:]]
+    module = import_module(f"benchmarks.{name}")
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command(help=module.__doc__)(module.main)
+    app()
+
+
+if __name__ == "__main__":
+    run(sys.argv[1:])

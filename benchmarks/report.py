@@ -1,0 +1,177 @@
+"""Table and figure of a measurement: Markdown on the terminal, CSV and pictures in a folder."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from PIL import Image
+
+from analysis.figures.style import COLOURS, HATCHES, MARKS, blank, grid, legend, save, styled, ticks
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LINES = ("-", "--", ":", "-.")
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Columns of a table as lines, or as bars where the column along the axis holds text.
+
+    Attributes
+    ----------
+    x : str
+        Column along the axis; of text: one bar per row, which the columns `y` divide.
+    y : tuple of str
+        Columns drawn.
+    label : str
+        Quantity and unit of `y`.
+    by, panel : str
+        Columns of which each value has a line or a panel of its own; "" for one.
+    log : bool
+        Both axes of lines are logarithmic.
+    """
+
+    x: str
+    y: tuple[str, ...]
+    label: str
+    by: str = ""
+    panel: str = ""
+    log: bool = False
+
+
+def say(text: str) -> None:
+    """Tell on the error stream what is being measured."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def face_of(path: Path | None, resolution: str = "coarse") -> xr.Dataset:
+    """Face model of a file, or the template face where there is none."""
+    from emgface.face.file import load_face
+    from emgface.face.template import template_face
+
+    return template_face(resolution=resolution) if path is None else load_face(path)
+
+
+def markdown(table: pd.DataFrame, form: str = ".4g") -> str:
+    """Table in Markdown; numbers with decimals in this format, what is undefined empty."""
+
+    def cell(value: object) -> str:
+        if isinstance(value, float):
+            return "" if np.isnan(value) else format(value, form)
+        return str(value)
+
+    rows = [list(map(str, table.columns)), ["---"] * len(table.columns)]
+    rows += [[cell(value) for value in row] for row in table.itertuples(index=False)]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+@styled
+def draw(table: pd.DataFrame, chart: Chart, title: str) -> "Figure":
+    """Draw a table.
+
+    Parameters
+    ----------
+    table : DataFrame
+    chart : Chart
+    title : str
+        Its head; "(simulated)" is added.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    bars = not pd.api.types.is_numeric_dtype(table[chart.x])
+    names = list(dict.fromkeys(table[chart.panel])) if chart.panel else [""]
+    across = min(3, len(names))
+    rows = -(-len(names) // across)
+    height = 1.0 + 0.3 * len(table) if bars else 3.0 * rows + 0.8
+    figure = blank(7.0 if across == 1 else 3.6 * across, height)
+    panels = [panel for row in grid(figure, rows, across, sharex=not bars) for panel in row]
+    handles: dict[str, Any] = {}
+    for panel, name in zip(panels, names, strict=False):
+        own = table[table[chart.panel] == name] if chart.panel else table
+        handles |= _bars(panel, own, chart) if bars else _lines(panel, own, chart)
+        panel.set_title(str(name))
+    for panel in panels[len(names) :]:
+        panel.set_visible(False)
+    legend(figure, list(handles.values()), list(handles))
+    figure.suptitle(f"{title} (simulated)")
+    return figure
+
+
+def _lines(panel: Any, table: pd.DataFrame, chart: Chart) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    groups = table.groupby(chart.by, sort=False) if chart.by else [("", table)]
+    for name, own in groups:
+        for column in chart.y:
+            label = ", ".join(filter(None, (str(name), column if len(chart.y) > 1 else "")))
+            k = len(found)
+            own = own.sort_values(chart.x)
+            found[label] = panel.plot(
+                own[chart.x], own[column], color=COLOURS[k % 7], linestyle=LINES[k // 7 % 4],
+                marker=MARKS[k % 7] if len(own) < 30 else "",
+            )[0]  # fmt: skip
+    if chart.log:
+        panel.set(xscale="log", yscale="log")
+        panel.grid(which="major", color="0.9", linewidth=0.6)
+    panel.set(xlabel=chart.x, ylabel=chart.label)
+    return found
+
+
+def _bars(panel: Any, table: pd.DataFrame, chart: Chart) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    place, left = np.arange(len(table)), np.zeros(len(table))
+    for k, column in enumerate(chart.y):
+        found[column] = panel.barh(
+            place, table[column], 0.75, left=left, facecolor=COLOURS[k % 7],
+            hatch=HATCHES[k % 7], edgecolor="white",
+        )  # fmt: skip
+        left = left + np.nan_to_num(table[column].to_numpy(dtype=float))
+    ticks(panel, "y", place.tolist(), table[chart.x].tolist())
+    panel.set_ylim(len(table) - 0.5, -0.5)
+    panel.set_xlabel(chart.label)
+    return found
+
+
+def shrink(picture: Path) -> Path:
+    """Store a picture with 128 colours."""
+    with Image.open(picture) as opened:
+        opened.convert("RGB").quantize(128).save(picture, optimize=True)
+    return picture
+
+
+def finish(
+    name: str, table: pd.DataFrame, out: Path | None = None, chart: Chart | None = None
+) -> list[Path]:
+    """Print a table, and store it with its figure where a folder is given.
+
+    Parameters
+    ----------
+    name : str
+        Of the files and in the title.
+    table : DataFrame
+    out : Path, optional
+        Folder; made if absent.
+    chart : Chart, optional
+
+    Returns
+    -------
+    list of Path
+        The files: CSV, and SVG and PNG of the figure.
+    """
+    print(markdown(table), flush=True)
+    if out is None:
+        return []
+    out.mkdir(parents=True, exist_ok=True)
+    paths = [out / f"{name}.csv"]
+    table.to_csv(paths[0], index=False)
+    if chart is not None:
+        figure = draw(table, chart, name)
+        paths += [save(figure, out / f"{name}{ending}") for ending in (".svg", ".png")]
+    say("written: " + ", ".join(map(str, paths)))
+    return paths

@@ -1,0 +1,123 @@
+"""Stability battery: eleven rows of extreme cases, each run with every integrator that should hold.
+
+Row 3, 4, 9 and 11 need a face, that of --face or the coarse template. Prints, over every parameter that
+a row sweeps, up to where each integrator holds and what stops it; fails where a wrong answer came
+without an error. The folder of --out receives every run besides.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import pandas as pd
+import xarray as xr
+
+from benchmarks.report import face_of, finish, say
+from benchmarks.stability.face_rows import face_trials
+from benchmarks.stability.input_rows import bad_input
+from benchmarks.stability.material_rows import bulk_moduli, masses, slivers, stiff_layers
+from benchmarks.stability.motion_rows import (
+    TURNING,
+    bad_starts,
+    gravity_and_rotation,
+    jumps,
+    quiet,
+    time_steps,
+    turned,
+)
+from benchmarks.stability.trial import Outcome, run
+
+BLOCK_ROWS = (
+    bulk_moduli, stiff_layers, time_steps, jumps, bad_starts, gravity_and_rotation, slivers, masses,
+    bad_input, quiet,
+)  # fmt: skip
+"""Rows on small bodies; a new one is a function here. Row 9 needs a face."""
+
+
+def run_battery(
+    face: xr.Dataset | None = None, *, rows: Sequence[int] | None = None
+) -> pd.DataFrame:
+    """Run the battery.
+
+    Parameters
+    ----------
+    face : Dataset, optional
+        Face model for the rows on a whole face (3, 4, 9 and 11); left out if absent.
+    rows : sequence of int, optional
+        Rows to run, all by default.
+
+    Returns
+    -------
+    DataFrame
+        One row per run, with the attributes of `benchmarks.stability.trial.Outcome`.
+    """
+    trials = [trial for make in BLOCK_ROWS for trial in make()]
+    if face is not None:
+        trials += face_trials(face)
+    outcomes: list[Outcome] = []
+    for trial in trials:
+        if rows is None or trial.row in rows:
+            say(f"{trial.row}. {trial.title}: {trial.case}")
+            outcomes += [run(trial, name) for name in trial.integrators]
+    if rows is None or 6 in rows:
+        wrong = turned(1000)
+        outcome = f"WRONG: {wrong}" if wrong else "ok"
+        outcomes.append(Outcome(6, TURNING, "1000 turns", "", float("nan"), "any", outcome))
+    return pd.DataFrame(map(asdict, sorted(outcomes, key=lambda o: o.row)))
+
+
+def limits(found: pd.DataFrame) -> pd.DataFrame:
+    """One row per sweep, one column per integrator.
+
+    Parameters
+    ----------
+    found : DataFrame
+        Of `run_battery`.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``row``, ``parameter``, ``swept`` and the integrators: "all", or the values that went
+        well and, in brackets, what came at the others; "" where a scheme was not run. Refusals that
+        are the right answer count as well.
+    """
+    swept = found[found["parameter"] != ""]
+    if swept.empty:
+        return pd.DataFrame(columns=["row", "parameter", "swept"])
+    methods = list(dict.fromkeys(swept["integrator"]))
+    rows: list[dict[str, object]] = []
+    for key, of in swept.groupby(["row", "parameter"], sort=False):
+        row, parameter = key if isinstance(key, tuple) else (key, "")
+        values = sorted(set(of["value"]))
+        line: dict[str, object] = {"row": row, "parameter": parameter, "swept": _span(values)}
+        for method in methods:
+            line[method] = _limit(of[of["integrator"] == method])
+        rows.append(line)
+    return pd.DataFrame(rows).sort_values("row", kind="stable").reset_index(drop=True)
+
+
+def _limit(of: pd.DataFrame) -> str:
+    if of.empty:
+        return ""
+    good = (of["outcome"] == "ok") | of["expected"].astype(bool)
+    if good.all():
+        return "all"
+    stops = [str(o).removeprefix("refused: ") for o in dict.fromkeys(of["outcome"][~good])]
+    held = _span(sorted(of["value"][good])) if good.any() else "none"
+    return f"{held} ({', '.join(stops)})"
+
+
+def _span(values: list[float]) -> str:
+    if len(values) == 1:
+        return f"{values[0]:g}"
+    return f"{values[0]:g} ... {values[-1]:g}"
+
+
+def main(out: Path = Path("bench"), face: Path | None = None, row: list[int] | None = None) -> None:
+    """Run the battery, print the limits, and fail on wrong answers."""
+    found = run_battery(face_of(face), rows=row)
+    finish("stability", found, out)
+    finish("stability-limits", limits(found), out)
+    wrong = int(found["outcome"].str.startswith("WRONG").sum())
+    if wrong:
+        raise SystemExit(f"{wrong} wrong answers came without an error")

@@ -1,0 +1,134 @@
+"""Time of a fresh process until its first result, and the memory that it needs.
+
+Every measurement is a process of its own: it tells the end of each phase, and its parent takes the
+time. Compiled kernels are on disk, since a first process that is not counted comes before.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import pandas as pd
+
+from benchmarks.first_output import PHASES
+from benchmarks.report import Chart, finish, say
+from emgface.errors import DataError
+
+VOLUMES: Final = ("pointwise", "element", "nodal", "hard")
+IMPORTED: Final = (
+    "numpy, scipy.sparse, numba, xarray",
+    "sim",
+    "emgface.face.motion",
+    "emgface.cli",
+)
+"""Whose import time is taken; each but the first by name."""
+
+
+def import_seconds(what: str) -> float:
+    """Wall time of a fresh interpreter that imports modules and ends [s]."""
+    start = time.perf_counter()
+    subprocess.run([sys.executable, "-c", f"import {what}"], check=True, capture_output=True)
+    return time.perf_counter() - start
+
+
+def first_result(face: Path | None, volume: str) -> tuple[dict[str, float], float]:
+    """Seconds of every phase of a fresh process until its first output, and its peak memory [B].
+
+    Parameters
+    ----------
+    face : Path, optional
+        Face model; the coarse template face if absent.
+    volume : str
+        Treatment of the volume.
+
+    Raises
+    ------
+    DataError
+        The process failed.
+    """
+    task = json.dumps({"face": None if face is None else str(face), "volume": volume})
+    start = time.perf_counter()
+    child = subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.first_output", task],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    assert child.stdout is not None and child.stderr is not None
+    seconds: dict[str, float] = {}
+    peak = float("nan")
+    for line in child.stdout:
+        word, _, value = line.strip().partition("=")
+        if word == "peak":
+            peak = float(value)
+        elif word in PHASES:
+            now = time.perf_counter()
+            seconds[word], start = now - start, now
+    told = child.stderr.read()
+    if child.wait() != 0 or set(seconds) != set(PHASES):
+        last = (told.strip().splitlines() or ["it said nothing"])[-1]
+        raise DataError(f"a fresh process failed: {last}; expected it to simulate the face")
+    return seconds, peak
+
+
+def measure(
+    face: Path | None = None, *, volumes: Sequence[str] = VOLUMES, repeats: int = 3
+) -> pd.DataFrame:
+    """Time fresh processes.
+
+    Parameters
+    ----------
+    face : Path, optional
+        Face model; the coarse template face if absent.
+    volumes : sequence of str
+        Treatments of the volume.
+    repeats : int
+        Processes per case; times are medians, memory is the largest.
+
+    Returns
+    -------
+    DataFrame
+        One row per treatment of the volume with the seconds of every phase until the first output and
+        the largest memory after 0.1 s of motion; then one per imported module.
+
+    Raises
+    ------
+    DataError
+        A process failed.
+    """
+    rows: list[dict[str, object]] = []
+    for volume in volumes:
+        say(f"{volume}, first of all")
+        first_result(face, volume)
+        runs: list[tuple[dict[str, float], float]] = []
+        for k in range(repeats):
+            say(f"{volume}, {k + 1} of {repeats}")
+            runs.append(first_result(face, volume))
+        seconds = {p: statistics.median(run[p] for run, _ in runs) for p in PHASES}
+        row = {f"{phase} s": value for phase, value in seconds.items()}
+        row |= {"first result s": sum(seconds.values()), "peak MB": max(p for _, p in runs) / 1e6}
+        rows.append({"process": f"first output, {volume}", **row})
+    for what in IMPORTED:
+        say(f"import {what}")
+        taken = statistics.median(import_seconds(what) for _ in range(repeats))
+        rows.append({"process": f"import {what}", "first result s": taken})
+    return pd.DataFrame(rows)
+
+
+def main(
+    out: Path = Path("bench"),
+    face: Path | None = None,
+    volume: list[str] = list(VOLUMES),  # noqa: B006
+    repeats: int = 3,
+) -> None:
+    """Measure, print and store."""
+    table = measure(face, volumes=volume, repeats=repeats)
+    chart = Chart("process", tuple(f"{p} s" for p in PHASES), "time of a fresh process [s]")
+    finish("start", table, out, chart)
