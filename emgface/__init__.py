@@ -1,8 +1,45 @@
-"""emgface: experiments in which a person's sEMG drives a finite-element face."""
+"""sEMG-driven experiments with a finite-element face.
 
-from importlib.metadata import PackageNotFoundError, version
+``import emgface as ef`` offers one function for every stage: `read` a recording or a result,
+`activate` (sEMG to muscle activation), `face`, `simulate`, `score`, `study` and `show`. They take
+and return plain xarray, and import what they need when they are first called. Importing this
+package also gives xarray objects the accessor ``emg`` (`emgface.signals.accessor`).
+"""
 
-try:
-    __version__ = version("emgface")
-except PackageNotFoundError:  # a source tree that was not installed
-    __version__ = "0+unknown"
+from typing import TYPE_CHECKING, Any
+
+from emgface._xarray import register_accessor
+
+if TYPE_CHECKING:
+    from emgface.api import activate, face, read, score, simulate, study
+
+    __version__: str
+
+__all__ = ["activate", "face", "read", "score", "simulate", "study"]
+
+_CALLABLE_PACKAGES = ("face", "study")
+"""Functions that share their name with a subpackage, which can be called (`emgface._callable`)."""
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name at its first use (PEP 562)."""
+    from importlib import import_module, metadata
+
+    if name == "__version__":
+        try:
+            return metadata.version("emgface")
+        except metadata.PackageNotFoundError:  # a source tree that was not installed
+            return "0+unknown"
+    if name in _CALLABLE_PACKAGES:
+        return import_module(f"emgface.{name}")
+    if name in __all__:
+        return getattr(import_module("emgface.api"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the public names, for completion."""
+    return [*__all__, "__version__"]
+
+
+register_accessor()

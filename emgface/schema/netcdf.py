@@ -108,6 +108,28 @@ def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
         raise type(error)(f"{path.name}: {error}") from error
 
 
+def kind_of(path: str | Path) -> str:
+    """Return the kind of dataset that a netCDF file says it holds.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to open.
+
+    Returns
+    -------
+    str
+        One of `emgface.schema.validation.kinds`, empty where the file does not say.
+
+    Raises
+    ------
+    DataError
+        If the file is absent, truncated or no netCDF.
+    """
+    with open_netcdf(Path(path)) as opened:
+        return str(getattr(opened, "schema", ""))
+
+
 def open_netcdf(path: Path) -> netCDF4.Dataset:
     """Open a netCDF file for reading, or say in one sentence why it is none.
 

@@ -109,7 +109,7 @@ def activation_of(
     activation.attrs = {"units": "1", "long_name": "muscle activation"}
     attrs = {
         **recorded,
-        **{k: v for k, v in recording.attrs.items() if k in _IDENTITY},
+        **{k: v for k, v in recording.attrs.items() if k in IDENTITY},
         "strategy": strategy,
         "selected": " ".join(selected),
         "montage": montage.sentence,
@@ -121,7 +121,7 @@ def activation_of(
     return activation.rename("activation").to_dataset().assign_attrs(attrs)
 
 
-_IDENTITY = (
+IDENTITY = (
     "volunteer", "instruction", "repetition", "origin", "world", "source", "source_digest",
 )  # fmt: skip
 

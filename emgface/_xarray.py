@@ -1,0 +1,62 @@
+"""Registers the accessor ``emg`` of xarray objects without importing xarray.
+
+Importing xarray takes longer than everything else that ``import emgface`` does. Where xarray has not
+been imported yet, the registration waits until it is.
+"""
+
+import sys
+from collections.abc import Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+
+def register_accessor() -> None:
+    """Register the accessor now if xarray is there, otherwise as soon as it has been imported."""
+    if "xarray" in sys.modules:
+        _register()
+    else:
+        sys.meta_path.insert(0, _Waiting())
+
+
+def _register() -> None:
+    import xarray
+
+    for register, kind in (
+        (xarray.register_dataarray_accessor, xarray.DataArray),
+        (xarray.register_dataset_accessor, xarray.Dataset),
+    ):
+        if not hasattr(kind, "emg"):
+            register("emg")(_steps)
+
+
+def _steps(signal: Any) -> Any:
+    """Make the accessor of one object; its module is imported at the first use."""
+    from emgface.signals.accessor import Steps
+
+    return Steps(signal)
+
+
+class _Waiting:
+    """Finder that finds xarray as the others do and registers the accessor after its import."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Find xarray once; leave every other name to the other finders."""
+        if name != "xarray":
+            return None
+        from importlib.util import find_spec
+
+        sys.meta_path.remove(self)
+        spec = find_spec(name)
+        if spec is None or spec.loader is None:
+            return spec
+        execute = spec.loader.exec_module
+
+        def exec_module(module: ModuleType) -> None:
+            execute(module)
+            _register()
+
+        spec.loader.exec_module = exec_module
+        return spec

@@ -1,0 +1,12 @@
+"""Functions of ``import emgface as ef``, one for every stage.
+
+Arguments have the names of the command line's options; tables of parameters have the names of the
+study file (``emgface study template``). Files and datasets are accepted alike. Each function imports
+what it needs when it is called, so that importing this module costs nothing.
+"""
+
+from emgface.api.faces import face, simulate
+from emgface.api.recordings import activate, read, score
+from emgface.api.studies import study
+
+__all__ = ["activate", "face", "read", "score", "simulate", "study"]

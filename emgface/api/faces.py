@@ -1,0 +1,158 @@
+"""Functions on faces: generation and simulation."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from emgface.api.given import Data, File, Given
+    from emgface.api.progress import Show
+    from sim.probes import Probe
+
+
+def face(
+    path: "File | None" = None,
+    *,
+    resolution: str | int = "medium",
+    preset: str = "adult",
+    measures: Mapping[str, str | float] | None = None,
+    seed: int | None = None,
+) -> "xr.Dataset":
+    """Generate a lower face of published measures, or read a face model.
+
+    Parameters
+    ----------
+    path : path-like, optional
+        Face model as written by ``emgface face build`` or ``emgface face import``; without it a face
+        is generated.
+    resolution : str or int
+        "coarse" (576 elements), "medium" (2448), "fine" (6480), or about how many elements.
+    preset : str
+        Group of people: "adult", "woman", "man", "older_woman", "older_man", "girl" or "boy".
+    measures : mapping, optional
+        Measures that replace those of the group: numbers in m, or texts with their unit as
+        ``{"mouth_width": "52mm"}``.
+    seed : int, optional
+        Draw a random person of the group instead of its means.
+
+    Returns
+    -------
+    Dataset
+        Checked face model: nodes [m], elements, muscles, markers.
+
+    Raises
+    ------
+    FaceError
+        A file is no usable face; a measure, a group or a resolution is impossible.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> face = ef.face(preset="woman", resolution="coarse")
+    >>> face.sizes["element"]
+    576
+    """
+    if path is not None:
+        from emgface.face.file import load_face
+
+        return load_face(path)
+    from emgface.face.template import parse_measures, template_face
+
+    given = measures or {}
+    told = parse_measures([f"{name}={v}" for name, v in given.items() if isinstance(v, str)])
+    numbers = {name: float(v) for name, v in given.items() if not isinstance(v, str)}
+    return template_face(
+        resolution=resolution, preset=preset, seed=seed, measures=(told | numbers) or None
+    )
+
+
+def simulate(
+    activation: "xr.DataArray | Data",
+    face: "Data | None" = None,
+    *,
+    study: "Given" = None,
+    accuracy: str | None = None,
+    settled: "xr.Dataset | None" = None,
+    probes: "tuple[Probe, ...]" = (),
+    progress: "Show | bool | None" = None,
+    **choices: Any,
+) -> "xr.Dataset":
+    """Move a face by an activation.
+
+    Where an element inverts or a step does not converge, sigma_max is lowered by the rule of the
+    parameters ``sigma_max_policy``.
+
+    Parameters
+    ----------
+    activation : Dataset, DataArray or path-like
+        ``activation`` (muscle, time) [1] of every muscle of the face, at times in s.
+    face : Dataset or path-like, optional
+        Face model; that of the study when absent, which is a generated face by default.
+    study : path-like, mapping or StudyConfiguration, optional
+        Study whose tables ``[simulation]`` and ``[face]`` apply; the defaults when absent.
+    accuracy : str, optional
+        "draft", "study", "reference", "published", or the error wanted such as "0.1 mm".
+    settled : Dataset, optional
+        Face at rest (`emgface.face.motion.settle_face`) for the parameters given, if it is at hand.
+    probes : tuple of sim.probes.Probe
+        What is recorded besides markers and lip opening, such as ``sim.Positions()``.
+    progress : bool or callable, optional
+        Whether a line of progress is printed; by default it is where a run takes longer than a few
+        seconds. A callable receives steps done and steps in all.
+    **choices : Any
+        Parameters of the table ``[simulation]`` of a study file, such as ``sigma_max=100e3`` [Pa] or
+        ``contact={"method": "barrier"}``.
+
+    Returns
+    -------
+    Dataset
+        Trajectory: ``position`` (marker, axis, time) [m], ``lip_opening`` [m], ``smallest_J`` [1],
+        energies [J], ``numerical_error`` [m]; see `emgface.face.motion.simulate_face`.
+
+    Raises
+    ------
+    ActivationError
+        The activation is not that of the muscles of the face, or leaves 0-1.
+    ConfigurationError
+        A name or value of a parameter is not valid.
+    SimulationError
+        No value of sigma_max down to its minimum could be simulated.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> trajectory = ef.simulate("activation.nc", "face.nc", accuracy="draft")  # doctest: +SKIP
+    """
+    import xarray as xr
+
+    from emgface.api.given import dataset_of, face_of, simulation_of, study_of
+    from emgface.api.progress import shown
+    from emgface.face.motion import settle_face, simulate_face
+    from emgface.study.policy import lower_sigma_max
+
+    plan = study_of(study)
+    parameters = simulation_of(plan.simulation, accuracy, choices)
+    if isinstance(activation, xr.DataArray):
+        drive, told = activation, activation.attrs
+    else:
+        given = dataset_of(activation, "activation", "activation")
+        drive, told = given["activation"], given.attrs
+    model = face_of(face, plan)
+    with shown(progress, "simulating") as line:
+
+        def once(chosen: Any) -> "xr.Dataset":
+            same = settled is not None and chosen.sigma_max == parameters.sigma_max
+            return simulate_face(
+                model,
+                drive,
+                chosen,
+                settled=settled if same else settle_face(model, chosen),
+                further=probes,
+                progress=line.show,
+            )
+
+        trajectory = lower_sigma_max(once, parameters, report=line.message).trajectory
+    keep = ("volunteer", "instruction", "repetition", "strategy")
+    trajectory.attrs |= {name: told[name] for name in keep if name in told}
+    return trajectory

@@ -1,0 +1,151 @@
+"""Arguments of the public functions: files, datasets, parameter models and mappings alike."""
+
+from collections.abc import Mapping
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, TypeVar
+
+import xarray as xr
+from pydantic import BaseModel
+
+from emgface.choices import configure
+from emgface.errors import SchemaError
+from emgface.face.accuracy import SET_BY_ACCURACY
+from emgface.face.file import load_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.recordings.dataset import read_recording
+from emgface.schema.netcdf import read_netcdf
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.faces import study_face
+from emgface.study.file import load_study
+from emgface.study.variants import check_axes
+
+File = str | PathLike[str]
+Data = xr.Dataset | File
+Given = StudyConfiguration | Mapping[str, Any] | File | None
+"""A study: its configuration, the content of its file, the file, or None for the defaults."""
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+def study_of(given: Given) -> StudyConfiguration:
+    """Return the configuration that a study file, its content or nothing stands for.
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be read, or a name or value in it is not valid.
+    """
+    if given is None:
+        return StudyConfiguration()
+    if isinstance(given, StudyConfiguration):
+        return given
+    if isinstance(given, Mapping):
+        study = configure(StudyConfiguration, given, where="study")
+        check_axes(study, where="study")
+        return study
+    return load_study(Path(given))
+
+
+def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
+    """Return a dataset of a kind, read from its netCDF file where it is not at hand.
+
+    Raises
+    ------
+    DataError
+        The file is absent, damaged or of another kind, or the dataset lacks the variable.
+    """
+    if not isinstance(given, xr.Dataset):
+        return read_netcdf(Path(given), kind)
+    if variable not in given:
+        raise SchemaError(
+            f"the dataset holds {', '.join(map(str, given.data_vars)) or 'no variable'}, expected "
+            f"{variable}, as of a stored {kind}: give the result of the stage before"
+        )
+    return given
+
+
+def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Dataset:
+    """Return a recording, read from a file of any known format where it is not at hand.
+
+    Raises
+    ------
+    DataError, ConfigurationError
+        As `emgface.recordings.dataset.read_recording`.
+    """
+    if isinstance(given, xr.Dataset):
+        return given
+    named = fspath(mapping) if isinstance(mapping, PathLike) else mapping
+    return read_recording(Path(given), mapping=named)
+
+
+def face_of(given: Data | None, study: StudyConfiguration) -> xr.Dataset:
+    """Return the face that is given, or that of the study.
+
+    Raises
+    ------
+    FaceError
+        The file holds no usable face.
+    """
+    if given is None:
+        return study_face(study.face)
+    return given if isinstance(given, xr.Dataset) else load_face(given)
+
+
+def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:
+    """Return parameters with some of them replaced, tables within tables included.
+
+    Parameters
+    ----------
+    model : BaseModel
+        Parameters; what was not set in it keeps its default.
+    tables : mapping
+        Names and values as in a study file; a parameter model stands for its table.
+    where : str
+        Place to name in messages.
+
+    Raises
+    ------
+    ConfigurationError
+        A name is unknown (with the nearest valid one) or a value is refused.
+    """
+    if not tables:
+        return model
+    values = merged(model.model_dump(exclude_unset=True), tables)
+    return configure(type(model), values, where=where)
+
+
+def simulation_of(
+    parameters: SimulationParameters, accuracy: str | None, choices: Mapping[str, Any]
+) -> SimulationParameters:
+    """Return the mechanics with another accuracy and other parameters, where they are given.
+
+    Raises
+    ------
+    ConfigurationError
+        The accuracy, a name or a value is not valid.
+    """
+    values = parameters.model_dump(exclude_unset=True)
+    wanted = {} if accuracy is None else {"accuracy": accuracy}
+    changes = merged(wanted, choices)
+    if "accuracy" in changes:
+        # Solver, step and tolerances of the parameters follow from their own accuracy.
+        values = {name: v for name, v in values.items() if name not in SET_BY_ACCURACY}
+    elif "solver" in changes:
+        values.pop("error_tolerance", None)  # schemes of one solution do not control their error
+    if not changes:
+        return parameters
+    return configure(SimulationParameters, merged(values, changes), where="simulation")
+
+
+def merged(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a nested mapping with the values of another one laid over it."""
+    result = dict(values)
+    for name, change in changes.items():
+        plain = change.model_dump(exclude_unset=True) if isinstance(change, BaseModel) else change
+        below = result.get(name)
+        if isinstance(plain, Mapping):
+            result[name] = merged(below if isinstance(below, Mapping) else {}, plain)
+        else:
+            result[name] = plain
+    return result

@@ -1,0 +1,193 @@
+"""Functions on recordings: reading, activation, scores of a simulated motion."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from emgface.api.given import Data, File, Given
+
+
+def read(path: "File", *, mapping: "Mapping[str, Any] | File | None" = None) -> "xr.Dataset":
+    """Read a recording of any known format, or a file that this package has written.
+
+    Parameters
+    ----------
+    path : path-like
+        Recording (``emgface data check --help`` lists the formats), or a netCDF file of a face, an
+        activation, a trajectory, scores or a cube.
+    mapping : mapping or path-like, optional
+        Tables ``channels``, ``markers`` and ``units`` that give a recording's labels their names, or
+        a TOML file with them (``emgface data map`` proposes one).
+
+    Returns
+    -------
+    Dataset
+        Checked and in SI: sEMG in V, positions in m, times in s.
+
+    Raises
+    ------
+    DataError
+        The file is absent, damaged, or of an unknown format or content.
+    ConfigurationError
+        The mapping is not valid.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> recording = ef.read("V1_A_1.c3d", mapping="mapping.toml")  # doctest: +SKIP
+    """
+    from emgface.api.given import recording_of
+    from emgface.face.file import load_face
+    from emgface.schema.netcdf import kind_of, read_netcdf
+
+    path = Path(path)
+    kind = kind_of(path) if path.suffix.lower() == ".nc" else "recording"
+    if kind == "face_model":
+        return load_face(path)
+    if kind not in ("", "recording"):
+        return read_netcdf(path, kind)
+    return recording_of(path, mapping)
+
+
+def activate(
+    recording: "Data",
+    *,
+    strategy: str | None = None,
+    instruction: str | None = None,
+    mapping: "Mapping[str, Any] | File | None" = None,
+    study: "Given" = None,
+    band: tuple[float, float] | None = None,
+    session: "xr.Dataset | None" = None,
+    reference: "xr.Dataset | None" = None,
+    **tables: Mapping[str, Any],
+) -> "xr.Dataset":
+    """Compute muscle activations from the sEMG of a recording.
+
+    Parameters
+    ----------
+    recording : Dataset or path-like
+        Recording of one trial: ``emg`` (channel, time_emg) [V].
+    strategy : str, optional
+        "act_all", "act_3", "act_rel" or "act_threshold"; "true" takes the true activation of a
+        simulated recording. That of the study when absent.
+    instruction : str, optional
+        A to F, where the recording does not say; needed by "act_rel".
+    mapping : mapping or path-like, optional
+        As for `read`, where `recording` is a file.
+    study : path-like, mapping or StudyConfiguration, optional
+        Study whose table ``[signals]`` applies; the defaults when absent.
+    band : tuple of float, optional
+        Edges of the pass-band [Hz].
+    session, reference : Dataset, optional
+        Range of the features, where ``normalisation`` has another reach than the trial
+        (`emgface.signals.activation.feature_range`).
+    **tables : mapping
+        Tables of ``[signals]`` in a study file, such as ``feature={"kind": "rms"}`` or
+        ``normalisation={"silent": "zero"}``.
+
+    Returns
+    -------
+    Dataset
+        ``activation`` (muscle, time) [1], between 0 and 1, at times in s.
+
+    Raises
+    ------
+    DataError
+        The recording cannot be processed, as `emgface.signals.activation.activation_of`.
+    ConfigurationError
+        A name or value of a parameter is not valid; a strategy or an instruction is unknown.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> activation = ef.activate("V1_A_1.nc", strategy="act_rel", band=(20, 400))  # doctest: +SKIP
+    """
+    from emgface.api.given import changed, merged, recording_of, study_of
+    from emgface.signals.activation import activation_of
+    from emgface.study.configuration import TRUE_STRATEGY
+    from emgface.study.truth import true_activation_of
+
+    given = recording_of(recording, mapping)
+    edges = {} if band is None else {"filter": {"low": band[0], "high": band[1]}}
+    chain = changed(study_of(study).signals, merged(tables, edges), "signals")
+    if strategy == TRUE_STRATEGY:
+        return true_activation_of(given, chain.resampling)
+    return activation_of(
+        given,
+        chain,
+        strategy=strategy,
+        instruction=instruction,
+        session=session,
+        reference=reference,
+    )
+
+
+def score(
+    recording: "Data",
+    trajectory: "Data",
+    *,
+    face: "Data | None" = None,
+    study: "Given" = None,
+    mapping: "Mapping[str, Any] | File | None" = None,
+    alignment: "Mapping[str, Any] | None" = None,
+    score: "Mapping[str, Any] | None" = None,
+) -> "xr.Dataset":
+    """Align measured with simulated lip motion and score every marker.
+
+    Parameters
+    ----------
+    recording : Dataset or path-like
+        Recording of the trial: ``position`` (marker, axis, time_marker) [m].
+    trajectory : Dataset or path-like
+        Result of `simulate`.
+    face : Dataset or path-like, optional
+        Face model that was simulated; that of the study when absent.
+    study : path-like, mapping or StudyConfiguration, optional
+        Study whose tables apply; the defaults when absent.
+    mapping : mapping or path-like, optional
+        As for `read`, where `recording` is a file.
+    alignment, score : mapping, optional
+        Parameters of the tables ``[alignment]`` and ``[score]`` of a study file.
+
+    Returns
+    -------
+    Dataset
+        ``rho`` (marker) [1], the 3D correlation; ``amplitude_ratio`` [1], ``rmse`` [m], ``reason``
+        why a rho is undefined, and what the alignment found (``shift`` [s], ...).
+
+    Raises
+    ------
+    DataError
+        Markers are absent or were not seen during the simulated time.
+    AnalysisError
+        The motions cannot be aligned or compared.
+    ConfigurationError
+        A name or value of a parameter is not valid.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> ef.score("V1_A_1.nc", trajectory, face=face).rho.median()  # doctest: +SKIP
+    """
+    from analysis.align import align
+    from analysis.scores import score as score_trial
+    from emgface.api.given import changed, dataset_of, face_of, recording_of, study_of
+    from emgface.study.measured import measured_during
+
+    plan = study_of(study)
+    alignment_choices = changed(plan.alignment, alignment or {}, "alignment")
+    score_choices = changed(plan.score, score or {}, "score")
+    motion = dataset_of(trajectory, "trajectory", "position")
+    given = recording_of(recording, mapping)
+    measured = measured_during(given, motion, face_of(face, plan), plan.signals.head_frame)
+    aligned = align(
+        measured,
+        motion,
+        smallest_motion=score_choices.smallest_motion,
+        smallest_snr=score_choices.smallest_snr,
+        **alignment_choices.arguments(),
+    )
+    return score_trial(aligned, motion, **score_choices.model_dump())

@@ -1,0 +1,76 @@
+"""The function that runs a whole study."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from emgface.api.given import File, Given
+    from emgface.study.run import StudyResult
+
+
+def study(
+    study: "Given" = None,
+    out: "File | None" = None,
+    *,
+    workers: int = 1,
+    accuracy: str | None = None,
+    progress: bool | None = None,
+    **tables: Any,
+) -> "StudyResult":
+    """Run a study, or complete one that was interrupted.
+
+    Parameters
+    ----------
+    study : path-like, mapping or StudyConfiguration, optional
+        Study file (TOML), or its content; the defaults when absent.
+    out : path-like
+        Folder of the results. What is stored there already is not computed again.
+    workers : int
+        Processes that simulate at the same time.
+    accuracy : str, optional
+        "draft", "study", "reference", "published", or the error wanted such as "0.1 mm".
+    progress : bool, optional
+        Whether a line of progress is printed; by default it is where the study takes longer than a
+        few seconds.
+    **tables : Any
+        Tables and parameters of the study file that replace those of `study`, such as
+        ``recordings={"folder": "recordings"}`` or ``strategies=["act_all", "act_rel"]``.
+
+    Returns
+    -------
+    StudyResult
+        ``cube``: rho [1], amplitude ratio [1], distance [m] and status over volunteer, instruction,
+        repetition, strategy and marker; ``path`` of its file; ``events``: what was computed.
+
+    Raises
+    ------
+    ConfigurationError
+        A name or value of a parameter is not valid, or no folder is given.
+    DataError
+        No recording can be used, or the face is unusable.
+    StoreError
+        Results cannot be written.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> result = ef.study("study.toml", "results", workers=4)  # doctest: +SKIP
+    >>> result.cube.rho.median(["volunteer", "instruction", "repetition", "marker"])  # doctest: +SKIP
+    """
+    from emgface.api.given import changed, simulation_of, study_of
+    from emgface.api.progress import shown
+    from emgface.errors import ConfigurationError
+    from emgface.study.run import run_study
+    from emgface.study.variants import check_axes
+
+    if out is None:
+        raise ConfigurationError(
+            "a study was given no folder for its results, expected one: name it as "
+            'ef.study(..., out="results")'
+        )
+    plan = study_of(study)
+    simulation = simulation_of(plan.simulation, accuracy, tables.pop("simulation", {}))
+    plan = changed(plan, tables, "study").model_copy(update={"simulation": simulation})
+    check_axes(plan, where="study")
+    with shown(progress, f"study {plan.name}") as line:
+        return run_study(plan, Path(out), workers=workers, observer=line)

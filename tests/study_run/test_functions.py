@@ -1,0 +1,113 @@
+"""The functions of ``import emgface as ef``: the same results as a study, from files or datasets."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import emgface as ef
+from emgface.api.given import changed, simulation_of, study_of
+from emgface.errors import ConfigurationError, DataError, SchemaError
+from emgface.face.file import save_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.schema.netcdf import write_netcdf
+from emgface.signals.parameters import FilterParameters, SignalChain
+from tests.study_run.conftest import STEP
+
+pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+SIGNALS = {"normalisation": {"silent": "zero"}, "resampling": {"steps": 40}}
+MECHANICS = {"step": STEP, "sigma_max": 100e3}
+
+
+@pytest.fixture(scope="module")
+def plan(laboratory):
+    return {
+        "strategies": ["act_rel"],
+        "recordings": {"folder": str(laboratory / "recordings"), "instructions": ["B"]},
+        "face": {"path": str(laboratory / "face.nc")},
+        "signals": SIGNALS,
+        "simulation": MECHANICS,
+    }
+
+
+@pytest.fixture(scope="module")
+def result(plan, tmp_path_factory):
+    return ef.study(plan, tmp_path_factory.mktemp("study"), progress=False)
+
+
+@pytest.fixture(scope="module")
+def file(laboratory):
+    return next((laboratory / "recordings").glob("*_B_*.nc"))
+
+
+def test_stages_one_by_one_give_the_scores_of_the_study(laboratory, file, result, tmp_path):
+    """Tables as keywords, faces and recordings as files or datasets."""
+    recording, face = ef.read(file), ef.face(laboratory / "face.nc")
+    activation = ef.activate(recording, strategy="act_rel", **SIGNALS)
+    done = []
+    trajectory = ef.simulate(
+        activation, face, progress=lambda *counts: done.append(counts), **MECHANICS
+    )
+    assert done[-1][0] == done[-1][1] and trajectory.attrs["strategy"] == "act_rel"
+    scores = ef.score(file, trajectory, face=laboratory / "face.nc")
+    cell = result.cube.squeeze(["volunteer", "instruction", "repetition", "strategy"])
+    np.testing.assert_allclose(scores["rho"], cell["rho"], rtol=0, atol=1e-12)
+    assert ef.score(recording, trajectory, face=face, score={"form": "as_printed"})["rho"].max() < 1
+
+    write_netcdf(activation, tmp_path / "activation.nc", "activation")
+    xr.testing.assert_identical(ef.read(tmp_path / "activation.nc")["activation"].drop_attrs(),
+                                activation["activation"].drop_attrs())  # fmt: skip
+
+
+def test_read_recognises_what_the_package_has_written(laboratory, result):
+    assert "rho" in ef.read(result.path)
+    assert "bundle_muscle" in ef.read(laboratory / "face.nc")
+    with pytest.raises(DataError, match=r"No file .*none\.nc"):
+        ef.read("none.nc")
+
+
+def test_a_study_is_repeated_from_its_store(plan, result):
+    again = ef.study(plan, result.path.parent, progress=False)
+    assert again.computed() == []
+
+
+def test_a_strategy_named_true_takes_the_true_activation(file):
+    truth = ef.activate(file, strategy="true", resampling={"steps": 40})
+    assert truth.attrs["strategy"] == "true" and truth.sizes["time"] == 41
+    low = ef.activate(file, band=(30, 400), **SIGNALS)
+    assert '"low":30.0,"high":400.0' in low.attrs["parameters"]
+
+
+def test_a_generated_face_takes_measures_with_or_without_units():
+    told = ef.face(resolution="coarse", measures={"mouth_width": "52mm"})
+    given = ef.face(resolution="coarse", measures={"mouth_width": 0.052})
+    xr.testing.assert_identical(told, given)
+    assert told.attrs["measure_mouth_width"] == 0.052
+
+
+def test_changes_leave_what_a_study_sets():
+    """Tables are laid over those of the study; an accuracy frees the solver that it chooses."""
+    plan = study_of({"signals": {"filter": {"low": 30.0}}, "simulation": {"accuracy": "draft"}})
+    chain = changed(plan.signals, {"filter": {"high": 400.0}}, "signals")
+    assert (chain.filter.low, chain.filter.high) == (30.0, 400.0)
+    same = changed(SignalChain(), {"filter": FilterParameters(low=20.0)}, "signals")
+    assert same.filter.low == 20.0 and same.feature == SignalChain().feature
+    exact = simulation_of(plan.simulation, "reference", {"sigma_max": 80e3})
+    assert exact == SimulationParameters(accuracy="reference", sigma_max=80e3)
+    published = simulation_of(plan.simulation, None, {"solver": "linearly_implicit"})
+    assert published.error_tolerance is None
+
+
+def test_what_is_wrong_is_said(file, laboratory, tmp_path, slab):
+    with pytest.raises(ConfigurationError, match="folder for its results"):
+        ef.study()
+    with pytest.raises(ConfigurationError, match="did you mean 'sigma_max'"):
+        ef.simulate(file, slab, sigmamax=1e5)
+    with pytest.raises(ConfigurationError, match="unknown parameter 'mormalisation'"):
+        ef.activate(file, mormalisation={})
+    with pytest.raises(SchemaError, match="holds emg.*expected activation"):
+        ef.simulate(ef.read(file).drop_vars("true_activation"), slab)
+    with pytest.raises(DataError, match="is a recording; expected a activation"):
+        ef.simulate(file, slab)
+    save_face(slab, tmp_path / "face.nc")
+    with pytest.raises(DataError, match="expected a trajectory"):
+        ef.score(file, tmp_path / "face.nc")
