@@ -60,6 +60,9 @@ def activate(
     mapping: "Mapping[str, Any] | File | None" = None,
     study: "Given" = None,
     band: tuple[float, float] | None = None,
+    feature: str | Mapping[str, Any] | None = None,
+    missing_side: str | None = None,
+    missing_muscle: str | None = None,
     session: "xr.Dataset | None" = None,
     reference: "xr.Dataset | None" = None,
     **tables: Mapping[str, Any],
@@ -81,12 +84,16 @@ def activate(
         Study whose table ``[signals]`` applies; the defaults when absent.
     band : tuple of float, optional
         Edges of the pass-band [Hz].
+    feature : str or mapping, optional
+        Amplitude feature: "wamp", "rms", "mav" or "envelope"; or the table ``[signals.feature]``.
+    missing_side, missing_muscle : str, optional
+        Treatment of a channel that was recorded on the other side only ("mirror", "zero" or
+        "leave_out"), and of one that was recorded on neither side ("zero" or "leave_out").
     session, reference : Dataset, optional
         Range of the features, where ``normalisation`` has another reach than the trial
         (`emgface.signals.activation.feature_range`).
     **tables : mapping
-        Tables of ``[signals]`` in a study file, such as ``feature={"kind": "rms"}`` or
-        ``normalisation={"silent": "zero"}``.
+        Further tables of ``[signals]`` in a study file, such as ``normalisation={"silent": "zero"}``.
 
     Returns
     -------
@@ -111,8 +118,16 @@ def activate(
     from emgface.study.truth import true_activation_of
 
     given = recording_of(recording, mapping)
-    edges = {} if band is None else {"filter": {"low": band[0], "high": band[1]}}
-    chain = changed(study_of(study).signals, merged(tables, edges), "signals")
+    low, high = band or (None, None)
+    options: dict[str, Any] = {
+        "filter": {"low": low, "high": high},
+        "feature": {"kind": feature} if isinstance(feature, str) else feature or {},
+        "montage": {"missing_side": missing_side, "missing_muscle": missing_muscle},
+    }
+    for table, named in options.items():
+        chosen = {name: value for name, value in named.items() if value is not None}
+        tables = merged(tables, {table: chosen} if chosen else {})
+    chain = changed(study_of(study).signals, tables, "signals")
     if strategy == TRUE_STRATEGY:
         return true_activation_of(given, chain.resampling)
     return activation_of(

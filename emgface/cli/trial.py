@@ -10,7 +10,6 @@ from emgface.cli.chain import (
     FeatureOption,
     MissingMuscleOption,
     MissingSideOption,
-    chain_with,
 )
 from emgface.cli.console import progress, say, show_table
 from emgface.cli.machine import announce_compilation
@@ -45,29 +44,23 @@ def activate(
     plot: Annotated[Path | None, typer.Option(help="Picture of the activations.")] = None,
 ) -> None:
     """Compute muscle activations from the sEMG of a recording."""
+    import emgface as ef
     from emgface.cli.tables import activation_rows, draw_activation
-    from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import write_netcdf
-    from emgface.signals.activation import activation_of
-    from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
-    from emgface.study.file import load_study
-    from emgface.study.truth import true_activation_of
 
-    configuration = load_study(study) if study else StudyConfiguration()
-    signals = chain_with(
-        configuration.signals,
+    activation = ef.activate(
+        recording,
+        strategy=strategy,
+        instruction=instruction,
+        mapping=mapping,
+        study=study,
         band=band,
         feature=feature,
         missing_side=missing_side,
         missing_muscle=missing_muscle,
     )
-    given = read_recording(recording, mapping=mapping)
-    if strategy == TRUE_STRATEGY:
-        activation = true_activation_of(given, signals.resampling)
-    else:
-        activation = activation_of(given, signals, strategy=strategy, instruction=instruction)
     write_netcdf(activation, out_path, "activation")
-    show_table(activation_rows(activation), f"{recording.name}, {given.attrs['origin']}")
+    show_table(activation_rows(activation), f"{recording.name}, {activation.attrs['origin']}")
     if montage := activation.attrs.get("montage"):
         say(f"Montage: {montage}.")
     if plot is not None:
@@ -161,30 +154,12 @@ def score(
     ] = None,
 ) -> None:
     """Align measured with simulated lip motion and score every marker."""
-    from analysis.align import align
-    from analysis.scores import score as score_trial
+    import emgface as ef
     from emgface.cli.tables import score_rows
-    from emgface.recordings.dataset import read_recording
-    from emgface.schema.netcdf import read_netcdf, write_netcdf
-    from emgface.study.configuration import FaceConfiguration, StudyConfiguration
-    from emgface.study.faces import study_face
-    from emgface.study.file import load_study
-    from emgface.study.measured import measured_during
+    from emgface.schema.netcdf import write_netcdf
 
-    configuration = load_study(study) if study else StudyConfiguration()
-    given = read_recording(recording, mapping=mapping)
-    motion = read_netcdf(trajectory, "trajectory")
-    where = FaceConfiguration(path=face) if face else configuration.face
-    measured = measured_during(given, motion, study_face(where), configuration.signals.head_frame)
-    aligned = align(
-        measured,
-        motion,
-        smallest_motion=configuration.score.smallest_motion,
-        smallest_snr=configuration.score.smallest_snr,
-        **configuration.alignment.arguments(),
-    )
-    scores = score_trial(aligned, motion, **configuration.score.model_dump())
+    scores = ef.score(recording, trajectory, face=face, study=study, mapping=mapping)
     write_netcdf(scores, out_path, "scores")
-    title = f"{recording.name} ({given.attrs['origin']}), shift {float(scores['shift']):.3f} s"
+    title = f"{recording.name} ({scores.attrs['origin']}), shift {float(scores['shift']):.3f} s"
     show_table(score_rows(scores), title)
     say(f"Wrote {out_path}.")

@@ -5,7 +5,7 @@ computes in the same steps. On a Dataset the steps take its variable ``emg``. Ea
 that has the accessor again.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import xarray as xr
@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from emgface.choices import configure
 from emgface.errors import SignalError
+from emgface.muscles import MUSCLES
 from emgface.signals.activation import IDENTITY, emg_of
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
@@ -170,26 +171,28 @@ class Steps:
         return self._feature("envelope", choices)
 
     @_choosing(MappingParameters, "oom")
-    def muscles(self, **choices: Any) -> xr.DataArray:
+    def muscles(self, names: Sequence[str] = MUSCLES, **choices: Any) -> xr.DataArray:
         """Combine the measured channels into the modelled muscles (Eskes et al. 2017, Eqs 2-6).
 
         Parameters
         ----------
+        names : sequence of str
+            Muscles to compute, where a recording holds the channels of some only.
         **choices : Any
             ``oom``: "text" or "as_printed", the reading of Eq. 3.
 
         Returns
         -------
         DataArray, dims (muscle, time)
-            The same quantity of the twenty muscles.
+            The same quantity of the muscles.
 
         Raises
         ------
         SchemaError
-            A channel is missing.
+            No channel of a muscle is there.
         """
         chosen = configure(MappingParameters, choices, where="muscles")
-        return map_channels(self._signal, chosen.oom)
+        return map_channels(self._signal, chosen.oom, names)
 
     @_choosing(NormalisationParameters, "silent", "resting", "outside")
     def normalise(self, extent: xr.Dataset | None = None, **choices: Any) -> xr.DataArray:

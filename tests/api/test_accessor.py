@@ -100,6 +100,15 @@ def test_steps_name_their_choices(recording):
         recording.emg.bandpass(lo=20.0)
 
 
+def test_muscles_of_a_recording_of_some_channels(recording):
+    part = recording.sel(channel=["ZYG_L", "RIS_L"])
+    found = part.emg.bandpass().emg.muscles(["ZYG_L", "BUC_L"])
+    whole = recording.emg.bandpass().emg.muscles()
+    np.testing.assert_allclose(found.values, whole.sel(muscle=found["muscle"]).values, rtol=1e-12)
+    with pytest.raises(SchemaError, match="no channel of the muscles"):
+        part.emg.bandpass().emg.muscles()
+
+
 def test_what_is_no_signal_is_refused(recording):
     with pytest.raises(SchemaError, match="expected emg"):
         xr.Dataset({"a": ("x", [1.0])}).emg.bandpass()
