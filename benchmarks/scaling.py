@@ -11,10 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from benchmarks.drives import gesture
+from benchmarks.refine import refine_face
 from benchmarks.report import Chart, face_of, finish, say
 from benchmarks.unit import STEP, step_matrix
 from emgface.face.recipe import compose_scene
-from emgface.face.refine import refine_face
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import FixedStep, LinearlyImplicitEuler, System, Workspace, compile_scene, simulate
 from sim.linear import linear_solver

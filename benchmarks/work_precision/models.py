@@ -7,10 +7,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from benchmarks.refine import refine_face
 from emgface.errors import ConfigurationError
 from emgface.face.motion import settle_face
 from emgface.face.recipe import compose_scene
-from emgface.face.refine import refine_face
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import State, System, compile_scene
 

@@ -12,9 +12,9 @@ from scipy.stats import t
 
 from analysis.axes import reference_cube
 from analysis.figures.style import COLOURS, MARKS, blank, grid, heading, legend, save, styled, ticks
-from analysis.statistics.calibration import simulated_scores
 from analysis.statistics.mixed_model import fit_differences
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
+from analysis.statistics.simulated import simulated_scores
 from analysis.statistics.summary import conclusions, study_statistics
 from analysis.tables import Column, Table
 

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 
 from analysis.figures.style import COLOURS, HATCHES, blank, save, styled
+from benchmarks.recovery.recover import LEAST_PEAK
 from emgface.errors import FeatureWarning, SignalError
 from emgface.recordings.dataset import read_recording
 from emgface.signals.activation import activation_of, feature_range
-from emgface.volunteers.recovery import LEAST_PEAK
 from studies.science.setup import finished_study, opened, plan
 from studies.science.subset import markdown, median_per_volunteer, names_of, of_subset, subset_study
 

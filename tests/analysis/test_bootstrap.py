@@ -7,7 +7,7 @@ from synthetic_scores import fail, of_differences
 
 from analysis.errors import StatisticsError
 from analysis.statistics.bootstrap import hierarchical_bootstrap, replicates, tails
-from analysis.statistics.calibration import simulated_scores
+from analysis.statistics.simulated import simulated_scores
 
 
 def test_error_of_a_mean_of_volunteers() -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from synthetic_scores import fail, of_differences
 
-from analysis.statistics.calibration import simulated_scores
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.sign_flip import sign_flip
+from analysis.statistics.simulated import simulated_scores
 
 
 def test_same_as_the_test_on_the_rest() -> None:

@@ -7,8 +7,8 @@ from statsmodels.stats.power import TTestPower
 from synthetic_scores import of_differences
 
 from analysis.errors import StatisticsError
-from analysis.statistics.calibration import simulated_scores
 from analysis.statistics.power import detectable, power, simulated_power
+from analysis.statistics.simulated import simulated_scores
 
 
 def within(found, expected) -> None:

@@ -7,7 +7,6 @@ import pytest
 from scipy import stats
 from synthetic_scores import fail, of_differences, of_rho
 
-from analysis.statistics.calibration import simulated_scores
 from analysis.statistics.ranks import (
     friedman,
     friedman_p,
@@ -15,6 +14,7 @@ from analysis.statistics.ranks import (
     wilcoxon,
     wilcoxon_p,
 )
+from analysis.statistics.simulated import simulated_scores
 
 BEFORE = [1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30]
 AFTER = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]

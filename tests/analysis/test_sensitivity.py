@@ -9,9 +9,9 @@ from synthetic_scores import fail
 
 from analysis.errors import StatisticsError
 from analysis.sensitivity import sensitivity
-from analysis.statistics.calibration import simulated_scores
 from analysis.statistics.paired import volunteer_means
 from analysis.statistics.sign_flip import sign_flip_p, sign_patterns
+from analysis.statistics.simulated import simulated_scores
 
 CHANGE = {"signal": 0.0, "feature": 0.3, "activation": 0.2}
 

@@ -8,7 +8,6 @@ from scipy.stats import permutation_test
 from synthetic_scores import fail, of_differences
 
 from analysis.errors import StatisticsError
-from analysis.statistics.calibration import simulated_scores
 from analysis.statistics.paired import fisher_z, paired
 from analysis.statistics.sign_flip import (
     sign_flip,
@@ -16,6 +15,7 @@ from analysis.statistics.sign_flip import (
     sign_flip_p,
     sign_patterns,
 )
+from analysis.statistics.simulated import simulated_scores
 
 MAIZE = [49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48]
 """Darwin's fifteen differences in height of maize, in eighths of an inch (Fisher 1935)."""

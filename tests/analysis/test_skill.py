@@ -8,8 +8,8 @@ from analysis.baseline_tables import baseline_instruction_table, comparison, ind
 from analysis.baselines import VARIABLES, with_baselines
 from analysis.errors import FigureError, StatisticsError
 from analysis.figures import baseline_plot
-from analysis.statistics.calibration import simulated_scores
 from analysis.statistics.scope import LEAST_VOLUNTEERS
+from analysis.statistics.simulated import simulated_scores
 from analysis.statistics.skill import against_baselines
 
 LEVELS = {

@@ -11,7 +11,6 @@ from synthetic_scores import fail, of_rho
 
 from analysis.cube import Trial, build_cube
 from analysis.statistics.bootstrap import hierarchical_bootstrap
-from analysis.statistics.calibration import calibration, simulated_scores
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.finding import COUNTS, holm
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
@@ -19,7 +18,9 @@ from analysis.statistics.mixed_model import mixed_model
 from analysis.statistics.power import power
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
+from analysis.statistics.simulated import simulated_scores
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
+from benchmarks.calibration.shares import calibration
 
 METHODS = {
     "sign_flip": sign_flip,

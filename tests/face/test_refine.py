@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from benchmarks.refine import refine_face
 from emgface.face.recipe import compose_scene
-from emgface.face.refine import refine_face
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import compile_scene
 

@@ -151,7 +151,7 @@ def test_resuming_reuses_what_choices_share(varied: Path, laboratory: Path) -> N
 
 
 def test_table_of_choices() -> None:
-    from analysis.statistics.calibration import simulated_scores
+    from analysis.statistics.simulated import simulated_scores
 
     base = simulated_scores(3)
     moved = base.assign(rho=np.tanh(np.arctanh(base["rho"]) + 0.3).assign_attrs(units="1"))
@@ -166,7 +166,7 @@ def test_table_of_choices() -> None:
 
 
 def test_cubes_that_do_not_fit() -> None:
-    from analysis.statistics.calibration import simulated_scores
+    from analysis.statistics.simulated import simulated_scores
 
     base = simulated_scores(3)
     with pytest.raises(CubeError, match="add the axes marker"):

@@ -16,7 +16,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from analysis.cube import build_cube
-from analysis.statistics.calibration import simulated_scores
+from analysis.statistics.simulated import simulated_scores
 from analysis.tables import origin_of, report_tables
 from analysis.trial import Trial
 from emgface.choices import configure

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.recovery.recover import Condition, full_effort, recover
 from emgface.choices import configure
 from emgface.muscles import MODELLED
 from emgface.signals.parameters import SignalChain
-from emgface.volunteers.recovery import Condition, full_effort, recover
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.world import MATCHED
 

@@ -16,122 +16,8 @@ from analysis.statistics.mixed_model import cell_means, fit_differences, mixed_m
 from analysis.statistics.paired import fisher_z, paired
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
+from analysis.statistics.simulated import STRATEGIES, simulated_scores
 from analysis.trajectory import names
-
-STRATEGIES: Final = ("act_all", "act_3", "act_rel")
-
-
-def simulated_scores(
-    seed: int,
-    *,
-    volunteers: int = 6,
-    instructions: int = 2,
-    repetitions: int = 2,
-    markers: int = 3,
-    strategies: Sequence[str] = STRATEGIES,
-    effects: Sequence[float] = (0.0, 0.0, 0.0),
-    centre: float = 0.6,
-    sd_volunteer: float = 0.3,
-    sd_instruction: float = 0.3,
-    sd_marker: float = 0.2,
-    sd_interaction: float = 0.2,
-    sd_instruction_strategy: float = 0.0,
-    sd_trial: float = 0.0,
-    sd_error: float = 0.4,
-    spread: Sequence[float] = (1.0, 1.0, 1.0),
-    freedom: float = math.inf,
-    missing: float = 0.0,
-    these: bool = False,
-) -> xr.Dataset:
-    """Draw a cube of scores whose truth is known.
-
-    artanh(rho) = centre + effect(strategy) + volunteer + instruction + marker
-                  + volunteer x strategy + instruction x strategy
-                  + volunteer x instruction x strategy + error
-
-    Parameters
-    ----------
-    seed : int
-        Of the draws.
-    volunteers, instructions, repetitions, markers : int
-        Sizes of the cube.
-    strategies : sequence of str
-        Labels.
-    effects : sequence of float
-        One per strategy, in Fisher's z.
-    centre : float
-        Mean of Fisher's z where all else is zero.
-    sd_volunteer, sd_instruction, sd_marker, sd_interaction, sd_error : float
-        Standard deviations of the random terms, in Fisher's z; sd_interaction is that of
-        volunteer x strategy.
-    sd_instruction_strategy, sd_trial : float
-        Of instruction x strategy, and of volunteer x instruction x strategy, which all markers
-        and repetitions share.
-    spread : sequence of float
-        One factor per strategy on the terms of the volunteers and of the error that involve it.
-    freedom : float
-        Degrees of freedom of the t distribution of every term, above 2 and scaled to the standard
-        deviations above; normal where infinite.
-    missing : float
-        Share of trials lost at random [1].
-    these : bool
-        Whether instruction x strategy sums to zero over the instructions drawn, so that the
-        effects are those over these instructions, and not only over all.
-
-    Returns
-    -------
-    xarray.Dataset
-        As of `analysis.cube.build_cube` with ``rho``, ``amplitude_ratio`` and ``rmse`` [m], the
-        latter two functions of rho, and ``status``; ``origin`` is "simulated".
-
-    Raises
-    ------
-    StatisticsError
-        Not one effect and spread per strategy, or degrees of freedom not above 2.
-    """
-    if len(effects) != len(strategies) or len(spread) != len(strategies):
-        raise StatisticsError(
-            f"{len(effects)} effects and {len(spread)} spreads for {len(strategies)} strategies"
-        )
-    if not freedom > 2:
-        raise StatisticsError(f"the t distribution has {freedom} degrees of freedom, expected > 2")
-    rng = np.random.default_rng(seed)
-    dims = ("volunteer", "instruction", "repetition", "strategy", "marker")
-    shape = (volunteers, instructions, repetitions, len(strategies), markers)
-    factor = np.asarray(spread, dtype=np.float64)[:, None]
-
-    def term(deviation: float, *over: str) -> np.ndarray:
-        size = [n if dim in over else 1 for dim, n in zip(dims, shape, strict=True)]
-        if math.isinf(freedom):
-            return deviation * rng.standard_normal(size)
-        return deviation * math.sqrt(1.0 - 2.0 / freedom) * rng.standard_t(freedom, size)
-
-    z = centre + np.asarray(effects, dtype=np.float64)[:, None]
-    z = z + term(sd_volunteer, "volunteer") + term(sd_instruction, "instruction")
-    z = z + term(sd_marker, "marker") + factor * term(sd_interaction, "volunteer", "strategy")
-    z = z + factor * term(sd_error, *dims)
-    slope = term(sd_instruction_strategy, "instruction", "strategy")
-    z = z + slope - (slope.mean(axis=1, keepdims=True) if these else 0.0)
-    z = z + factor * term(sd_trial, "volunteer", "instruction", "strategy")
-    lost = rng.random(shape[:-1]) < missing
-    rho = np.where(lost[..., None], np.nan, np.tanh(z))
-    return xr.Dataset(
-        {
-            "rho": (dims, rho, {"units": "1"}),
-            "amplitude_ratio": (dims, np.exp(rho - 1.0), {"units": "1"}),
-            "rmse": (dims, 1e-3 * (1.0 - rho), {"units": "m"}),
-            "status": (dims[:-1], np.where(lost, "missing", "ok").astype("U24")),
-        },
-        coords={
-            "volunteer": [f"v{index + 1}" for index in range(volunteers)],
-            "instruction": [f"i{index + 1}" for index in range(instructions)],
-            "repetition": list(range(1, repetitions + 1)),
-            "strategy": list(strategies),
-            "marker": [f"marker_{index + 1}" for index in range(markers)],
-        },
-        attrs={"origin": "simulated"},
-    )
-
 
 Outcome = dict[str, tuple[float, float]]
 """Per test: p of a true null hypothesis, and 1 where the interval holds the truth."""
@@ -221,7 +107,6 @@ def calibration(
     alpha: float = 0.05,
     simulations: int = 200,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
     **model: Any,
 ) -> xr.Dataset:
     """Measure how often each test rejects a true null hypothesis, and each interval holds.
@@ -236,8 +121,6 @@ def calibration(
         Cubes drawn; the Monte Carlo error of a size of 0.05 is 0.22 / sqrt(simulations).
     seed : int
         Cubes are drawn with the seeds seed, seed + 1, and so on.
-    progress : callable, optional
-        Called with the cubes done and their number.
     **model
         Sizes and terms of `simulated_scores`; its effects stay zero.
 
@@ -270,8 +153,6 @@ def calibration(
         for name in methods:
             found |= METHODS[name](cubes[name in IN_GENERAL], seed + index)
         outcomes.append(found)
-        if progress is not None:
-            progress(index + 1, simulations)
     attrs = {"alpha": alpha, "simulations": simulations, "seed": seed, **model}
     return _shares(outcomes, alpha).assign_attrs(attrs)
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from analysis.statistics.calibration import METHODS, calibration, interval_coverage
 from analysis.tables import Column, Table
+from benchmarks.calibration.shares import METHODS, calibration, interval_coverage
 from benchmarks.report import say
 
 BOTH: dict[str, Any] = {"sd_interaction": 0.3, "sd_instruction_strategy": 0.3}

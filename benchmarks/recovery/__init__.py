@@ -15,9 +15,9 @@ import numpy as np
 import xarray as xr
 
 from analysis.figures.style import COLOURS, MARKS, SHADES, blank, styled
+from benchmarks.recovery.recover import Condition, recover
 from emgface.choices import configure
 from emgface.signals.parameters import SignalChain
-from emgface.volunteers.recovery import Condition, recover
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.world import MATCHED, MISMATCHED
 
