@@ -84,7 +84,8 @@ class Held(LinearContact):
         multipliers = self._multipliers_of(replace(inside, gap=np.zeros(len(inside))))
         x, acting, solve = held(equation, multipliers, self._h * self._v0)
         q = self._positions(x)
-        pattern, mass = self._system.pattern, self._system.node_mass
+        pattern, mass = self._system.point_pattern, self._system.node_mass
+        kinematics, pose = self._system.kinematics, self._state.pose
         for _ in range(4):
             rows = step.at(q)
             gap = rows.gaps(q - step.q0) + TOLERANCE
@@ -94,23 +95,21 @@ class Held(LinearContact):
                 break
             if self.lumped:
                 move = lumped(deep, wanted, mass, pattern.n_nodes)
-                move = self._system.expand(self._system.reduce(move), np.zeros_like(q))
+                move = kinematics.displacements(kinematics.generalised_force(move, pose), pose)
             else:
                 push = contact_linear.pressed(
                     deep, wanted, multipliers.pushing(acting), pattern, equation.diagonal, 30.0
                 )
-                move = equation.displacement(
-                    solve(equation.scale * self._system.reduce(push), 1e-6)
-                )
+                push = equation.scale * kinematics.generalised_force(push, pose)
+                move = equation.displacement(solve(push, 1e-6))
                 moved = deep.gaps(move) - deep.gaps(np.zeros_like(q))
                 move *= min(max(float(moved @ wanted) / float(moved @ moved), 0.0), 2.0)
             q = q + move
-        v = self._system.expand(x / self._h, self._state.v)
         memory = step.memory(
             q, step.at(q), multipliers, replace(acting, force=np.maximum(acting.force, 0.0))
         )
         return contact_linear.Touched(
-            v, q, memory, equation.solutions, equation.factorisations, equation.definite
+            x / self._h, q, memory, equation.solutions, equation.factorisations, equation.definite
         )
 
 
@@ -138,13 +137,14 @@ def held(
     if not len(rows):
         return equation.settle(multipliers, x)
     every = np.ones(len(rows), dtype=bool)
-    places = equation._step.places(system.pattern, rows)
+    places = equation._step.places(system.point_pattern, rows)
     acting = multipliers.at(equation.displacement(x))
     solve = equation._solver(places, rows, multipliers.stiffness(acting, every))
     for _ in range(40):
         force = multipliers.held(acting, every)
         f = rows.spread(force[:, None] * rows.normal, len(equation._state.q))
-        missing = equation._b + equation.scale * system.reduce(f) - equation._A.times(x)
+        pushed = system.kinematics.generalised_force(f, equation._state.pose)
+        missing = equation._b + equation.scale * pushed - equation._A.times(x)
         x = x + solve(missing, LINEAR_ERROR)
         acting = multipliers.at(equation.displacement(x))
         multipliers.normal = multipliers.held(acting, every)

@@ -61,7 +61,7 @@ def displace_held(
     work = work or Workspace(system)
     silent = Control(np.zeros(len(system.muscles)))
     start = state.q
-    end = system.expand(system.reduce(start), target)
+    end = _holding(system, start, target)
     q, drift = start, np.zeros_like(start)  # drift: what the free nodes moved per unit of the way
     done, size, smallest = 0.0, 1.0 / steps, 1.0 / (steps << max_halvings)
     while done < 1.0 - 1e-12:
@@ -79,14 +79,21 @@ def displace_held(
             continue
         drift = (new - q) / size
         q, done = new, done + size
-    q = system.expand(system.reduce(q), end)
+    q = _holding(system, q, end)
     return State(state.t, q, np.zeros_like(q))  # in equilibrium: nothing of the way is remembered
+
+
+def _holding(system: System, q: Array, held: Array) -> Array:
+    """Positions q with the held components of others."""
+    out = held.copy()
+    out.reshape(-1)[system.free] = q.reshape(-1)[system.free]
+    return out
 
 
 def _equilibrium(
     integrator: Static, system: System, guess: State, held: Array, silent: Control, work: Workspace
 ) -> Array:
     """Positions in equilibrium with the held unknowns where `held` has them."""
-    q = system.expand(system.reduce(guess.q), held)
+    q = _holding(system, guess.q, held)
     found, _ = integrator.step(system, State(guess.t, q, guess.v), silent, 1.0, work)
     return found.q

@@ -29,8 +29,11 @@ def snapped(system: System, before: State, after: State, control: Control) -> bo
     control : Control
         Held while the forces are compared.
     """
-    d = system.reduce(after.q - before.q)
+    kinematics = system.kinematics
+    d = kinematics.between(before.pose, after.pose)
     if not np.abs(d).max() > STILL:
         return False
-    change = system.reduce(system.force(before.q, control).f - system.force(after.q, control).f)
+    f0, f1 = system.force(before.q, control).f, system.force(after.q, control).f
+    change = kinematics.generalised_force(f0, before.pose)
+    change = change - kinematics.generalised_force(f1, after.pose)
     return dot(d, change) < -ROUNDING * norm(d) * norm(change)

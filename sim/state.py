@@ -10,6 +10,31 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def _no_frames() -> Array:
+    return np.zeros((0, 7))
+
+
+def _no_twists() -> Array:
+    return np.zeros((0, 6))
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where everything is at one instant.
+
+    Attributes
+    ----------
+    q : (n_points, 3) positions of nodes and of points on bodies [m].
+    frames : (n_bodies, 7) centre of mass [m] and unit quaternion (scalar first) of every body.
+    t : float
+        Time [s].
+    """
+
+    q: Array
+    frames: Array
+    t: float
+
+
 @dataclass(frozen=True)
 class State:
     """Everything needed to go on from here: copied, saved and restarted without asking any object.
@@ -18,16 +43,25 @@ class State:
     ----------
     t : float
         Time [s].
-    q : (n_nodes, 3) positions [m].
-    v : (n_nodes, 3) velocities [m/s].
+    q : (n_points, 3) positions of nodes and of points on bodies [m].
+    v : (n_points, 3) their velocities [m/s].
     memory : mapping of str to array
         Variables of the terms that remember; a term without an entry has been at q for ever.
+    frames : (n_bodies, 7) centre of mass [m] and unit quaternion (scalar first) of every body.
+    twists : (n_bodies, 6) velocity of the centre of mass [m/s] and angular velocity [rad/s], in space.
     """
 
     t: float
     q: Array
     v: Array
     memory: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    frames: Array = field(default_factory=_no_frames)
+    twists: Array = field(default_factory=_no_twists)
+
+    @property
+    def pose(self) -> Pose:
+        """Positions and orientations."""
+        return Pose(self.q, self.frames, self.t)
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ from sim.constraints.union import Constraints, unite
 from sim.contact.compiled import CompiledContact
 from sim.contact.constraint import ConstraintContact, RowsApart
 from sim.errors import ControlError, SceneError
+from sim.kinematics import Kinematics, Selection
 from sim.matrix import Matrix, Product, merged
-from sim.pattern import SymmetricPattern, symmetric_pattern
+from sim.pattern import Sparsity, SymmetricPattern, symmetric_pattern
 from sim.scene import (
     CompiledDamping,
     CompiledTerm,
@@ -28,7 +29,7 @@ from sim.scene import (
     Scene,
     StopsMoves,
 )
-from sim.state import Array, Control, Evaluation, State
+from sim.state import Array, Control, Evaluation, Pose, State
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +39,11 @@ class System:
     Attributes
     ----------
     scene : Scene
-    node_mass : (n_nodes,) [kg]
-    pattern : SymmetricPattern
+    node_mass : (n_points,) [kg]
+    point_pattern : SymmetricPattern
+        Sparsity of the tangents that terms add to, over the components of points that move.
+    kinematics : Kinematics
+        Maps between points and independent velocities.
     terms : compiled terms
     muscles : names, the order of every activation
     constraints : Constraints or None
@@ -50,7 +54,8 @@ class System:
 
     scene: Scene
     node_mass: Array
-    pattern: SymmetricPattern
+    point_pattern: SymmetricPattern
+    kinematics: Kinematics
     terms: tuple[CompiledTerm, ...]
     muscles: tuple[str, ...]
     constraints: Constraints | None = None
@@ -59,14 +64,19 @@ class System:
     _in_step: bool = False
 
     @property
+    def pattern(self) -> Sparsity:
+        """Sparsity of the matrices of a step, over independent velocities."""
+        return self.kinematics.pattern
+
+    @property
     def free(self) -> Index:
-        """Indices of the free unknowns among 3 n_nodes."""
-        return self.pattern.free
+        """Components that move, indices among 3 n_points."""
+        return self.point_pattern.free
 
     @property
     def mass(self) -> Array:
-        """Lumped mass per free unknown (n_free,) [kg]."""
-        return self.node_mass[self.free // 3]
+        """Scale of the mass of each independent velocity (n,) [kg, kg m^2]."""
+        return self.kinematics.mass
 
     def rest_state(self) -> State:
         """Rest positions, no velocity, t = 0."""
@@ -185,15 +195,15 @@ class System:
         Returns
         -------
         evaluation : Evaluation
-        K : (pattern.nnz,) values of the upper triangle of -df/dq [N/m].
+        K : (point_pattern.nnz,) values of the upper triangle of -df/dq [N/m].
         """
-        f, K = np.zeros_like(q), np.zeros(self.pattern.nnz)
+        f, K = np.zeros_like(q), np.zeros(self.point_pattern.nnz)
         return _total(f, [term.add_tangent(q, control, f, K) for term in self.terms]), K
 
     def damping(self, q: Array, control: Control, K: Array | None = None) -> Array:
-        """Values of the damping matrix -df/dv [N s/m]; K is the stiffness there, if at hand."""
+        """Values of the damping matrix -df/dv of the points [N s/m]; K is the stiffness, if at hand."""
         if self._damping is None:
-            return np.zeros(self.pattern.nnz)
+            return np.zeros(self.point_pattern.nnz)
         # a matrix of the step depends on its length; damping takes the relaxed stiffness always
         return self._damping(q, control, None if self._in_step else K)
 
@@ -208,17 +218,19 @@ class System:
 
     def stand_in(self, q: Array) -> Array:
         """Values near the products at q, to be added where a factor is made."""
-        K = np.zeros(self.pattern.nnz)
+        K = np.zeros(self.point_pattern.nnz)
         for term in self.terms:
             if isinstance(term, HasProduct):
                 term.add_stand_in(q, K)
         return K
 
-    def damping_matrix(self, q: Array, control: Control, K: Array | None = None) -> Matrix:
-        """The damping matrix with its products; arguments as of `damping`."""
-        values, law = self.damping(q, control, K), self._damping
+    def damping_matrix(self, pose: Pose, control: Control, K: Array | None = None) -> Matrix:
+        """The generalised damping matrix with its products; K is that of the points, if at hand."""
+        q, law = pose.q, self._damping
+        values = self.damping(q, control, K)
         if law is None:
-            return Matrix(self.pattern, values)
+            return Matrix(self.pattern, np.zeros(self.pattern.nnz))
+        values = self.kinematics.generalised_matrix(values, None, pose)
         products = self.products(q) if law.rest is None else self._products_at_rest
         return Matrix(self.pattern, values, tuple(part.scaled(law.beta) for part in products))
 
@@ -226,16 +238,40 @@ class System:
     def _products_at_rest(self) -> tuple[Product, ...]:
         return self.products(self.scene.mesh.X)
 
+    def stiffness_matrix(self, pose: Pose, K: Array, f: Array) -> Matrix:
+        """The generalised stiffness with its products, from forces and stiffness of the points."""
+        values, q = self.kinematics.generalised_matrix(K, f, pose), pose.q
+        products = self.products(q)
+        stand_in = (lambda: self.stand_in(q)) if products else None
+        return Matrix(self.pattern, values, products, stand_in)
+
     def implicit_matrix(
-        self, q: Array, K: Array, D: Matrix, by_damping: float, by_stiffness: float
+        self,
+        pose: Pose,
+        here: Evaluation,
+        K: Array,
+        D: Matrix,
+        by_damping: float,
+        by_stiffness: float,
+        inertia: Pose | None = None,
     ) -> Matrix:
-        """M + by_damping D + by_stiffness K; the values K of the stiffness at q are used up."""
+        """M + by_damping D + by_stiffness R'KR; the values K of the points' stiffness are used up.
+
+        Parameters
+        ----------
+        pose : Pose
+            Of forces `here` and stiffness K.
+        inertia : Pose, optional
+            Of the mass, by default the same.
+        """
+        q, kinematics = pose.q, self.kinematics
         values = by_damping * D.values
-        np.multiply(K, by_stiffness, out=K)
-        np.add(values, K, out=values)
-        values[self.pattern.diagonal] += self.mass
-        here = self.products(q)
-        if not here:
+        stiffness = kinematics.generalised_matrix(K, here.f, pose)
+        np.multiply(stiffness, by_stiffness, out=stiffness)
+        np.add(values, stiffness, out=values)
+        kinematics.add_mass(values, pose if inertia is None else inertia)
+        products = self.products(q)
+        if not products:
             return Matrix(self.pattern, values)
         beta = 0.0 if self._damping is None else self._damping.beta
         share = by_damping * beta + by_stiffness
@@ -244,7 +280,7 @@ class System:
             values,
             merged(
                 [
-                    *(part.scaled(by_stiffness) for part in here),
+                    *(part.scaled(by_stiffness) for part in products),
                     *(part.scaled(by_damping) for part in D.products),
                 ]
             ),
@@ -255,16 +291,6 @@ class System:
         """Smallest det F over all terms that deform (inf if none does), and its element."""
         found = [term.smallest_J(q) for term in self.terms if isinstance(term, Deforms)]
         return min(found, key=_nan_is_worst, default=(float("inf"), -1))
-
-    def reduce(self, f: Array) -> Array:
-        """Free components (n_free,) of a nodal vector (n_nodes, 3)."""
-        return f.reshape(-1)[self.free]
-
-    def expand(self, w: Array, onto: Array) -> Array:
-        """Copy of a nodal vector with its free components replaced by w."""
-        out = onto.copy()
-        out.reshape(-1)[self.free] = w
-        return out
 
     def control(self, activation: Array, t: float = 0.0) -> Control:
         """Checked control at a time t [s].
@@ -340,7 +366,8 @@ def compile_scene(scene: Scene) -> System:
     terms = tuple(term.compile(layout) for term in scene.terms)
     conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
     sparse = _sparse(scene, terms)
-    system = System(scene, mass, pattern, terms, layout.muscles, conditions, sparse)
+    kinematics = Selection(pattern, mass[pattern.free // 3])
+    system = System(scene, mass, pattern, kinematics, terms, layout.muscles, conditions, sparse)
     if scene.damping is None:
         return system
     # a barrier is stiff only where it is touched: a damping by it would hold surfaces together

@@ -86,3 +86,8 @@ def mean_stress(system: sim.System, F: np.ndarray, activation) -> np.ndarray:
     X = system.scene.mesh.X
     f = -system.force(X @ F.T, system.control(np.asarray(activation, float))).f
     return f.T @ X / system.scene.mesh.volumes().sum()
+
+
+def free_components(system: sim.System, x: np.ndarray) -> np.ndarray:
+    """Components (n_free,) of a nodal vector that are not fixed."""
+    return x.reshape(-1)[system.free]

@@ -15,7 +15,7 @@ from sim.integrators.newton import (
     error_left,
 )
 from sim.integrators.workspace import Workspace
-from sim.state import Array
+from sim.state import Array, Pose
 from sim.system import System
 from sim.vectors import dot
 
@@ -26,6 +26,7 @@ class Placed(Potential, Protocol):
     """A potential that knows where its displacements lead."""
 
     system: System
+    base: Pose
 
     def positions(self, d: Array) -> Array:
         """Nodal positions (n_nodes, 3)."""
@@ -84,7 +85,7 @@ def _lagrangian_matrix(potential: Placed, d: Array, multiplier: Array) -> Array:
     """Values of scale times the second derivative of phi + lambda . c."""
     conditions = potential.system.constraints
     assert conditions is not None
-    curvature, q = np.zeros(potential.system.pattern.nnz), potential.positions(d)
+    curvature, q = np.zeros(potential.system.point_pattern.nnz), potential.positions(d)
     conditions.evaluate(q)
     conditions.add_curvature(q, multiplier, curvature)
     return potential.matrix(d).values + potential.scale * curvature

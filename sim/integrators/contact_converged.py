@@ -97,7 +97,7 @@ def minimise_in_contact(
     SingularSystem
         A matrix could not be factorised.
     """
-    pattern, in_matrix = potential.system.pattern, step.contact.in_matrix
+    pattern, in_matrix = potential.system.point_pattern, step.contact.in_matrix
     penalty = (TouchingInMatrix if in_matrix else TouchingApart).penalty
 
     def touched(multipliers: Multipliers) -> TouchingInMatrix | TouchingApart:

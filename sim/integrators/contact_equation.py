@@ -115,7 +115,7 @@ class ContactEquation:
 
     def displacement(self, x: Array) -> Array:
         """Nodal vector (n_nodes, 3) of x, zero at what is held."""
-        return self._system.expand(x, np.zeros_like(self._state.q))
+        return self._system.kinematics.displacements(x, self._state.pose)
 
     def settle(self, multipliers: Multipliers, x: Array) -> tuple[Array, Acting, Solve]:
         """Solution with the rows that touch, from a guess x.
@@ -131,12 +131,13 @@ class ContactEquation:
             A matrix could not be factorised.
         """
         system, rows = self._system, multipliers.rows
+        kinematics = system.kinematics
         n = self._state.q.shape[0]
         if not len(rows):
             solve = self._solver(None, rows, np.empty((0, 3, 3)))
             move = solve(self._b - self._A.times(x), LINEAR_ERROR)
             return x + move, multipliers.at(self.displacement(x + move)), solve
-        places = self._step.places(system.pattern, rows)
+        places = self._step.places(system.point_pattern, rows)
         acting = multipliers.at(self.displacement(x))
         # rows that pushed in the step before, and those that the motion would bring inside
         pushes = (multipliers.normal > 0.0) | (acting.gap < -TOUCH)
@@ -145,7 +146,8 @@ class ContactEquation:
         for _ in range(PASSES):
             force = multipliers.held(acting, pushes)[:, None] * rows.normal + acting.friction
             Ax = self._A.times(x)
-            missing = self._b + self.scale * system.reduce(rows.spread(force, n)) - Ax
+            pushed = kinematics.generalised_force(rows.spread(force, n), self._state.pose)
+            missing = self._b + self.scale * pushed - Ax
             left = norm(missing)
             same = np.array_equal(factored, pushes) and np.array_equal(sticks, acting.sticks)
             # the stiffness of a sliding contact turns with its way

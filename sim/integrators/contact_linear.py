@@ -30,9 +30,9 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Touched:
-    """Velocities and positions of a step with contact, and how it went."""
+    """Independent velocities w and positions q of a step with contact, and how it went."""
 
-    v: Array
+    w: Array
     q: Array
     memory: Mapping[str, Array]
     solutions: int
@@ -60,7 +60,8 @@ class LinearContact:
     ) -> None:
         assert system.contact is not None  # callers choose this by it
         self._system, self._state = system, state
-        self._h, self._moves, self._v0 = h, equation.moves, system.reduce(state.v)
+        self._h, self._moves = h, equation.moves
+        self._v0 = system.kinematics.velocities(state)
         self._step = ContactStep(system.contact, state, state.t + h)
         self._equation = ContactEquation(system, state, equation, self._step, h, work)
 
@@ -92,16 +93,17 @@ class LinearContact:
         if self._moves < 1.0:
             out_of = near.joined(self._through(multipliers.rows, q, near))
 
-        pattern, pushing = self._system.pattern, multipliers.pushing(acting)
+        kinematics, pose = self._system.kinematics, self._state.pose
+        pattern, pushing = self._system.point_pattern, multipliers.pushing(acting)
 
         def opened(rows: Rows, wanted: Array) -> Array:
             push = pressed(rows, wanted, pushing, pattern, equation.diagonal, PENALTY)
-            f = equation.scale * self._system.reduce(push)
+            f = equation.scale * kinematics.generalised_force(push, pose)
             return equation.displacement(solve(f, SHARE * float(wanted.max())))
 
         q = moved_out(q, step.q0, out_of, opened)
         return Touched(
-            self._system.expand(x / h, self._state.v),
+            x / h,
             q,
             step.memory(q, near, multipliers, acting),
             equation.solutions,
@@ -111,7 +113,7 @@ class LinearContact:
 
     def _multipliers_of(self, rows: Rows, before: Multipliers | None = None) -> Multipliers:
         """Rows that allow no way in, with their multipliers."""
-        rho = penalties(self._system.pattern, self._equation.diagonal, rows, PENALTY)
+        rho = penalties(self._system.point_pattern, self._equation.diagonal, rows, PENALTY)
         multipliers = self._step.multipliers(self._step.entering(rows), rho)
         if before is not None:
             k = len(before.rows)
@@ -122,7 +124,8 @@ class LinearContact:
 
     def _positions(self, x: Array) -> Array:
         way = self._h * (1.0 - self._moves) * self._v0 + self._moves * x
-        return self._system.expand(self._system.reduce(self._state.q) + way, self._state.q)
+        pose = self._state.pose
+        return self._system.kinematics.advance(pose, way, pose.t + self._h).q
 
     def _missed(self, multipliers: Multipliers, acting: Acting, q: Array, near: Rows) -> Rows:
         """Rows that the step has passed and that are no matter of a small correction."""

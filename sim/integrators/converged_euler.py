@@ -52,15 +52,19 @@ class ConvergedEuler(Converged):
             here = system.force(state.q, at_end)
         require_upright(here.element, here.smallest_J, state.t)
         with work.timed("tangent"):
-            D = system.damping_matrix(state.q, at_end)
-        stage = Stage(t1, state.q, state.v, h, at_end, D)
+            D = system.damping_matrix(state.pose, at_end)
+        kinematics = system.kinematics
+        w0 = kinematics.velocities(state)
+        u0 = kinematics.inertial(w0, state.pose)
+        stage = Stage(t1, state.pose, u0, h, at_end, D)
         end = self._solve(system, stage, state, work, here)
-        memory = {**system.remember(end.q), **end.memory}
-        error = 0.5 * h * (end.v - state.v)
+        memory = {**system.remember(end.pose.q), **end.memory}
+        error, gained = 0.5 * h * (end.w - w0), w0
         if system.contact is None:
             with work.timed("force"):
-                f0 = system.reduce(system.force(state.q, line.at(0.0)).f)
-            v0, v1 = system.reduce(state.v), system.reduce(end.v)
-            gained = system.mass * (v1 - v0) - h * (f0 - D.times(v0))
-            error = self._freed(system, error, 0.5 * gained, D, h, work)
-        return State(t1, end.q, end.v, memory), report_of(h, [end], error)
+                f0 = system.force(state.q, line.at(0.0)).f
+            Q0 = kinematics.generalised_force(f0, state.pose)
+            u1 = kinematics.inertial(end.w, end.pose)
+            gained = kinematics.momentum(u1 - u0, end.pose) - h * (Q0 - D.times(w0))
+        error = self._freed(system, error, 0.5 * gained, D, h, end.pose, work)
+        return kinematics.state(end.pose, end.w, memory), report_of(h, [end], error)

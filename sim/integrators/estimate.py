@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from sim.matrix import Matrix
-from sim.state import Array
+from sim.state import Array, Pose
 from sim.system import System
 
 
@@ -14,6 +14,7 @@ def relaxed(
     D: Matrix,
     s: float,
     solve: Callable[[Array], Array],
+    pose: Pose,
 ) -> Array:
     """An estimate (e_q, e_v) through one implicit stage: what decays at once is no error.
 
@@ -30,23 +31,26 @@ def relaxed(
     Parameters
     ----------
     system : System
-    position : (n_nodes, 3) estimate of the positions e_q [m].
-    momentum : (n_free,) mass times the estimate of the velocities, M e_v [N s].
+    position : (n,) estimate of the coordinates e_q [m].
+    momentum : (n,) mass times the estimate of the velocities, M e_v [N s].
     D : Matrix
         Damping of the step [N s/m].
     s : float
         Implicit part of the step [s].
     solve : callable
         Solution with A, exact or nearly.
+    pose : Pose
+        Where the estimate is made.
 
     Returns
     -------
-    (n_nodes, 3) estimate of the positions [m].
+    (n_points, 3) estimate of the positions [m].
 
     Notes
     -----
     The filter of Hosea and Shampine 1996, Analysis and implementation of TR-BDF2, Appl. Numer. Math. 20,
     section 4, for second-order equations.
     """
-    e = system.reduce(position)
-    return system.expand(solve(system.mass * e + s * D.times(e) + s * momentum), 0.0 * position)
+    e, kinematics = position, system.kinematics
+    relaxed = solve(kinematics.apply_mass(e, pose) + s * D.times(e) + s * momentum)
+    return kinematics.displacements(relaxed, pose)

@@ -6,34 +6,36 @@ from typing import ClassVar
 from sim.errors import SceneError
 from sim.integrators.contract import require_upright
 from sim.integrators.workspace import Workspace
-from sim.linear import symmetric_product
-from sim.state import Array, Control, ControlAt, State, StepReport
+from sim.state import Array, Control, ControlAt, Pose, State, StepReport
 from sim.system import System
 
 
-def _acceleration(system: System, q: Array, v: Array, control: Control, work: Workspace) -> Array:
-    """M^-1 (f(q, a) - D(q) v) per free unknown."""
+def _acceleration(system: System, state: State, control: Control, work: Workspace) -> Array:
+    """dw/dt = M^-1 (R'f - D w - b) with the inertial forces b."""
     if system.constraints:
         raise SceneError(
             "an explicit integrator cannot hold constraints: use an implicit one or a soft term"
         )
     system.require_passable("an explicit integrator")
     system.require_no_contact("an explicit integrator")
+    kinematics = system.kinematics
     with work.timed("force"):
-        f = system.reduce(system.force(q, control).f)
+        f = kinematics.generalised_force(system.force(state.q, control).f, state.pose)
     if system.scene.damping is not None:
         with work.timed("tangent"):
-            D = system.damping(q, control)
-        f -= symmetric_product(system.pattern, D, system.reduce(v))
-    return f / system.mass
+            D = system.damping_matrix(state.pose, control)
+        f = f - D.times(kinematics.velocities(state))
+    return kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
 
 
-def _finish(system: System, q: Array, v: Array, state: State, h: float) -> tuple[State, StepReport]:
+def _finish(
+    system: System, pose: Pose, w: Array, state: State, h: float
+) -> tuple[State, StepReport]:
     over = system.during(state, h)
-    least, element = over.smallest_J(q)
+    least, element = over.smallest_J(pose.q)
     require_upright(element, least, state.t + h)
     report = StepReport(h=h, smallest_J=least, iterations=0, factorisations=0)
-    return State(state.t + h, q, v, over.remember(q)), report
+    return system.kinematics.state(pose, w, over.remember(pose.q)), report
 
 
 @dataclass(frozen=True)
@@ -63,10 +65,11 @@ class SymplecticEuler:
             The scene has constraints.
         """
         at_start = control.chord(state.t, h).at(0.0)
-        a0 = _acceleration(system.during(state, 0.0), state.q, state.v, at_start, work)
-        v1 = system.reduce(state.v) + h * a0
-        q1 = system.expand(system.reduce(state.q) + h * v1, state.q)
-        return _finish(system, q1, system.expand(v1, state.v), state, h)
+        kinematics = system.kinematics
+        a0 = _acceleration(system.during(state, 0.0), state, at_start, work)
+        w1 = kinematics.velocities(state) + h * a0
+        pose = kinematics.advance(state.pose, h * w1, state.t + h)
+        return _finish(system, pose, w1, state, h)
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,10 @@ class RungeKutta4:
 
     Notes
     -----
-    Fourth order for smooth forces; stable for h < 2.8/omega of the fastest mode. Source: Hairer, Norsett
-    and Wanner, Solving Ordinary Differential Equations I, Table II.1.2.
+    Fourth order for smooth forces; stable for h < 2.8/omega of the fastest mode. Rotations are
+    integrated in the rotation vector since the start of the step. Source: Hairer, Norsett and Wanner,
+    Solving Ordinary Differential Equations I, Table II.1.2; Munthe-Kaas 1999, High order Runge-Kutta
+    methods on manifolds, Appl. Numer. Math. 29, 115-127.
     """
 
     order: ClassVar[int] = 4
@@ -86,18 +91,19 @@ class RungeKutta4:
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `SymplecticEuler.step`."""
-        w0, v0 = system.reduce(state.q), system.reduce(state.v)
+        kinematics, pose = system.kinematics, state.pose
         at_start = system.during(state, 0.0)
         line = control.moments(state.t, h, (0.0, 0.5, 1.0))
-        dw, dv = v0, _acceleration(at_start, state.q, state.v, line.at(0.0), work)
-        sum_w, sum_v = dw, dv
+        w0 = kinematics.velocities(state)
+        # d are coordinates around the start, with dd/dt = B(d) w (Munthe-Kaas)
+        rate, a = w0, _acceleration(at_start, state, line.at(0.0), work)
+        sum_rate, sum_a = rate, a
         for fraction, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
             s = fraction * h
-            q = system.expand(w0 + s * dw, state.q)
-            v = v0 + s * dv
-            dw = v
-            part = system.during(state, s)
-            dv = _acceleration(part, q, system.expand(v, state.v), line.at(fraction), work)
-            sum_w, sum_v = sum_w + weight * dw, sum_v + weight * dv
-        q1 = system.expand(w0 + h / 6.0 * sum_w, state.q)
-        return _finish(system, q1, system.expand(v0 + h / 6.0 * sum_v, state.v), state, h)
+            d, w = s * rate, w0 + s * a
+            inside = kinematics.state(kinematics.advance(pose, d, state.t + s), w, state.memory)
+            rate = kinematics.rate(d, w)
+            a = _acceleration(system.during(state, s), inside, line.at(fraction), work)
+            sum_rate, sum_a = sum_rate + weight * rate, sum_a + weight * a
+        end = kinematics.advance(pose, h / 6.0 * sum_rate, state.t + h)
+        return _finish(system, end, w0 + h / 6.0 * sum_a, state, h)

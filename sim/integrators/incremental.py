@@ -1,36 +1,46 @@
 """The incremental potential of one implicit stage, and what it shares with that of an equilibrium."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sim.integrators.by_secants import BySecants
 from sim.integrators.newton import Point
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
-from sim.state import Array, Control, Evaluation
+from sim.state import Array, Control, Evaluation, Pose
 from sim.system import System
 from sim.vectors import dot
 
 
 class PotentialOfMoves(BySecants):
-    """A potential of displacements d of the free unknowns from a base, under one control.
+    """A potential of motions d (n,) of the coordinates from a base, under one control.
 
     Parameters
     ----------
     system : System
-    q : (n_nodes, 3) base positions [m].
+    base : Pose
+        Where motions start.
     control : Control
     work : Workspace
         For its run times.
     """
 
-    def __init__(self, system: System, q: Array, control: Control, work: Workspace) -> None:
+    def __init__(self, system: System, base: Pose, control: Control, work: Workspace) -> None:
         self.system = system
-        self._q, self._control, self._work = q, control, work
-        self._w0 = system.reduce(q)
+        self.base, self._control, self._work = base, control, work
+
+    def pose(self, d: Array) -> Pose:
+        """Pose after a motion, at the time of the control."""
+        return self.system.kinematics.advance(self.base, d, self._control.t)
 
     def positions(self, d: Array) -> Array:
-        """Nodal positions (n_nodes, 3)."""
-        return self.system.expand(self._w0 + d, self._q)
+        """Positions of all points (n_points, 3)."""
+        return self.pose(d).q
+
+    def coordinates(self, q: Array) -> Array:
+        """Motion d (n,) to positions q (n_points, 3) in the frames of the base."""
+        return self.system.kinematics.between(self.base, replace(self.base, q=q))
 
     def largest_step(self, d: Array, direction: Array) -> float:
         """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
@@ -39,10 +49,10 @@ class PotentialOfMoves(BySecants):
         ends = self.positions(d), self.positions(d + direction)
         return self.system.largest_step(*ends, self._control)
 
-    def _evaluate(self, d: Array) -> Evaluation:
-        """Forces and energy at d."""
+    def _evaluate(self, pose: Pose) -> Evaluation:
+        """Forces and energy at a pose."""
         with self._work.timed("force"):
-            return self.system.force(self.positions(d), self._control)
+            return self.system.force(pose.q, self._control)
 
 
 class IncrementalPotential(PotentialOfMoves):
@@ -55,7 +65,9 @@ class IncrementalPotential(PotentialOfMoves):
     Parameters
     ----------
     system : System
-    q, v : (n_nodes, 3) base positions [m] and velocities [m/s].
+    base : Pose
+        Where the stage starts.
+    u : inertial velocities there.
     control : Control
         At the instant of the stage.
     s : float
@@ -69,44 +81,44 @@ class IncrementalPotential(PotentialOfMoves):
     def __init__(
         self,
         system: System,
-        q: Array,
-        v: Array,
+        base: Pose,
+        u: Array,
         control: Control,
         s: float,
         D: Matrix,
         work: Workspace,
     ) -> None:
-        super().__init__(system, q, control, work)
+        super().__init__(system, base, control, work)
         self.scale, self.shift = s * s, system.mass
-        self._v, self._s, self._D = v, s, D
-        self._v0 = system.reduce(v)
-        self._momentum = self.shift * self._v0 / s
+        self._s, self._D, self._u = s, D, u
+        self._momentum = system.kinematics.momentum(u, base) / s
 
     def velocities(self, d: Array) -> Array:
-        """Nodal velocities d/s (n_nodes, 3)."""
-        return self.system.expand(d / self._s, self._v)
+        """Independent velocities d/s (n,)."""
+        return d / self._s
 
     def point(self, d: Array, here: Evaluation | None = None) -> Point:
         """Evaluate phi and its gradient; with det F <= 0 somewhere they mean nothing."""
+        pose = self.pose(d)
         if here is None:
-            here = self._evaluate(d)
+            here = self._evaluate(pose)
         product = self._D.times(d)
         product /= self._s
         product += self.shift * d / self.scale
-        g = product - self._momentum - self.system.reduce(here.f)
+        g = product - self._momentum - self.system.kinematics.generalised_force(here.f, pose)
         phi = 0.5 * dot(d, product) - dot(self._momentum, d) + here.energy
         return Point(d, g, phi, here)
 
     def matrix(self, d: Array) -> Matrix:
         """s^2 times the second derivative at d, M + s D + s^2 K."""
-        q = self.positions(d)
-        K = self.system.tangent(q, self._control)[1]
-        return self.system.implicit_matrix(q, K, self._D, self._s, self.scale)
+        pose = self.pose(d)
+        here, K = self.system.tangent(pose.q, self._control)
+        return self.system.implicit_matrix(pose, here, K, self._D, self._s, self.scale)
 
     def start(self, state_q: Array, at_state: Evaluation | None = None) -> Point:
         """Begin at the inertial guess d = s v where it is feasible and better, else at the state."""
-        here = self.point(self.system.reduce(state_q) - self._w0, at_state)
-        guess = self._s * self._v0
+        here = self.point(self.coordinates(state_q), at_state)
+        guess = self._s * self._u
         share = self.largest_step(here.d, guess - here.d)
         if share < 1.0:
             guess = here.d + share * (guess - here.d)

@@ -12,7 +12,7 @@ from sim.integrators.estimate import relaxed
 from sim.integrators.workspace import Solution, Workspace
 from sim.linear import NotReached
 from sim.matrix import Matrix
-from sim.state import Array, Evaluation, Line, State, StepReport
+from sim.state import Array, Evaluation, Line, Pose, State, StepReport
 from sim.system import System
 
 
@@ -54,6 +54,21 @@ class LinearStep:
     rhs: Array
     moves: float
     missed: Missed | None = None
+
+
+def predicted_pose(system: System, state: State, h: float) -> Pose:
+    """Pose of the mass of a step: where the present velocities lead, if R varies."""
+    kinematics = system.kinematics
+    if not kinematics.matrix_varies:
+        return state.pose
+    return kinematics.advance(state.pose, h * kinematics.velocities(state), state.t + h)
+
+
+def momentum_at(system: System, state: State, predicted: Pose) -> Array:
+    """Momentum (n,) of a state in the coordinates of the predicted pose."""
+    kinematics = system.kinematics
+    w = kinematics.velocities(state)
+    return kinematics.momentum(kinematics.inertial(w, state.pose), predicted)
 
 
 Equation = Callable[[System], LinearStep]
@@ -110,37 +125,38 @@ def linear_step(
         The scene has a barrier.
     """
     system.require_passable("a linearly implicit step")
-    v0, t1 = system.reduce(state.v), state.t + h
+    kinematics, pose0, t1 = system.kinematics, state.pose, state.t + h
+    v0 = kinematics.velocities(state)
     A, rhs, moves = equation.A, equation.rhs, equation.moves
     conditions, touched = system.constraints, None
     if system.contact is not None:
         touched = LinearContact(system, state, equation, h, work).solve()
-        v1, q1 = system.reduce(touched.v), touched.q
+        v1, pose = touched.w, replace(pose0, q=touched.q, t=t1)
         found = Solution(v1, touched.solutions, touched.factorisations, touched.definite)
     elif conditions is None:
         start = work.extrapolated(state.t, h, v0)
         found = work.solve_any(A, rhs, start, error / (moves * h))
         v1 = found.x
-        q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
+        pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
     else:
         _, G = conditions.evaluate(state.q)
         v1, _ = work.solve_constrained(A.values, G, rhs, np.zeros(conditions.n))
-        q1 = system.expand(system.reduce(state.q) + h * ((1 - moves) * v0 + moves * v1), state.q)
+        pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
         negative, held = work.saddle.negative_pivots, np.zeros(conditions.n)
         definite = negative is None or negative == conditions.n
         found = Solution(v1, definite=definite, roughly=lambda rhs: work.saddle.solve(rhs, held)[0])
     with work.timed("force"):
-        least, element = system.smallest_J(q1)
+        least, element = system.smallest_J(pose.q)
     local_error = None
     if equation.missed is not None and least > 0.0:
-        local_error = _estimate(system, state, equation.missed, found, q1, work)
+        local_error = _estimate(system, state, equation.missed, found, pose, work)
     if conditions is not None:
-        q1 = _projected(system, state, q1, work)
+        pose = _projected(system, state, pose, work)
         found = replace(
             found, iterations=found.iterations + 1, factorisations=found.factorisations + 1
         )
         with work.timed("force"):
-            least, element = system.smallest_J(q1)
+            least, element = system.smallest_J(pose.q)
     try:
         require_upright(element, least, t1)
     except InvertedElement as inverted:
@@ -150,9 +166,8 @@ def linear_step(
                 "stability, so that whether and when this happens depends on rounding"
             )
         raise
-    remembered = {**system.remember(q1), **(touched.memory if touched else {})}
-    new = State(t1, q1, system.expand(v1, state.v), remembered)
-    return new, StepReport(
+    remembered = {**system.remember(pose.q), **(touched.memory if touched else {})}
+    return kinematics.state(pose, v1, remembered), StepReport(
         h=h,
         smallest_J=least,
         iterations=found.iterations,
@@ -167,7 +182,7 @@ def _estimate(
     state: State,
     missed: Missed,
     found: Solution,
-    q1: Array,
+    end: Pose,
     work: Workspace,
 ) -> Array:
     """Estimated error (n_nodes, 3) of an implicit Euler step that was linearised at its start [m].
@@ -176,27 +191,28 @@ def _estimate(
     still move: h A^-1 h r with r the forces that are out of balance at the end.
     """
     line, D, h = missed.line, missed.D, missed.line.h
-    v0, v1, at_start = system.reduce(state.v), found.x, missed.here
-    error = 0.5 * h * system.expand(v1 - v0, 0.0 * state.v)  # the leading one, h^2/2 dv/dt
+    kinematics, pose = system.kinematics, state.pose
+    w0, w1, at_start = kinematics.velocities(state), found.x, missed.here
+    error = 0.5 * h * (w1 - w0)  # the leading one, h^2/2 dv/dt
     if found.roughly is None:  # with contact, whose forces are not all at hand
-        return error
+        return kinematics.displacements(error, end)
     with work.timed("force"):
         if line.rise.any():
             at_start = system.force(state.q, line.at(0.0))
-        at_end = system.force(q1, line.at(1.0))
-    inertia = system.mass * (v1 - v0)
-    gained = inertia - h * (system.reduce(at_start.f) - D.times(v0))
-    unbalanced = h * (system.reduce(at_end.f) - D.times(v1)) - inertia
-    return relaxed(system, error, 0.5 * gained - unbalanced, D, h, found.roughly)
+        at_end = system.force(end.q, line.at(1.0))
+    inertia = kinematics.momentum(kinematics.inertial(w1, end) - kinematics.inertial(w0, pose), end)
+    gained = inertia - h * (kinematics.generalised_force(at_start.f, pose) - D.times(w0))
+    unbalanced = h * (kinematics.generalised_force(at_end.f, end) - D.times(w1)) - inertia
+    return relaxed(system, error, 0.5 * gained - unbalanced, D, h, found.roughly, end)
 
 
-def _projected(system: System, state: State, q: Array, work: Workspace) -> Array:
-    """Positions brought back to the conditions, along their derivative at the start of the step."""
+def _projected(system: System, state: State, pose: Pose, work: Workspace) -> Pose:
+    """Pose brought back to the conditions, along their derivative at the start of the step."""
     conditions = system.constraints
     assert conditions is not None  # callers ask for it by them
     _, G = conditions.evaluate(state.q)
-    c, _ = conditions.evaluate(q)
+    c, _ = conditions.evaluate(pose.q)
     mass = np.zeros(system.pattern.nnz)
-    mass[system.pattern.diagonal] = system.mass
+    system.kinematics.add_mass(mass, pose)
     back, _ = work.solve_constrained(mass, G, np.zeros(system.pattern.n), -c)
-    return system.expand(system.reduce(q) + back, q)
+    return system.kinematics.advance(pose, back, pose.t)

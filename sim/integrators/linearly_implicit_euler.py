@@ -4,7 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.integrators.contract import require_upright
-from sim.integrators.linearly_implicit import LinearStep, Missed, step_of
+from sim.integrators.linearly_implicit import (
+    LinearStep,
+    Missed,
+    momentum_at,
+    predicted_pose,
+    step_of,
+)
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.system import System
@@ -52,10 +58,12 @@ class LinearlyImplicitEuler:
         def equation(system: System) -> LinearStep:
             with work.timed("tangent"):
                 here, K = system.tangent(state.q, at_end)
-                D = system.damping_matrix(state.q, at_end, K)
-                A = system.implicit_matrix(state.q, K, D, h, h * h)
+                D = system.damping_matrix(state.pose, at_end, K)
+                predicted = predicted_pose(system, state, h)
+                A = system.implicit_matrix(state.pose, here, K, D, h, h * h, predicted)
             require_upright(here.element, here.smallest_J, state.t)
-            rhs = system.mass * system.reduce(state.v) + h * system.reduce(here.f)
+            Q = system.kinematics.generalised_force(here.f, state.pose)
+            rhs = momentum_at(system, state, predicted) + h * Q
             return LinearStep(A, rhs, 1.0, Missed(line, D, here))
 
         return step_of(equation, system, state, h, self.tolerance, work)

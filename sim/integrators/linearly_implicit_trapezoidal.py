@@ -4,7 +4,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.integrators.contract import require_upright
-from sim.integrators.linearly_implicit import LinearStep, step_of
+from sim.integrators.linearly_implicit import (
+    LinearStep,
+    momentum_at,
+    predicted_pose,
+    step_of,
+)
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.system import System
@@ -43,12 +48,16 @@ class LinearlyImplicitTrapezoidal:
         def equation(system: System) -> LinearStep:
             with work.timed("tangent"):
                 here, K = system.tangent(state.q, at_end)
-                D = system.damping_matrix(state.q, at_end, K)
-                A = system.implicit_matrix(state.q, K, D, 0.5 * h, 0.25 * h * h)
+                D = system.damping_matrix(state.pose, at_end, K)
+                predicted = predicted_pose(system, state, h)
+                A = system.implicit_matrix(state.pose, here, K, D, 0.5 * h, 0.25 * h * h, predicted)
             require_upright(here.element, here.smallest_J, state.t)
-            v0 = system.reduce(state.v)
-            # (M - h/2 D - h^2/4 K) v0 is twice the mass less the matrix
-            rhs = 2.0 * system.mass * v0 - A.times(v0) + h * system.reduce(here.f)
+            kinematics = system.kinematics
+            w0 = kinematics.velocities(state)
+            # (M - h/2 D - h^2/4 K) w0 is twice the mass less the matrix
+            momentum = momentum_at(system, state, predicted) + kinematics.apply_mass(w0, predicted)
+            Q = kinematics.generalised_force(here.f, state.pose)
+            rhs = momentum - A.times(w0) + h * Q
             return LinearStep(A, rhs, 0.5)
 
         return step_of(equation, system, state, h, self.tolerance, work)

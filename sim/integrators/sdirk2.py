@@ -57,23 +57,28 @@ class Sdirk2(Converged):
         require_upright(here.element, here.smallest_J, state.t)
         with work.timed("tangent"):
             D = middle_damping(part, state, line, h)
-        stage = Stage(state.t + s, state.q, state.v, s, inner, D)
-        first = self._solve(part, stage, state, work, here)
-
-        def base(y0: Array, y1: Array) -> Array:
-            return y0 + (1.0 - GAMMA) / GAMMA * (y1 - y0)
-
-        inside = State(state.t + s, first.q, first.v, state.memory)
-        stage = Stage(t1, base(state.q, first.q), base(state.v, first.v), s, line.at(1.0), D)
-        end = self._solve(whole, stage, inside, work)
+        kinematics = system.kinematics
+        w0 = kinematics.velocities(state)
+        u0 = kinematics.inertial(w0, state.pose)
+        first = self._solve(
+            part, Stage(state.t + s, state.pose, u0, s, inner, D), state, work, here
+        )
+        further = (1.0 - GAMMA) / GAMMA  # the slope of the first stage over its share of the step
+        u1 = kinematics.inertial(first.w, first.pose)
+        way = further * kinematics.between(state.pose, first.pose)
+        base = kinematics.advance(state.pose, way, t1 - s)
+        u = u0 + further * (u1 - u0)
+        inside = kinematics.state(first.pose, first.w, state.memory)
+        end = self._solve(whole, Stage(t1, base, u, s, line.at(1.0), D), inside, work)
         with work.timed("force"):
             at_start = system.during(state, 0.0).force(state.q, line.at(0.0))
-        v0 = system.reduce(state.v)
+        u2 = kinematics.inertial(end.w, end.pose)
         rates = (
-            system.reduce(at_start.f) - D.times(v0),
-            system.mass * (system.reduce(first.v) - v0) / s,
-            system.mass * system.reduce(end.v - base(state.v, first.v)) / s,
+            kinematics.generalised_force(at_start.f, state.pose) - D.times(w0),
+            kinematics.momentum(u1 - u0, first.pose) / s,
+            kinematics.momentum(u2 - u, end.pose) / s,
         )
-        error = _error(h, state.v, first.v, end.v)
-        error = self._freed(whole, error, _error(h, *rates), D, s, work)
-        return State(t1, end.q, end.v, whole.remember(end.q)), report_of(h, [first, end], error)
+        error = _error(h, w0, first.w, end.w)
+        error = self._freed(whole, error, _error(h, *rates), D, s, end.pose, work)
+        memory = whole.remember(end.pose.q)
+        return kinematics.state(end.pose, end.w, memory), report_of(h, [first, end], error)

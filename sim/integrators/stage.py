@@ -1,7 +1,7 @@
 """What the converged integrators share: the solution of one implicit stage."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import reduce
 
 import numpy as np
@@ -14,7 +14,7 @@ from sim.integrators.iterative import Iterative
 from sim.integrators.newton import Iteration
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
-from sim.state import Array, Control, Evaluation, Line, State, StepReport
+from sim.state import Array, Control, Evaluation, Line, Pose, State, StepReport
 from sim.system import System
 
 
@@ -26,7 +26,9 @@ class Stage:
     ----------
     t : float
         Instant of the stage [s].
-    q, v : (n_nodes, 3) base of the stage [m], [m/s].
+    base : Pose
+        Where the stage starts.
+    u : inertial velocities there.
     s : float
         Implicit part of the step [s].
     control : Control
@@ -35,8 +37,8 @@ class Stage:
     """
 
     t: float
-    q: Array
-    v: Array
+    base: Pose
+    u: Array
     s: float
     control: Control
     D: Matrix
@@ -44,10 +46,10 @@ class Stage:
 
 @dataclass(frozen=True)
 class Solved:
-    """Positions and velocities (n_nodes, 3) at the end of a stage, its iteration and contact."""
+    """Pose and independent velocities w (n,) at the end of a stage, its iteration and contact."""
 
-    q: Array
-    v: Array
+    pose: Pose
+    w: Array
     here: Evaluation
     went: Iteration
     memory: Mapping[str, Array] = field(default_factory=dict[str, Array])
@@ -69,31 +71,42 @@ class Converged(Iterative):
         here: Evaluation | None = None,
     ) -> Solved:
         """Solve a stage; `here` is the evaluation at the state's positions under its control."""
-        phi = IncrementalPotential(system, stage.q, stage.v, stage.control, stage.s, stage.D, work)
+        phi = IncrementalPotential(
+            system, stage.base, stage.u, stage.control, stage.s, stage.D, work
+        )
         settle = self._minimiser(system, work, stage.s, stage.t)
         q0 = system.carried(state, stage.control)
         start = phi.start(q0, here if q0 is state.q else None)
 
         if system.contact is None:
             end, went = settle(phi, start)
-            return Solved(phi.positions(end.d), phi.velocities(end.d), end.here, went)
+            return Solved(phi.pose(end.d), phi.velocities(end.d), end.here, went)
         key = (type(self).__name__, stage.s)
         contact = ContactStep(system.contact, state, stage.t)
-        way = stage.s * np.sqrt((stage.v**2).sum(axis=1))
+        v = system.kinematics.displacements(stage.u, stage.base)
+        way = stage.s * np.sqrt((v**2).sum(axis=1))
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t)
         end = found.point
-        return Solved(found.q, phi.velocities(end.d), found.here, found.went, found.memory)
+        pose = replace(phi.pose(end.d), q=found.q)
+        return Solved(pose, phi.velocities(end.d), found.here, found.went, found.memory)
 
     def _freed(
-        self, system: System, error: Array, momentum: Array, D: Matrix, s: float, work: Workspace
+        self,
+        system: System,
+        error: Array,
+        momentum: Array,
+        D: Matrix,
+        s: float,
+        pose: Pose,
+        work: Workspace,
     ) -> Array:
         """Return an estimated error without what the start of the step owes to a jump of the load.
 
-        Arguments as of `relaxed`. With contact, whose forces at the start are not at hand, the
-        estimate stays as it is.
+        Arguments and result as of `relaxed`. With contact, whose forces at the start are not
+        at hand, the estimate stays as it is.
         """
         if system.contact is not None:
-            return error
+            return system.kinematics.displacements(error, pose)
         with_conditions = system.constraints
 
         def solve(rhs: Array) -> Array:
@@ -101,7 +114,7 @@ class Converged(Iterative):
                 return work.solve(rhs)
             return work.saddle.solve(rhs, np.zeros(with_conditions.n))[0]
 
-        return relaxed(system, error, momentum, D, s, solve)
+        return relaxed(system, error, momentum, D, s, solve, pose)
 
 
 def middle_damping(system: System, state: State, control: Line, h: float) -> Matrix:
@@ -109,9 +122,10 @@ def middle_damping(system: System, state: State, control: Line, h: float) -> Mat
 
     Held over the step, it keeps the second order of a method: its change is odd about the middle.
     """
-    q, middle = state.q + 0.5 * h * state.v, control.at(0.5)
-    upright = system.smallest_J(q)[0] > 0.0
-    return system.damping_matrix(q if upright else state.q, middle)
+    kinematics, middle = system.kinematics, control.at(0.5)
+    pose = kinematics.advance(state.pose, 0.5 * h * kinematics.velocities(state), state.t + 0.5 * h)
+    upright = system.smallest_J(pose.q)[0] > 0.0
+    return system.damping_matrix(pose if upright else state.pose, middle)
 
 
 def report_of(h: float, stages: list[Solved], local_error: Array | None = None) -> StepReport:

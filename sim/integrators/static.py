@@ -1,7 +1,7 @@
 """Quasi-static equilibrium: the same iteration without inertia and damping."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Static(Iterative):
         system = work.form(system).during(state, math.inf)
         energy = _Energy(system, state, control(state.t + h), work)
         q0 = system.carried(state, control(state.t + h))
-        start = energy.point(system.reduce(q0) - system.reduce(state.q))
+        start = energy.point(energy.coordinates(q0))
         require_upright(start.here.element, start.here.smallest_J, state.t)
         until, memory = state.t + h, dict[str, Array]()
         settle = self._minimiser(system, work, 0.0, until)
@@ -69,8 +69,11 @@ class Static(Iterative):
             )
             end, went, moved, memory = found.point, found.went, found.q, dict(found.memory)
             least = found.here.smallest_J
-        q1 = energy.positions(end.d) if moved is None else moved
-        new = State(until, q1, np.zeros_like(q1), {**system.remember(q1), **memory})
+        pose = energy.pose(end.d)
+        if moved is not None:
+            pose = replace(pose, q=moved)
+        still = np.zeros(system.pattern.n)
+        new = system.kinematics.state(pose, still, {**system.remember(pose.q), **memory})
         return new, StepReport(h=h, smallest_J=least, **asdict(went))
 
 
@@ -80,20 +83,20 @@ class _Energy(PotentialOfMoves):
     scale = 1.0
 
     def __init__(self, system: System, state: State, control: Control, work: Workspace) -> None:
-        super().__init__(system, state.q, control, work)
+        super().__init__(system, state.pose, control, work)
         self.shift = np.ones(system.pattern.n)
 
     def point(self, d: Array) -> Point:
         """Evaluate E and its gradient."""
-        here = self._evaluate(d)
-        return Point(d, -self.system.reduce(here.f), here.energy, here)
+        pose = self.pose(d)
+        here = self._evaluate(pose)
+        return Point(d, -self.system.kinematics.generalised_force(here.f, pose), here.energy, here)
 
     def matrix(self, d: Array) -> Matrix:
         """Second derivative K at d."""
-        system, q = self.system, self.positions(d)
-        values = system.tangent(q, self._control)[1]
+        pose = self.pose(d)
+        here, K = self.system.tangent(pose.q, self._control)
+        A = self.system.stiffness_matrix(pose, K, here.f)
         # a shift by 1 % of the typical stiffness is felt and not overwhelming
-        self.shift = np.full(len(d), 0.01 * np.abs(values[system.pattern.diagonal]).mean())
-        products = system.products(q)
-        stand_in = (lambda: system.stand_in(q)) if products else None
-        return Matrix(system.pattern, values, products, stand_in)
+        self.shift = np.full(len(d), 0.01 * np.abs(A.values[A.pattern.diagonal]).mean())
+        return A

@@ -76,11 +76,20 @@ class Touching:
     def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
         self._potential, self._multipliers, self._q0 = potential, multipliers, q0
         self.system: System = potential.system
+        self.base = potential.base
         self.scale, self.shift = potential.scale, potential.shift
 
     def positions(self, d: Array) -> Array:
         """Nodal positions (n_nodes, 3)."""
         return self._potential.positions(d)
+
+    def generalised(self, f: Array) -> Array:
+        """Generalised force (n,) of forces on nodes (n_nodes, 3)."""
+        return self.system.kinematics.generalised_force(f, self.base)
+
+    def opening(self, x: Array) -> Array:
+        """Displacements (n_nodes, 3) of a small motion (n,)."""
+        return self.system.kinematics.displacements(x, self.base)
 
     def point(self, d: Array) -> InContact:
         """Evaluate both and their gradients."""
@@ -90,7 +99,7 @@ class Touching:
         """A point of the potential with the augmentation added."""
         rows, acting = self._multipliers.rows, self.acting(point.d)
         f = rows.spread(acting.on_vertices(rows), len(self._q0))
-        g = point.g - self.system.reduce(f)
+        g = point.g - self.generalised(f)
         return InContact(point.d, g, point.phi + acting.energy, point.here, point)
 
     def largest_step(self, d: Array, direction: Array) -> float:
@@ -139,9 +148,8 @@ class TouchingInMatrix(BySecants, Touching):
         pushing : slots that push.
         diagonal : (n_free,) of the stiffness [N/m].
         """
-        push = pressed(rows, wanted, pushing, self.system.pattern, diagonal, self.penalty)
-        x = work.solve(self.scale * self.system.reduce(push))
-        return self.system.expand(x, np.zeros_like(self._q0))
+        push = pressed(rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty)
+        return self.opening(work.solve(self.scale * self.generalised(push)))
 
 
 class TouchingApart(Touching):
@@ -155,7 +163,7 @@ class TouchingApart(Touching):
 
     def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
         super().__init__(potential, multipliers, q0)
-        self._directions = directions(self.system.pattern, multipliers.rows)
+        self._directions = directions(self.system.point_pattern, multipliers.rows)
         self._compliance: RowCompliance | None = None
         self._tried: _Tried | None = None
         self._moved: _Moved | None = None
@@ -248,14 +256,14 @@ class TouchingApart(Touching):
         """As `TouchingInMatrix.opened`, with what pushes elsewhere kept apart."""
         own = self._multipliers.rows
         elsewhere = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
-        D = directions(self.system.pattern, rows)
+        D = directions(self.system.point_pattern, rows)
         G = self._rows(work).beside(D, elsewhere)
         G[np.diag_indices_from(G)] *= 1.0 + SOFT
         gap = np.r_[-wanted, np.zeros(len(elsewhere))]
         force = pushes(G, gap, gap < 0.0)
         push = D.T @ force[: len(rows)] + self._directions[elsewhere].T @ force[len(rows) :]
         x = work.solve(self.scale * push)
-        return self.system.expand(x, np.zeros_like(self._q0))
+        return self.opening(x)
 
 
 @dataclass(frozen=True, eq=False)

@@ -392,7 +392,7 @@ class Workspace:
         if self._saddle is None:
             if self._system.constraints is None:
                 raise SceneError("the scene has no constraints, expected some to solve with")
-            self._saddle = Saddle(self._pattern, self._system.constraints)
+            self._saddle = Saddle(self._system.point_pattern, self._system.constraints)
         return self._saddle
 
     def has_factor_for(self, integrator: str, h: float) -> bool:

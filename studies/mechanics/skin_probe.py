@@ -111,7 +111,7 @@ def probe_skin(
                 away = np.linalg.norm(position[skin] - foot, axis=1)
                 patch = skin[away <= max(radius, float(away.min()) + 1e-9)]
                 load[patch] += sign * axes[k, axis] / len(patch)
-            rhs = system.reduce(load)
+            rhs = system.kinematics.generalised_force(load, state.pose)
             found[name] = 1.0 / float(rhs @ solve(rhs))
         rows.append(found)
     return pd.DataFrame(rows)

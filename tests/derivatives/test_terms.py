@@ -170,6 +170,12 @@ def test_a_tetrahedron_gives_each_node_a_quarter_of_its_volume():
     assert system.force(q, system.control(np.zeros(0))).energy == pytest.approx(expected, rel=1e-12)
 
 
+def moved(system, q, d):
+    out = q.copy()
+    out.reshape(-1)[system.free] += d
+    return out
+
+
 @pytest.mark.parametrize("constraint", CONSTRAINTS)
 def test_every_constraint_G_is_the_derivative_of_c_and_its_curvature_that_of_G(constraint):
     fixed = sim.Fixed(np.array([0, 1, 2, 3]))
@@ -178,15 +184,14 @@ def test_every_constraint_G_is_the_derivative_of_c_and_its_curvature_that_of_G(c
     conditions, q = system.constraints, deformed()
     rng = np.random.default_rng(2)
     multiplier, size = rng.normal(size=conditions.n), 1e-6
-    w = system.reduce(q)
     curvature = np.zeros(system.pattern.nnz)
     G = conditions.matrix(conditions.evaluate(q)[1]).toarray()
     conditions.add_curvature(q, multiplier, curvature)
     for i in range(system.pattern.n):
-        step = np.zeros_like(w)
+        step = np.zeros(system.pattern.n)
         step[i] = size
-        above = conditions.evaluate(system.expand(w + step, q))
-        below = conditions.evaluate(system.expand(w - step, q))
+        above = conditions.evaluate(moved(system, q, step))
+        below = conditions.evaluate(moved(system, q, -step))
         slope = (above[0] - below[0]) / (2 * size)
         assert np.abs(slope - G[:, i]).max() < 1e-7 * np.abs(G).max()
         bend = (

@@ -1,0 +1,91 @@
+"""Kinematics of meshes whose nodes are free or fixed: R selects unknowns and is constant."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.pattern import SymmetricPattern
+from sim.state import Array, Pose, State
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """Free components of nodes as coordinates; inertial velocities are the velocities themselves.
+
+    Attributes
+    ----------
+    pattern : SymmetricPattern
+    mass : (n,) lumped mass of each free component [kg].
+    """
+
+    pattern: SymmetricPattern
+    mass: Array
+    matrix_varies = False
+
+    def velocities(self, state: State) -> Array:
+        """Free components of the nodal velocities."""
+        return self._of(state.v)
+
+    def state(self, pose: Pose, w: Array, memory: Mapping[str, Array]) -> State:
+        """State with fixed components at rest."""
+        return State(pose.t, pose.q, self.displacements(w, pose), memory)
+
+    def displacements(self, d: Array, pose: Pose) -> Array:
+        """Nodal vector with components d, zero where fixed."""
+        out = np.zeros_like(pose.q)
+        out.reshape(-1)[self.pattern.free] = d
+        return out
+
+    def advance(self, pose: Pose, d: Array, t: float) -> Pose:
+        """Free components moved by d."""
+        q = pose.q.copy()
+        q.reshape(-1)[self.pattern.free] += d
+        return replace(pose, q=q, t=t)
+
+    def between(self, start: Pose, end: Pose) -> Array:
+        """Difference of the free components."""
+        return self._of(end.q) - self._of(start.q)
+
+    def rate(self, d: Array, w: Array) -> Array:
+        """The velocities."""
+        return w
+
+    def generalised_force(self, f: Array, pose: Pose) -> Array:
+        """Free components of nodal forces."""
+        return self._of(f)
+
+    def generalised_matrix(self, K: Array, f: Array | None, pose: Pose) -> Array:
+        """K itself, which is assembled over the free components."""
+        return K
+
+    def inertial(self, w: Array, pose: Pose) -> Array:
+        """The velocities."""
+        return w
+
+    def momentum(self, u: Array, pose: Pose) -> Array:
+        """Mass times velocity."""
+        return self.mass * u
+
+    def apply_mass(self, w: Array, pose: Pose) -> Array:
+        """Product with the diagonal mass."""
+        return self.mass * w
+
+    def solve_mass(self, p: Array, pose: Pose) -> Array:
+        """Quotient by the diagonal mass."""
+        return p / self.mass
+
+    def add_mass(self, values: Array, pose: Pose) -> None:
+        """Add the mass to the diagonal."""
+        values[self.pattern.diagonal] += self.mass
+
+    def inertial_force(self, state: State) -> Array:
+        """None, since R is constant."""
+        return np.zeros(self.pattern.n)
+
+    def kicked(self, u: Array, impulse: Array, s: float, state: State) -> Array:
+        """Impulse over mass added."""
+        return u + impulse / self.mass
+
+    def _of(self, x: Array) -> Array:
+        return x.reshape(-1)[self.pattern.free]
