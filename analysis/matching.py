@@ -100,6 +100,21 @@ class Pair:
     nominal: float
 
 
+def _search(pair: Pair, options: Options, sign: int | None) -> Search:
+    """Agreement of the vectors for one sign of the measured one, or for the better of both."""
+    return Search(
+        pair.measured,
+        pair.simulated,
+        nominal=pair.nominal,
+        sign=sign,
+        cutoff=options.cutoff,
+        max_shift=options.max_shift,
+        least_overlap=options.least_overlap,
+        least_gain=options.least_gain,
+        offset=float(pair.measured[0][0]) - pair.start,
+    )
+
+
 def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
     """Find shift and scale, for one sign of the measured vector or for the better of both.
 
@@ -108,18 +123,7 @@ def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
     AlignmentError
         No shift leaves enough overlap.
     """
-    t_m, t_s, nominal = pair.measured[0], pair.simulated[0], pair.nominal
-    search = Search(
-        pair.measured,
-        pair.simulated,
-        nominal=nominal,
-        sign=sign,
-        cutoff=options.cutoff,
-        max_shift=options.max_shift,
-        least_overlap=options.least_overlap,
-        least_gain=options.least_gain,
-        offset=float(t_m[0]) - pair.start,
-    )
+    search, nominal = _search(pair, options, sign), pair.nominal
     best = search.at_scale(nominal, subsample=options.subsample)
     if options.scaling == "search":
         least, most = (nominal * factor for factor in options.scale_range)
@@ -133,8 +137,9 @@ def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
     if best is None:
         raise AlignmentError(
             f"no shift leaves an overlap of {options.least_overlap:.0%} of the time and "
-            f"{LEAST_MOTION:.0%} of the motion (measured {np.ptp(t_m):.3g} s, simulated "
-            f"{np.ptp(t_s):.3g} s): widen max_shift, lower least_overlap, or use scaling='length'"
+            f"{LEAST_MOTION:.0%} of the motion (measured {np.ptp(pair.measured[0]):.3g} s, "
+            f"simulated {np.ptp(pair.simulated[0]):.3g} s): widen max_shift, lower least_overlap, or "
+            "use scaling='length'"
         )
     return best
 
@@ -160,21 +165,23 @@ def signed_match(pair: Pair, cosine: float, options: Options) -> tuple[int, Matc
     clear : bool
         Whether the direction of the components is.
     disagrees : bool
-        Whether direction and correlation call for different signs.
+        Whether direction and correlation, at the scale of the match, call for different signs.
 
     Raises
     ------
     AlignmentError
         No shift leaves enough overlap.
     """
-    best = best_match(pair, options, sign=None)
-    by_correlation = 1 if best.r >= 0 else -1
     by_direction = 1 if cosine >= 0 else -1
     clear = abs(cosine) >= options.clear_cosine
-    sign = by_correlation
     if options.sign == "direction" and clear:
-        sign, best = by_direction, best_match(pair, options, sign=by_direction)
-    return sign, best, clear, by_direction != by_correlation
+        best = best_match(pair, options, sign=by_direction)
+        either = _search(pair, options, None).at_scale(best.scale, subsample=False)
+        disagrees = either is not None and either.r * by_direction < 0
+        return by_direction, best, clear, disagrees
+    best = best_match(pair, options, sign=None)
+    sign = 1 if best.r >= 0 else -1
+    return sign, best, clear, sign != by_direction
 
 
 def scale_at_bound(scale: float, nominal: float, options: Options) -> bool:

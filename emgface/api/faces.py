@@ -152,7 +152,7 @@ def simulate(
                 progress=line.show,
             )
 
-        trajectory = lower_sigma_max(once, parameters, report=line.message).trajectory
+        trajectory = lower_sigma_max(once, parameters, report=line.message)
     keep = ("volunteer", "instruction", "repetition", "strategy")
     trajectory.attrs |= {name: told[name] for name in keep if name in told}
     return trajectory

@@ -118,7 +118,7 @@ def simulate(
                 model, drive["activation"], parameters, settled=settled, progress=bar.show
             )
 
-        trajectory = lower_sigma_max(once, parameters, report=bar.message).trajectory
+        trajectory = lower_sigma_max(once, parameters, report=bar.message)
     keep = ("volunteer", "instruction", "repetition", "strategy", "montage")
     trajectory.attrs |= {name: drive.attrs[name] for name in keep if name in drive.attrs}
     write_netcdf(trajectory, out_path, "trajectory")

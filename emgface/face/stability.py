@@ -49,22 +49,31 @@ def rounding_sensitivity(
 
 
 def stability_warning(motion: xr.Dataset) -> str:
-    """Sentence on a motion that rounding decides; empty where it does not.
+    """Sentence on a motion that depends on rounding, or whose sigma_max was lowered after that.
 
     Parameters
     ----------
     motion : Dataset
         Trajectory with the attributes ``unstable_from_s``, ``unstable_until_s`` [s] and
-        ``rounding_sensitivity`` [m] if its equilibrium lost stability.
+        ``rounding_sensitivity`` [m] if its equilibrium lost stability, and ``lowered_after`` if that
+        of a run with a larger sigma_max did (`emgface.study.policy`).
+
+    Returns
+    -------
+    str
+        Empty if neither is the case.
     """
+    lowered = str(motion.attrs.get("lowered_after", ""))
+    lowered = f"sigma_max was lowered after {lowered}" if lowered else ""
     changes = float(motion.attrs.get("rounding_sensitivity", 0.0))
     if changes < NOTICED:
-        return ""
+        return lowered
     level = f"at the level of {1e3 * changes:.2g} mm"
     if not np.isfinite(changes):
         level = "and fails from a start moved by 1e-14 m"
-    return (
+    own = (
         f"the equilibrium lost stability between {motion.attrs['unstable_from_s']:.4g} and "
         f"{motion.attrs['unstable_until_s']:.4g} s; the motion there depends on rounding {level}: "
         "choose a smaller step, a lower sigma_max or an iterating solver"
     )
+    return f"{own}; {lowered}" if lowered else own

@@ -9,6 +9,7 @@ import xarray as xr
 from pydantic import ValidationError
 
 from analysis.axes import reference_cube
+from analysis.cube import TRIAL_DIMS
 from analysis.errors import AnalysisError
 from emgface.errors import ConfigurationError, DataError, EmgfaceError
 from emgface.schema.netcdf import read_netcdf
@@ -93,7 +94,10 @@ class Results:
             raise DataError(f"there is no usable recording {' '.join(map(str, place))}")
         laboratory, label = self.laboratory, " ".join(map(str, (*place, strategy)))
         activation = self._activation(recording, strategy)
-        motion = laboratory.motion(activation.dataset["activation"], label)
+        labels = dict(zip(TRIAL_DIMS, (*place, strategy), strict=True))
+        used = float(self.base["sigma_max"].sel(labels))
+        sigma_max = used if np.isfinite(used) else None
+        motion = laboratory.motion(activation.dataset["activation"], label, sigma_max)
         aligned = laboratory.aligned(recording, motion, label)
         scores = laboratory.scores(aligned, motion, label)
         return Trial(

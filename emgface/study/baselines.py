@@ -124,10 +124,7 @@ def _recorded(
             continue
         extent = extents.get(trial.volunteer)
         activation = laboratory.activation(recording, trial.strategy, extent).dataset["activation"]
-        motion = laboratory.motion(activation, trial.label)
-        if float(motion.dataset.attrs["sigma_max"]) != trial.sigma_max:
-            # Lowered afterwards to what another trial of the volunteer needed.
-            motion = laboratory.lowered(trial.sigma_max).motion(activation, trial.label)
+        motion = laboratory.motion(activation, trial.label, trial.sigma_max)
         motions[recording.place][trial.strategy] = motion
     by_place = {r.place: r for r in recordings.values() if r is not None}
     head = laboratory.study.signals.head_frame

@@ -5,7 +5,6 @@ solver does not tune its own inputs: it raises, and the rule is applied here.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import xarray as xr
 
@@ -13,29 +12,12 @@ from emgface.face.simulation_parameters import SimulationParameters
 from sim.errors import InvertedElement, NotConverged
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """A value of sigma_max [Pa] that failed, and how."""
-
-    sigma_max: float
-    error: str
-
-
-@dataclass(frozen=True)
-class Lowered:
-    """A simulation that succeeded, the sigma_max [Pa] it used and the attempts before it."""
-
-    trajectory: xr.Dataset
-    sigma_max: float
-    attempts: tuple[Attempt, ...]
-
-
 def lower_sigma_max(
     simulate: Callable[[SimulationParameters], xr.Dataset],
     parameters: SimulationParameters,
     *,
     report: Callable[[str], None] | None = None,
-) -> Lowered:
+) -> xr.Dataset:
     """Simulate, lowering sigma_max each time an element inverts or a step does not converge.
 
     Weaker muscles cure what fails mechanically. An accuracy that is missed (`ToleranceMissed`) is not
@@ -52,7 +34,9 @@ def lower_sigma_max(
 
     Returns
     -------
-    Lowered
+    Dataset
+        The trajectory that succeeded, with the attribute ``attempts``, the number of values tried, and,
+        where failures came after a loss of stability, ``lowered_after``, one sentence for each.
 
     Raises
     ------
@@ -63,25 +47,28 @@ def lower_sigma_max(
         Any other failure, at once.
     """
     policy = parameters.sigma_max_policy
-    attempts: list[Attempt] = []
+    attempts, noted = 1, list[str]()
     sigma_max = parameters.sigma_max
     while True:
         try:
             trajectory = simulate(parameters.model_copy(update={"sigma_max": sigma_max}))
         except (InvertedElement, NotConverged) as error:
-            attempts.append(Attempt(sigma_max, type(error).__name__))
+            failure = f"{type(error).__name__} at sigma_max = {sigma_max / 1e3:.4g} kPa"
+            if notes := getattr(error, "__notes__", []):
+                failure += f" ({'; '.join(notes)})"
+                noted.append(failure)
             lower = sigma_max * policy.factor
             if lower < policy.minimum:
                 error.add_note(
-                    f"sigma_max was lowered {len(attempts) - 1} times from "
+                    f"sigma_max was lowered {attempts - 1} times from "
                     f"{parameters.sigma_max / 1e3:.4g} to {sigma_max / 1e3:.4g} kPa"
                 )
                 raise
             if report is not None:
-                report(
-                    f"{type(error).__name__} at sigma_max = {sigma_max / 1e3:.4g} kPa, "
-                    f"trying {lower / 1e3:.4g} kPa"
-                )
-            sigma_max = lower
+                report(f"{failure}, trying {lower / 1e3:.4g} kPa")
+            sigma_max, attempts = lower, attempts + 1
         else:
-            return Lowered(trajectory, sigma_max, tuple(attempts))
+            trajectory.attrs["attempts"] = attempts
+            if noted:
+                trajectory.attrs["lowered_after"] = "; ".join(noted)
+            return trajectory

@@ -199,10 +199,13 @@ class Laboratory:
             label=f"rest, sigma_max {parameters.sigma_max / 1e3:.4g} kPa",
         )
 
-    def motion(self, activation: xr.DataArray, label: str) -> Result:
+    def motion(
+        self, activation: xr.DataArray, label: str, sigma_max: float | None = None
+    ) -> Result:
         """Return the motion of the lip markers, with the sigma_max that could be simulated.
 
-        A failure is kept too: what failed once fails again, and may have taken long.
+        A failure is kept too: what failed once fails again, and may have taken long. `sigma_max` [Pa] is
+        given for a trial whose value was lowered to that of another trial of the volunteer.
 
         Raises
         ------
@@ -217,6 +220,8 @@ class Laboratory:
             label=label,
         )
         attrs = result.dataset.attrs
+        if sigma_max is not None and attrs["sigma_max"] != sigma_max:
+            return self.lowered(sigma_max).motion(activation, label)
         if "failure" in attrs:
             raise StoredFailure(
                 attrs["failure"], attrs["reason"], attrs["sigma_max"], attrs["run_time_s"], result
@@ -233,7 +238,7 @@ class Laboratory:
             return simulate_face(self.face, activation, parameters, settled=settled)
 
         try:
-            lowered = lower_sigma_max(once, self.study.simulation, report=self.report)
+            return lower_sigma_max(once, self.study.simulation, report=self.report)
         except SimulationError as error:
             reason = " ".join([str(error), *getattr(error, "__notes__", [])])
             return xr.Dataset(
@@ -245,8 +250,6 @@ class Laboratory:
                     "origin": "simulated",
                 }
             )
-        lowered.trajectory.attrs["attempts"] = len(tried)
-        return lowered.trajectory
 
     def aligned(self, recording: Recording, motion: Result, label: str) -> Result:
         """Return the measured lip positions on the time base of the simulation."""

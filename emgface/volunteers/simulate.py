@@ -309,7 +309,7 @@ class _Mover:
             return simulate_face(self.face, activation, parameters, settled=rest)
 
         def compute() -> xr.Dataset:
-            return lower_sigma_max(once, self.parameters, report=self._observer.message).trajectory
+            return lower_sigma_max(once, self.parameters, report=self._observer.message)
 
         inputs = {
             "face": self._digest,
