@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from emgface.recordings.cameras import Camera, triangulate
+from emgface.volunteers.cameras import Camera, triangulate
 
 FOCAL = 2000.0
 """Focal length [pixel]."""

@@ -9,14 +9,7 @@ import xarray as xr
 
 from emgface.errors import DataError, SignalError
 from emgface.recordings.events import cut_trials, find_repetitions, read_events
-from emgface.recordings.synchronise import (
-    ClockFit,
-    cut,
-    fit_clocks,
-    overlap,
-    rising_edges,
-    synchronise,
-)
+from emgface.recordings.synchronise import cut, synchronise
 from emgface.schema.validation import validate
 
 RATE = 1000.0
@@ -45,73 +38,18 @@ def long(duration: float = 20.0) -> xr.Dataset:
     )
 
 
-def test_edges_are_interpolated_and_bounces_left_out() -> None:
-    time = np.arange(0, 5, 0.01)
-    signal = np.clip((time - 1.0) / 0.02, 0, 1)
-    signal[time > 2] = 0.0
-    signal[time > 2.995] = 1.0
-    signal[(time > 3.015) & (time < 3.025)] = 0.0  # a bounce
-    np.testing.assert_allclose(rising_edges(signal, time), [1.01, 2.995], atol=1e-9)
-    np.testing.assert_allclose(rising_edges(signal, time, threshold=0.25)[0], 1.005, atol=1e-9)
-    with pytest.raises(SignalError, match="never rises through 2"):
-        rising_edges(signal, time, threshold=2.0)
-
-
-def test_a_single_pulse_is_found() -> None:
-    time = np.arange(0, 5, 0.001)
-    assert rising_edges(np.where((time > 2) & (time < 2.01), 5.0, 0.0), time) == pytest.approx(
-        2.0005
-    )
-
-
-@pytest.mark.parametrize("offset", [-3.2, 0.0, 17.25])
-def test_clocks_are_related_with_drift_and_missing_triggers(offset: float) -> None:
-    rng = np.random.default_rng(3)
-    marker = np.cumsum(rng.uniform(1, 4, size=12))
-    emg = offset + (1 + 4e-5) * marker + rng.normal(scale=2e-4, size=12)
-    emg = np.append(np.delete(emg, [2, 7]), emg[-1] + 50.0)
-    fit = fit_clocks(emg, np.delete(marker, 4))
-    assert fit.matched == 9
-    assert fit.offset == pytest.approx(offset, abs=1e-3)
-    assert fit.rate == pytest.approx(1 + 4e-5, abs=3e-5)
-    assert fit.residual < 1e-3
-
-
-def test_triggers_that_do_not_decide_are_refused() -> None:
-    with pytest.raises(SignalError, match="agree as well for an offset of"):
-        fit_clocks(np.arange(5.0), np.arange(4.0))
-    with pytest.raises(SignalError, match="found 0 triggers of the EMG"):
-        fit_clocks(np.array([]), np.arange(4.0))
-    with pytest.raises(SignalError, match="differ by 0.20%"):
-        fit_clocks(np.array([0.0, 1.002, 4.008, 6.012]), np.array([0.0, 1, 4, 6]))
-    assert fit_clocks(np.array([2.5]), np.array([1.0])) == ClockFit(1.5, 1.0, 1, 0.0)
-
-
 def test_markers_are_put_on_the_clock_of_the_emg() -> None:
     given = long()
     moved = synchronise(given, offset=0.35)
     np.testing.assert_allclose(moved["time_marker"], given["time_marker"] + 0.35, atol=1e-12)
     np.testing.assert_array_equal(moved["position"], given["position"])
     assert moved["time_marker"].attrs["units"] == "s"
-    by_fit = synchronise(given, clocks=ClockFit(0.35, 1.00002, 5, 1e-4))
-    np.testing.assert_allclose(by_fit["time_marker"], 0.35 + 1.00002 * given["time_marker"].values)
-    assert "5 triggers" in by_fit["time_marker"].attrs["clock_relation"]
-    validate(by_fit, "recording")
-    with pytest.raises(SignalError, match="either an offset in seconds or a fit"):
-        synchronise(given)
+    assert "0.35 s" in moved["time_marker"].attrs["clock_relation"]
+    validate(moved, "recording")
     with pytest.raises(SignalError, match="expected an overlap: see the sign"):
         synchronise(given, offset=25.0)
     with pytest.raises(SignalError, match="lacks EMG or markers"):
         synchronise(given.drop_vars(["emg", "channel", "time_emg"]), offset=0.0)
-
-
-def test_the_shared_span_is_kept() -> None:
-    shared = overlap(synchronise(long(), offset=0.35))
-    assert shared["time_emg"].values[0] == 0.0
-    assert abs(shared["time_marker"].values[0]) <= 0.5 / RATE
-    # At one instant, EMG and marker now differ by the offset between their clocks.
-    assert shared["emg"].values[0, 0] * 1e6 == pytest.approx(0.35, abs=1e-9)
-    assert shared["position"].values[0, 0, 0] == 0.0
 
 
 def test_spans_are_cut_at_the_samples() -> None:

@@ -1,4 +1,4 @@
-"""Three synthetic cameras around a face: calibrated, and markers found where they are."""
+"""Three synthetic cameras around a face: markers are found where they are."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from emgface.errors import MarkerError
-from emgface.recordings.cameras import Camera, calibrate_camera, triangulate
+from emgface.volunteers.cameras import Camera, triangulate
 
 ANGLES = (-35.0, 0.0, 35.0)
 PIXEL = 2.0
@@ -27,13 +27,6 @@ def camera(angle: float, distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -
 
 def bent() -> list[Camera]:
     return [camera(a, (-0.12, 0.05, 0.002, -0.001)) for a in ANGLES]
-
-
-def frame() -> np.ndarray:
-    """Return the points of a calibration frame, 0.2 m wide and 0.12 m deep."""
-    return np.stack(
-        np.meshgrid([-0.1, -0.03, 0.04, 0.1], [-0.06, 0.0, 0.06], [-0.1, 0.0, 0.1]), axis=-1
-    ).reshape(-1, 3)
 
 
 def markers() -> np.ndarray:
@@ -69,17 +62,6 @@ def test_distortion_is_undone() -> None:
         np.testing.assert_allclose(found, seen[:, :2] / seen[:, 2:], atol=1e-12)
 
 
-@pytest.mark.parametrize("distorted", [False, True])
-def test_a_camera_is_found_from_a_frame(distorted: bool) -> None:
-    for truth in bent() if distorted else [camera(a) for a in ANGLES]:
-        found = calibrate_camera(frame(), truth.project(frame()), distortion=distorted)
-        assert found.residual < 1e-6
-        np.testing.assert_allclose(found.intrinsics, truth.intrinsics, rtol=1e-6, atol=1e-3)
-        np.testing.assert_allclose(found.rotation, truth.rotation, atol=1e-8)
-        np.testing.assert_allclose(found.translation, truth.translation, atol=1e-7)
-        np.testing.assert_allclose(found.distortion, truth.distortion, atol=1e-4)
-
-
 def test_markers_are_found_where_they_are() -> None:
     found = triangulate(images(bent(), markers()), bent())
     np.testing.assert_allclose(found["position"], markers(), atol=1e-9)
@@ -89,13 +71,9 @@ def test_markers_are_found_where_they_are() -> None:
 
 def test_noise_in_the_images_gives_the_expected_error_in_space() -> None:
     cameras, rng = bent(), np.random.default_rng(5)
-    calibrated = [
-        calibrate_camera(frame(), c.project(frame()) + 0.1 * rng.normal(size=(len(frame()), 2)))
-        for c in cameras
-    ]
     tracks = images(cameras, markers())
     noisy = tracks + 0.2 * rng.normal(size=tracks.shape)
-    error = triangulate(noisy, calibrated)
+    error = triangulate(noisy, cameras)
     away = error["position"].values - markers()
     # 0.2 pixels over 1900 pixels of focal length at 0.8 m are 0.08 mm in each image.
     assert 0.02e-3 < np.sqrt(np.mean(away**2)) < 0.2e-3
@@ -138,17 +116,7 @@ def test_a_wrong_match_has_a_large_reprojection_error() -> None:
     assert float(error[0, 3]) > 5.0 and float(error.max()) == float(error[0, 3])
 
 
-def test_what_determines_no_camera_is_refused() -> None:
-    pixels = camera(0.0).project(frame())
-    with pytest.raises(MarkerError, match="found 9 calibration points, expected at least 10"):
-        calibrate_camera(frame()[:9], pixels[:9])
-    flat = frame()[frame()[:, 1] == 0]
-    with pytest.raises(MarkerError, match="lie in one plane"):
-        calibrate_camera(flat, camera(0.0).project(flat), distortion=False)
-    with pytest.raises(MarkerError, match="no camera sees the calibration points so"):
-        calibrate_camera(frame(), np.random.default_rng(0).permutation(pixels), distortion=False)
-    with pytest.raises(MarkerError, match="expected .points, 3. and .points, 2."):
-        calibrate_camera(frame(), pixels[:5])
+def test_tracks_that_fit_no_cameras_are_refused() -> None:
     with pytest.raises(MarkerError, match="found 2 cameras for 3 tracks"):
         triangulate(images(bent(), markers()), bent()[:2])
     with pytest.raises(MarkerError, match="expected camera, marker, image_axis, time_marker"):

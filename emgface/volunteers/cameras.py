@@ -1,9 +1,8 @@
-"""Cameras: calibration from known points, and markers in space from their tracks in the images.
+"""Cameras that film a simulated volunteer: images of markers, and their positions from the images.
 
 A camera maps a point X in space to pixels by x = K d(R X + t): R and t turn and shift X into the
 frame of the camera, d divides by depth and distorts, K holds focal lengths and principal point.
-Sources: Abdel-Aziz and Karara 1971, ASP Symposium on Close-Range Photogrammetry (direct linear
-transform); Hartley and Zisserman 2004, Multiple View Geometry, 2nd ed., sections 7.1 and 12.2;
+Sources: Hartley and Zisserman 2004, Multiple View Geometry, 2nd ed., section 12.2;
 Brown 1971, Photogrammetric Engineering 37:855 (distortion).
 """
 
@@ -11,16 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
 import xarray as xr
-from scipy.spatial.transform import Rotation
 
 from emgface.errors import MarkerError
 from emgface.muscles import AXES
 
-FEWEST_POINTS = 6
-"""Points that determine a camera, not all in one plane."""
 _UNDISTORTING = 50
 
 
@@ -38,15 +32,12 @@ class Camera:
         t.
     distortion : ndarray, shape (4,)
         Radial k1, k2 and tangential p1, p2.
-    residual : float [pixel]
-        Root-mean-square distance of the calibration points, 0 where not calibrated.
     """
 
     intrinsics: np.ndarray
     rotation: np.ndarray
     translation: np.ndarray
     distortion: np.ndarray
-    residual: float = 0.0
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return the pixels of points in space.
@@ -99,117 +90,6 @@ class Camera:
             ],
             axis=-1,
         )
-
-
-def calibrate_camera(points: np.ndarray, pixels: np.ndarray, *, distortion: bool = True) -> Camera:
-    """Calibrate a camera from points of known position.
-
-    The direct linear transform of normalised points gives a camera without distortion; its
-    parameters and the distortion then minimise the distances in the image.
-
-    Parameters
-    ----------
-    points : ndarray, shape (points, 3) [m]
-        Known positions, at least six and not in one plane.
-    pixels : ndarray, shape (points, 2) [pixel]
-        Where the camera sees them.
-    distortion : bool
-        Fit k1, k2, p1, p2 too; needs at least ten points spread over the image.
-
-    Returns
-    -------
-    Camera
-        The camera, with the residual of the fit.
-
-    Raises
-    ------
-    MarkerError
-        If the points are too few, lie in one plane, or no camera sees them so.
-    """
-    points, pixels = np.asarray(points, dtype=float), np.asarray(pixels, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 3 or pixels.shape != (len(points), 2):
-        raise MarkerError(
-            f"found points of shape {points.shape} and pixels of shape {pixels.shape}, expected "
-            "(points, 3) and (points, 2)"
-        )
-    usable = np.isfinite(points).all(axis=1) & np.isfinite(pixels).all(axis=1)
-    points, pixels = points[usable], pixels[usable]
-    needed = FEWEST_POINTS + (4 if distortion else 0)
-    if len(points) < needed:
-        raise MarkerError(
-            f"found {len(points)} calibration points, expected at least {needed}: show more points"
-            + (", or fit no distortion" if distortion else "")
-        )
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if spread[2] < 1e-3 * spread[0]:
-        raise MarkerError(
-            "the calibration points lie in one plane, expected points at several depths: use a "
-            "frame with depth, or several positions of the plane"
-        )
-    start = _decomposed(_linear(points, pixels))
-    return _refined(start, points, pixels, distortion)
-
-
-def _linear(points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Direct linear transform: the 3 x 4 matrix P with pixels ~ P (X, 1)."""
-    shift, size = points.mean(axis=0), np.sqrt(3.0) / points.std(axis=0).max()
-    shift2, size2 = pixels.mean(axis=0), np.sqrt(2.0) / pixels.std(axis=0).max()
-    space = np.column_stack([(points - shift) * size, np.ones(len(points))])
-    image = (pixels - shift2) * size2
-    zero = np.zeros_like(space)
-    rows = np.concatenate(
-        [
-            np.hstack([space, zero, -image[:, :1] * space]),
-            np.hstack([zero, space, -image[:, 1:] * space]),
-        ]
-    )
-    matrix = np.linalg.svd(rows)[2][-1].reshape(3, 4)
-    to_pixels = np.array([[1 / size2, 0, shift2[0]], [0, 1 / size2, shift2[1]], [0, 0, 1]])
-    to_unit = np.eye(4)
-    to_unit[:3, :3] *= size
-    to_unit[:3, 3] = -size * shift
-    return to_pixels @ matrix @ to_unit
-
-
-def _decomposed(matrix: np.ndarray) -> Camera:
-    """Split a projection matrix into K, R and t."""
-    triangle, rotation = scipy.linalg.rq(matrix[:, :3])
-    signs = np.diag(np.sign(np.diag(triangle)))
-    triangle, rotation = triangle @ signs, signs @ rotation
-    translation = np.linalg.solve(triangle, matrix[:, 3])
-    if np.linalg.det(rotation) < 0:  # P is known up to its sign
-        rotation, translation = -rotation, -translation
-    return Camera(triangle / triangle[2, 2], rotation, translation, np.zeros(4))
-
-
-def _refined(start: Camera, points: np.ndarray, pixels: np.ndarray, bend: bool) -> Camera:
-    """Minimise the distances in the image; no skew, two focal lengths."""
-    focal = start.intrinsics
-    turn = Rotation.from_matrix(start.rotation)
-
-    def camera(values: np.ndarray) -> Camera:
-        scale = values[:4] * np.array([focal[0, 0], focal[1, 1], focal[0, 2], focal[1, 2]])
-        intrinsics = np.array([[scale[0], 0, scale[2]], [0, scale[1], scale[3]], [0, 0, 1]])
-        rotation = (Rotation.from_rotvec(values[4:7]) * turn).as_matrix()
-        distortion = values[10:] if bend else np.zeros(4)
-        return Camera(intrinsics, rotation, start.translation + values[7:10], distortion)
-
-    def distances(values: np.ndarray) -> np.ndarray:
-        away = camera(values).project(points) - pixels
-        return np.nan_to_num(away, nan=1e6).ravel()
-
-    first = np.concatenate([np.ones(4), np.zeros(6 + (4 if bend else 0))])
-    found = scipy.optimize.least_squares(distances, first, x_scale="jac", method="lm")
-    best = camera(found.x)
-    residual = float(np.sqrt(np.mean(np.sum(found.fun.reshape(-1, 2) ** 2, axis=1))))
-    extent = np.ptp(pixels, axis=0).max()
-    if not residual < 0.1 * extent:
-        raise MarkerError(
-            f"no camera sees the calibration points so: the best misses them by {residual:.3g} "
-            f"pixels over {extent:.3g}, expected a few: see whether points and pixels are in the "
-            "same order"
-        )
-    return Camera(best.intrinsics, best.rotation, best.translation, best.distortion, residual)
 
 
 def triangulate(tracks: xr.DataArray, cameras: Sequence[Camera]) -> xr.Dataset:

@@ -1,0 +1,103 @@
+"""The sign of an aligned component: by direction where that is clear, else by correlation."""
+
+import numpy as np
+import pytest
+from scipy.stats import beta
+from synthetic_trajectories import there_and_back, trajectory
+
+from analysis.align import align
+from analysis.matching import CLEAR_COSINE
+from analysis.scores import score
+
+
+def test_mirrored_movement_under_both_rules() -> None:
+    """A model that moves the opposite way: by correlation at the true shift, by direction not.
+
+    Either way the disagreement is flagged, and the cosine says what was matched with what.
+    """
+    model = trajectory(amplitude=-5e-3)
+    found = align(trajectory(shift=0.08), model, sign="correlation")
+    assert float(found["shift"]) == pytest.approx(0.08, abs=1e-3)
+    assert float(found["b_correlation"]) > 0.999
+    assert float(found["direction_cosine"]) < -0.9
+    kept = align(trajectory(shift=0.08), model)
+    assert float(kept["direction_cosine"]) > 0.9
+    assert float(kept["b_correlation"]) < 0.9
+    assert int(found["sign_disagrees"]) == int(kept["sign_disagrees"]) == 1
+    same = align(trajectory(shift=0.08), trajectory())
+    assert float(same["direction_cosine"]) > 0.9
+    assert (int(same["sign_disagrees"]), int(same["sign_by_direction"])) == (0, 1)
+
+
+def lobes(*sizes: float):
+    """Course of left, right, left: half waves of these sizes, of alternating sign."""
+
+    def course(t: np.ndarray) -> np.ndarray:
+        phase = np.clip((t - 0.2) / 1.2, 0, 1 - 1e-12) * len(sizes)
+        return np.asarray(sizes)[phase.astype(int)] * np.sin(np.pi * phase)
+
+    return course
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-4])
+def test_left_right_left_matches_itself_and_not_its_mirror(noise: float) -> None:
+    """One side stronger in the volunteer, the other in the model: a lobe's shift fits the mirror.
+
+    The larger correlation maximum, 0.92 at 0.4 s, belongs to left matched with right.
+    """
+    model = trajectory(lobes(0.5, 1.0, 1.0))
+    data = trajectory(lobes(1.0, 1.0, 0.5), noise=noise)
+    found = align(data, model)
+    assert abs(float(found["shift"])) < 0.05
+    assert float(score(found, model)["rho"].median()) > 0.7
+    assert (int(found["sign_disagrees"]), int(found["sign_by_direction"])) == (1, 1)
+    mirrored = align(data, model, sign="correlation")
+    assert abs(float(mirrored["shift"])) == pytest.approx(0.4, abs=0.02)
+    assert float(mirrored["b_correlation"]) > float(found["b_correlation"])
+    assert float(score(mirrored, model)["rho"].median()) < -0.7
+    assert (int(mirrored["sign_disagrees"]), int(mirrored["sign_by_direction"])) == (1, 0)
+    assert mirrored.attrs["sign_by"] == "correlation"
+
+
+def test_time_reversed_movement_keeps_its_direction() -> None:
+    """Pursing run backwards is still pursing: the signs agree and no mirror is matched."""
+    data, model = trajectory(), trajectory()
+    backwards = data.isel(time=slice(None, None, -1)).assign_coords(time=data["time"])
+    found = align(backwards, model)
+    assert float(found["direction_cosine"]) > 0.9
+    assert (int(found["sign_disagrees"]), int(found["sign_by_direction"])) == (0, 1)
+
+
+def test_unrelated_directions_leave_the_sign_to_the_correlation() -> None:
+    """Every marker moves along an axis that the model's does not."""
+    data, model = trajectory(shift=0.08), trajectory()
+    rng = np.random.default_rng(5)
+    turned = data.copy(deep=True)
+    centred = data["position"] - data["position"].mean("time")
+    turned["position"] = data["position"] + 0.0
+    for k in range(10):
+        axis = np.cross(centred.values[k, :, 60], rng.normal(size=3))
+        axis /= np.linalg.norm(axis)
+        size = np.linalg.norm(centred.values[k], axis=0) * np.sign(centred.values[k, 0])
+        turned["position"].values[k] = axis[:, None] * size
+    turned["position"].attrs["units"] = "m"
+    by_rule = [align(turned, model, sign=rule) for rule in ("direction", "correlation")]
+    assert abs(float(by_rule[0]["direction_cosine"])) < CLEAR_COSINE
+    assert int(by_rule[0]["sign_by_direction"]) == 0
+    for name in ("shift", "sign", "b_correlation", "position"):
+        np.testing.assert_array_equal(by_rule[0][name], by_rule[1][name])
+
+
+def test_clear_cosine_is_the_point_of_five_per_cent_in_six_dimensions() -> None:
+    """cos^2 of a random direction follows Beta(1/2, (d - 1)/2)."""
+    assert CLEAR_COSINE == pytest.approx(np.sqrt(beta.ppf(0.95, 0.5, 2.5)), abs=0.005)
+    drawn = np.random.default_rng(0).normal(size=(20000, 6))
+    cosine = np.abs(drawn[:, 0]) / np.linalg.norm(drawn, axis=1)
+    assert np.mean(cosine > CLEAR_COSINE) == pytest.approx(0.05, abs=4 * np.sqrt(0.05 / 20000))
+
+
+def test_sign_resolves_half_a_period() -> None:
+    """Left-right-left shifted by little must not match right-left at half a period."""
+    found = align(trajectory(there_and_back, shift=0.05, noise=1e-3), trajectory(there_and_back))
+    assert float(found["shift"]) == pytest.approx(0.05, abs=0.02)
+    assert float(found["direction_cosine"]) > 0.9
