@@ -1,9 +1,12 @@
 """How the documentation is built: ``sphinx-build -W docs docs/_build``."""
 
 import sys
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
+
+from docutils.statemachine import StringList
+from sphinx.ext.autosummary import Autosummary
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -68,6 +71,29 @@ def _plain_bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: l
         lines[k] = "`".join(parts)
 
 
+class PublicNames(Autosummary):
+    """Table of the public names of a package (its ``__all__``), each linked to where it is defined."""
+
+    required_arguments = 1
+
+    def run(self) -> list[Any]:
+        """Make the table."""
+        package = self.arguments[0]
+        module = import_module(package)
+        root = package.partition(".")[0]
+        names: list[str] = []
+        for name in sorted(module.__all__, key=str.lower):
+            value = getattr(module, name)
+            home = str(getattr(value, "__module__", ""))
+            if not home.startswith(root):  # a constant does not say where it is defined
+                loaded = (m for m in sys.modules if m.startswith(f"{root}.") and m != package)
+                home = next(m for m in loaded if getattr(sys.modules[m], name, None) is value)
+            names.append(f"~{home}.{name}")
+        self.content = StringList(names, source=package)
+        return super().run()
+
+
 def setup(app: Any) -> None:
     """Connect what is above."""
+    app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", _plain_bars, priority=900)

@@ -32,4 +32,5 @@ def make_callable(package: str, function: Callable[..., Any]) -> None:
             return inspect.signature(function)
 
     Callables.__call__.__doc__ = function.__doc__
+    Callables.__module__ = function.__module__
     sys.modules[package].__class__ = Callables

@@ -5,7 +5,7 @@ names what is wrong with it.
 """
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 import pandas as pd
@@ -65,6 +65,20 @@ class Parameters(BaseModel):
     """Base of all parameter models: frozen, and an unknown name is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """Show the values that differ from their defaults."""
+        fields = type(self).model_fields
+        return (
+            (name, getattr(self, name))
+            for name, field in fields.items()
+            if getattr(self, name) != field.get_default(call_default_factory=True)
+        )
+
+    def _repr_html_(self) -> str:
+        """Table of all parameters with unit and source, as Jupyter shows it."""
+        table = parameter_table(self)[["parameter", "value", "default", "unit", "source"]]
+        return table.to_html(index=False)
 
 
 def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = "") -> ModelT:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim.described import Described
 from sim.elements import ELEMENT_TYPES, ElementType
 from sim.errors import MeshError
 
@@ -46,8 +47,8 @@ class Block:
         return np.einsum("paj,epji->epai", dN, inverse), det
 
 
-@dataclass(frozen=True)
-class Mesh:
+@dataclass(frozen=True, repr=False)
+class Mesh(Described):
     """Nodes at rest and element blocks, checked when made.
 
     Elements are numbered through the blocks in their order.
@@ -107,6 +108,13 @@ class Mesh:
     def n_elements(self) -> int:
         """Number of elements over all blocks."""
         return sum(len(block.nodes) for block in self.blocks)
+
+    def facts(self) -> dict[str, str]:
+        """Nodes, elements by type and size of the mesh."""
+        low, high = self.X.min(axis=0), self.X.max(axis=0)
+        size = " x ".join(f"{1e3 * edge:.3g}" for edge in high - low)
+        blocks = ", ".join(f"{len(block.nodes)} {block.kind.name}" for block in self.blocks)
+        return {"nodes": str(self.n_nodes), "elements": blocks, "size": f"{size} mm"}
 
     def volumes(self) -> Array:
         """Rest volume of every element [m^3], shape (n_elements,), by quadrature."""

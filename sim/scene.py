@@ -11,6 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.described import Described, listed
 from sim.matrix import Product
 from sim.mesh import Mesh
 from sim.pattern import SymmetricPattern
@@ -253,8 +254,8 @@ class Constraint(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Scene:
+@dataclass(frozen=True, repr=False)
+class Scene(Described):
     """What is simulated.
 
     Attributes
@@ -271,3 +272,14 @@ class Scene:
     reductions: tuple[Reduction, ...] = ()
     damping: Damping | None = None
     constraints: tuple[Constraint, ...] = ()
+
+    def facts(self) -> dict[str, str]:
+        """Mesh, terms, held unknowns, damping and conditions."""
+        held = len({int(i) for reduction in self.reductions for i in reduction.held(self.mesh)})
+        facts = {
+            **self.mesh.facts(),
+            "terms": listed(self.terms),
+            "held": f"{held} of {3 * self.mesh.n_nodes} unknowns",
+            "damping": type(self.damping).__name__ if self.damping else "none",
+        }
+        return facts | ({"conditions": listed(self.constraints)} if self.constraints else {})

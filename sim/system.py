@@ -9,6 +9,7 @@ import numpy as np
 from sim.constraints.union import Constraints, unite
 from sim.contact.compiled import CompiledContact
 from sim.contact.constraint import ConstraintContact, RowsApart
+from sim.described import Described
 from sim.errors import ControlError, SceneError
 from sim.kinematics import Kinematics, Selection
 from sim.matrix import Matrix, Product, merged
@@ -32,8 +33,8 @@ from sim.scene import (
 from sim.state import Array, Control, Evaluation, Pose, State
 
 
-@dataclass(frozen=True, eq=False)
-class System:
+@dataclass(frozen=True, eq=False, repr=False)
+class System(Described):
     """A scene ready to be stepped.
 
     Attributes
@@ -77,6 +78,15 @@ class System:
     def mass(self) -> Array:
         """Scale of the mass of each independent velocity (n,) [kg, kg m^2]."""
         return self.kinematics.mass
+
+    def facts(self) -> dict[str, str]:
+        """Facts of the scene, with its mass, muscles and size of the matrix."""
+        return {
+            **self.scene.facts(),
+            "mass": f"{1e3 * float(self.node_mass.sum()):.4g} g",
+            "muscles": str(len(self.muscles)),
+            "unknowns": f"{len(self.free)}, matrix of {len(self.pattern.indices)} entries",
+        }
 
     def rest_state(self) -> State:
         """Rest positions, no velocity, t = 0."""

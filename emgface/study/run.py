@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
-from analysis.axes import combine_cubes
+from analysis.axes import combine_cubes, reference_cube
 from analysis.cube import build_cube
 from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError
@@ -27,11 +28,12 @@ from emgface.study.store import Event, Result, Store, write_text
 from emgface.study.table import Intake, PlannedTrial, plan_trials, take_in, take_in_references
 from emgface.study.variants import variants
 from emgface.study.workers import in_parallel
+from sim.described import Described
 from sim.threads import one_blas_thread
 
 
-@dataclass(frozen=True)
-class StudyResult:
+@dataclass(frozen=True, repr=False)
+class StudyResult(Described):
     """What a study gave.
 
     Attributes
@@ -50,6 +52,24 @@ class StudyResult:
     path: Path
     events: list[Event]
     unreadable: dict[Path, EmgfaceError] = field(default_factory=dict)
+
+    def facts(self) -> dict[str, str]:
+        """Design, status of the trials and median rho of every strategy."""
+        cube = reference_cube(self.cube)
+        design = ", ".join(f"{n} {dim}" for dim, n in self.cube.sizes.items())
+        status, counts = np.unique(cube["status"].values, return_counts=True)
+        rho = cube["rho"].median([dim for dim in cube["rho"].dims if dim != "strategy"])
+        medians = (f"{s} {float(rho.sel(strategy=s)):.2f}" for s in cube["strategy"].values)
+        return {
+            "recordings": " ".join(
+                str(cube.attrs[key]) for key in ("origin", "world") if key in cube.attrs
+            ),
+            "design": design,
+            "trials": ", ".join(f"{n} {s}" for s, n in zip(status, counts, strict=True)),
+            "median rho": ", ".join(medians),
+            "cube": str(self.path),
+            "computed": f"{len(self.computed())} of {len(self.events)} results",
+        }
 
     def computed(self) -> list[Event]:
         """Return the events of results that were not in the store, or damaged there."""

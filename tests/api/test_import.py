@@ -1,5 +1,6 @@
 """The public module: what its import brings, what it offers, and that its names do not collide."""
 
+import importlib
 import inspect
 import json
 import subprocess
@@ -75,3 +76,13 @@ def test_functions_document_arguments_result_errors_and_an_example(name):
 @pytest.mark.parametrize("package", ["emgface", "sim", "analysis"])
 def test_packages_are_marked_as_typed(package):
     assert (files(package) / "py.typed").is_file()
+
+
+@pytest.mark.parametrize("package", ["sim", "analysis", "analysis.figures"])
+def test_public_names_are_there_and_documented(package):
+    module = importlib.import_module(package)
+    assert len(set(module.__all__)) == len(module.__all__)
+    for name in module.__all__:
+        value = getattr(module, name)
+        assert not inspect.ismodule(value), f"{name} is a module"
+        assert inspect.getdoc(value), name
