@@ -155,6 +155,7 @@ def score(
 ) -> None:
     """Align measured with simulated lip motion and score every marker."""
     import emgface as ef
+    from analysis.flags import FLAGS, flags_of
     from emgface.cli.tables import score_rows
     from emgface.schema.netcdf import write_netcdf
 
@@ -162,4 +163,6 @@ def score(
     write_netcdf(scores, out_path, "scores")
     title = f"{recording.name} ({scores.attrs['origin']}), shift {float(scores['shift']):.3f} s"
     show_table(score_rows(scores), title)
+    for name in flags_of(scores):
+        say(f"Flag {name}: {FLAGS[name]}.")
     say(f"Wrote {out_path}.")

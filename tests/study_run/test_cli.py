@@ -102,7 +102,9 @@ def test_a_face_is_generated_checked_and_drawn(tmp_path: Path) -> None:
     assert (tmp_path / "face.png").stat().st_size > 10_000
 
 
-def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(laboratory, tmp_path) -> None:
+def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(
+    laboratory, tmp_path, monkeypatch
+) -> None:
     study = study_file(laboratory, tmp_path)
     recording = next((laboratory / "recordings").glob("*_B_*.nc"))
     files = {name: tmp_path / f"{name}.nc" for name in ("activation", "motion", "scores")}
@@ -123,6 +125,10 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(laboratory, tmp_pa
     cube = xr.load_dataset(tmp_path / "study" / "cube.nc")
     scores = xr.load_dataset(files["scores"])
     np.testing.assert_allclose(cube["rho"].values.ravel(), scores["rho"].values, atol=1e-6)
+    flagged = scores.copy(deep=True)
+    flagged["weak_match"][...] = 1
+    monkeypatch.setattr("emgface.score", lambda *args, **options: flagged, raising=False)
+    assert "Flag weak_match: the aligned components share less" in run(*steps[-1]).output
     report = run("report", tmp_path / "study")
     assert report.exit_code == 0 and "S01" in report.stdout
     assert report.stdout.startswith("rho per strategy, simulated recordings, mismatched world but")
