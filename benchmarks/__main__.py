@@ -30,11 +30,10 @@ def run(arguments: list[str]) -> None:
         print("\n".join(f"{key:18s}{known[key]}" for key in known))
         raise SystemExit(0 if name in ("", "__help") else 2)
     show_warnings_as_sentences()
-    sys.argv = [f"python -m benchmarks {name}", *arguments[1:]]
     module = import_module(f"benchmarks.{name}")
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command(help=module.__doc__)(module.main)
-    app()
+    app(arguments[1:], prog_name=f"python -m benchmarks {name}")
 
 
 if __name__ == "__main__":

@@ -171,8 +171,8 @@ def survival_table() -> str:
     return "\n\n".join(parts)
 
 
-def page() -> None:
-    """Write the page from the tables."""
+def page() -> str:
+    """Text of the page, from the tables."""
     sections = []
     for folder, name in (
         (HERE / "template", "Template face"),
@@ -190,7 +190,7 @@ def page() -> None:
         text += ["### Skin under tension", markdown(pd.read_csv(folder / "probe.csv"), ".2f")]
         sections.append("\n\n".join(text))
     body = PAGE.replace("{survival}", survival_table()).replace("{faces}", "\n\n".join(sections))
-    (HERE / "README.md").write_text(body.rstrip() + "\n", encoding="utf-8")
+    return body.rstrip() + "\n"
 
 
 def main() -> None:
@@ -212,7 +212,7 @@ def main() -> None:
         expressions(face, out)
         probes(face, out)
     if not options.face:
-        page()
+        (HERE / "README.md").write_text(page(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 import pytest
 
 from benchmarks.__main__ import measurements
-from benchmarks.tables import MARKED, ROOT, differences
+from benchmarks.tables import MARKED, ROOT, differences, main
+from studies.mechanics.__main__ import page
 
 HEAD = "| case | error |\n|---|---|\n"
 
@@ -39,3 +40,13 @@ def test_commands_of_marked_tables_exist():
     for found in marked:
         *module, name = found["command"].split()[:4]
         assert module == ["python", "-m", "benchmarks"] and name in measurements(), name
+
+
+@pytest.mark.slow
+def test_tables_of_cheap_commands_are_what_the_commands_print(capsys):
+    main()
+    assert "agrees: python -m benchmarks locking --body cook" in capsys.readouterr().out
+
+
+def test_the_page_of_mechanics_is_that_of_its_tables(root):
+    assert page() == (root / "docs" / "mechanics" / "README.md").read_text("utf-8")
