@@ -6,7 +6,6 @@ from analysis.figures.baselines import baseline_plot
 from analysis.figures.boxes import box_plots
 from analysis.figures.choices import sensitivity_plot
 from analysis.figures.emg import emg_with_features
-from analysis.figures.faces import rendered_faces
 from analysis.figures.style import save
 
 __all__ = [
@@ -16,7 +15,6 @@ __all__ = [
     "emg_with_features",
     "feature_boxes",
     "marker_traces",
-    "rendered_faces",
     "save",
     "sensitivity_plot",
     "synchronisation",

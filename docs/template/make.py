@@ -23,13 +23,12 @@ from emgface.face.check import face_report
 from emgface.face.lip_shape import lip_opening
 from emgface.face.parts import FREE, MANDIBLE, SKULL
 from emgface.face.quality import element_quality
-from emgface.face.show import draw_face
 from emgface.face.template import PRESETS, norms_table, random_measures, template_face
 from emgface.face.template.actions import muscle_actions, steady_positions
 from emgface.face.template.build import shaped_positions
-from emgface.face.template.gestures import draw_gestures, gesture_positions
+from emgface.face.template.gestures import GESTURES, gesture_positions
 from emgface.face.template.grid import Grid, make_grid, refined_grid
-from emgface.face.viewer import draw_shaded, viewer_is_available
+from emgface.pictures.stills import face_figure, states_figure, write_figure
 
 HERE = Path(__file__).parent
 RESOLUTIONS = ("coarse", "medium", "fine", 11_520)
@@ -48,15 +47,10 @@ def shrink(path: Path) -> None:
 def pictures() -> str:
     """Skin, lips, teeth, markers, muscles and attachments."""
     fine = template_face(resolution="fine")
-    shrink(draw_face(fine, HERE / "face.png", dpi=80))
-    if viewer_is_available():
-        shrink(draw_shaded(fine, HERE / "shaded.png"))
-    return """![Shaded: skin, lips, teeth, markers; muscles and attachments](shaded.jpg)
+    shrink(write_figure(face_figure(fine), HERE / "face.png", dpi=100))
+    return """![Skin, lips, markers, muscles and attachments](face.jpg)
 
-`emgface face show face.nc` draws the picture above if pyvista is installed, and otherwise, with
-matplotlib, the following one:
-
-![Skin, markers, muscles and attachments](face.jpg)
+`emgface face show face.nc` draws this picture of any face.
 
 The nostrils are dimples in the underside of the nose without a nasal passage."""
 
@@ -148,7 +142,10 @@ def gestures() -> str:
     """Rest and the six instructions, by the muscles that are relevant for them."""
     fine = template_face(resolution="fine")
     positions = gesture_positions(fine)
-    shrink(draw_gestures(fine, positions, HERE / "gestures.png", dpi=110))
+    shown = {"rest": fine["position"].values}
+    shown |= {f"{name}: {GESTURES[name][0]}": q for name, q in positions.items()}
+    title = f"{fine.attrs['name']}: held gestures, simulated"
+    shrink(write_figure(states_figure(fine, shown, title=title), HERE / "gestures.png", dpi=110))
     moved = {}
     for name, position in positions.items():
         u = 1e3 * (position - fine["position"].values)[fine["marker_node"].values]

@@ -1,6 +1,5 @@
 """``emgface face``: import, generate, examine and draw face models."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -101,44 +100,18 @@ def check(path: FacePath) -> None:
     show_table(frame(report.muscles), "muscles, volumes in mm3")
 
 
-class Renderer(StrEnum):
-    """Who draws."""
-
-    auto = "auto"
-    matplotlib = "matplotlib"
-    pyvista = "pyvista"
-
-
 @app.command()
 def show(
     path: FacePath,
     out_path: Annotated[
         Path | None, typer.Option("--out", help="Picture to write (png, pdf, svg).")
     ] = None,
-    renderer: Annotated[
-        Renderer,
-        typer.Option(
-            help="auto: pyvista where it is installed and the picture a png, else matplotlib."
-        ),
-    ] = Renderer.auto,
-    window: Annotated[
-        bool, typer.Option("--window", help="Open a window to turn the face in (needs pyvista).")
-    ] = False,
 ) -> None:
     """Draw a face model from three sides: skin, lips, teeth, markers; muscles and attachments."""
     from emgface.face.file import load_face
-    from emgface.face.show import draw_face
-    from emgface.face.viewer import FORMATS, draw_shaded, open_window, viewer_is_available
+    from emgface.pictures.stills import face_figure, write_figure
 
-    face = load_face(path)
-    if window:
-        open_window(face)
-        return
-    picture = out_path or path.with_suffix(".png")
-    shaded = renderer is Renderer.pyvista or (
-        renderer is Renderer.auto and viewer_is_available() and picture.suffix.lower() in FORMATS
-    )
-    draw_shaded(face, picture) if shaded else draw_face(face, picture)
+    picture = write_figure(face_figure(load_face(path)), out_path or path.with_suffix(".png"))
     say(f"Wrote {picture}.")
 
 

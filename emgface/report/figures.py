@@ -21,13 +21,14 @@ from analysis.figures import (
     emg_with_features,
     feature_boxes,
     marker_traces,
-    rendered_faces,
     sensitivity_plot,
     synchronisation,
 )
 from analysis.figures.style import WRITTEN, settings
 from analysis.tables import origin_of
 from emgface.errors import FeatureWarning
+from emgface.pictures.body import Body
+from emgface.pictures.stills import study_faces
 from emgface.report.results import FAILURES, Results, Trial, representative
 from emgface.signals.features import feature_of
 from emgface.signals.filters import bandpass
@@ -132,14 +133,14 @@ def baseline_figure(results: Results) -> list[Drawn]:
     return _drawn(results, "baselines", "Baselines", text, lambda: baseline_plot(cube))
 
 
-def face_figure(results: Results, faces: xr.Dataset) -> list[Drawn]:
+def face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:
     """Draw the faces farthest from rest."""
     text = (
         "Simulated faces at the instant in which their markers are farthest from where they began, "
-        "with the measured markers of that instant, after Fig. 4 of Eskes et al. 2017. One trial "
-        "stands for each instruction. "
+        "with the markers of the recording at that instant, after Fig. 4 of Eskes et al. 2017. One "
+        "trial stands for each instruction. "
     )
-    return _drawn(results, "faces", "Faces", text, lambda: rendered_faces(faces))
+    return _drawn(results, "faces", "Faces", text, lambda: study_faces(faces, body))
 
 
 def choices_figure(results: Results, found: xr.Dataset) -> list[Drawn]:

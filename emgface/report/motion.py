@@ -1,7 +1,5 @@
 """The moving faces of a report: one trial per instruction, under every strategy."""
 
-import base64
-import zlib
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -9,14 +7,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.muscles import INSTRUCTIONS, MUSCLE_NAMES
+from emgface.muscles import INSTRUCTIONS
+from emgface.pictures.body import Body, Skin, body_of, skin_of
+from emgface.pictures.page import body_data, deltas, levels, middle_of, muscle_names, whole
 from emgface.report.results import FAILURES, Results, Trial, representative
-from emgface.report.skin import Skin, skin_motion, skin_of
+from emgface.report.skin import skin_motion
 
-QUANTUM: Final = 20e-6
-"""Positions are rounded to this [m], far below what is seen."""
-ABSENT: Final = -32768
-"""Stands for a marker that was not measured."""
 LARGEST: Final = 9_000_000
 """Characters of all encoded motions; above it every second frame is left out."""
 
@@ -25,7 +21,7 @@ Say = Callable[[str, int, int], None]
 
 def moving_faces(
     results: Results, say: Say | None = None
-) -> tuple[xr.Dataset, dict[str, Any]] | None:
+) -> tuple[xr.Dataset, Body, dict[str, Any]] | None:
     """Simulate the skin in the trials that stand for their instructions.
 
     Parameters
@@ -38,10 +34,12 @@ def moving_faces(
     Returns
     -------
     Dataset
-        For `analysis.figures.rendered_faces`: the faces farthest from rest.
+        For `emgface.pictures.stills.study_faces`: the faces farthest from rest.
+    Body
+        What is drawn of them.
     dict
-        For the page: mesh and motions, see `_encoded`; None in place of both where there is no
-        trial to show.
+        For the page: surface and motions, see `_encoded`; None instead of all three where there is
+        no trial to show.
     """
     if results.laboratory is None:
         return None
@@ -75,7 +73,9 @@ def moving_faces(
         shown.append((trial, moved))
     if not shown:
         return None
-    return _farthest(shown, skin, list(chosen), strategies), _encoded(shown, skin, results)
+    body = body_of(results.laboratory.face, skin)
+    farthest = _farthest(shown, skin, list(chosen), strategies)
+    return farthest, body, _encoded(shown, skin, body, results)
 
 
 def _farthest(
@@ -93,7 +93,7 @@ def _farthest(
         at = instructions.index(trial.place[1]), strategies.index(trial.strategy)
         own = moved["position"].transpose("time", "marker", "axis").values
         frame = int(np.argmax(((own - own[0]) ** 2).sum(axis=(1, 2))))
-        position[at] = moved["skin_position"].values[frame]
+        position[at] = moved["surface_position"].values[frame]
         marks["simulated"][at] = own[frame]
         marks["measured"][at] = _measured(trial, moved)[frame]
     dims = ("instruction", "strategy")
@@ -101,7 +101,6 @@ def _farthest(
     return xr.Dataset(
         {
             "position": ((*dims, "node", "axis"), position, metres),
-            "triangle": (("triangle", "corner"), skin.triangle),
             **{name: ((*dims, "marker", "axis"), each, metres) for name, each in marks.items()},
         },
         coords={"instruction": instructions, "strategy": strategies, "axis": ["x", "y", "z"]},
@@ -121,95 +120,62 @@ def _measured(trial: Trial, moved: xr.Dataset) -> NDArray[np.float64]:
     return aligned.sel(marker=order).values[np.minimum(wanted, aligned.sizes["time"] - 1)]
 
 
-def _encoded(shown: list[tuple[Trial, xr.Dataset]], skin: Skin, results: Results) -> dict[str, Any]:
-    """Mesh and motions as JSON-expressible text.
-
-    Positions are whole numbers of `QUANTUM` about `centre`; each frame is the difference from the
-    one before, low bytes before high ones, deflated, in base 64.
-    """
-    every = 1
-    while True:
-        data = _with_frames(shown, skin, results, every)
-        if sum(len(trial["skin"]) for trial in data["trials"]) <= LARGEST or every >= 8:
-            return data
+def _encoded(
+    shown: list[tuple[Trial, xr.Dataset]], skin: Skin, body: Body, results: Results
+) -> dict[str, Any]:
+    """Surface and motions as JSON-expressible text, of fewer frames where they would be too large."""
+    assert results.laboratory is not None
+    face, first = results.laboratory.face, shown[0]
+    rest = face["position"].values[skin.node]
+    every, trials = 1, _with_frames(shown, middle_of(rest), 1)
+    while sum(len(trial["skin"]) for trial in trials) > LARGEST and every < 8:
         every *= 2
+        trials = _with_frames(shown, middle_of(rest), every)
+    return body_data(body, rest) | {
+        "instructions": {
+            key: INSTRUCTIONS[key] for key in dict.fromkeys(t["instruction"] for t in trials)
+        },
+        "strategies": list(dict.fromkeys(t["strategy"] for t in trials)),
+        "markers": [str(name) for name in first[1]["marker"].values],
+        "muscles": muscle_names(first[0].activation["muscle"].values),
+        "trials": trials,
+    }
 
 
 def _with_frames(
-    shown: list[tuple[Trial, xr.Dataset]], skin: Skin, results: Results, every: int
-) -> dict[str, Any]:
-    assert results.laboratory is not None
-    rest = results.laboratory.face["position"].values[skin.node]
-    centre = (rest.min(axis=0) + rest.max(axis=0)) / 2
+    shown: list[tuple[Trial, xr.Dataset]], centre: NDArray[np.float64], every: int
+) -> list[dict[str, Any]]:
     trials: list[dict[str, Any]] = []
     for trial, moved in shown:
         frames = moved.isel(time=slice(None, None, every))
         time = frames["time"].values
-        activation = trial.activation["activation"].transpose("time", "muscle")
         recorded = trial.motion.attrs["recorded_start"] + trial.motion.attrs["recorded_pace"] * time
-        at = np.clip(
-            np.searchsorted(activation["time"].values, recorded - 1e-9), 0, len(activation) - 1
-        )
-        levels = np.round(255 * activation.values[at]).astype(np.uint8)
         simulated = frames["position"].transpose("time", "marker", "axis").values
-        rho = trial.scores["rho"].values
         trials.append(
             {
                 "instruction": trial.place[1],
                 "strategy": trial.strategy,
                 "label": " ".join(map(str, trial.place)),
-                "rho": round(float(np.nanmedian(rho)), 4) if np.isfinite(rho).any() else None,
-                "sigma_max": round(float(trial.motion.attrs["sigma_max"])),
+                "about": _about(trial),
                 "time": [round(float(t), 4) for t in time],
-                "skin": deltas(whole(frames["skin_position"].values, centre)),
+                "skin": deltas(whole(frames["surface_position"].values, centre)),
                 "simulated": deltas(whole(simulated, centre)),
                 "measured": deltas(whole(_measured(trial, moved)[::every], centre)),
-                "activation": packed(levels),
+                "activation": levels(trial.activation["activation"], recorded),
             }
         )
-    return {
-        "quantum": QUANTUM,
-        "absent": ABSENT,
-        "nodes": len(skin.node),
-        "triangle": packed(skin.triangle.astype("<u4")),
-        "origin": str(results.cube.attrs["origin"]),
-        "face": str(results.laboratory.face.attrs["name"]),
-        "lips": [round(1e3 * float(x), 3) for x in _lips(results.laboratory.face) - centre],
-        "instructions": {
-            key: INSTRUCTIONS[key] for key in dict.fromkeys(t["instruction"] for t in trials)
-        },
-        "strategies": list(dict.fromkeys(t["strategy"] for t in trials)),
-        "markers": [str(name) for name in shown[0][1]["marker"].values],
-        "muscles": [
-            {"id": str(m), "name": MUSCLE_NAMES[str(m).rpartition("_")[0]]}
-            for m in shown[0][0].activation["muscle"].values
-        ],
-        "trials": trials,
-    }
+    return trials
 
 
-def _lips(face: xr.Dataset) -> NDArray[np.float64]:
-    """Middle of the lip markers at rest, which the page looks at [m]."""
-    return face["position"].values[face["marker_node"].values].mean(axis=0)
-
-
-def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:
-    """Round positions [m] to whole numbers of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
-    steps = np.round((np.asarray(position, dtype=np.float64) - centre) / QUANTUM)
-    steps = np.where(np.isfinite(steps), np.clip(steps, -32767, 32767), ABSENT)
-    return steps.astype(np.int16)
-
-
-def deltas(values: NDArray[np.int16]) -> str:
-    """Encode frames of whole numbers, the first dim being time, as differences."""
-    flat = values.reshape(len(values), -1)
-    with np.errstate(over="ignore"):
-        change = np.diff(flat, axis=0, prepend=np.zeros((1, flat.shape[1]), dtype=np.int16))
-    raw = change.astype("<i2").tobytes()
-    planes = np.frombuffer(raw, dtype=np.uint8).reshape(-1, 2)
-    return packed(np.concatenate([planes[:, 0], planes[:, 1]]))
-
-
-def packed(values: NDArray[Any]) -> str:
-    """Deflate the bytes of an array and write them in base 64."""
-    return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode("ascii")
+def _about(trial: Trial) -> str:
+    """Say in a sentence which motion is shown."""
+    rho = trial.scores["rho"].values
+    median = f"{np.nanmedian(rho):.2f}" if np.isfinite(rho).any() else "undefined"
+    label = " ".join(map(str, trial.place))
+    face = f", {name}" if (name := trial.motion.attrs.get("face")) else ""
+    origin = str(trial.recording.dataset.attrs.get("origin", "measured"))
+    return (
+        f"{origin.capitalize()} recording {label} ({INSTRUCTIONS[trial.place[1]]}) under "
+        f"{trial.strategy}: median rho {median}; simulated motion{face}, sigma_max "
+        f"{float(trial.motion.attrs['sigma_max']) / 1e3:.4g} kPa."
+    )

@@ -1,17 +1,11 @@
 """Write the report of a study."""
 
-import base64
-import hashlib
-import json
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from analysis.alignment_tables import alignment_tables
@@ -19,15 +13,15 @@ from analysis.baseline_tables import comparison
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import Table, report_tables
+from emgface.pictures.page import as_json, environment, policy, style, viewer_script
+from emgface.pictures.render import VIEWS
+from emgface.pictures.stills import recording_label
 from emgface.report import contents, figures, provenance
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
 from emgface.report.results import Results, open_results
 from emgface.report.simulated import simulated_limits
 from emgface.study.store import write_text
-
-THREE = "three/three.module.min.js"
-"""three.js 0.170.0, build/three.module.min.js, unchanged."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +117,7 @@ def render(
         "meaning": meaning,
         "baseline_tables": {name: cells(table) for name, table in compared.items()},
         "baseline_figures": figures.baseline_figure(results) if scored else [],
-        "face_figures": figures.face_figure(results, moving[0]) if moving else [],
+        "face_figures": figures.face_figure(results, *moving[:2]) if moving else [],
         "trial_figures": figures.trial_figures(results) if scored else [],
         "least_volunteers": LEAST_VOLUNTEERS,
         "choices": figures.choices_figure(results, change) if change is not None else [],
@@ -142,46 +136,20 @@ def render(
         "writer": provenance.writer(),
         "recordings": provenance.recording_rows(results),
         "notes": results.notes,
-        "viewer": Markup(_json(moving[1])) if moving else None,
+        "views": VIEWS,
+        "labels": {
+            "simulated": "simulated by the face model",
+            "measured": recording_label(str(cube.attrs["origin"])),
+        },
+        "tag": "simulated motion",
+        "viewer": as_json(moving[2]) if moving else None,
     }
-    environment = Environment(
-        loader=PackageLoader("emgface.report", "page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    style = _resource("page/report.css")
     script = viewer_script() if moving else ""
-    policy = "; ".join(
-        [
-            "default-src 'none'",
-            f"script-src 'sha256-{_digest(script)}'" if script else "script-src 'none'",
-            "style-src 'unsafe-inline'",
-            "img-src data:",
-            "base-uri 'none'",
-            "form-action 'none'",
-        ]
+    return (
+        environment("emgface.report")
+        .get_template("report.html")
+        .render(**values, style=style(), script=Markup(script), policy=policy(script))
     )
-    return environment.get_template("report.html").render(
-        **values, style=Markup(style), script=Markup(script), policy=policy
-    )
-
-
-def viewer_script() -> str:
-    """Join three.js and the viewer to one module that imports nothing.
-
-    The last statement of a module build exports its names; here they become an object.
-    """
-    library = _resource(THREE)
-    body, exported = re.fullmatch(r"(.*)export\{([^{}]*)\};\s*", library, re.DOTALL).groups()  # pyright: ignore[reportOptionalMemberAccess]
-    names = [pair.split(" as ") for pair in exported.split(",")]
-    made = ",".join(f"{pair[-1]}:{pair[0]}" for pair in names)
-    # What the library declares at top level would collide with the names of the viewer.
-    text = f"const THREE=(()=>{{{body}return{{{made}}};}})();\n{_resource('page/viewer.js')}"
-    if "</script" in text.lower():
-        raise AssertionError("the script would end its own element")
-    return text
 
 
 def cells(table: Table) -> dict[str, Any]:
@@ -213,16 +181,3 @@ def _headline(cube: Any) -> list[dict[str, Any]]:
         }
         for strategy in cube["strategy"].values
     ]
-
-
-def _resource(name: str) -> str:
-    return files("emgface.report").joinpath(name).read_text(encoding="utf-8")
-
-
-def _digest(script: str) -> str:
-    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
-
-
-def _json(value: Any) -> str:
-    # "<" would let text in the data end the element it stands in.
-    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

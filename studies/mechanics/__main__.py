@@ -13,9 +13,9 @@ import xarray as xr
 
 from benchmarks.report import markdown, say, shrink
 from emgface.face.file import load_face
-from emgface.face.show_displacement import draw_displacement
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
+from emgface.pictures.stills import states_figure, write_figure
 from studies.mechanics.expressions import EXPRESSIONS, SKINS, express, summary
 from studies.mechanics.lip_rounding import round_lips
 from studies.mechanics.skin_probe import probe_skin
@@ -96,10 +96,10 @@ def rounding(face: xr.Dataset, out: Path) -> None:
         for level in (0.5, 1.0)
     }
     title = f"{face.attrs['name']}: orbicularis oris, walls for teeth, no lip contact; simulated"
-    path = draw_displacement(
-        face, shown, out / "rounding.png", title=title, columns=("front", "left side"), dpi=70
+    figure = states_figure(
+        face, shown, title=title, views=("front", "left"), displacement=True, lips=True
     )
-    shrink(path)
+    shrink(write_figure(figure, out / "rounding.png", dpi=80))
 
 
 def expressions(face: xr.Dataset, out: Path) -> None:
@@ -109,10 +109,10 @@ def expressions(face: xr.Dataset, out: Path) -> None:
     summary(table).round(4).to_csv(out / "expressions.csv", index=False)
     shown = {name: positions[name, SKINS[0].name] for name in EXPRESSIONS}
     title = f"{face.attrs['name']}: expressions, walls for teeth, no lip contact; simulated"
-    path = draw_displacement(
-        face, shown, out / "expressions.png", title=title, columns=("front", "left side"), dpi=70
+    figure = states_figure(
+        face, shown, title=title, views=("front", "left"), displacement=True, lips=True
     )
-    shrink(path)
+    shrink(write_figure(figure, out / "expressions.png", dpi=80))
 
 
 def probes(face: xr.Dataset, out: Path) -> None:

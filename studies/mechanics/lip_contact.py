@@ -30,11 +30,11 @@ from benchmarks.contact import (
 from benchmarks.report import draw, shrink
 from emgface.face.file import load_face
 from emgface.face.muscle_parameters import SIGMA_MAX
-from emgface.face.show_displacement import draw_displacement
-from emgface.face.show_section import draw_sections
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.face.template.gestures import GESTURES
+from emgface.pictures.sections import draw_sections
+from emgface.pictures.stills import states_figure, write_figure
 from studies.mechanics.teeth_support import BACKING, protrude_lips
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "contact"
@@ -113,8 +113,10 @@ def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence
             if name == "no contact" or name.endswith(f"({methods[-1]})")
         }
         path = out / f"teeth-{factor:g}-outside.png"
-        columns = ("front", "left side")
-        shrink(draw_displacement(face, shown, path, title=title, columns=columns, dpi=70))
+        figure = states_figure(
+            face, shown, title=title, views=("front", "left"), displacement=True, lips=True
+        )
+        shrink(write_figure(figure, path, dpi=80))
 
 
 def main() -> None:

@@ -1,14 +1,9 @@
 """Lip rounding with and without stress stiffening and teeth."""
 
-from pathlib import Path
-
-import numpy as np
 import pytest
 import xarray as xr
-from matplotlib import image
 
 from emgface.errors import ActivationError
-from emgface.face.show_displacement import draw_displacement
 from emgface.face.simulation_parameters import SimulationParameters
 from studies.mechanics.equilibria import equilibria
 from studies.mechanics.lip_rounding import Rounding, round_lips
@@ -44,15 +39,6 @@ def test_teeth_support_protrusion(rounding: Rounding) -> None:
     for factor in (1.0, 10.0):
         with_walls = full.loc[(factor, True), "protrusion (mm)"]
         assert with_walls > 1.2 * full.loc[(factor, False), "protrusion (mm)"] > 0
-
-
-def test_picture_of_displacement(coarse: xr.Dataset, rounding: Rounding, tmp_path: Path) -> None:
-    shown = {"half": rounding.motion[True, 1.0]["node_position"].values[1]}
-    path = draw_displacement(
-        coarse, shown, tmp_path / "new" / "lips.png", title="simulated", columns=("front",), dpi=40
-    )
-    pixels = image.imread(path)[..., :3]
-    assert np.mean(np.ptp(pixels, axis=2) > 0.1) > 0.1, "coloured skin and a scale"
 
 
 def test_what_cannot_be_held_is_refused(coarse: xr.Dataset) -> None:

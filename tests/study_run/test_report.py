@@ -24,13 +24,13 @@ from emgface.cli import app
 from emgface.errors import DataError
 from emgface.face.file import load_face
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.pictures.body import merged, skin_of
+from emgface.pictures.page import ABSENT, QUANTUM, THREE, deltas, resource, whole
 from emgface.report import contents
 from emgface.report.methods import methods
-from emgface.report.motion import ABSENT, QUANTUM, deltas, whole
 from emgface.report.results import Results, open_results, representative
 from emgface.report.simulated import simulated_limits
-from emgface.report.skin import decimated, skin_of
-from emgface.report.write import THREE, _resource, render
+from emgface.report.write import render
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
 
@@ -133,8 +133,8 @@ def test_whole_numbers_keep_what_is_absent() -> None:
 
 
 def test_library_is_the_one_that_was_pinned() -> None:
-    assert hashlib.sha256(_resource(THREE).encode()).hexdigest() == THREE_DIGEST
-    assert "MIT License" in _resource("three/LICENSE")
+    assert hashlib.sha256(resource(THREE).encode()).hexdigest() == THREE_DIGEST
+    assert "MIT License" in resource("three/LICENSE")
 
 
 def test_thinned_skin_keeps_shape_and_lips(laboratory: Path) -> None:
@@ -148,9 +148,9 @@ def test_thinned_skin_keeps_shape_and_lips(laboratory: Path) -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=float)
     position = np.concatenate([square, square + 1e-9])
     corners = np.array([[0, 1, 2], [3, 4, 5]])
-    assert len(decimated(position, corners, 6)) == 2
-    kept = decimated(position, corners, 5)
-    assert len({tuple(row >= 3) for row in kept}) == len(kept)
+    assert merged(position, corners, 6).tolist() == [*range(6)]
+    kept = merged(position, corners, 5)
+    assert len(set(kept.tolist())) == 5 and ((kept >= 3) == (np.arange(6) >= 3)).all()
 
 
 def test_planted_difference_is_found_and_none_is_claimed_without() -> None:

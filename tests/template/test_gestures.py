@@ -1,16 +1,12 @@
 """The gestures of the six instructions, simulated and drawn."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib import image
 
 from emgface.errors import DataError
 from emgface.face.template.gestures import (
     GESTURES,
-    draw_gestures,
     gesture_activation,
     gesture_positions,
 )
@@ -60,15 +56,3 @@ def test_gestures_are_what_they_are_called(
     )
     for marker in LIP_MARKERS:
         assert moved("E", marker)[0] < 0.0, "the whole mouth goes to the left"
-
-
-def test_picture_of_gestures(
-    coarse: xr.Dataset, positions: dict[str, np.ndarray], tmp_path: Path
-) -> None:
-    some = {name: positions[name] for name in "AB"}
-    path = draw_gestures(coarse, some, tmp_path / "new" / "gestures.png", dpi=40)
-    pixels = image.imread(path)[..., :3]
-    columns = np.array_split(pixels, 3, axis=1)
-    for column in columns:
-        assert np.mean(np.ptp(column, axis=2) > 0.08) > 0.05, "skin in every column"
-    assert np.abs(columns[0] - columns[1][:, : columns[0].shape[1]]).max() > 0.1

@@ -1,17 +1,13 @@
-"""The gestures of the six instructions on a face: levels, demands and pictures, simulated."""
+"""The gestures of the six instructions on a face: levels and the motion they cause, simulated."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 import xarray as xr
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from emgface.errors import DataError
-from emgface.face.drawing import MM, VIEWS, draw_tissue, view_axes
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.support import WALL
@@ -98,53 +94,3 @@ def gesture_positions(
         parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, support=WALL)
     positions, _ = steady_positions(face, runs, parameters=parameters)
     return dict(zip(instructions, positions, strict=True))
-
-
-def draw_gestures(
-    face: xr.Dataset,
-    positions: Mapping[str, Floats],
-    path: Path,
-    *,
-    dpi: int = 100,
-    teeth: bool = True,
-) -> Path:
-    """Draw a face at rest and in every gesture, from the front, the side and obliquely.
-
-    Parameters
-    ----------
-    face : xarray.Dataset
-        A face_model.
-    positions : mapping
-        Instruction to node positions [m], as `gesture_positions` gives them.
-    path : Path
-        Picture to write.
-    dpi : int
-        Dots per inch.
-    teeth : bool
-        Whether to draw the dental arches, which the lips pass through without contact.
-
-    Returns
-    -------
-    Path
-        The picture.
-    """
-    shown = {"rest": face["position"].values, **positions}
-    every = np.concatenate(list(shown.values())) * MM
-    figure = Figure(figsize=(3.2 * len(shown), 3.2 * len(VIEWS)))
-    FigureCanvasAgg(figure)
-    figure.suptitle(
-        f"{face.attrs['name']}: held gestures, simulated without contact between the lips"
-    )
-    layout = (len(VIEWS), len(shown))
-    for row, (elevation, azimuth) in enumerate(VIEWS.values()):
-        for column, (name, position) in enumerate(shown.items()):
-            place = row * len(shown) + column + 1
-            axes = view_axes(figure, place, every, elevation, azimuth, layout=layout, zoom=1.2)
-            axes.set_axis_off()
-            if row == 0:
-                axes.set_title(name if name == "rest" else f"{name}: {GESTURES[name][0]}")
-            draw_tissue(axes, face, position * MM, elevation, azimuth, teeth=teeth)
-    figure.subplots_adjust(0, 0, 1, 0.93, 0, 0)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=dpi)
-    return path

@@ -7,8 +7,8 @@ import pytest
 from matplotlib.image import imread
 
 from emgface.face.parts import arches_of
-from emgface.face.show_section import cut, draw_sections, midline_faces
 from emgface.face.template import template_face
+from emgface.pictures.sections import cut, draw_sections, midline_faces
 
 
 def test_a_plane_cuts_a_tetrahedron_in_a_triangle() -> None:

@@ -6,15 +6,16 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from emgface.face.drawing import MM, SKIN
 from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import arches_of
 from emgface.face.surface import boundary_edges, element_faces
+from emgface.pictures.body import COLOURS, SKIN
+from emgface.pictures.render import MM
+from emgface.pictures.stills import write_figure
 
 Floats = NDArray[np.float64]
 
@@ -80,7 +81,6 @@ def draw_sections(
     lips = rest[face["lip_opening_node"].values][:, 1:]
     middle = lips.mean(axis=0) * MM
     figure = Figure(figsize=(3.4 * len(shown) + 0.4, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize="medium")
     outline = boundary_edges(faces)
     for place, (name, position) in enumerate(shown.items(), start=1):
@@ -91,7 +91,7 @@ def draw_sections(
         axes.add_collection(
             PolyCollection(
                 list(position[faces][..., 1:] * MM),
-                facecolors=SKIN,
+                facecolors=COLOURS[SKIN],
                 edgecolors="#7d6150",
                 linewidths=0.35,
                 alpha=0.75,
@@ -108,6 +108,4 @@ def draw_sections(
         axes.set(aspect="equal", title=name, xlabel="y, forward (mm)")
         if place == 1:
             axes.set_ylabel("z, up (mm)")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=dpi)
-    return path
+    return write_figure(figure, path, dpi=dpi)

@@ -24,18 +24,48 @@ function millimetres(values, from, size, into) {
 }
 
 const view = { yaw: 0, pitch: 0, zoom: 1 };
-const VIEWS = { front: [0, 0], left: [-90, 0], right: [90, 0], oblique: [-35, 12] };
 const state = { trial: null, frame: 0, playing: false };
-const position = new Float32Array(3 * data.nodes);
 const start = new Float32Array(3 * data.nodes);
-const colour = new Float32Array(3 * data.nodes);
-const SKIN = [0.91, 0.79, 0.71];
-// Five stops of cividis.
-const STOPS = [[0, 0.133, 0.306], [0.231, 0.286, 0.424], [0.486, 0.482, 0.471], [0.737, 0.682, 0.424], [0.992, 0.906, 0.216]];
+const displacement = $("displacement");
+// All points: nodes of the skin, those between them, the dark behind the mouth, the teeth.
+let rules, triangles, own, position, colour, normal, moved;
+
+async function unpack() {
+  rules = new Uint32Array((await bytes(data.rules)).buffer);
+  triangles = new Uint32Array((await bytes(data.triangle)).buffer);
+  const teeth = new Int16Array((await bytes(data.teeth)).buffer);
+  own = Float32Array.from(await bytes(data.colour), (c) => c / 255);
+  position = new Float32Array(own.length);
+  normal = new Float32Array(own.length);
+  colour = own.slice();
+  moved = new Float32Array(own.length / 3);
+  millimetres(teeth, 0, teeth.length, position.subarray(position.length - teeth.length));
+}
+
+// Each point between nodes is (9 b + 9 c - a - d) / 16 of four earlier ones.
+function follow(values, width) {
+  for (let k = 0, p = data.nodes * width; k < rules.length; k += 4, p += width) {
+    const a = rules[k] * width, b = rules[k + 1] * width, c = rules[k + 2] * width, d = rules[k + 3] * width;
+    for (let i = 0; i < width; i++) values[p + i] = (9 * (values[b + i] + values[c + i]) - values[a + i] - values[d + i]) / 16;
+  }
+}
+
+// Mean normals of the triangles round each point, weighted by area; their length has no meaning.
+function normals() {
+  normal.fill(0);
+  for (let t = 0; t < triangles.length; t += 3) {
+    const i = 3 * triangles[t], j = 3 * triangles[t + 1], k = 3 * triangles[t + 2];
+    const ux = position[j] - position[i], uy = position[j + 1] - position[i + 1], uz = position[j + 2] - position[i + 2];
+    const vx = position[k] - position[i], vy = position[k + 1] - position[i + 1], vz = position[k + 2] - position[i + 2];
+    const nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+    for (const at of [i, j, k]) { normal[at] += nx; normal[at + 1] += ny; normal[at + 2] += nz; }
+  }
+}
+
 function shade(x, out, at) {
-  const t = Math.min(Math.max(x, 0), 1) * 4;
-  const k = Math.min(Math.floor(t), 3);
-  for (let c = 0; c < 3; c++) out[at + c] = STOPS[k][c] + (t - k) * (STOPS[k + 1][c] - STOPS[k][c]);
+  const last = data.displacement.length - 1, t = Math.min(Math.max(x, 0), 1) * last;
+  const k = Math.min(Math.floor(t), last - 1);
+  for (let c = 0; c < 3; c++) out[at + c] = data.displacement[k][c] + (t - k) * (data.displacement[k + 1][c] - data.displacement[k][c]);
 }
 
 const decoded = new Map();
@@ -45,8 +75,8 @@ async function decode(trial) {
     const motion = {
       skin: await frames(trial.skin, count),
       simulated: await frames(trial.simulated, count),
-      measured: await frames(trial.measured, count),
-      activation: await bytes(trial.activation),
+      measured: trial.measured ? await frames(trial.measured, count) : null,
+      activation: trial.activation ? await bytes(trial.activation) : null,
       most: 0,
     };
     const size = 3 * data.nodes;
@@ -64,15 +94,42 @@ async function decode(trial) {
   return decoded.get(trial);
 }
 
-// Both ways of drawing share one orthographic camera. It looks at the lips, and takes in as much of the
-// face as lets them be seen.
-function extent() {
-  let reach = 0;
-  for (let i = 0; i < start.length; i++) reach = Math.max(reach, Math.abs(start[i]));
-  return Math.min(1.16 * reach, 62);
+// Both ways of drawing share one orthographic camera, its light and what it has in view: the face at
+// rest, in the middle, at a scale at which it fits from every side.
+function axes(yaw, pitch) {
+  const a = (yaw * Math.PI) / 180, b = (pitch * Math.PI) / 180;
+  const ca = Math.cos(a), sa = Math.sin(a), cb = Math.cos(b), sb = Math.sin(b);
+  return [[-ca, sa, 0], [-sa * sb, -ca * sb, cb], [sa * cb, ca * cb, sb]];
 }
-let reach = 60;
-const MIDDLE = data.lips;
+function along(axis, x, y, z) { return axis[0] * x + axis[1] * y + axis[2] * z; }
+function span(axis) {
+  let low = Infinity, high = -Infinity;
+  for (let i = 0; i < start.length; i += 3) {
+    const at = along(axis, start[i], start[i + 1], start[i + 2]);
+    low = Math.min(low, at); high = Math.max(high, at);
+  }
+  return [low, high];
+}
+function camera(width, height) {
+  let half = 0;
+  for (const [yaw, pitch] of Object.values(data.views)) {
+    const [right, up] = axes(yaw, pitch).map(span);
+    half = Math.max(half, 0.53 * (up[1] - up[0]), (0.53 * (right[1] - right[0]) * height) / width);
+  }
+  const frame = axes(view.yaw, view.pitch);
+  const [u, v, w] = frame.map((axis) => { const [low, high] = span(axis); return (low + high) / 2; });
+  return { frame, middle: [0, 1, 2].map((k) => u * frame[0][k] + v * frame[1][k] + w * frame[2][k]), half: half / view.zoom };
+}
+const unit = (v) => { const n = Math.hypot(...v); return v.map((x) => x / n); };
+const SOURCE = unit(data.light.key_from);
+const HALF = unit([SOURCE[0], SOURCE[1], SOURCE[2] + 1]);
+function lit(c, nx, ny, nz, out) {
+  const { ambient, sky, key, gloss, power, shadow } = data.light;
+  const direct = Math.max(0, nx * SOURCE[0] + ny * SOURCE[1] + nz * SOURCE[2]);
+  const bright = ambient + (sky * (1 + ny)) / 2 + key * direct;
+  const shine = gloss * Math.max(0, nx * HALF[0] + ny * HALF[1] + nz * HALF[2]) ** power;
+  for (let k = 0; k < 3; k++) out[k] = Math.min(1, Math.max(0, c[k] * (1 + shadow[k] * (1 - direct)) * bright + shine));
+}
 
 // Two shapes, so that the markers differ without colour as well.
 function mark(pen, kind, u, v, size, line) {
@@ -89,19 +146,34 @@ function mark(pen, kind, u, v, size, line) {
   pen.strokeStyle = "#b84a00"; pen.lineWidth = 1.5 * line; pen.stroke();
 }
 
-function webgl(triangles) {
+const number = (x) => x.toFixed(6);
+const vector = (v) => `vec3(${v.map(number).join()})`;
+const VERTEX = `
+  varying vec3 n; varying vec3 c;
+  void main() {
+    n = normalMatrix * normal; c = color;
+    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  }`;
+const FRAGMENT = `
+  varying vec3 n; varying vec3 c;
+  void main() {
+    vec3 m = normalize(n);
+    float direct = max(0.0, dot(m, ${vector(SOURCE)}));
+    float bright = ${number(data.light.ambient)} + ${number(data.light.sky / 2)} * (1.0 + m.y) + ${number(data.light.key)} * direct;
+    float shine = ${number(data.light.gloss)} * pow(max(0.0, dot(m, ${vector(HALF)})), ${number(data.light.power)});
+    vec3 skin = c * (1.0 + ${vector(data.light.shadow)} * (1.0 - direct)) * bright + shine;
+    gl_FragColor = vec4(gl_FrontFacing ? skin : ${vector(data.mouth)}, 1.0);
+  }`;
+
+function webgl() {
   const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "low-power" });
   const scene = new THREE.Scene();
-  const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, 1, 2000);
-  camera.up.set(0, 0, 1);
-  scene.add(new THREE.HemisphereLight(0xffffff, 0x8c7468, 1.7));
-  const lamp = new THREE.DirectionalLight(0xffffff, 1.7);
-  scene.add(lamp);
+  const eye = new THREE.OrthographicCamera(-1, 1, 1, -1, 1, 2000);
+  eye.up.set(0, 0, 1);
   const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
-  geometry.setAttribute("color", new THREE.BufferAttribute(colour, 3));
+  for (const [name, values] of Object.entries({ position, normal, color: colour })) geometry.setAttribute(name, new THREE.BufferAttribute(values, 3));
   geometry.setIndex(new THREE.BufferAttribute(triangles, 1));
-  const material = new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.75, metalness: 0, side: THREE.DoubleSide });
+  const material = new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, vertexColors: true, side: THREE.DoubleSide });
   const mesh = new THREE.Mesh(geometry, material);
   mesh.frustumCulled = false;
   scene.add(mesh);
@@ -124,28 +196,19 @@ function webgl(triangles) {
     map.colorSpace = THREE.SRGBColorSpace;
     return map;
   }
-  const linear = new THREE.Color();
   return (points) => {
     const width = canvas.clientWidth, height = canvas.clientHeight;
     renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
     renderer.setSize(width, height, false);
-    const half = reach / view.zoom, aspect = width / height;
-    const across = aspect > 1 ? half * aspect : half, up = aspect > 1 ? half : half / aspect;
-    Object.assign(camera, { left: -across, right: across, top: up, bottom: -up });
-    camera.updateProjectionMatrix();
-    const a = (view.yaw * Math.PI) / 180, b = (view.pitch * Math.PI) / 180;
-    camera.position.set(500 * Math.sin(a) * Math.cos(b), 500 * Math.cos(a) * Math.cos(b), 500 * Math.sin(b));
-    camera.lookAt(0, 0, 0);
-    camera.position.set(camera.position.x + MIDDLE[0], camera.position.y + MIDDLE[1], camera.position.z + MIDDLE[2]);
-    lamp.position.set(camera.position.x - 200 * Math.cos(a), camera.position.y + 200 * Math.sin(a), camera.position.z + 350);
-    for (let i = 0; i < colour.length; i += 3) {
-      linear.setRGB(colour[i], colour[i + 1], colour[i + 2], THREE.SRGBColorSpace);
-      colour[i] = linear.r; colour[i + 1] = linear.g; colour[i + 2] = linear.b;
-    }
-    geometry.attributes.position.needsUpdate = true;
-    geometry.attributes.color.needsUpdate = true;
-    geometry.computeVertexNormals();
-    const size = 0.065 * reach / Math.sqrt(view.zoom);
+    const { frame, middle, half } = camera(width, height);
+    const across = (half * width) / height;
+    Object.assign(eye, { left: -across, right: across, top: half, bottom: -half });
+    eye.updateProjectionMatrix();
+    eye.position.set(...middle.map((m, k) => m + 500 * frame[2][k]));
+    eye.lookAt(...middle);
+    normals();
+    for (const name of ["position", "normal", "color"]) geometry.attributes[name].needsUpdate = true;
+    const size = (13 * half) / (height / 2);  // pixels
     for (const kind of Object.keys(markers)) {
       markers[kind].forEach((one, m) => {
         const at = points[kind][m];
@@ -153,43 +216,39 @@ function webgl(triangles) {
         if (at) { one.position.set(...at); one.scale.setScalar(size); }
       });
     }
-    renderer.render(scene, camera);
+    renderer.render(scene, eye);
   };
 }
 
-function plain(triangles) {
+function plain() {
   const pen = canvas.getContext("2d");
-  const count = triangles.length / 3;
-  const flat = new Float32Array(3 * data.nodes);
+  const flat = new Float32Array(position.length), turned = new Float32Array(position.length);
+  const paint = [0, 0, 0], mean = [0, 0, 0];
   return (points) => {
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     const width = canvas.clientWidth, height = canvas.clientHeight;
     canvas.width = width * ratio; canvas.height = height * ratio;
-    pen.setTransform(ratio, 0, 0, ratio, width * ratio / 2, height * ratio / 2);
-    const scale = (Math.min(width, height) / 2) * (view.zoom / reach);
-    const a = (view.yaw * Math.PI) / 180, b = (view.pitch * Math.PI) / 180;
-    const ca = Math.cos(a), sa = Math.sin(a), cb = Math.cos(b), sb = Math.sin(b);
-    const project = (right, front, top) => {
-      const x = right - MIDDLE[0], y = front - MIDDLE[1], z = top - MIDDLE[2];
-      const away = sa * x + ca * y;
-      return [-(ca * x - sa * y) * scale, -(cb * z - sb * away) * scale, cb * away + sb * z];
+    pen.setTransform(ratio, 0, 0, ratio, (width * ratio) / 2, (height * ratio) / 2);
+    const { frame, middle, half } = camera(width, height), scale = height / 2 / half;
+    const project = (x, y, z) => {
+      const at = [x - middle[0], y - middle[1], z - middle[2]];
+      return [along(frame[0], ...at) * scale, -along(frame[1], ...at) * scale, along(frame[2], ...at)];
     };
+    normals();
     for (let i = 0; i < flat.length; i += 3) {
-      const [u, v, w] = project(position[i], position[i + 1], position[i + 2]);
-      flat[i] = u; flat[i + 1] = v; flat[i + 2] = w;
+      flat.set(project(position[i], position[i + 1], position[i + 2]), i);
+      for (let k = 0; k < 3; k++) turned[i + k] = along(frame[k], normal[i], normal[i + 1], normal[i + 2]);
     }
-    const order = Array.from({ length: count }, (_, k) => k);
+    const order = Array.from({ length: triangles.length / 3 }, (_, k) => k);
     const depth = order.map((k) => flat[3 * triangles[3 * k] + 2] + flat[3 * triangles[3 * k + 1] + 2] + flat[3 * triangles[3 * k + 2] + 2]);
     order.sort((p, q) => depth[p] - depth[q]);
     for (const k of order) {
       const [i, j, l] = [3 * triangles[3 * k], 3 * triangles[3 * k + 1], 3 * triangles[3 * k + 2]];
-      const ux = flat[j] - flat[i], uy = flat[i + 1] - flat[j + 1], uz = (flat[j + 2] - flat[i + 2]) * scale;
-      const vx = flat[l] - flat[i], vy = flat[i + 1] - flat[l + 1], vz = (flat[l + 2] - flat[i + 2]) * scale;
-      const nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
-      const length = Math.hypot(nx, ny, nz) || 1;
-      const light = 0.45 + 0.55 * Math.max(0, Math.abs(0.8 * nz + 0.45 * ny - 0.3 * nx) / length);
-      const paint = [0, 1, 2].map((c) => Math.round(255 * Math.min(1, light * (colour[i + c] + colour[j + c] + colour[l + c]) / 3)));
-      pen.fillStyle = pen.strokeStyle = `rgb(${paint.join()})`;
+      const front = (flat[j] - flat[i]) * (flat[l + 1] - flat[i + 1]) - (flat[j + 1] - flat[i + 1]) * (flat[l] - flat[i]) < 0;
+      const n = unit([0, 1, 2].map((c) => turned[i + c] + turned[j + c] + turned[l + c]));
+      for (let c = 0; c < 3; c++) mean[c] = (colour[i + c] + colour[j + c] + colour[l + c]) / 3;
+      lit(mean, ...n, paint);
+      pen.fillStyle = pen.strokeStyle = `rgb(${(front ? paint : data.mouth).map((c) => Math.round(255 * c)).join()})`;
       pen.beginPath();
       pen.moveTo(flat[i], flat[i + 1]); pen.lineTo(flat[j], flat[j + 1]); pen.lineTo(flat[l], flat[l + 1]);
       pen.closePath(); pen.fill(); pen.lineWidth = 0.7; pen.stroke();
@@ -227,18 +286,19 @@ function show() {
   const { trial, motion, frame } = state;
   const size = 3 * data.nodes;
   millimetres(motion.skin, frame * size, size, position);
-  millimetres(motion.skin, 0, size, start);
-  const coloured = $("displacement").checked;
-  $("scale").hidden = !coloured;
-  for (let i = 0; i < size; i += 3) {
-    if (coloured) {
-      const far = Math.hypot(position[i] - start[i], position[i + 1] - start[i + 1], position[i + 2] - start[i + 2]);
-      shade(far / motion.most, colour, i);
-    } else for (let c = 0; c < 3; c++) colour[i + c] = SKIN[c];
-  }
+  follow(position, 3);
+  $("scale").hidden = !displacement.checked;
+  if (displacement.checked) {
+    for (let i = 0; i < data.nodes; i++) {
+      const k = frame * size + 3 * i;
+      moved[i] = (Math.hypot(...[0, 1, 2].map((c) => motion.skin[k + c] - motion.skin[3 * i + c])) * MM) / motion.most;
+    }
+    follow(moved, 1);
+    for (let i = 0; i < data.tissue; i++) shade(moved[i], colour, 3 * i);
+  } else colour.set(own);
   const points = {};
   for (const kind of ["simulated", "measured"]) {
-    const shown = $(kind).checked, n = data.markers.length;
+    const shown = $(kind).checked && motion[kind], n = data.markers.length;
     points[kind] = data.markers.map((_, m) => {
       const at = 3 * (frame * n + m);
       if (!shown || motion[kind][at] === data.absent) return null;
@@ -250,7 +310,7 @@ function show() {
   $("clock").textContent = `${trial.time[frame].toFixed(2)} s`;
   $("time").value = frame;
   $("time").setAttribute("aria-valuetext", `${trial.time[frame].toFixed(2)} seconds`);
-  data.muscles.forEach((muscle, k) => {
+  if (motion.activation) data.muscles.forEach((muscle, k) => {
     bars[k].style.width = `${(motion.activation[frame * data.muscles.length + k] / 2.55).toFixed(1)}%`;
   });
 }
@@ -270,11 +330,9 @@ async function choose() {
   state.frame = Math.max(0, trial.time.findIndex((t) => t >= before - 1e-6));
   $("time").max = trial.time.length - 1;
   $("most").textContent = motion.most.toFixed(1);
-  const rho = trial.rho === null ? "undefined" : trial.rho.toFixed(2);
-  const what = `Trial ${trial.label} under ${strategy} (${data.instructions[instruction]}), face ${data.face}: median rho ${rho}, sigma_max ${(trial.sigma_max / 1000).toFixed(0)} kPa.`;
-  $("shown").textContent = `${what} Simulated motion, ${data.origin} recording.`;
-  canvas.setAttribute("aria-label", `Simulated face. ${what}`);
-  canvas.dataset.trial = `${trial.label} ${strategy}`;
+  $("shown").textContent = trial.about;
+  canvas.setAttribute("aria-label", `Simulated face. ${trial.about}`);
+  canvas.dataset.trial = `${trial.label} ${trial.strategy}`;
   refresh();
 }
 
@@ -287,6 +345,7 @@ function radios(name, values, words) {
     label.append(input, words(value));
     place.append(label);
   });
+  place.parentElement.hidden = values.length < 2;
 }
 
 const bars = [];
@@ -317,7 +376,7 @@ function turn(yaw, pitch) {
   view.yaw = yaw;
   view.pitch = Math.min(Math.max(pitch, -80), 80);
   for (const button of document.querySelectorAll("[data-view]")) {
-    const [y, p] = VIEWS[button.dataset.view];
+    const [y, p] = data.views[button.dataset.view];
     button.setAttribute("aria-pressed", String(Math.abs(y - view.yaw) < 1 && Math.abs(p - view.pitch) < 1));
   }
   refresh();
@@ -327,7 +386,7 @@ function listen() {
   $("time").addEventListener("input", () => { state.frame = Number($("time").value); refresh(); });
   for (const id of ["simulated", "measured", "displacement"]) $(id).addEventListener("change", refresh);
   for (const button of document.querySelectorAll("[data-view]")) {
-    button.addEventListener("click", () => turn(...VIEWS[button.dataset.view]));
+    button.addEventListener("click", () => turn(...data.views[button.dataset.view]));
   }
   const play = $("play");
   const set = (playing) => {
@@ -383,17 +442,23 @@ async function begin() {
   radios("strategy", data.strategies, (value) => value);
   radios("instruction", Object.keys(data.instructions), (value) => `${value}: ${data.instructions[value]}`);
   muscles();
-  const triangles = new Uint32Array((await bytes(data.triangle)).buffer);
+  const stops = data.displacement.map((c) => `rgb(${c.map((x) => Math.round(255 * x)).join()})`);
+  $("colours").style.background = `linear-gradient(90deg,${stops.join()})`;
+  await unpack();
   const first = await decode(data.trials[0]);
   millimetres(first.skin, 0, start.length, start);
-  reach = extent();
   let way = "canvas";
   if (hasWebGL()) {
-    try { draw = webgl(triangles); way = "webgl"; } catch { way = "canvas"; }
+    try { draw = webgl(); way = "webgl"; } catch { way = "canvas"; }
   }
-  if (way === "canvas") draw = plain(triangles);
+  if (way === "canvas") draw = plain();
   canvas.dataset.drawn = way;
   listen();
+  // What a page does not hold is not offered.
+  document.querySelector(".activation").hidden = !data.muscles.length;
+  document.querySelector(".time").hidden = data.trials[0].time.length < 2;
+  displacement.parentElement.hidden = data.trials[0].time.length < 2;
+  $("measured").parentElement.hidden = !data.trials.some((t) => t.measured);
   // The first strategy of the first instruction may have failed.
   document.querySelector(`input[name=strategy][value="${data.trials[0].strategy}"]`).checked = true;
   document.querySelector(`input[name=instruction][value="${data.trials[0].instruction}"]`).checked = true;

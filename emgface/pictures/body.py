@@ -1,0 +1,413 @@
+"""The surface of a face as it is drawn: skin, lips, teeth and the dark of the mouth.
+
+The elements of a face are coarse. What is drawn is their boundary, refined by the interpolating
+four-point scheme (Dyn, Levin and Gregory 1987) along both directions of its quadrilaterals, as Kobbelt
+(1996) extends it: the nodes stay where they are, and the surface between them is smooth.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.face.check import sheet_nodes
+from emgface.face.parts import OUTER, SKULL, Arch, arches_of, facets_of, surface_names
+from emgface.face.surface import boundary_faces, triangles
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+SKIN, VERMILION, LINING = 0, 1, 2
+"""Parts of the drawn tissue."""
+COLOURS: Final = {
+    SKIN: (0.905, 0.765, 0.680),
+    VERMILION: (0.760, 0.430, 0.415),
+    LINING: (0.640, 0.330, 0.325),
+}
+"""Colour of each part, sRGB from 0 to 1."""
+MOUTH: Final = (0.165, 0.062, 0.058)
+"""Of whatever is seen from within."""
+TEETH: Final = (0.880, 0.860, 0.805)
+GUMS: Final = (0.640, 0.370, 0.365)
+CROWN: Final = 9.5e-3
+"""Height of the crowns of the teeth [m]; an arch is drawn as gums beyond it."""
+
+MOST_NODES: Final = 4500
+"""Nodes of the surface that are drawn; more are merged along the shortest edges."""
+ENOUGH: Final = 5000
+"""The surface is refined, twice at most, until it has as many points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """Facets of the tissue that are drawn.
+
+    Attributes
+    ----------
+    node : ndarray of int, shape (n,)
+        Index of each node in the face model.
+    facet : ndarray of int, shape (m, 4)
+        Corners as indices into `node`, counter-clockwise from outside; a triangle repeats its last.
+    part : ndarray of int, shape (m,)
+        SKIN, VERMILION or LINING.
+    """
+
+    node: Indices
+    facet: Indices
+    part: Indices
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What is drawn, as it follows from the nodes of a `Skin`.
+
+    Attributes
+    ----------
+    n : int
+        Nodes of the skin, the first points.
+    rules : ndarray of int, shape (k, 4)
+        The next points: each is (9 b + 9 c - a - d) / 16 of four earlier points a, b, c, d.
+    teeth : ndarray, shape (m, 3)
+        The last points, those of the dental arches, which do not move [m].
+    triangle : ndarray of int, shape (t, 3)
+        Corners among all points, counter-clockwise from outside.
+    colour : ndarray, shape (points, 3)
+        sRGB from 0 to 1.
+    tissue : int
+        Points of the tissue; those after it are the dark behind the mouth, and the teeth.
+    """
+
+    n: int
+    rules: Indices
+    teeth: Floats
+    triangle: Indices
+    colour: Floats
+    tissue: int
+
+    def points(self, position: NDArray[np.floating]) -> Floats:
+        """Places of all points [m], from those of the nodes of the skin (n, 3)."""
+        moved = follow(self.rules, np.asarray(position, dtype=np.float64))
+        return np.concatenate([moved, self.teeth])
+
+    def coloured(self, colour: NDArray[np.floating]) -> Floats:
+        """Colours of all points, where those of the nodes of the skin are given, (n, 3)."""
+        found = follow(self.rules, np.asarray(colour, dtype=np.float64))[: self.tissue]
+        return np.concatenate([np.clip(found, 0.0, 1.0), self.colour[self.tissue :]])
+
+
+def follow(rules: Indices, values: Floats) -> Floats:
+    """Values at all points of the tissue, from those at its nodes (n, k), by the rules of a `Body`."""
+    n = len(values)
+    found = np.concatenate([values, np.empty((len(rules), values.shape[1]))])
+    done = 0
+    while done < len(rules):
+        # As many at once as need only points that are known.
+        ready = rules[done:].max(axis=1) >= n + done
+        until = done + int(np.argmax(ready)) if ready.any() else len(rules)
+        a, b, c, d = (found[rules[done:until, k]] for k in range(4))
+        found[n + done : n + until] = (9.0 * (b + c) - (a + d)) / 16.0
+        done = until
+    return found
+
+
+def skin_of(face: xr.Dataset, *, most: int = MOST_NODES) -> Skin:
+    """Find the facets of a face that a look from outside or into the mouth can meet.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model.
+    most : int
+        Nodes that may stay; where there are more the surface is thinned.
+
+    Returns
+    -------
+    Skin
+        Skin, red of the lips and their lining where the face names them; otherwise the skin and the
+        rims of the tissue.
+    """
+    named = {name: facets_of(face, name) for name in surface_names(face)}
+    parts = [(LINING if name.endswith("inner") else VERMILION, f) for name, f in named.items()]
+    known = {frozenset(row) for _, rows in parts for row in rows.tolist()}
+    visible, of_skin = skin_faces(face)
+    plain = of_skin if named else visible
+    mine = np.array([frozenset(row) not in known for row in plain.tolist()], dtype=bool)
+    parts.insert(0, (SKIN, plain[mine]))
+    facet = np.concatenate([rows for _, rows in parts]).astype(np.int64)
+    part = np.repeat([p for p, _ in parts], [len(rows) for _, rows in parts])
+    if len(np.unique(facet)) > most:
+        facet, part = _thinned(face["position"].values, facet, part, most)
+    node, index = np.unique(facet, return_inverse=True)
+    return Skin(node, index.reshape(facet.shape).astype(np.int64), part)
+
+
+def skin_faces(face: xr.Dataset) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
+    """Boundary faces that a look from outside meets, and those of the skin alone.
+
+    Parameters
+    ----------
+    face : xarray.Dataset
+        A face_model.
+
+    Returns
+    -------
+    visible, of_skin : ndarray of int, shape (faces, 4)
+        Nodes of each face; the visible ones include the rims, not the inner sheet behind.
+    """
+    faces, element = boundary_faces(face["connectivity"].values)
+    skin = np.zeros(face.sizes["node"], dtype=bool)
+    skin[sheet_nodes(face, OUTER)] = True
+    of_skin = (face["layer"].values[element] == OUTER) & skin[faces].all(axis=1)
+    return faces[skin[faces].any(axis=1) | of_skin], faces[of_skin]
+
+
+def body_of(face: xr.Dataset, skin: Skin | None = None) -> Body:
+    """Make what is drawn of a face.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model; its dental arches are drawn where it has them.
+    skin : Skin, optional
+        Result of `skin_of`.
+
+    Returns
+    -------
+    Body
+    """
+    skin = skin_of(face) if skin is None else skin
+    return make_body(face["position"].values[skin.node], skin, arches_of(face))
+
+
+def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) -> Body:
+    """Make what is drawn of the facets of a skin, at `rest` (n, 3) [m], and of dental arches."""
+    n, facet, part = len(rest), skin.facet, skin.part
+    values = np.asarray(rest, dtype=np.float64)
+    stages: list[Indices] = []
+    while len(stages) < 4 and len(values) < ENOUGH:
+        new, facet, part = refined(facet, part, len(values))
+        stages += new
+        for rules in new:
+            values = np.concatenate([values, follow(rules, values)[len(values) :]])
+    tissue = len(values)
+    triangle, colour = [triangles(facet, values)], [_point_colours(facet, part, tissue)]
+    loop = _rim(facet, values)
+    if len(loop) > 2:  # closed behind, so that a look through the mouth meets the dark
+        strip, height = _strip(len(loop)), values[loop, 2]
+        # Not above the cheeks, where it would be seen from the front.
+        cut = 0.5 * (height[np.argmin(values[loop, 1])] + height.max())
+        stages.append(np.repeat(loop[:, None], 4, axis=1))
+        triangle.append(tissue + strip[(height[strip] < cut).all(axis=1)])
+        colour.append(np.tile(MOUTH, (len(loop), 1)))
+    before = tissue + len(loop)
+    for arch in arches:
+        triangle.append(arch.triangles.astype(np.int64) + before)
+        colour.append(_tooth_colours(arch.points[:, 2], arch.bone))
+        before += len(arch.points)
+    teeth = [arch.points for arch in arches]
+    return Body(
+        n,
+        np.concatenate([*stages, np.empty((0, 4), dtype=np.int64)]),
+        np.concatenate([*teeth, np.empty((0, 3))]),
+        np.concatenate(triangle).astype(np.int64),
+        np.concatenate(colour),
+        tissue,
+    )
+
+
+def _point_colours(facet: Indices, part: Indices, n: int) -> Floats:
+    """Mean colour of the facets round each of n points."""
+    colour, weight = np.zeros((n, 3)), np.zeros(n)
+    own = np.array([COLOURS[k] for k in range(3)])[part]
+    for corner in range(4):
+        np.add.at(colour, facet[:, corner], own)
+        np.add.at(weight, facet[:, corner], 1.0)
+    return colour / np.maximum(weight, 1.0)[:, None]
+
+
+def _tooth_colours(height: Floats, bone: int) -> Floats:
+    """Teeth near the incisal edge, the lowest of the upper arch and the highest of the lower."""
+    above = height - height.min() if bone == SKULL else height.max() - height
+    gum = np.clip((above - CROWN) / 1.5e-3, 0.0, 1.0)[:, None]
+    return (1.0 - gum) * np.array(TEETH) + gum * np.array(GUMS)
+
+
+def refined(facet: Indices, part: Indices, n: int) -> tuple[list[Indices], Indices, Indices]:
+    """Divide every facet into four, with new points on its edges and in its middle.
+
+    Parameters
+    ----------
+    facet : ndarray of int, shape (m, 4)
+        Corners among n points; a triangle repeats its last.
+    part : ndarray of int, shape (m,)
+        Handed on to the four.
+    n : int
+        Points so far.
+
+    Returns
+    -------
+    rules : list of ndarray
+        Of the points on the edges, then of those in quadrilaterals, see `Body`.
+    facet, part : ndarray
+
+    Notes
+    -----
+    Beyond a vertex the line of an edge goes on along the edge opposite to it, where four edges meet
+    within the surface or three on its border; elsewhere it ends, and the end counts twice.
+    """
+    after = np.roll(facet, -1, axis=1)
+    before = np.roll(facet, 1, axis=1)
+    before[:, 3] = np.where(facet[:, 3] == facet[:, 2], facet[:, 1], facet[:, 2])
+    side = facet != after
+    tail, head, last = facet[side], after[side], before[side]
+    both = np.unique(np.concatenate([tail * n + head, head * n + tail]))
+    start, end = both // n, both % n
+
+    def place(a: Indices, b: Indices) -> Indices:
+        return np.searchsorted(both, a * n + b)
+
+    # Turning from one edge at a vertex to the next, across a facet and back.
+    turn = np.full(len(both), -1)
+    turn[place(tail, head)] = place(tail, last)
+    back = np.full(len(both), -1)
+    back[turn[turn >= 0]] = np.flatnonzero(turn >= 0)
+    degree = np.bincount(start, minlength=n)
+    border = np.zeros(n, dtype=bool)
+    border[start[turn < 0]] = True
+    regular = degree[start] == np.where(border[start], 3, 4)
+
+    def twice(step: Indices) -> Indices:
+        once = np.where(step >= 0, step[step], -1)
+        return np.where(regular, once, -1)
+
+    opposite = np.maximum(twice(turn), twice(back))
+    beyond = np.where(opposite >= 0, end[opposite], start)
+
+    one = np.flatnonzero(start < end)
+    edge = np.empty(len(both), dtype=np.int64)
+    other = place(end, start)
+    edge[one] = n + np.arange(len(one))
+    edge[other[one]] = edge[one]
+    on_edges = np.stack([beyond[one], start[one], end[one], beyond[other[one]]], axis=1)
+
+    quad = facet[:, 2] != facet[:, 3]
+    corners, few = facet[quad], facet[~quad]
+    around = [place(corners[:, k], corners[:, (k + 1) % 4]) for k in range(4)]
+    across = np.full(len(both), -1)
+    for k in range(4):
+        across[around[k]] = edge[around[(k + 2) % 4]]
+    lines = []
+    for k in (0, 1):
+        a, b = around[k], around[k + 2]
+        far = [across[other[a]], across[other[b]]]
+        ends = [np.where(f >= 0, f, edge[e]) for f, e in zip(far, (a, b), strict=True)]
+        whole = (far[0] >= 0) & (far[1] >= 0)
+        lines.append((whole, np.stack([ends[0], edge[a], edge[b], ends[1]], axis=1)))
+    inside = np.where((lines[0][0] | ~lines[1][0])[:, None], lines[0][1], lines[1][1])
+    middle = n + len(one) + np.arange(len(corners))
+    mid = [edge[each] for each in around]
+    new = [np.stack([corners[:, k], mid[k], middle, mid[k - 1]], axis=1) for k in range(4)]
+    parts = [part[quad]] * 4
+    ab, bc, ca = (edge[place(few[:, k], few[:, (k + 1) % 3])] for k in range(3))
+    for a, b, c in ((few[:, 0], ab, ca), (ab, few[:, 1], bc), (ca, bc, few[:, 2]), (ab, bc, ca)):
+        new.append(np.stack([a, b, c, c], axis=1))
+        parts.append(part[~quad])
+    return [on_edges, inside], np.concatenate(new), np.concatenate(parts)
+
+
+def _rim(facet: Indices, position: Floats) -> Indices:
+    """Points along the longest border of a surface, as its facets go round it; none if it is closed."""
+    a, b = facet.ravel(), np.roll(facet, -1, axis=1).ravel()
+    a, b = a[a != b], b[a != b]
+    n = len(position)
+    open_ = ~np.isin(a * n + b, b * n + a)
+    following = dict(zip(a[open_].tolist(), b[open_].tolist(), strict=True))
+    best: list[int] = []
+    size = 0.0
+    while following:
+        loop = [next(iter(following))]
+        while (after := following.pop(loop[-1], None)) is not None and after != loop[0]:
+            loop.append(after)
+        extent = float(np.ptp(position[loop], axis=0).max())
+        if extent > size:
+            best, size = loop, extent
+    if not best:
+        return np.empty(0, dtype=np.int64)
+    return np.roll(best, -int(np.argmax(position[best, 2])))
+
+
+def _strip(n: int) -> Indices:
+    """Triangles that span a closed line of n points from side to side, against its direction."""
+    found, low, high = [], 0, n
+    while high - low > 2:
+        found.append((low + 1, low, high % n))
+        low += 1
+        if high - low > 2:
+            found.append((low, high % n, high - 1))
+            high -= 1
+    return np.array(found, dtype=np.int64)
+
+
+def _thinned(position: Floats, facet: Indices, part: Indices, most: int) -> tuple[Indices, Indices]:
+    """Triangles of a surface with fewer nodes, and the part of each."""
+    corners = np.concatenate([facet[:, [0, 1, 2]], facet[:, [0, 2, 3]]])
+    corners, kept = _proper(corners, np.concatenate([part, part]))
+    corners, kept = _proper(merged(position, corners, most)[corners], kept)
+    return corners[:, [0, 1, 2, 2]], kept
+
+
+def _proper(corners: Indices, part: Indices) -> tuple[Indices, Indices]:
+    """Triangles with three different corners, and the part of each."""
+    a, b, c = corners.T
+    left = (a != b) & (b != c) & (c != a)
+    return corners[left], part[left]
+
+
+def merged(position: Floats, corners: Indices, most: int) -> Indices:
+    """Merge neighbouring nodes along the shortest edges until few enough are left.
+
+    Only nodes that share an edge are merged, so that lips that lie against each other stay two.
+
+    Parameters
+    ----------
+    position : ndarray, shape (nodes, 3)
+    corners : ndarray of int, shape (triangles, 3)
+    most : int
+        Nodes that may stay.
+
+    Returns
+    -------
+    ndarray of int, shape (nodes,)
+        The node that stands for each.
+    """
+    whole = np.arange(len(position))
+    excess = len(np.unique(corners)) - most
+    while excess > 0:
+        edges = np.sort(
+            np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+        )
+        edges = np.unique(edges, axis=0)
+        length = np.linalg.norm(position[edges[:, 0]] - position[edges[:, 1]], axis=1)
+        target = np.arange(len(position))
+        touched = np.zeros(len(position), dtype=bool)
+        count = 0
+        for a, b in edges[np.argsort(length, kind="stable")]:
+            if touched[a] or touched[b]:
+                continue
+            touched[[a, b]] = True
+            target[b] = a
+            count += 1
+            if count == excess:
+                break
+        whole = target[whole]
+        corners = target[corners]
+        a, b, c = corners.T
+        corners = corners[(a != b) & (b != c) & (c != a)]
+        left = len(np.unique(corners)) - most
+        if left >= excess:
+            break
+        excess = left
+    return whole

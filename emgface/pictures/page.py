@@ -1,0 +1,266 @@
+"""Pages with a moving face: what they hold as JSON, and a page of a single motion or face."""
+
+import base64
+import hashlib
+import json
+import re
+import zlib
+from importlib.resources import files
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from emgface.muscles import INSTRUCTIONS, MUSCLE_NAMES
+from emgface.pictures.body import MOUTH, Body, body_of, skin_of
+from emgface.pictures.render import DISPLACEMENT, LIGHT, VIEWS
+from emgface.pictures.surface import drawn_surface
+
+THREE: Final = "three/three.module.min.js"
+"""three.js 0.170.0, build/three.module.min.js, unchanged."""
+QUANTUM: Final = 20e-6
+"""Positions are rounded to this [m], far below what is seen."""
+ABSENT: Final = -32768
+"""Stands for a marker that was not measured."""
+
+
+def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:
+    """Encode what is drawn, about the middle of the nodes of its skin at rest (n, 3) [m].
+
+    Positions are whole numbers of `QUANTUM` about `centre`; arrays are deflated, in base 64.
+    """
+    centre = middle_of(rest)
+    return {
+        "quantum": QUANTUM,
+        "absent": ABSENT,
+        "nodes": body.n,
+        "tissue": body.tissue,
+        "rules": packed(body.rules.astype("<u4")),
+        "teeth": packed(whole(body.teeth, centre).astype("<i2")),
+        "triangle": packed(body.triangle.astype("<u4")),
+        "colour": packed(np.round(255.0 * body.colour).astype(np.uint8)),
+        "mouth": MOUTH,
+        "views": VIEWS,
+        "light": LIGHT,
+        "displacement": DISPLACEMENT,
+    }
+
+
+def middle_of(rest: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Middle of the box that holds points (n, 3), which a page counts positions from."""
+    return np.asarray(rest.min(axis=0) + rest.max(axis=0), dtype=np.float64) / 2.0
+
+
+def muscle_names(muscles: NDArray[Any]) -> list[dict[str, str]]:
+    """Names of muscles such as ``ZYG_L`` for the panel of activations."""
+    return [{"id": str(m), "name": MUSCLE_NAMES[str(m).rpartition("_")[0]]} for m in muscles]
+
+
+def levels(activation: xr.DataArray, at: NDArray[np.floating]) -> str:
+    """Encode activation (muscle, time) at some of its instants [s], one byte each."""
+    values = activation.transpose("time", "muscle")
+    place = np.searchsorted(values["time"].values, at - 1e-9)
+    chosen = values.values[np.clip(place, 0, len(values) - 1)]
+    return packed(np.round(255.0 * chosen).astype(np.uint8))
+
+
+def face_page(face: xr.Dataset) -> str:
+    """Write the page of a face at rest, to be turned; a face_model."""
+    skin = skin_of(face)
+    rest = face["position"].values[skin.node]
+    centre = middle_of(rest)
+    markers = whole(face["position"].values[face["marker_node"].values][None], centre)
+    about = f"{face.sizes['node']} nodes, {face.sizes['element']} elements."
+    trial = _trial(rest[None], markers, np.zeros(1), centre, about)
+    data = body_data(body_of(face, skin), rest) | _single(trial, face["marker"].values)
+    kind = "generated" if face.attrs["origin"] == "generated" else "imported"
+    words = f"The face model {face.attrs['name']} at rest, {kind} ({face.attrs['source']})."
+    return page_of(data, title=str(face.attrs["name"]), badge=f"{kind} face", words=words,
+                   simulated=False)  # fmt: skip
+
+
+def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str:
+    """Write the page of one simulated motion.
+
+    Parameters
+    ----------
+    motion : Dataset
+        Trajectory with the surface of its face.
+    activation : Dataset, optional
+        What drove it, ``activation(muscle, time)``.
+
+    Returns
+    -------
+    str
+        HTML that loads nothing.
+
+    Raises
+    ------
+    DataError
+        The trajectory has no surface.
+    """
+    body, _, frames = drawn_surface(motion)
+    time, centre = motion["frame_time"].values, middle_of(frames[0])
+    markers = motion["position"].transpose("time", "marker", "axis")
+    markers = whole(markers.sel(time=time, method="nearest").values, centre)
+    sigma_max = float(motion.attrs["sigma_max"]) / 1e3
+    about = f"Face {motion.attrs.get('face') or 'without a name'}, sigma_max {sigma_max:.4g} kPa."
+    trial = _trial(frames, markers, time, centre, about)
+    data = body_data(body, frames[0]) | _single(trial, motion["marker"].values)
+    origin = ""
+    if activation is not None:
+        pace, start = motion.attrs["recorded_pace"], motion.attrs["recorded_start"]
+        trial["activation"] = levels(activation["activation"], start + pace * time)
+        data["muscles"] = muscle_names(activation["muscle"].values)
+        origin = str(activation.attrs.get("origin", ""))
+    title = trial_name(motion)
+    words = "The motion of the face is simulated by a finite-element model"
+    words += f" from the sEMG of a {origin} recording." if origin else "."
+    badge = "simulated motion" + (f", {origin} recording" if origin else "")
+    return page_of(data, title=title, badge=badge, words=words, simulated=True)
+
+
+def trial_name(motion: xr.Dataset) -> str:
+    """Name of the trial of a trajectory or activation, as far as its attributes tell."""
+    named = [str(motion.attrs[n]) for n in ("volunteer", "instruction", "repetition", "strategy")
+             if n in motion.attrs]  # fmt: skip
+    said = INSTRUCTIONS.get(str(motion.attrs.get("instruction", "")), "")
+    return " ".join(named) + (f" ({said})" if said else "") or "motion"
+
+
+def _trial(
+    frames: NDArray[np.floating],
+    markers: NDArray[np.int16],
+    time: NDArray[np.floating],
+    centre: NDArray[np.float64],
+    about: str,
+) -> dict[str, Any]:
+    return {
+        "instruction": "",
+        "strategy": "",
+        "label": "",
+        "about": about,
+        "time": [round(float(t), 4) for t in time],
+        "skin": deltas(whole(frames, centre)),
+        "simulated": deltas(markers),
+    }
+
+
+def _single(trial: dict[str, Any], markers: NDArray[Any]) -> dict[str, Any]:
+    return {
+        "instructions": {"": ""},
+        "strategies": [""],
+        "markers": [str(name) for name in markers],
+        "muscles": [],
+        "trials": [trial],
+    }
+
+
+def page_of(data: dict[str, Any], *, title: str, badge: str, words: str, simulated: bool) -> str:
+    """Write a page with one face."""
+    from emgface import __version__
+
+    script = viewer_script()
+    return environment().get_template("face.html").render(
+        viewer=as_json(data),
+        labels={"simulated": "simulated by the face model" if simulated else "lip markers",
+                "measured": "recording"},
+        views=VIEWS,
+        tag=badge,
+        title=title,
+        badge=badge,
+        simulated=simulated,
+        words=words,
+        version=__version__,
+        style=style(),
+        script=Markup(script),
+        policy=policy(script),
+    )  # fmt: skip
+
+
+def environment(*packages: str) -> Environment:
+    """Templates of this package and of others, which may include each other's."""
+    loaders = [PackageLoader(name, "page") for name in (*packages, "emgface.pictures")]
+    return Environment(
+        loader=ChoiceLoader(loaders),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def style() -> Markup:
+    """Style sheet of all pages."""
+    return Markup(resource("page/page.css"))
+
+
+def policy(script: str) -> str:
+    """Content security policy that forbids every request and every script but this one."""
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    return "; ".join(
+        [
+            "default-src 'none'",
+            f"script-src 'sha256-{digest}'" if script else "script-src 'none'",
+            "style-src 'unsafe-inline'",
+            "img-src data:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        ]
+    )
+
+
+def viewer_script() -> str:
+    """Join three.js and the viewer to one module that imports nothing.
+
+    The last statement of a module build exports its names; here they become an object.
+    """
+    library = resource(THREE)
+    body, exported = re.fullmatch(r"(.*)export\{([^{}]*)\};\s*", library, re.DOTALL).groups()  # pyright: ignore[reportOptionalMemberAccess]
+    names = [pair.split(" as ") for pair in exported.split(",")]
+    made = ",".join(f"{pair[-1]}:{pair[0]}" for pair in names)
+    # What the library declares at top level would collide with the names of the viewer.
+    text = f"const THREE=(()=>{{{body}return{{{made}}};}})();\n{resource('page/viewer.js')}"
+    if "</script" in text.lower():
+        raise AssertionError("the script would end its own element")
+    return text
+
+
+def resource(name: str) -> str:
+    """Text of a file of this package."""
+    return files("emgface.pictures").joinpath(name).read_text(encoding="utf-8")
+
+
+def as_json(value: Any) -> Markup:
+    """JSON to stand in a page."""
+    # "<" would let text in the data end the element it stands in.
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"), default=dict)
+    return Markup(text.replace("<", "\\u003c"))
+
+
+def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:
+    """Round positions [m] to whole numbers of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
+    steps = np.round((np.asarray(position, dtype=np.float64) - centre) / QUANTUM)
+    steps = np.where(np.isfinite(steps), np.clip(steps, -32767, 32767), ABSENT)
+    return steps.astype(np.int16)
+
+
+def deltas(values: NDArray[np.int16]) -> str:
+    """Encode frames of whole numbers, the first dim being time, as differences.
+
+    Each frame is the difference from the one before, low bytes before high ones.
+    """
+    flat = values.reshape(len(values), -1)
+    with np.errstate(over="ignore"):
+        change = np.diff(flat, axis=0, prepend=np.zeros((1, flat.shape[1]), dtype=np.int16))
+    raw = change.astype("<i2").tobytes()
+    planes = np.frombuffer(raw, dtype=np.uint8).reshape(-1, 2)
+    return packed(np.concatenate([planes[:, 0], planes[:, 1]]))
+
+
+def packed(values: NDArray[Any]) -> str:
+    """Deflate the bytes of an array and write them in base 64."""
+    return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode("ascii")

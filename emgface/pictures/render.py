@@ -1,0 +1,246 @@
+"""Shaded pictures of a body: cameras, light and a z-buffer in numpy.
+
+The page draws with the same cameras, colours and light (`page/viewer.js`), by WebGL.
+"""
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.pictures.body import MOUTH, Body
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+MM: Final = 1e3
+VIEWS: Final[Mapping[str, tuple[float, float]]] = {
+    "front": (0.0, 0.0),
+    "left": (-90.0, 0.0),
+    "right": (90.0, 0.0),
+    "oblique": (-35.0, 5.0),
+}
+"""Yaw and pitch of the camera in degrees: from which side of the subject, and from how far above."""
+SIDES: Final = ("front", "left", "oblique")
+"""The three of them that a picture shows."""
+
+LIGHT: Final[Mapping[str, object]] = {
+    "ambient": 0.50,
+    "sky": 0.14,
+    "key": 0.42,
+    "key_from": (-0.34, 0.46, 0.82),
+    "gloss": 0.10,
+    "power": 22.0,
+    "shadow": (0.10, -0.02, -0.08),
+}
+"""Light in the frame of the camera (right, up, towards it). The brightness of a colour is
+ambient + sky (1 + up) / 2 + key max(0, n·key_from); what lies in shadow turns by `shadow`, warm as skin
+does; gloss is a Blinn-Phong highlight."""
+
+DISPLACEMENT: Final = (
+    (0.955, 0.925, 0.855),
+    (0.985, 0.740, 0.550),
+    (0.925, 0.425, 0.400),
+    (0.640, 0.190, 0.490),
+    (0.300, 0.080, 0.440),
+)
+"""Colours from no displacement to the largest: lighter than darker, read without colour vision too."""
+
+
+class Window(NamedTuple):
+    """Part of the plane of a picture: right and up of its lower left and upper right corner [m]."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+
+def axes_of(view: tuple[float, float]) -> Floats:
+    """Unit vectors to the right of the picture, up in it and towards the camera, in rows (3, 3)."""
+    a, b = np.radians(view)
+    sa, ca, sb, cb = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
+    return np.array([[-ca, sa, 0.0], [-sa * sb, -ca * sb, cb], [sa * cb, ca * cb, sb]])
+
+
+def project(points: NDArray[np.floating], view: tuple[float, float]) -> Floats:
+    """Coordinates to the right and up in the picture and towards the camera [m], shape (n, 3)."""
+    return np.asarray(points, dtype=np.float64) @ axes_of(view).T
+
+
+def window_of(points: NDArray[np.floating], view: tuple[float, float], margin: float) -> Window:
+    """Window that holds points in its middle, and a margin as a share of their extent."""
+    flat = project(points, view)[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    edge = margin * float((high - low).max())
+    return Window(*(low - edge).tolist(), *(high + edge).tolist())
+
+
+def normals(points: Floats, triangle: Indices) -> Floats:
+    """Unit normals of points, the mean of those of their triangles by area, shape (n, 3)."""
+    a, b, c = (points[triangle[:, k]] for k in range(3))
+    own = np.cross(b - a, c - a)
+    total = np.zeros_like(points)
+    for corner in range(3):
+        for axis in range(3):
+            total[:, axis] += np.bincount(triangle[:, corner], own[:, axis], minlength=len(points))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0.0, length, 1.0)
+
+
+def render(
+    body: Body,
+    position: NDArray[np.floating],
+    view: tuple[float, float],
+    window: Window,
+    width: int,
+    *,
+    colour: Floats | None = None,
+    finer: int = 2,
+) -> NDArray[np.uint8]:
+    """Draw a body as an orthographic camera sees it.
+
+    Parameters
+    ----------
+    body : Body
+    position : ndarray, shape (n, 3)
+        Nodes of its skin [m].
+    view : tuple of float
+        Yaw and pitch of the camera [degrees].
+    window : Window
+        What is in the picture.
+    width : int
+        Pixels across; the height follows from the window.
+    colour : ndarray, shape (n, 3), optional
+        sRGB of the nodes of the skin in place of the body's own.
+    finer : int
+        Samples per pixel along both sides.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 4)
+        sRGB and opacity, the first row at the top.
+    """
+    scale = finer * width / (window.right - window.left)
+    height = max(1, round((window.top - window.bottom) * scale / finer))
+    size = finer * height, finer * width
+    points, triangle = body.points(position), body.triangle
+    paint = body.colour if colour is None else body.coloured(colour)
+    normal, seen = normals(points, triangle), project(points, view)
+    on_screen = np.stack(
+        [(seen[:, 0] - window.left) * scale, (window.top - seen[:, 1]) * scale], axis=1
+    )
+    pixel, face, weight = nearest(on_screen, seen[:, 2], triangle, size)
+    # Light is computed at the points, which are dense, and interpolated between them.
+    lit = shaded(paint, normal @ axes_of(view).T)[triangle]
+    a, b, c = (on_screen[triangle[:, k]] for k in range(3))
+    behind = _twice_the_area(a, b, c) >= 0.0
+    lit[behind] = MOUTH
+    own = (weight[:, :, None] * lit[face]).sum(axis=1)
+    picture = np.zeros((size[0] * size[1], 4))
+    picture[pixel, :3], picture[pixel, 3] = own, 1.0
+    picture = picture.reshape(height, finer, width, finer, 4).mean(axis=(1, 3))
+    picture[..., :3] /= np.maximum(picture[..., 3:], 1e-9)
+    return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
+
+
+def shaded(colour: Floats, normal: Floats) -> Floats:
+    """Light colours (n, 3) of a surface with these normals in the frame of the camera, by `LIGHT`."""
+    ambient, sky, key, gloss, power = (
+        float(LIGHT[name])  # pyright: ignore[reportArgumentType]
+        for name in ("ambient", "sky", "key", "gloss", "power")
+    )
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    n = normal / np.where(length > 0.0, length, 1.0)
+    source = np.array(LIGHT["key_from"], dtype=np.float64)
+    source /= np.linalg.norm(source)
+    direct = np.maximum(0.0, n @ source)
+    bright = ambient + sky * 0.5 * (1.0 + n[:, 1]) + key * direct
+    half = source + [0.0, 0.0, 1.0]
+    half /= np.linalg.norm(half)
+    shine = gloss * np.maximum(0.0, n @ half) ** power
+    warm = 1.0 + np.array(LIGHT["shadow"]) * (1.0 - direct)[:, None]
+    return np.clip(colour * warm * bright[:, None] + shine[:, None], 0.0, 1.0)
+
+
+def nearest(
+    points: Floats, depth: Floats, triangle: Indices, size: tuple[int, int]
+) -> tuple[Indices, Indices, Floats]:
+    """Find the triangle nearest the camera in every pixel that one covers.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+        Place from the left and from the top [pixels].
+    depth : ndarray, shape (n,)
+        Towards the camera.
+    triangle : ndarray of int, shape (m, 3)
+    size : tuple of int
+        Height and width [pixels].
+
+    Returns
+    -------
+    pixel : ndarray of int, shape (p,)
+        Row times width plus column.
+    triangle : ndarray of int, shape (p,)
+    weight : ndarray, shape (p, 3)
+        Barycentric coordinates of the middle of the pixel.
+    """
+    height, width = size
+    corner = points[triangle]
+    low, high = corner[..., 1].min(axis=1), corner[..., 1].max(axis=1)
+    first = np.clip(np.ceil(low - 0.5), 0, height).astype(np.int64)
+    last = np.clip(np.ceil(high - 0.5), 0, height).astype(np.int64)
+    owner, row = _ranges(first, last)
+    y = row + 0.5
+    # Between the two edges that a line of pixels crosses: half open, so that neighbours share none.
+    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    mine = corner[owner]
+    for k in range(3):
+        p, q = mine[:, k], mine[:, (k + 1) % 3]
+        crossed = (p[:, 1] <= y) != (q[:, 1] <= y)
+        step = np.where(crossed, q[:, 1] - p[:, 1], 1.0)
+        x = p[:, 0] + (y - p[:, 1]) / step * (q[:, 0] - p[:, 0])
+        left = np.where(crossed, np.minimum(left, x), left)
+        right = np.where(crossed, np.maximum(right, x), right)
+    hit = right > left
+    first = np.clip(np.ceil(np.where(hit, left, 0.0) - 0.5), 0, width).astype(np.int64)
+    last = np.clip(np.ceil(np.where(hit, right, 0.0) - 0.5), 0, width).astype(np.int64)
+    line, column = _ranges(first, last)
+    owner, pixel = owner[line], row[line] * width + column
+    a, b, c = (corner[:, k] for k in range(3))
+    ab, ac = b - a, c - a
+    area = _twice_the_area(a, b, c)
+    area = np.where(area != 0.0, area, 1.0)[:, None]
+    # Weights of b and c, and with them the depth, are linear in the picture.
+    slope_b = np.stack([ac[:, 1], -ac[:, 0]], axis=1) / area
+    slope_c = np.stack([-ab[:, 1], ab[:, 0]], axis=1) / area
+    da, db, dc = (depth[triangle[:, k]] for k in range(3))
+    slope = slope_b * (db - da)[:, None] + slope_c * (dc - da)[:, None]
+    offset = da - (slope * a).sum(axis=1)
+    x, y = column + 0.5, y[line]
+    far = offset[owner] + slope[owner, 0] * x + slope[owner, 1] * y
+    closest = np.full(height * width, -np.inf)
+    np.maximum.at(closest, pixel, far)
+    best = np.flatnonzero(far == closest[pixel])
+    front = np.full(height * width, -1)
+    front[pixel[best]] = best  # one of those that are equally near
+    chosen = front[front >= 0]
+    owner = owner[chosen]
+    place = np.stack([x[chosen], y[chosen]], axis=1) - a[owner]
+    wb, wc = ((slope[owner] * place).sum(axis=1) for slope in (slope_b, slope_c))
+    return pixel[chosen], owner, np.stack([1.0 - wb - wc, wb, wc], axis=1)
+
+
+def _twice_the_area(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Negative where corners run counter-clockwise, rows counting downwards."""
+    return (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+
+
+def _ranges(first: Indices, last: Indices) -> tuple[Indices, Indices]:
+    """All whole numbers from first to last, each after its owner."""
+    count = np.maximum(last - first, 0)
+    owner = np.repeat(np.arange(len(first)), count)
+    offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return owner, first[owner] + offset

@@ -1,0 +1,110 @@
+"""The surface of a face as part of a trajectory, so that a motion can be drawn without its face."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import DataError
+from emgface.face.parts import arches_of
+from emgface.pictures.body import Body, Skin, make_body
+from sim import State, StepReport, System
+from sim.probes import AXES, Variable
+from sim.state import Control
+
+Floats = NDArray[np.float64]
+
+FRAMES: Final = 25.0
+"""Frames of a surface per second, about."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceProbe:
+    """Positions of some nodes, (surface_node, axis) [m]."""
+
+    node: NDArray[np.int64]
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Name, unit and dims of what is recorded."""
+        return (Variable("surface_position", "m", ("surface_node", "axis"), {"axis": AXES}),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Floats, ...]:
+        """Take the positions out of a state."""
+        return (state.q[self.node],)
+
+
+def frame_stride(output: float) -> int:
+    """Return which of the recorded instants, `output` seconds apart, is a frame: every so many."""
+    return max(1, round(1.0 / (FRAMES * output)))
+
+
+def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dataset:
+    """Complete a trajectory that holds the nodes of a skin, so that it can be drawn.
+
+    Parameters
+    ----------
+    trajectory : Dataset
+        Result of `emgface.face.motion.simulate_face` with a `SurfaceProbe` of `skin.node`.
+    face : Dataset
+        Face model.
+    skin : Skin
+        Result of `emgface.pictures.body.skin_of`.
+
+    Returns
+    -------
+    Dataset
+        With ``surface_position(frame, surface_node, axis)`` [m] in single precision and
+        ``frame_time(frame)`` [s], about 25 frames a second, ``surface_facet``, ``surface_part`` and
+        the dental arches of the face.
+    """
+    every = frame_stride(float(trajectory.attrs["output"]))
+    frames = trajectory["surface_position"].transpose("time", "surface_node", "axis")
+    frames = frames.isel(time=slice(None, None, every))
+    completed = trajectory.drop_vars("surface_position").assign(
+        surface_position=(
+            ("frame", "surface_node", "axis"), frames.values.astype(np.float32), {"units": "m"},
+        ),
+        frame_time=("frame", frames["time"].values, {"units": "s"}),
+        surface_facet=(("surface_facet", "corner"), skin.facet),
+        surface_part=("surface_facet", skin.part),
+    )  # fmt: skip
+    arches = [name for name in ("arch_position", "arch_triangle", "arch_bone") if name in face]
+    return completed.assign({name: face[name].variable for name in arches})
+
+
+def drawn_surface(trajectory: xr.Dataset) -> tuple[Body, Skin, NDArray[np.floating]]:
+    """Take the surface out of a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Dataset
+        Result of `with_surface`.
+
+    Returns
+    -------
+    Body
+        What is drawn.
+    Skin
+        Its facets.
+    ndarray, shape (frames, n, 3)
+        Nodes of the skin in each frame [m].
+
+    Raises
+    ------
+    DataError
+        The trajectory has no surface.
+    """
+    if "surface_position" not in trajectory:
+        raise DataError(
+            "the trajectory holds markers alone, expected one with the surface of the face: "
+            "simulate it with --surface"
+        )
+    frames = trajectory["surface_position"].transpose("frame", "surface_node", "axis").values
+    facet = trajectory["surface_facet"].transpose("surface_facet", "corner").values
+    skin = Skin(np.arange(frames.shape[1]), facet.astype(np.int64),
+                trajectory["surface_part"].values.astype(np.int64))  # fmt: skip
+    return make_body(frames[0], skin, arches_of(trajectory)), skin, frames
