@@ -1,13 +1,20 @@
-"""Dense linear algebra on one thread, so that its sums have one order whatever a machine is set to."""
+"""Threads of the element loops and of dense linear algebra; all wait without using a processor.
 
+Dense linear algebra has one, so that its sums have one order whatever a machine is set to.
+"""
+
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits  # pyright: ignore[reportMissingTypeStubs]
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+VARIABLE = "NUMBA_NUM_THREADS"
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
@@ -23,3 +30,60 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return on_one_thread
+
+
+class _Threads:
+    """Number of threads of the element loops, and those beside the main one, started when needed."""
+
+    def __init__(self) -> None:
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        named = os.environ.get(VARIABLE, "")
+        self.count = int(named) if named.isdecimal() and int(named) > 0 else cores or 1
+        self._pool: ThreadPoolExecutor | None = None
+
+    def pool(self) -> ThreadPoolExecutor:
+        """Threads beside the one that calls."""
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.count - 1, "elements")
+        return self._pool
+
+    def forget(self) -> None:
+        """Start anew: another number of threads, or a forked process that has none of them."""
+        self._pool = None
+
+
+_threads = _Threads()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_threads.forget)
+
+
+def thread_count() -> int:
+    """Threads of the element loops: `NUMBA_NUM_THREADS`, by default as many as there are cores."""
+    return _threads.count
+
+
+def set_thread_count(count: int) -> None:
+    """Use this many threads for the element loops from now on; results do not depend on it."""
+    if count < 1:
+        raise ValueError(f"the number of threads is {count}, expected at least 1")
+    _threads.count = count
+    _threads.forget()
+
+
+def in_shares(
+    work: Callable[..., None], first: int, last: int, least: int, arguments: tuple[Any, ...]
+) -> None:
+    """Call work(begin, end, *arguments) for equal shares of first..last, in threads.
+
+    Shares have at least `least`; with fewer than two of them, `work` is called once.
+    """
+    n = min(_threads.count, (last - first) // least)
+    if n < 2:
+        work(first, last, *arguments)
+        return
+    cut = [first + i * (last - first) // n for i in range(n + 1)]
+    pool = _threads.pool()
+    others = [pool.submit(work, a, b, *arguments) for a, b in zip(cut[1:-1], cut[2:], strict=True)]
+    work(cut[0], cut[1], *arguments)
+    for other in others:
+        other.result()

@@ -26,6 +26,6 @@ def announce_compilation() -> None:
 
     if not kernels_are_compiled():
         say(
-            "Compiling the numerical kernels; this happens once and takes a minute or two "
+            "Compiling the numerical kernels; this happens once and takes about ten seconds "
             f"(kept in {cache_root()})."
         )

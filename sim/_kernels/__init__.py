@@ -3,9 +3,8 @@
 A kernel takes contiguous arrays and scalars, writes into buffers of the caller, knows no classes and
 reports trouble by value; the Python around it raises.
 
-No kernel has `fastmath`, not even `contract`: numba optimises a parallel kernel once when it is compiled
-and once more for its cache, and whatever the compiler is allowed to reorder differs between the two, in
-the last digit of a stiffness. By the plain rules of IEEE 754 both are the same.
+The decorators of `sim._kernels.options` say how they are compiled, and none is parallel by numba: what
+is compiled in a process is then the very code that others load from the cache, and gives the same bits.
 """
 
 from pathlib import Path
@@ -22,6 +21,7 @@ with kernel_cache(Path(__file__).parent):
         laws,
         matrix,
         nearest_faces,
+        options,
         scatter,
         signed,
         solid,
@@ -44,6 +44,7 @@ __all__ = [
     "laws",
     "matrix",
     "nearest_faces",
+    "options",
     "scatter",
     "signed",
     "solid",

@@ -3,16 +3,16 @@
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.options import kernel
 from sim._kernels.triangles import between, edge_edge, point_triangle
 
 VERTICES, EDGE_VERTEX, EDGES, FACE_VERTEX = 0, 1, 2, 3
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def shares(
     kind: NDArray[np.int64],
     vertex: NDArray[np.int64],

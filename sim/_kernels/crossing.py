@@ -6,12 +6,12 @@ The broad phase is the grid of `nearest_faces`, over the boxes of the ways.
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.grid import Grid, boxes_near
 from sim._kernels.nearest_faces import has_node
+from sim._kernels.options import inner, kernel
 from sim._kernels.triangles import dot, point_triangle
 
 Reals = NDArray[np.float64]
@@ -20,12 +20,12 @@ Indices = NDArray[np.int64]
 SHARP = 1e-9  # barycentric slack, so that nothing slips through between two faces
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def _cubic(c0, c1, c2, c3, t):
     return c0 + t * (c1 + t * (c2 + t * c3))
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def _roots(c0, c1, c2, c3, out):
     """Roots within 0-1 of a cubic, ascending, by bisection between its extrema."""
     cut = np.empty(4)
@@ -72,7 +72,7 @@ def _roots(c0, c1, c2, c3, out):
     return found
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def _entry(p0, p1, a0, a1, b0, b1, c0, c1, weight):
     """Earliest time 0-1 at which a moving point enters a moving triangle through its front, or 2."""
     # (p - a) . (b - a) x (c - a), each difference linear in time
@@ -104,7 +104,7 @@ def _entry(p0, p1, a0, a1, b0, b1, c0, c1, weight):
     return 2.0
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def entries(
     p0: Reals,
     p1: Reals,
@@ -143,7 +143,7 @@ def entries(
     return looked
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def as_early(
     p0: Reals,
     p1: Reals,

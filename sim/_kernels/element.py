@@ -18,14 +18,15 @@ volume zero. Tensors are tuples of nine lanes, row by row.
 import math
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.lanes import LANES, load, smallest, store, total
+from sim._kernels.options import inlined, inner
 
 NODES = 8
 BLOCKS = 6  # axes (i, j) with i <= j, row by row
+_FIRST, _SECOND, _THIRD = map(np.int64, range(3))  # a function is compiled for each literal number
 
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -59,7 +60,7 @@ class Part(NamedTuple):
     colour: Indices
 
 
-@nb.njit(cache=True)
+@inlined
 def gather(q, nodes, e, x):
     """Positions x (8, 3) of the nodes of element e, seen from its first one, which spares rounding."""
     first = nodes[e, 0]
@@ -68,7 +69,7 @@ def gather(q, nodes, e, x):
             x[a, i] = q[nodes[e, a], i] - q[first, i]
 
 
-@nb.njit(cache=True)
+@inlined
 def _column(x, slope_at, n):
     d = load(slope_at, NODES * n)
     c0, c1, c2 = x[0, 0] * d, x[0, 1] * d, x[0, 2] * d
@@ -80,7 +81,7 @@ def _column(x, slope_at, n):
     return c0, c1, c2
 
 
-@nb.njit(cache=True, inline="always")
+@inlined
 def take(w, row):
     """Nine lanes of a tensor from rows, as `put` writes them."""
     first = load(w, row), load(w, row + 1), load(w, row + 2)
@@ -88,7 +89,7 @@ def take(w, row):
     return first + second + (load(w, row + 6), load(w, row + 7), load(w, row + 8))
 
 
-@nb.njit(cache=True, inline="always")
+@inlined
 def product(S, T):
     """S T of two tensors."""
     return (
@@ -104,7 +105,7 @@ def product(S, T):
     )
 
 
-@nb.njit(cache=True)
+@inlined
 def along(T, direction, row):
     """T a of a tensor and a direction a, direction[row], the same at all points."""
     a0, a1, a2 = direction[row, 0], direction[row, 1], direction[row, 2]
@@ -115,16 +116,16 @@ def along(T, direction, row):
     )
 
 
-@nb.njit(cache=True)
+@inlined
 def deformation(x, slope_at, inverse, e):
     """F = (dx/dxi) A of element e, from derivatives slope_at (3 * 8 nodes, point)."""
-    a0, b0, c0 = _column(x, slope_at, 0)
-    a1, b1, c1 = _column(x, slope_at, 1)
-    a2, b2, c2 = _column(x, slope_at, 2)
+    a0, b0, c0 = _column(x, slope_at, _FIRST)
+    a1, b1, c1 = _column(x, slope_at, _SECOND)
+    a2, b2, c2 = _column(x, slope_at, _THIRD)
     return product((a0, a1, a2, b0, b1, b2, c0, c1, c2), take(inverse, 9 * e))
 
 
-@nb.njit(cache=True)
+@inlined
 def cofactor(F):
     """Cofactor of F, J F^-T."""
     return (
@@ -140,26 +141,26 @@ def cofactor(F):
     )
 
 
-@nb.njit(cache=True, inline="always")
+@inlined
 def determinant(F, C):
     """Det F, from F and its cofactor."""
     return F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
 
 
-@nb.njit(cache=True)
+@inlined
 def least(J):
     """Smallest of the lanes, NaN if one is."""
     return smallest(J) if total(J) == total(J) else math.nan
 
 
-@nb.njit(cache=True)
+@inlined
 def natural(B, inverse, e):
     """B A' of a tensor B whose second index is material."""
     A = take(inverse, 9 * e)
     return product(B, (A[0], A[3], A[6], A[1], A[4], A[7], A[2], A[5], A[8]))
 
 
-@nb.njit(cache=True)
+@inlined
 def put(w, row, T):
     """Write the nine lanes of a tensor into rows."""
     store(w, row, T[0])
@@ -173,7 +174,7 @@ def put(w, row, T):
     store(w, row + 8, T[8])
 
 
-@nb.njit(cache=True)
+@inner
 def clear(w, first, n):
     """Write zeros into n rows."""
     for r in range(first, first + n):
@@ -181,7 +182,7 @@ def clear(w, first, n):
             w[r, k] = 0.0
 
 
-@nb.njit(cache=True)
+@inlined
 def nodal(w, P, slope, f):
     """Write rows f..f + 2 over the nodes: sum over points of P_il d_la, from nine rows P of points.
 
@@ -200,7 +201,7 @@ def nodal(w, P, slope, f):
     store(w, f + 2, f2)
 
 
-@nb.njit(cache=True)
+@inner
 def stiffness_block(w, A, slope, K):
     """Rows K..K + 7 over the nodes: sum over points of d_la A_lm d_mb, from nine rows A over the points.
 
@@ -232,7 +233,7 @@ def stiffness_block(w, A, slope, K):
     store(w, K + 7, c7)
 
 
-@nb.njit(cache=True, inline="always")
+@inlined
 def stiffness_blocks(w, A, slope, K):
     """The six blocks in rows K..K + 47, from the moduli in rows A..A + 53."""
     for block in range(BLOCKS):

@@ -5,9 +5,10 @@
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from sim._kernels.options import inner, kernel
 
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -46,7 +47,7 @@ class Grid(NamedTuple):
     face: Indices
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def cell(value, corner, edge, n):
     """Cell of a coordinate, the outermost for one beyond; the first for what is no number."""
     k = (value - corner) / edge
@@ -55,7 +56,7 @@ def cell(value, corner, edge, n):
     return n - 1 if k >= n else int(k)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
     """Grid over the boxes of the ways of triangles, all m > 0, from positions x0 to x1."""
     m = len(triangles)
@@ -118,7 +119,7 @@ def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
     return Grid(low, high, reached, corner, edge, shape, start, face)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def boxes_near(grid, low, high, first, last, found):
     """Number of boxes that meet the box from low to high (3,), each once; which they are in `found`.
 
@@ -148,7 +149,7 @@ def boxes_near(grid, low, high, first, last, found):
     return n
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def apart(low, high, box_low, box_high):
     """Whether two boxes have nothing in common."""
     for j in range(3):

@@ -17,20 +17,28 @@ Laws are written for one number and work on lanes as well.
 import math
 import operator
 
-import numba as nb
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typeconv import Conversion
-from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.core.typing.templates import (
+    AbstractTemplate,
+    infer_global,
+    signature,
+)
 from numba.extending import intrinsic, models, overload, register_model
+
+from sim._kernels.options import inner
 
 LANES = 8
 _BYTES = 8 * LANES  # of a cache line, too
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _INT = ir.IntType(32)
 _UNDEFINED = ir.Constant(_VECTOR, ir.Undefined)
+# Types of this target are tried before the many of numba and numpy, whose refusals take most of the time
+# of a compilation otherwise.
+_FIRST = {"target": "cpu"}
 
 
 class LanesType(types.Type):
@@ -69,12 +77,14 @@ def _number_to_lanes(context, builder, fromty, toty, value):
 
 def _arithmetic(op, instruction):
     @infer_global(op)
-    class _Operator(ConcreteTemplate):
-        cases = [
-            signature(lanes, lanes, lanes),
-            signature(lanes, lanes, types.float64),
-            signature(lanes, types.float64, lanes),
-        ]
+    class _Operator(AbstractTemplate):
+        metadata = _FIRST
+
+        def generic(self, args, kws):
+            of_lanes = [t == lanes for t in args]
+            if any(of_lanes) and all(t == lanes or isinstance(t, types.Number) for t in args):
+                return signature(lanes, *(lanes if t else types.float64 for t in of_lanes))
+            return None
 
     def lower(context, builder, sig, args):
         pair = (
@@ -82,8 +92,8 @@ def _arithmetic(op, instruction):
         )
         return getattr(builder, instruction)(*pair)
 
-    for case in _Operator.cases:
-        lower_builtin(op, *case.args)(lower)
+    for left, right in ((lanes, lanes), (lanes, types.float64), (types.float64, lanes)):
+        lower_builtin(op, left, right)(lower)
 
 
 for _name in ("add", "sub", "mul", "truediv"):
@@ -92,8 +102,11 @@ for _name in ("add", "sub", "mul", "truediv"):
 
 
 @infer_global(operator.neg)
-class _Negation(ConcreteTemplate):
-    cases = [signature(lanes, lanes)]
+class _Negation(AbstractTemplate):
+    metadata = _FIRST
+
+    def generic(self, args, kws):
+        return signature(lanes, lanes) if args == (lanes,) else None
 
 
 @lower_builtin(operator.neg, lanes)
@@ -197,9 +210,23 @@ def smallest(typingctx, x):
     return types.float64(x), codegen
 
 
-@nb.njit(cache=True)
+@intrinsic
+def _at_cache_line(typingctx, array):
+    """The same array, beginning at the next cache line: its last row is lost."""
+
+    def codegen(context, builder, sig, args):
+        made = context.make_array(sig.args[0])(context, builder, value=args[0])
+        number = context.get_value_type(types.intp)
+        address = builder.add(builder.ptrtoint(made.data, number), number(_BYTES - 1))
+        address = builder.and_(address, number(-_BYTES))
+        made.data = builder.inttoptr(address, made.data.type)
+        context.nrt.incref(builder, sig.return_type, made._getvalue())
+        return made._getvalue()
+
+    return array(array), codegen
+
+
+@inner
 def rows(n):
     """Array of n rows of lanes that starts at a cache line: vectors across two lines take longer."""
-    whole = np.empty((n + 1) * LANES)
-    first = (-whole.ctypes.data % _BYTES) // 8
-    return whole[first : first + n * LANES].reshape((n, LANES))
+    return _at_cache_line(np.empty((n + 1, LANES)))

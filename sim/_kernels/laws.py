@@ -18,8 +18,9 @@ sqrt, exp and log, and no branches on their argument.
 
 import math
 
-import numba as nb
 import numpy as np
+
+from sim._kernels.options import inlined, inner
 
 MOONEY_RIVLIN = 0
 NEO_HOOKE = 1
@@ -42,20 +43,20 @@ GAUSS_X = 0.5 * (_GAUSS[0] + 1.0)
 GAUSS_W = 0.5 * _GAUSS[1]
 
 
-@nb.njit(cache=True)
+@inlined
 def mooney_rivlin(p, I1bar):
     """C10 (I1bar - 3) + C20 (I1bar - 3)^2."""
     x = I1bar - 3.0
     return p[0] * x + p[1] * x * x, p[0] + 2.0 * p[1] * x, 2.0 * p[1]
 
 
-@nb.njit(cache=True)
+@inlined
 def neo_hooke(p, I1bar):
     """mu/2 (I1bar - 3)."""
     return 0.5 * p[0] * (I1bar - 3.0), 0.5 * p[0], 0.0
 
 
-@nb.njit(cache=True)
+@inlined
 def isochoric(code, p, I1bar):
     """Energy, slope and curvature of the isochoric law with this code."""
     if code == MOONEY_RIVLIN:
@@ -65,21 +66,21 @@ def isochoric(code, p, I1bar):
     return math.nan, math.nan, math.nan
 
 
-@nb.njit(cache=True)
+@inlined
 def quadratic_bulk(kappa, J):
     """kappa/2 (J - 1)^2."""
     x = J - 1.0
     return 0.5 * kappa * x * x, kappa * x, kappa
 
 
-@nb.njit(cache=True)
+@inner
 def logarithmic_bulk(kappa, J):
     """kappa/2 (ln J)^2."""
     log_J = math.log(J)
     return 0.5 * kappa * log_J * log_J, kappa * log_J / J, kappa * (1.0 - log_J) / (J * J)
 
 
-@nb.njit(cache=True)
+@inlined
 def bulk(code, kappa, J):
     """Energy, slope and curvature of the bulk law with this code."""
     if code == QUADRATIC:
@@ -89,7 +90,7 @@ def bulk(code, kappa, J):
     return math.nan, math.nan, math.nan
 
 
-@nb.njit(cache=True)
+@inlined
 def blemker_active(r):
     """Active force-length curve f_act(r), its integral from 0 and its slope."""
     if r <= 0.4 or r >= 1.6:
@@ -104,7 +105,7 @@ def blemker_active(r):
     return 508.0 / 750.0 + 3.0 * x * x * x, 9.0 * x * x, 18.0 * x
 
 
-@nb.njit(cache=True)
+@inner
 def exponential_then_linear(P1, P2, r_star, r):
     """P1 (exp(P2 (r - 1)) - 1) up to r*, then its tangent line; integral from 1, value and slope."""
     if r <= r_star:
@@ -118,7 +119,7 @@ def exponential_then_linear(P1, P2, r_star, r):
     return w_star + f_star * x + 0.5 * P3 * x * x, f_star + P3 * x, P3
 
 
-@nb.njit(cache=True)
+@inlined
 def blemker(p, stretch, activation):
     """dw/dstretch = sigma_max/stretch_opt (f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
     r = stretch / p[1]
@@ -134,7 +135,7 @@ def blemker(p, stretch, activation):
     return w, f, k
 
 
-@nb.njit(cache=True)
+@inner
 def generic(p, stretch, activation):
     """dw/dstretch = f_pas(stretch)/stretch + a sigma_max; p as for blemker, P1 in pascals."""
     _, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2], stretch)
@@ -142,10 +143,10 @@ def generic(p, stretch, activation):
     f = p[0] * activation + f_pas / stretch
     k = (k_pas - f_pas / stretch) / stretch
     # the integral of f_pas/stretch has no elementary form; it is smooth on either side of r*
-    inner = min(stretch, p[2]) - 1.0
+    width = (stretch if stretch < p[2] else p[2]) - 1.0
     for i in range(GAUSS_X.size):
-        r = 1.0 + inner * GAUSS_X[i]
-        w += inner * GAUSS_W[i] * exponential_then_linear(p[3], p[4], p[2], r)[1] / r
+        r = 1.0 + width * GAUSS_X[i]
+        w += width * GAUSS_W[i] * exponential_then_linear(p[3], p[4], p[2], r)[1] / r
     if stretch > p[2]:
         e = math.exp(p[4] * (p[2] - 1.0))
         P3 = p[3] * p[4] * e
@@ -154,13 +155,13 @@ def generic(p, stretch, activation):
     return w, f, k
 
 
-@nb.njit(cache=True)
+@inner
 def constant(p, stretch, activation):
     """dw/dstretch = a sigma_max: no length dependence, no passive part."""
     return p[0] * activation * (stretch - 1.0), p[0] * activation, 0.0
 
 
-@nb.njit(cache=True)
+@inlined
 def fibre(code, p, stretch, activation):
     """Energy, slope and curvature of the fibre law with this code."""
     if code == BLEMKER:
@@ -172,7 +173,7 @@ def fibre(code, p, stretch, activation):
     return math.nan, math.nan, math.nan
 
 
-@nb.njit(cache=True)
+@inlined
 def fibre_rests(code, p, longest, activation):
     """Whether a fibre has neither energy nor force at any stretch up to the longest."""
     if activation != 0.0:

@@ -3,14 +3,15 @@
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from sim._kernels.options import kernel
 
 Reals = NDArray[np.float64]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def symmetric_product(
     indptr: NDArray[np.int32], indices: NDArray[np.int32], values: Reals, x: Reals, out: Reals
 ) -> None:

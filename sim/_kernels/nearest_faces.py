@@ -3,30 +3,30 @@
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.grid import Grid, apart, boxes_near
+from sim._kernels.options import inner, kernel
 from sim._kernels.triangles import point_triangle
 
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def has_node(triangle, node):
     return triangle[0] == node or triangle[1] == node or triangle[2] == node
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def around(p, r, low, high):
     """Box of all points within r of p."""
     for j in range(3):
         low[j], high[j] = p[j] - r, p[j] + r
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def opposed(a, b, c, away):
     """Whether the normal of triangle abc looks against a direction."""
     n0 = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
@@ -35,7 +35,7 @@ def opposed(a, b, c, away):
     return n0 * away[0] + n1 * away[1] + n2 * away[2] < 0.0
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def nearest(
     p: Reals,
     radius: Reals,
@@ -79,7 +79,7 @@ def nearest(
     return looked
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def as_near(
     p: Reals,
     node: Indices,

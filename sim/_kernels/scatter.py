@@ -11,12 +11,12 @@ on the number of threads.
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.element import NODES
 from sim._kernels.lanes import fetch
+from sim._kernels.options import inlined, inner
 
 PAIRS = 36  # (a, b) with a <= b, row by row
 
@@ -40,7 +40,7 @@ class Places(NamedTuple):
     target: NDArray[np.int32]
 
 
-@nb.njit(cache=True)
+@inlined
 def subtract_from_nodes(w, row, nodes, e, f):
     """f[node, i] -= w[row + i, slot] of all slots; one that is not used holds zero."""
     for a in range(NODES):
@@ -48,7 +48,7 @@ def subtract_from_nodes(w, row, nodes, e, f):
             f[nodes[e, a], i] -= w[row + i, a]
 
 
-@nb.njit(cache=True)
+@inner
 def add_to_matrix(w, K, nodes, places, e, values):
     """Add the six blocks in rows K to the values of the matrix, the upper triangle alone."""
     if places.special[e] >= 0:
@@ -83,7 +83,7 @@ def add_to_matrix(w, K, nodes, places, e, values):
             p += 1
 
 
-@nb.njit(cache=True)
+@inlined
 def fetch_matrix(places, e, values):
     """Ask early for the lines that `add_to_matrix` will change, to compute while they arrive."""
     for p in range(PAIRS):
@@ -92,7 +92,7 @@ def fetch_matrix(places, e, values):
                 fetch(values, places.start[e, p, i])
 
 
-@nb.njit(cache=True)
+@inner
 def _add_some(w, K, nodes, order, e, target, row, values):
     """Add those entries of the blocks that have a place."""
     p = 0

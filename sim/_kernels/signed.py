@@ -3,10 +3,10 @@
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.options import inner, kernel
 from sim._kernels.triangles import CORNER_0, EDGE_0, INSIDE_FACE, dot, point_triangle
 
 Reals = NDArray[np.float64]
@@ -28,19 +28,19 @@ NO_LENGTH = 1e-6
 """Distances below this share of a side have no direction of their own."""
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def _length(v):
     return np.sqrt(dot(v, v))
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def _size(x, triangle):
     """Longest side of a triangle."""
     a, b, c = x[triangle[0]], x[triangle[1]], x[triangle[2]]
     return max(_length(b - a), _length(c - b), _length(a - c))
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def _on_edge(what, weight, x, triangle, across, free):
     """Feature with what is nearest within a face but a hair from its rim on the rim.
 
@@ -68,7 +68,7 @@ def _on_edge(what, weight, x, triangle, across, free):
     return what
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def places(
     face: Indices,
     weight: Reals,
@@ -101,7 +101,7 @@ def places(
             place[i] = f
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def signed(
     points: Reals,
     at: Indices,
@@ -169,7 +169,7 @@ def signed(
         normal[i] = along
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def walls(
     points: Reals,
     at: Indices,

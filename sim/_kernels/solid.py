@@ -19,7 +19,6 @@ an energy W(I1, J, I4) of the invariants I1 = F:F, J, I4 = |F a0|^2 has the stre
 
 import math
 
-import numba as nb
 import numpy as np
 
 from sim._kernels.element import (
@@ -43,14 +42,15 @@ from sim._kernels.element import (
 )
 from sim._kernels.lanes import LANES, load, rows, smallest, store, total
 from sim._kernels.laws import bulk, fibre, fibre_rests, isochoric
+from sim._kernels.options import by_chunk, by_colour, in_threads, inlined, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: stress, M, N and T, moduli, blocks, and what laws of fibres return
-_P, _M, _N, _T, _A, _K, _LAW = 0, 9, 18, 27, 36, 90, 138
+_P, _M, _N, _T, _A, _K, _LAW = map(np.int64, (0, 9, 18, 27, 36, 90, 138))
 ROWS = 141
 
 
-@nb.njit(cache=True)
+@inlined
 def inverse_cube_root(J):
     """J^(-1/3), by two steps of fourth order where the volume changes by less than half."""
     x = J - 1.0
@@ -63,13 +63,19 @@ def inverse_cube_root(J):
     return y
 
 
-@nb.njit(cache=True)
-def _add(w, row, value, more):
+@inlined
+def _add(w, row, value):
+    """Add lanes to a row."""
+    store(w, row, value + load(w, row))
+
+
+@inlined
+def _write(w, row, value, more):
     """Write lanes into a row, added to those that fibres left there."""
     store(w, row, value + load(w, row) if more else value)
 
 
-@nb.njit(cache=True)
+@inner
 def _add_moduli(w, e_11, e_1J, e_JJ, c, p_1, inverse, e, more):
     """Moduli of isochoric and bulk laws, from M and N in the scratch array.
 
@@ -102,13 +108,13 @@ def _add_moduli(w, e_11, e_1J, e_JJ, c, p_1, inverse, e, more):
                     a0 += cv * Y0 - y * load(w, _N + 3 * i)
                     a1 += cv * Y1 - y * load(w, _N + 3 * i + 1)
                     a2 += cv * Y2 - y * load(w, _N + 3 * i + 2)
-                _add(w, block + 3 * n, a0, more)
-                _add(w, block + 3 * n + 1, a1, more)
-                _add(w, block + 3 * n + 2, a2, more)
+                _write(w, block + 3 * n, a0, more)
+                _write(w, block + 3 * n + 1, a1, more)
+                _write(w, block + 3 * n + 2, a2, more)
             block += 9
 
 
-@nb.njit(cache=True)
+@inner
 def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
     """Moduli of one fibre with T and N in the scratch array, and b = A a0."""
     block = _A
@@ -123,11 +129,11 @@ def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
                     value = t * (e_44 * other + e_4J * load(w, _N + 3 * j + m)) + v * other
                     if i == j:
                         value += g * (b0 if m == 0 else b1 if m == 1 else b2)
-                    _add(w, block + 3 * n + m, value, True)
+                    _add(w, block + 3 * n + m, value)
             block += 9
 
 
-@nb.njit(cache=True)
+@inlined
 def _fibre_at_points(w, code, p, stretch, drive):
     """Energy, slope and curvature of a law of fibres, point by point."""
     store(w, _LAW, stretch)
@@ -136,19 +142,20 @@ def _fibre_at_points(w, code, p, stretch, drive):
     return load(w, _LAW), load(w, _LAW + 1), load(w, _LAW + 2)
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
-def smallest_J(q: Reals, part: Part, out: Reals) -> None:
+@in_threads(by_chunk)
+def smallest_J(first: int, last: int, q: Reals, part: Part, out: Reals) -> None:
     """Smallest det F over the points of every element, into out of all elements."""
-    for chunk in nb.prange(part.chunk.size - 1):
-        x = np.empty((NODES, 3))
-        for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
-            gather(q, part.nodes, e, x)
-            F = deformation(x, part.slope_at, part.inverse, e)
-            out[part.element[e]] = least(determinant(F, cofactor(F)))
+    x = np.empty((NODES, 3))
+    for e in range(part.chunk[first], part.chunk[last]):
+        gather(q, part.nodes, e, x)
+        F = deformation(x, part.slope_at, part.inverse, e)
+        out[part.element[e]] = least(determinant(F, cofactor(F)))
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
+@in_threads(by_colour)
 def evaluate(
+    first: int,
+    last: int,
     q: Reals,
     part: Part,
     places: Places,
@@ -178,93 +185,91 @@ def evaluate(
     factor on the energy of every element, or empty; and the results energy and least_J. An element with
     det F <= 0 contributes nothing, the caller reads least_J; one of weight zero is not looked at.
     """
-    for colour in range(part.colour.size - 1):
-        for chunk in nb.prange(part.colour[colour], part.colour[colour + 1]):
-            x = np.empty((NODES, 3))
-            w = rows(ROWS)
-            for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
-                own = part.element[e]
-                energy[own] = 0.0
-                if weight.size > 0 and weight[own] == 0.0:
-                    least_J[own] = math.inf
-                    continue
-                gather(q, part.nodes, e, x)
+    x = np.empty((NODES, 3))
+    w = rows(ROWS)
+    for e in range(part.chunk[first], part.chunk[last]):
+        own = part.element[e]
+        energy[own] = 0.0
+        if weight.size > 0 and weight[own] == 0.0:
+            least_J[own] = math.inf
+            continue
+        gather(q, part.nodes, e, x)
+        if with_tangent:
+            fetch_matrix(places, e, values)
+        F = deformation(x, part.slope_at, part.inverse, e)
+        C = cofactor(F)
+        J = determinant(F, C)
+        least_J[own] = least(J)
+        if not (least_J[own] > 0.0):
+            continue
+        row = region[own]
+        dV = load(part.volume, e)
+        if weight.size > 0:
+            dV = weight[own] * dV
+        I1 = F[0] * F[0] + F[1] * F[1] + F[2] * F[2] + F[3] * F[3] + F[4] * F[4]
+        I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
+        root = inverse_cube_root(J)
+        scale = root * root
+        # one more step: line searches near the minimum live on the last digits of the energy
+        scale += scale * ((1.0 - J * J * scale * scale * scale) * (1.0 / 3.0))
+        # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
+        over = 1.0 / J
+        dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
+        I1bar = scale * I1
+        W, w1, w11 = isochoric(isochoric_code[row], isochoric_p[row], I1bar)
+        U, UJ, UJJ = bulk(bulk_code[row], kappa[row], J)
+        W = W + U
+        slope = dJ * I1bar
+        W_J = UJ + w1 * slope
+        W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
+        M, N = natural(F, part.inverse, e), natural(C, part.inverse, e)
+        put(w, _M, M)
+        put(w, _N, N)
+        driven = np.bool_(False)  # a fibre that does not rest has written into the scratch array
+        for fibre_row in range(fibre_start[own], fibre_start[own + 1]):
+            muscle = fibre_muscle[fibre_row]
+            drive = activation[muscle]
+            a0, a1, a2 = along(F, fibre_direction, fibre_row)
+            I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
+            stretch = math.sqrt(I4bar)
+            code, longest = muscle_code[muscle], -smallest(-stretch)
+            if fibre_rests(code, muscle_p[muscle], longest, drive):
+                continue
+            if not driven:
+                driven = np.bool_(True)
+                clear(w, _P, 9)
                 if with_tangent:
-                    fetch_matrix(places, e, values)
-                F = deformation(x, part.slope_at, part.inverse, e)
-                C = cofactor(F)
-                J = determinant(F, C)
-                least_J[own] = least(J)
-                if not (least_J[own] > 0.0):
-                    continue
-                row = region[own]
-                dV = load(part.volume, e)
-                if weight.size > 0:
-                    dV = weight[own] * dV
-                I1 = F[0] * F[0] + F[1] * F[1] + F[2] * F[2] + F[3] * F[3] + F[4] * F[4]
-                I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
-                root = inverse_cube_root(J)
-                scale = root * root
-                # one more step: line searches near the minimum live on the last digits of the energy
-                scale += scale * ((1.0 - J * J * scale * scale * scale) * (1.0 / 3.0))
-                # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
-                over = 1.0 / J
-                dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
-                I1bar = scale * I1
-                W, w1, w11 = isochoric(isochoric_code[row], isochoric_p[row], I1bar)
-                U, UJ, UJJ = bulk(bulk_code[row], kappa[row], J)
-                W = W + U
-                slope = dJ * I1bar
-                W_J = UJ + w1 * slope
-                W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
-                M, N = natural(F, part.inverse, e), natural(C, part.inverse, e)
-                put(w, _M, M)
-                put(w, _N, N)
-                driven = False  # a fibre that does not rest has written into the scratch array
-                for fibre_row in range(fibre_start[own], fibre_start[own + 1]):
-                    muscle = fibre_muscle[fibre_row]
-                    drive = activation[muscle]
-                    a0, a1, a2 = along(F, fibre_direction, fibre_row)
-                    I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
-                    stretch = math.sqrt(I4bar)
-                    code, longest = muscle_code[muscle], -smallest(-stretch)
-                    if fibre_rests(code, muscle_p[muscle], longest, drive):
-                        continue
-                    if not driven:
-                        driven = True
-                        clear(w, _P, 9)
-                        if with_tangent:
-                            clear(w, _A, 9 * BLOCKS)
-                    own_W, wl, wll = _fibre_at_points(w, code, muscle_p[muscle], stretch, drive)
-                    share = fibre_weight[fibre_row]
-                    wl, wll = share * wl, share * wll
-                    W = W + share * own_W
-                    w4 = wl / (2.0 * stretch)
-                    w44 = (wll - wl / stretch) / (4.0 * I4bar)
-                    slope = dJ * I4bar
-                    W_J = W_J + w4 * slope
-                    W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
-                    p_4 = 2.0 * dV * w4 * scale
-                    A = take(part.inverse, 9 * e)
-                    b0, b1, b2 = along(A, fibre_direction, fibre_row)
-                    first, second = (a0 * b0, a0 * b1, a0 * b2), (a1 * b0, a1 * b1, a1 * b2)
-                    put(w, _T, first + second + (a2 * b0, a2 * b1, a2 * b2))
-                    for n in range(9):
-                        _add(w, _P + n, p_4 * load(w, _T + n), True)
-                    if with_tangent:
-                        e_44 = 4.0 * dV * w44 * scale * scale
-                        e_4J = 2.0 * dV * (w44 * I4bar + w4) * scale * dJ
-                        _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2)
-                energy[own] = total(dV * W)
-                p_1, p_J = 2.0 * dV * w1 * scale, dV * W_J
-                for n in range(9):
-                    value = p_1 * load(w, _M + n) + p_J * load(w, _N + n)
-                    _add(w, _P + n, value, driven)
-                nodal(w, _P, part.slope, _P)
-                subtract_from_nodes(w, _P, part.nodes, e, f)
-                if with_tangent:
-                    e_11 = 4.0 * dV * w11 * scale * scale
-                    e_1J = 2.0 * dV * (w11 * I1bar + w1) * scale * dJ
-                    _add_moduli(w, e_11, e_1J, dV * W_JJ, p_J * over, p_1, part.inverse, e, driven)
-                    stiffness_blocks(w, _A, part.slope, _K)
-                    add_to_matrix(w, _K, part.nodes, places, e, values)
+                    clear(w, _A, 9 * BLOCKS)
+            own_W, wl, wll = _fibre_at_points(w, code, muscle_p[muscle], stretch, drive)
+            share = fibre_weight[fibre_row]
+            wl, wll = share * wl, share * wll
+            W = W + share * own_W
+            w4 = wl / (2.0 * stretch)
+            w44 = (wll - wl / stretch) / (4.0 * I4bar)
+            slope = dJ * I4bar
+            W_J = W_J + w4 * slope
+            W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
+            p_4 = 2.0 * dV * w4 * scale
+            A = take(part.inverse, 9 * e)
+            b0, b1, b2 = along(A, fibre_direction, fibre_row)
+            first, second = (a0 * b0, a0 * b1, a0 * b2), (a1 * b0, a1 * b1, a1 * b2)
+            put(w, _T, first + second + (a2 * b0, a2 * b1, a2 * b2))
+            for n in range(9):
+                _add(w, _P + n, p_4 * load(w, _T + n))
+            if with_tangent:
+                e_44 = 4.0 * dV * w44 * scale * scale
+                e_4J = 2.0 * dV * (w44 * I4bar + w4) * scale * dJ
+                _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2)
+        energy[own] = total(dV * W)
+        p_1, p_J = 2.0 * dV * w1 * scale, dV * W_J
+        for n in range(9):
+            value = p_1 * load(w, _M + n) + p_J * load(w, _N + n)
+            _write(w, _P + n, value, driven)
+        nodal(w, _P, part.slope, _P)
+        subtract_from_nodes(w, _P, part.nodes, e, f)
+        if with_tangent:
+            e_11 = 4.0 * dV * w11 * scale * scale
+            e_1J = 2.0 * dV * (w11 * I1bar + w1) * scale * dJ
+            _add_moduli(w, e_11, e_1J, dV * W_JJ, p_J * over, p_1, part.inverse, e, driven)
+            stiffness_blocks(w, _A, part.slope, _K)
+            add_to_matrix(w, _K, part.nodes, places, e, values)

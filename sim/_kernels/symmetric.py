@@ -8,8 +8,9 @@ Six numbers in the order xx yy zz xy yz zx, all of them tensor components (no fa
 
 import math
 
-import numba as nb
 import numpy as np
+
+from sim._kernels.options import inner, kernel
 
 # the six components: which row and column, and the other way round
 ROW = np.array([0, 1, 2, 0, 1, 2])
@@ -17,13 +18,13 @@ COLUMN = np.array([0, 1, 2, 1, 2, 0])
 PLACE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
 
 
-@nb.njit(cache=True)
+@inner
 def contract(A, B):
     """A : B of two symmetric tensors."""
     return A[0] * B[0] + A[1] * B[1] + A[2] * B[2] + 2.0 * (A[3] * B[3] + A[4] * B[4] + A[5] * B[5])
 
 
-@nb.njit(cache=True)
+@inner
 def turn(aii, ajj, aij):
     """Tangent, cosine and sine of the Jacobi rotation that makes aij zero."""
     theta = (ajj - aii) / (2.0 * aij)
@@ -36,7 +37,7 @@ def turn(aii, ajj, aij):
     return t, c, t * c
 
 
-@nb.njit(cache=True)
+@inner
 def turn_columns(N, i, j, c, s):
     """Rotate columns i and j of N (3, 3)."""
     for m in range(3):
@@ -45,7 +46,7 @@ def turn_columns(N, i, j, c, s):
         N[m, j] = s * ni + c * nj
 
 
-@nb.njit(cache=True)
+@kernel
 def principal(C, c, N):
     """Eigenvalues c (3,) of a symmetric tensor and unit eigenvectors in the columns of N (3, 3).
 
@@ -77,7 +78,7 @@ def principal(C, c, N):
     c[0], c[1], c[2] = a, b, d
 
 
-@nb.njit(cache=True)
+@inner
 def power_slope(x, y, b):
     """Divided difference (x^b - y^b)/(x - y), and its limit where x and y coincide."""
     r = (x - y) / y
@@ -86,7 +87,7 @@ def power_slope(x, y, b):
     return y ** (b - 1.0) * math.expm1(b * math.log1p(r)) / r
 
 
-@nb.njit(cache=True)
+@inner
 def from_principal(N, s, d, shear, S, D, with_tangent, work):
     """S and D of an isotropic law from its principal values.
 

@@ -13,8 +13,6 @@ With the stress S and the moduli D of the points in rows, and E_il = (F_iI A_lJ 
 
 import math
 
-import numba as nb
-
 from sim._kernels.element import (
     along,
     cofactor,
@@ -27,6 +25,7 @@ from sim._kernels.element import (
 )
 from sim._kernels.lanes import load, smallest, store
 from sim._kernels.laws import fibre_rests
+from sim._kernels.options import inner
 
 # first rows in the scratch array: F and its cofactor, J, energy, S and D by finite and by small strain,
 # stress, E, D : E, moduli, blocks
@@ -44,7 +43,7 @@ P_ROW, E_ROW, DE_ROW, MODULI_ROW, BLOCK_ROW = 104, 113, 167, 221, 275
 ROWS = 323
 
 
-@nb.njit(cache=True)
+@inner
 def deform(w, q, part, e, x):
     """Write F, its cofactor and J of all points; J."""
     gather(q, part.nodes, e, x)
@@ -57,7 +56,7 @@ def deform(w, q, part, e, x):
     return J
 
 
-@nb.njit(cache=True)
+@inner
 def all_rest(w, J, first, last, muscle, direction, code, p, activation):
     """Whether no fibre of rows first..last has energy."""
     for row in range(first, last):
@@ -70,20 +69,20 @@ def all_rest(w, J, first, last, muscle, direction, code, p, activation):
     return True
 
 
-@nb.njit(cache=True)
+@inner
 def take_symmetric(w, row):
     """Six lanes of a symmetric tensor from rows."""
     first = load(w, row), load(w, row + 1), load(w, row + 2)
     return first + (load(w, row + 3), load(w, row + 4), load(w, row + 5))
 
 
-@nb.njit(cache=True)
+@inner
 def whole(T):
     """Nine lanes of a symmetric tensor from its six."""
     return T[0], T[3], T[5], T[3], T[1], T[4], T[5], T[4], T[2]
 
 
-@nb.njit(cache=True)
+@inner
 def first_stress(w, small):
     """First Piola-Kirchhoff stress F S, plus the stress by small strain."""
     P = product(take(w, F_ROW), whole(take_symmetric(w, S_ROW)))
@@ -94,7 +93,7 @@ def first_stress(w, small):
     return first + second + (P[6] + T[6], P[7] + T[7], P[8] + T[8])
 
 
-@nb.njit(cache=True)
+@inner
 def strain_rows(w, inverse, e, small):
     """Six rows E_il for every (i, l); shears are E_IJ + E_JI. With small strain F = I."""
     for i in range(3):
@@ -120,7 +119,7 @@ def strain_rows(w, inverse, e, small):
             store(w, r + 5, f2 * a0 + f0 * a2)
 
 
-@nb.njit(cache=True)
+@inner
 def contracted(w, row, e):
     """Sum of the products of six rows with six lanes."""
     x = load(w, row) * e[0] + load(w, row + 1) * e[1] + load(w, row + 2) * e[2]
@@ -128,7 +127,7 @@ def contracted(w, row, e):
     return x
 
 
-@nb.njit(cache=True)
+@inner
 def add_moduli(w, first, dV):
     """Moduli += dV E_il : D : E_jm, with D in the 36 rows from the first one."""
     for r in range(9):
@@ -146,7 +145,7 @@ def add_moduli(w, first, dV):
             block += 9
 
 
-@nb.njit(cache=True)
+@inner
 def add_geometric(w, inverse, e, dV):
     """Moduli of equal axes += dV A S A'."""
     s0, s1, s2, s3, s4, s5 = take_symmetric(w, S_ROW)

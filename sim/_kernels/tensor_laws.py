@@ -20,9 +20,8 @@ made viscoelastic.
 
 import math
 
-import numba as nb
-
 from sim._kernels.laws import isochoric
+from sim._kernels.options import inner, kernel
 from sim._kernels.symmetric import (
     COLUMN,
     PLACE,
@@ -45,14 +44,14 @@ CO_ROTATIONAL = 4
 ISOCHORIC_FIRST = 100
 
 
-@nb.njit(cache=True)
+@inner
 def add_symmetric_identity(D, factor):
     """D += factor (1/2) (d_ik d_jl + d_il d_jk)."""
     for i in range(6):
         D[i, i] += factor if i < 3 else 0.5 * factor
 
 
-@nb.njit(cache=True)
+@inner
 def five_term_mooney_rivlin(p, C, S, D, with_tangent):
     """C10 (I1-3) + C01 (I2-3) + C20 (I1-3)^2 + C11 (I1-3)(I2-3) + C02 (I2-3)^2."""
     I1 = C[0] + C[1] + C[2]
@@ -78,7 +77,7 @@ def five_term_mooney_rivlin(p, C, S, D, with_tangent):
     return p[0] * x + p[1] * y + p[2] * x * x + p[3] * x * y + p[4] * y * y
 
 
-@nb.njit(cache=True)
+@inner
 def ogden(p, C, S, D, with_tangent, work):
     """Sum of mu/alpha (l1^alpha + l2^alpha + l3^alpha - 3); p = number of terms, mu, alpha, mu, ..."""
     c, s, shear = work[0, 0], work[0, 1], work[0, 2]
@@ -101,7 +100,7 @@ def ogden(p, C, S, D, with_tangent, work):
     return W
 
 
-@nb.njit(cache=True)
+@inner
 def co_rotational(p, C, S, D, with_tangent, work):
     """Mu |U - I|^2 + lame/2 (tr U - 3)^2 with the right stretch U; p = lame, mu."""
     c, s, shear = work[0, 0], work[0, 1], work[0, 2]
@@ -123,7 +122,7 @@ def co_rotational(p, C, S, D, with_tangent, work):
     return W
 
 
-@nb.njit(cache=True)
+@inner
 def linear(p, C, S, D, with_tangent):
     """Mu E:E + lame/2 (tr E)^2 with E = (C - I)/2; p = lame, mu."""
     trace = 0.5 * (C[0] + C[1] + C[2] - 3.0)
@@ -141,7 +140,7 @@ def linear(p, C, S, D, with_tangent):
     return W
 
 
-@nb.njit(cache=True)
+@inner
 def fung(p, C, axes, S, D, with_tangent, work):
     """c/2 (exp Q - 1), Q quadratic in the strain along the material axes (columns of axes).
 
@@ -202,7 +201,7 @@ def fung(p, C, axes, S, D, with_tangent, work):
     return 0.5 * p[0] * math.expm1(Q)
 
 
-@nb.njit(cache=True)
+@inner
 def scalar_isochoric(code, p, C, S, D, with_tangent):
     """A law of I1bar alone, from its scalar form."""
     w, w1, w11 = isochoric(code, p, C[0] + C[1] + C[2])
@@ -215,7 +214,7 @@ def scalar_isochoric(code, p, C, S, D, with_tangent):
     return w
 
 
-@nb.njit(cache=True)
+@kernel
 def tensor_law(code, p, C, axes, S, D, with_tangent, work):
     """Energy of the law with this code; S and, if wanted, D by the strain that it was given.
 

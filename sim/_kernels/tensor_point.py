@@ -5,14 +5,13 @@
 
 import math
 
-import numba as nb
-
 from sim._kernels.laws import fibre
+from sim._kernels.options import inner, kernel
 from sim._kernels.symmetric import COLUMN, PLACE, ROW, contract
 from sim._kernels.tensor_laws import ISOCHORIC, SMALL, tensor_law
 
 
-@nb.njit(cache=True)
+@inner
 def strains(F, J, cof, C, inverse, small):
     """Right Cauchy-Green tensor, its inverse, and I + 2 eps, all (6,)."""
     # written out, since the compiler does not see through arrays of indices
@@ -37,7 +36,7 @@ def strains(F, J, cof, C, inverse, small):
     small[5] = F[2, 0] + F[0, 2]
 
 
-@nb.njit(cache=True)
+@inner
 def add_product(D, inverse, dyad, symmetric):
     """D += dyad C^-1 x C^-1 + symmetric (1/2) (C^-1_ik C^-1_jl + C^-1_il C^-1_jk)."""
     for a in range(6):
@@ -50,7 +49,7 @@ def add_product(D, inverse, dyad, symmetric):
             )
 
 
-@nb.njit(cache=True)
+@kernel
 def project(Sb, Db, J, C, inverse, S, D, with_tangent, work):
     """Add to S and D those of an energy of Cbar = J^(-2/3) C, from its derivatives Sb, Db by Cbar.
 
@@ -78,7 +77,7 @@ def project(Sb, Db, J, C, inverse, S, D, with_tangent, work):
         S[a] += s * (Sb[a] - q / 3.0 * inverse[a])
 
 
-@nb.njit(cache=True)
+@inner
 def passive_law(measure, code, p, J, C, inverse, small, axes, S, D, Sb, Db, Cb, with_tangent, work):
     """Energy of the passive law; its S and D replace those given."""
     if measure == SMALL:
@@ -96,7 +95,7 @@ def passive_law(measure, code, p, J, C, inverse, small, axes, S, D, Sb, Db, Cb, 
     return W
 
 
-@nb.njit(cache=True)
+@inner
 def add_fibre(law_code, p, activation, weight, a0, J, C, Sb, Db, with_tangent):
     """Energy of one fibre; adds its derivatives by Cbar to Sb and Db."""
     I4 = 0.0

@@ -3,9 +3,10 @@
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from sim._kernels.options import inner, kernel
 
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -14,12 +15,12 @@ INSIDE_FACE, EDGE_0, EDGE_1, EDGE_2, CORNER_0, CORNER_1, CORNER_2 = 0, 1, 2, 3, 
 """Where on a triangle its nearest point lies."""
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@inner
 def between(p, a, b):
     """Share of the way from a to b at which the line is nearest to p, within 0-1."""
     along = length = 0.0
@@ -31,7 +32,7 @@ def between(p, a, b):
     return min(max(along / length, 0.0), 1.0)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tuple[float, int]:
     """Squared distance and feature of the point of a triangle nearest to p; its barycentric weights.
 
@@ -81,7 +82,7 @@ def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tup
     return best, feature
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
     """Squared distance of the segments ab and cd; the shares of the way along each where it is."""
     # the least of the crossing of the two lines, if within both, and of each end to the other segment
@@ -117,7 +118,7 @@ def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
     return best
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray[np.bool_]) -> None:
     """Whether each point (row of out) is within a distance of each face (column)."""
     w = np.empty(3)
@@ -128,7 +129,7 @@ def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray
             out[i, f] = d2 <= distance * distance
 
 
-@nb.njit(cache=True, error_model="numpy")
+@kernel
 def normals(x: Reals, triangles: Indices, face: Reals, corner: Reals, flat: Reals) -> None:
     """Unit normals of faces, and of vertices by the angles of their faces (corner is per vertex).
 

@@ -10,7 +10,6 @@ volume dV, the present volume v = dV det F has
 # pyright: reportGeneralTypeIssues=false
 # numba compiles these functions; those called from Python carry types
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,16 +30,17 @@ from sim._kernels.element import (
     stiffness_block,
 )
 from sim._kernels.lanes import load, rows, store, total
+from sim._kernels.options import ROWS as ROWS_LEAST
+from sim._kernels.options import by_chunk, by_colour, in_threads, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: N, pressure or 1 times dV N, derivative of the volume, moduli, blocks
-_N, _P, _H, _A, _K = 0, 9, 18, 21, 48
+_N, _P, _H, _A, _K = map(np.int64, (0, 9, 18, 21, 48))
 ROWS = 96
-CHUNKS = 64  # of nodes or of blocks
 _OFF_DIAGONAL = (1, 2, 4)  # of the six blocks; those of equal axes have no second derivative
 
 
-@nb.njit(cache=True)
+@inner
 def _deform(w, q, part, e, x):
     """Write N; det F."""
     gather(q, part.nodes, e, x)
@@ -50,7 +50,7 @@ def _deform(w, q, part, e, x):
     return determinant(F, C)
 
 
-@nb.njit(cache=True)
+@inner
 def _derivative(w, factor, slope):
     """Write into rows _H the sum over points of factor N d."""
     for r in range(9):
@@ -58,7 +58,7 @@ def _derivative(w, factor, slope):
     nodal(w, _P, slope, _H)
 
 
-@nb.njit(cache=True)
+@inner
 def _curvature(w, c, slope):
     """Write into rows _K the sum over points of c (N d_a (N d_b)' - N d_b (N d_a)')."""
     row = _A
@@ -74,7 +74,7 @@ def _curvature(w, c, slope):
         stiffness_block(w, _A + 9 * n, slope, _K + NODES * block)
 
 
-@nb.njit(cache=True)
+@inner
 def _add_square(w, stiffness):
     """Add stiffness h h' to the blocks."""
     block = _K
@@ -86,8 +86,10 @@ def _add_square(w, stiffness):
             block += NODES
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
+@in_threads(by_colour)
 def add_pressure(
+    first: int,
+    last: int,
     q: Reals,
     part: Part,
     places: Places,
@@ -106,77 +108,75 @@ def add_pressure(
     pressure (element, 8) is given and does not change with x.
     """
     by_element = kappa.size > 0
-    for colour in range(part.colour.size - 1):
-        for chunk in nb.prange(part.colour[colour], part.colour[colour + 1]):
-            x = np.empty((NODES, 3))
-            w = rows(ROWS)
-            for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
-                own = part.element[e]
-                if by_element:
-                    energy[own] = 0.0
-                    if kappa[own] == 0.0:
-                        continue
-                if with_tangent:
-                    fetch_matrix(places, e, values)
-                J = _deform(w, q, part, e, x)
-                dV = load(part.volume, e)
-                stiffness = 0.0
-                if by_element:
-                    rest = total(dV)
-                    strain = total(dV * J) / rest - 1.0
-                    stiffness = kappa[own] / rest
-                    energy[own] = 0.5 * kappa[own] * strain * strain * rest
-                    p = kappa[own] * strain * dV
-                else:
-                    p = load(pressure, own) * dV
-                if with_force:
-                    _derivative(w, p, part.slope)
-                    subtract_from_nodes(w, _H, part.nodes, e, f)
-                if with_tangent:
-                    clear(w, _K, BLOCKS * NODES)
-                    _curvature(w, p / J, part.slope)
-                    if by_element:
-                        _derivative(w, dV, part.slope)
-                        _add_square(w, stiffness)
-                    add_to_matrix(w, _K, part.nodes, places, e, values)
+    x = np.empty((NODES, 3))
+    w = rows(ROWS)
+    for e in range(part.chunk[first], part.chunk[last]):
+        own = part.element[e]
+        if by_element:
+            energy[own] = 0.0
+            if kappa[own] == 0.0:
+                continue
+        if with_tangent:
+            fetch_matrix(places, e, values)
+        J = _deform(w, q, part, e, x)
+        dV = load(part.volume, e)
+        stiffness = 0.0
+        if by_element:
+            rest = total(dV)
+            strain = total(dV * J) / rest - 1.0
+            stiffness = kappa[own] / rest
+            energy[own] = 0.5 * kappa[own] * strain * strain * rest
+            p = kappa[own] * strain * dV
+        else:
+            p = load(pressure, own) * dV
+        if with_force:
+            _derivative(w, p, part.slope)
+            subtract_from_nodes(w, _H, part.nodes, e, f)
+        if with_tangent:
+            clear(w, _K, BLOCKS * NODES)
+            _curvature(w, p / J, part.slope)
+            if by_element:
+                _derivative(w, dV, part.slope)
+                _add_square(w, stiffness)
+            add_to_matrix(w, _K, part.nodes, places, e, values)
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
-def element_volumes(q: Reals, part: Part, v: Reals, h: Reals) -> None:
+@in_threads(by_chunk)
+def element_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, h: Reals) -> None:
     """Present volume v (element,) of every element and its derivative h (3 * element, 8)."""
-    for chunk in nb.prange(part.chunk.size - 1):
-        x = np.empty((NODES, 3))
-        w = rows(ROWS)
-        for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
-            own = part.element[e]
-            J = _deform(w, q, part, e, x)
-            dV = load(part.volume, e)
-            v[own] = total(dV * J)
-            _derivative(w, dV, part.slope)
-            for i in range(3):
-                store(h, 3 * own + i, load(w, _H + i))
+    x = np.empty((NODES, 3))
+    w = rows(ROWS)
+    for e in range(part.chunk[first], part.chunk[last]):
+        own = part.element[e]
+        J = _deform(w, q, part, e, x)
+        dV = load(part.volume, e)
+        v[own] = total(dV * J)
+        _derivative(w, dV, part.slope)
+        for i in range(3):
+            store(h, 3 * own + i, load(w, _H + i))
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
-def point_volumes(q: Reals, part: Part, v: Reals, n: Reals) -> None:
+@in_threads(by_chunk)
+def point_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, n: Reals) -> None:
     """Present volume v (element, 8) of every point and dV N into n (element, 8, 9)."""
-    for chunk in nb.prange(part.chunk.size - 1):
-        x = np.empty((NODES, 3))
-        w = rows(ROWS)
-        for e in range(part.chunk[chunk], part.chunk[chunk + 1]):
-            own = part.element[e]
-            J = _deform(w, q, part, e, x)
-            dV = load(part.volume, e)
-            store(v, own, dV * J)
+    x = np.empty((NODES, 3))
+    w = rows(ROWS)
+    for e in range(part.chunk[first], part.chunk[last]):
+        own = part.element[e]
+        J = _deform(w, q, part, e, x)
+        dV = load(part.volume, e)
+        store(v, own, dV * J)
+        for r in range(9):
+            store(w, _P + r, dV * load(w, _N + r))
+        for k in range(part.slope.shape[0] // 3):
             for r in range(9):
-                store(w, _P + r, dV * load(w, _N + r))
-            for k in range(part.slope.shape[0] // 3):
-                for r in range(9):
-                    n[own, k, r] = w[_P + r, k]
+                n[own, k, r] = w[_P + r, k]
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
+@in_threads(lambda v, n, slope, kind, start, *_: [(0, start.size - 1)], ROWS_LEAST)
 def gather_nodal(
+    first: int,
+    last: int,
     v: Reals,
     n: Reals,
     slope: Reals,
@@ -197,31 +197,31 @@ def gather_nodal(
     negative for an unused slot.
     Writes nodal_volume (node,) and g (star entries, 3) = d nodal_volume / dx.
     """
-    count = start.size - 1
-    for chunk in nb.prange(CHUNKS):
-        h = np.empty((3, NODES))
-        for m in range(chunk * count // CHUNKS, (chunk + 1) * count // CHUNKS):
-            sum_v = 0.0
-            for s in range(star_start[m], star_start[m + 1]):
-                for i in range(3):
-                    g[s, i] = 0.0
-            for k in range(start[m], start[m + 1]):
-                e, p = element[k], point[k]
-                sum_v += v[e, p]
-                r = 24 * kind[e] + 3 * p
-                d0, d1, d2 = load(slope, r), load(slope, r + 1), load(slope, r + 2)
-                for i in range(3):
-                    j = 3 * i
-                    store(h, i, n[e, p, j] * d0 + n[e, p, j + 1] * d1 + n[e, p, j + 2] * d2)
-                for a in range(NODES):
-                    if place[k, a] >= 0:
-                        for i in range(3):
-                            g[place[k, a], i] += h[i, a]
-            nodal_volume[m] = sum_v
+    h = np.empty((3, NODES))
+    for m in range(first, last):
+        sum_v = 0.0
+        for s in range(star_start[m], star_start[m + 1]):
+            for i in range(3):
+                g[s, i] = 0.0
+        for k in range(start[m], start[m + 1]):
+            e, p = element[k], point[k]
+            sum_v += v[e, p]
+            r = 24 * kind[e] + 3 * p
+            d0, d1, d2 = load(slope, r), load(slope, r + 1), load(slope, r + 2)
+            for i in range(3):
+                j = 3 * i
+                store(h, i, n[e, p, j] * d0 + n[e, p, j + 1] * d1 + n[e, p, j + 2] * d2)
+            for a in range(NODES):
+                if place[k, a] >= 0:
+                    for i in range(3):
+                        g[place[k, a], i] += h[i, a]
+        nodal_volume[m] = sum_v
 
 
-@nb.njit(cache=True, parallel=True, error_model="numpy")
+@in_threads(lambda stiffness, g, start, *_: [(0, start.size - 1)], ROWS_LEAST)
 def add_products(
+    begin: int,
+    end: int,
     stiffness: Reals,
     g: Reals,
     start: Indices,
@@ -236,20 +236,18 @@ def add_products(
     Block p collects the nodes node[k], k in start[p]..start[p + 1], with the star entries first[k] and
     second[k] of its two nodes.
     """
-    count = start.size - 1
-    for chunk in nb.prange(CHUNKS):
-        s = np.empty(9)
-        for p in range(chunk * count // CHUNKS, (chunk + 1) * count // CHUNKS):
-            s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
-            for k in range(start[p], start[p + 1]):
-                c, a, b = stiffness[node[k]], first[k], second[k]
-                b0, b1, b2 = g[b, 0], g[b, 1], g[b, 2]
-                a0, a1, a2 = c * g[a, 0], c * g[a, 1], c * g[a, 2]
-                s00, s01, s02 = s00 + a0 * b0, s01 + a0 * b1, s02 + a0 * b2
-                s10, s11, s12 = s10 + a1 * b0, s11 + a1 * b1, s12 + a1 * b2
-                s20, s21, s22 = s20 + a2 * b0, s21 + a2 * b1, s22 + a2 * b2
-            s[0], s[1], s[2], s[3], s[4] = s00, s01, s02, s10, s11
-            s[5], s[6], s[7], s[8] = s12, s20, s21, s22
-            for i in range(9):
-                if target[p, i] >= 0:
-                    out[target[p, i]] += s[i]
+    s = np.empty(9)
+    for p in range(begin, end):
+        s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
+        for k in range(start[p], start[p + 1]):
+            c, a, b = stiffness[node[k]], first[k], second[k]
+            b0, b1, b2 = g[b, 0], g[b, 1], g[b, 2]
+            a0, a1, a2 = c * g[a, 0], c * g[a, 1], c * g[a, 2]
+            s00, s01, s02 = s00 + a0 * b0, s01 + a0 * b1, s02 + a0 * b2
+            s10, s11, s12 = s10 + a1 * b0, s11 + a1 * b1, s12 + a1 * b2
+            s20, s21, s22 = s20 + a2 * b0, s21 + a2 * b1, s22 + a2 * b2
+        s[0], s[1], s[2], s[3], s[4] = s00, s01, s02, s10, s11
+        s[5], s[6], s[7], s[8] = s12, s20, s21, s22
+        for i in range(9):
+            if target[p, i] >= 0:
+                out[target[p, i]] += s[i]

@@ -14,9 +14,9 @@ from typing import Any
 os.environ.setdefault("MKL_NUM_THREADS", "1")  # heard where no other test has loaded it before
 
 import matplotlib
-import numba
 import pytest
 
+from sim.threads import set_thread_count, thread_count
 from tests.conftest import ROOT
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -75,12 +75,12 @@ def headless(tmp_path, monkeypatch):
     import matplotlib.pyplot as plt
 
     monkeypatch.chdir(tmp_path)
-    backend, threads = matplotlib.get_backend(), numba.get_num_threads()
+    backend, threads = matplotlib.get_backend(), thread_count()
     matplotlib.use("Agg")
-    numba.set_num_threads(1)  # small meshes: more of them only wait for each other
+    set_thread_count(1)  # small meshes: more of them only wait for each other
     yield tmp_path
     plt.close("all")
-    numba.set_num_threads(threads)
+    set_thread_count(threads)
     matplotlib.use(backend)
 
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from sim._kernels.options import inlined, inner, kernel
+
 PACKAGES = ("emgface", "sim", "analysis")
 MAY_IMPORT = {"emgface": {"emgface", "sim", "analysis"}, "sim": {"sim"}, "analysis": {"analysis"}}
 
@@ -39,12 +41,20 @@ def test_numba_lives_in_kernel_files_alone(root):
                 assert "_kernels" in str(path.relative_to(root)), path
 
 
-def test_no_kernel_lets_the_compiler_reorder_arithmetic(root):
-    """It would differ between the process that compiles a kernel and those that load it."""
+def test_kernels_are_compiled_by_one_set_of_options_and_never_in_parallel_by_numba(root):
+    """A parallel kernel differs between the process that compiles it and those that load it."""
     for package in PACKAGES:
         for path in modules(root, package):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                assert not (isinstance(node, ast.keyword) and node.arg == "fastmath"), path
+                if isinstance(node, ast.keyword):
+                    assert node.arg not in ("fastmath", "parallel"), path
+
+
+def test_kernels_assume_nothing_about_values():
+    """All of `fastmath` would assume that no number is NaN or infinite."""
+    for options in (kernel, inner, inlined):
+        flags = options(lambda x: x).targetoptions["fastmath"]
+        assert set(flags) == {"contract", "reassoc", "nsz", "arcp"}
 
 
 def test_there_is_no_drawer_for_everything(root):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 os.environ.setdefault("MKL_NUM_THREADS", "1")  # heard where no other test has loaded it before
 
-import numba
 import numpy as np
 import pytest
 import xarray as xr
@@ -23,6 +22,7 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
 from emgface.volunteers.simulate import make_volunteers
 from sim import grid_cells
+from sim.threads import set_thread_count, thread_count
 
 STEP = 0.02
 """Time step [s] of everything simulated here."""
@@ -102,10 +102,10 @@ def slab_face() -> xr.Dataset:
 @pytest.fixture(scope="session", autouse=True)
 def one_thread():
     """Use one thread: on a slab this small more of them only wait for each other."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
+    before = thread_count()
+    set_thread_count(1)
     yield
-    numba.set_num_threads(before)
+    set_thread_count(before)
 
 
 @pytest.fixture(scope="session")

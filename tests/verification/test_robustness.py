@@ -6,6 +6,7 @@ import pytest
 import sim
 from sim.linear import LINEAR_SOLVERS, NotPositiveDefinite, linear_solver, pardiso_is_available
 from sim.matrix import Matrix
+from sim.threads import set_thread_count, thread_count
 from tests.bodies import crossed_muscles, dense, grid, solid_system
 
 
@@ -208,18 +209,17 @@ def test_trajectories_do_not_depend_on_the_linear_solver(name):
 
 
 def test_results_do_not_depend_on_the_number_of_threads():
-    import numba
 
     mesh = grid((9, 8, 6), (0.03, 0.02, 0.02), wedges=(4,))  # more than one chunk of elements
     terms = sim.ElementVolume(), sim.NodalVolume()
     system = solid_system(mesh, muscles=crossed_muscles(mesh), terms=terms)
     q = system.scene.mesh.X * 1.05
     control = system.control(np.array([0.2, 0.4]))
-    before = numba.get_num_threads()
+    before = thread_count()
     results = []
-    for threads in (1, before):
-        numba.set_num_threads(threads)
+    for threads in (1, 2, 3):
+        set_thread_count(threads)
         evaluation, K = system.tangent(q, control)
         results.append((evaluation.f.tobytes(), K.tobytes(), evaluation.energy))
-    numba.set_num_threads(before)
-    assert results[0] == results[1]
+    set_thread_count(before)
+    assert results[0] == results[1] == results[2]

@@ -1,0 +1,59 @@
+"""How kernels are compiled, and how those that go through many elements are shared among threads.
+
+Only what Python calls is kept in the cache and gets a wrapper for Python; everything inside is compiled
+into the kernel that uses it. Threads are Python's and not numba's: a loop that numba runs in parallel is
+typed twice and optimised three times, differently in the process that compiles it and in those that load
+it, and its threads wait by spinning.
+"""
+
+# pyright: basic
+
+from collections.abc import Callable, Iterator
+from functools import wraps
+
+import numba as nb
+
+from sim.threads import in_shares
+
+CHUNKS, ROWS = 2, 512  # fewest that are worth a thread: chunks of elements, rows of a table
+
+_ALL = {
+    "no_cfunc_wrapper": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},  # never all of it: it assumes NaN away
+}
+inner = nb.njit(**_ALL, no_cpython_wrapper=True)
+inlined = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
+kernel = nb.njit(**_ALL, cache=True, nogil=True)
+
+Ranges = Iterator[tuple[int, int]]
+
+
+def by_colour(q, part, *_) -> Ranges:
+    """Chunks of one colour after the other: those of one colour have no node in common."""
+    yield from zip(part.colour[:-1].tolist(), part.colour[1:].tolist(), strict=True)
+
+
+def by_chunk(q, part, *_) -> Ranges:
+    """All chunks at once, for kernels that write to their own elements alone."""
+    yield 0, part.chunk.size - 1
+
+
+def in_threads(ranges: Callable[..., Ranges], least: int = CHUNKS):
+    """Turn a kernel of what lies in first..last into a function without those two arguments.
+
+    It goes through all that `ranges` finds in the arguments; what is within one range is shared among
+    threads in pieces of at least `least`, each entry of a result being written by one of them alone.
+    """
+
+    def decorated(function: Callable[..., None]) -> Callable[..., None]:
+        compiled = kernel(function)
+
+        @wraps(function)
+        def run(*arguments) -> None:
+            for first, last in ranges(*arguments):
+                in_shares(compiled, first, last, least, arguments)
+
+        return run
+
+    return decorated
