@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.lanes import LANES, load, smallest, store, total
-from sim._kernels.options import inlined, inner
+from sim._kernels.options import inner
 
 NODES = 8
 BLOCKS = 6  # axes (i, j) with i <= j, row by row
@@ -30,9 +30,6 @@ _FIRST, _SECOND, _THIRD = map(np.int64, range(3))  # a function is compiled for 
 
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-# Small functions of tensors are inlined by numba: LLVM leaves some as calls, which pass nine vectors
-# through memory and cost some 5 % of the loop.
 
 
 class Part(NamedTuple):
@@ -60,7 +57,7 @@ class Part(NamedTuple):
     colour: Indices
 
 
-@inlined
+@inner
 def gather(q, nodes, e, x):
     """Positions x (8, 3) of the nodes of element e, seen from its first one, which spares rounding."""
     first = nodes[e, 0]
@@ -69,7 +66,7 @@ def gather(q, nodes, e, x):
             x[a, i] = q[nodes[e, a], i] - q[first, i]
 
 
-@inlined
+@inner
 def _column(x, slope_at, n):
     d = load(slope_at, NODES * n)
     c0, c1, c2 = x[0, 0] * d, x[0, 1] * d, x[0, 2] * d
@@ -81,7 +78,7 @@ def _column(x, slope_at, n):
     return c0, c1, c2
 
 
-@inlined
+@inner
 def take(w, row):
     """Nine lanes of a tensor from rows, as `put` writes them."""
     first = load(w, row), load(w, row + 1), load(w, row + 2)
@@ -89,7 +86,7 @@ def take(w, row):
     return first + second + (load(w, row + 6), load(w, row + 7), load(w, row + 8))
 
 
-@inlined
+@inner
 def product(S, T):
     """S T of two tensors."""
     return (
@@ -105,7 +102,7 @@ def product(S, T):
     )
 
 
-@inlined
+@inner
 def along(T, direction, row):
     """T a of a tensor and a direction a, direction[row], the same at all points."""
     a0, a1, a2 = direction[row, 0], direction[row, 1], direction[row, 2]
@@ -116,7 +113,7 @@ def along(T, direction, row):
     )
 
 
-@inlined
+@inner
 def deformation(x, slope_at, inverse, e):
     """F = (dx/dxi) A of element e, from derivatives slope_at (3 * 8 nodes, point)."""
     a0, b0, c0 = _column(x, slope_at, _FIRST)
@@ -125,7 +122,7 @@ def deformation(x, slope_at, inverse, e):
     return product((a0, a1, a2, b0, b1, b2, c0, c1, c2), take(inverse, 9 * e))
 
 
-@inlined
+@inner
 def cofactor(F):
     """Cofactor of F, J F^-T."""
     return (
@@ -141,26 +138,26 @@ def cofactor(F):
     )
 
 
-@inlined
+@inner
 def determinant(F, C):
     """Det F, from F and its cofactor."""
     return F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
 
 
-@inlined
+@inner
 def least(J):
     """Smallest of the lanes, NaN if one is."""
     return smallest(J) if total(J) == total(J) else math.nan
 
 
-@inlined
+@inner
 def natural(B, inverse, e):
     """B A' of a tensor B whose second index is material."""
     A = take(inverse, 9 * e)
     return product(B, (A[0], A[3], A[6], A[1], A[4], A[7], A[2], A[5], A[8]))
 
 
-@inlined
+@inner
 def put(w, row, T):
     """Write the nine lanes of a tensor into rows."""
     store(w, row, T[0])
@@ -182,7 +179,7 @@ def clear(w, first, n):
             w[r, k] = 0.0
 
 
-@inlined
+@inner
 def nodal(w, P, slope, f):
     """Write rows f..f + 2 over the nodes: sum over points of P_il d_la, from nine rows P of points.
 
@@ -233,7 +230,7 @@ def stiffness_block(w, A, slope, K):
     store(w, K + 7, c7)
 
 
-@inlined
+@inner
 def stiffness_blocks(w, A, slope, K):
     """The six blocks in rows K..K + 47, from the moduli in rows A..A + 53."""
     for block in range(BLOCKS):

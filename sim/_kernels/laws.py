@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from sim._kernels.options import inlined, inner
+from sim._kernels.options import inner
 
 MOONEY_RIVLIN = 0
 NEO_HOOKE = 1
@@ -43,20 +43,20 @@ GAUSS_X = 0.5 * (_GAUSS[0] + 1.0)
 GAUSS_W = 0.5 * _GAUSS[1]
 
 
-@inlined
+@inner
 def mooney_rivlin(p, I1bar):
     """C10 (I1bar - 3) + C20 (I1bar - 3)^2."""
     x = I1bar - 3.0
     return p[0] * x + p[1] * x * x, p[0] + 2.0 * p[1] * x, 2.0 * p[1]
 
 
-@inlined
+@inner
 def neo_hooke(p, I1bar):
     """mu/2 (I1bar - 3)."""
     return 0.5 * p[0] * (I1bar - 3.0), 0.5 * p[0], 0.0
 
 
-@inlined
+@inner
 def isochoric(code, p, I1bar):
     """Energy, slope and curvature of the isochoric law with this code."""
     if code == MOONEY_RIVLIN:
@@ -66,7 +66,7 @@ def isochoric(code, p, I1bar):
     return math.nan, math.nan, math.nan
 
 
-@inlined
+@inner
 def quadratic_bulk(kappa, J):
     """kappa/2 (J - 1)^2."""
     x = J - 1.0
@@ -80,7 +80,7 @@ def logarithmic_bulk(kappa, J):
     return 0.5 * kappa * log_J * log_J, kappa * log_J / J, kappa * (1.0 - log_J) / (J * J)
 
 
-@inlined
+@inner
 def bulk(code, kappa, J):
     """Energy, slope and curvature of the bulk law with this code."""
     if code == QUADRATIC:
@@ -90,7 +90,7 @@ def bulk(code, kappa, J):
     return math.nan, math.nan, math.nan
 
 
-@inlined
+@inner
 def blemker_active(r):
     """Active force-length curve f_act(r), its integral from 0 and its slope."""
     if r <= 0.4 or r >= 1.6:
@@ -119,7 +119,7 @@ def exponential_then_linear(P1, P2, r_star, r):
     return w_star + f_star * x + 0.5 * P3 * x * x, f_star + P3 * x, P3
 
 
-@inlined
+@inner
 def blemker(p, stretch, activation):
     """dw/dstretch = sigma_max/stretch_opt (f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
     r = stretch / p[1]
@@ -161,7 +161,7 @@ def constant(p, stretch, activation):
     return p[0] * activation * (stretch - 1.0), p[0] * activation, 0.0
 
 
-@inlined
+@inner
 def fibre(code, p, stretch, activation):
     """Energy, slope and curvature of the fibre law with this code."""
     if code == BLEMKER:
@@ -173,7 +173,7 @@ def fibre(code, p, stretch, activation):
     return math.nan, math.nan, math.nan
 
 
-@inlined
+@inner
 def fibre_rests(code, p, longest, activation):
     """Whether a fibre has neither energy nor force at any stretch up to the longest."""
     if activation != 0.0:

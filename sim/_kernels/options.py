@@ -1,9 +1,10 @@
 """How kernels are compiled, and how those that go through many elements are shared among threads.
 
-Only what Python calls is kept in the cache and gets a wrapper for Python; everything inside is compiled
-into the kernel that uses it. Threads are Python's and not numba's: a loop that numba runs in parallel is
-typed twice and optimised three times, differently in the process that compiles it and in those that load
-it, and its threads wait by spinning.
+Only what Python calls is kept in the cache and gets a wrapper for Python; functions inside a kernel are
+always inlined. One that was called would be the copy of its own, optimised once, in the process that
+compiles it, and the copy of the kernel, optimised twice, in those that load it; where arithmetic may be
+reordered their last digits differ. Threads are Python's and not numba's: a loop that numba runs in
+parallel is typed twice and optimised three times, and its threads wait by spinning.
 """
 
 # pyright: basic
@@ -22,9 +23,9 @@ _ALL = {
     "error_model": "numpy",
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},  # never all of it: it assumes NaN away
 }
-inner = nb.njit(**_ALL, no_cpython_wrapper=True)
-inlined = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
+inner = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
 kernel = nb.njit(**_ALL, cache=True, nogil=True)
+kernel_and_inner = nb.njit(**_ALL, cache=True, forceinline=True)
 
 Ranges = Iterator[tuple[int, int]]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sim._kernels.element import NODES
 from sim._kernels.lanes import fetch
-from sim._kernels.options import inlined, inner
+from sim._kernels.options import inner
 
 PAIRS = 36  # (a, b) with a <= b, row by row
 
@@ -40,7 +40,7 @@ class Places(NamedTuple):
     target: NDArray[np.int32]
 
 
-@inlined
+@inner
 def subtract_from_nodes(w, row, nodes, e, f):
     """f[node, i] -= w[row + i, slot] of all slots; one that is not used holds zero."""
     for a in range(NODES):
@@ -83,7 +83,7 @@ def add_to_matrix(w, K, nodes, places, e, values):
             p += 1
 
 
-@inlined
+@inner
 def fetch_matrix(places, e, values):
     """Ask early for the lines that `add_to_matrix` will change, to compute while they arrive."""
     for p in range(PAIRS):

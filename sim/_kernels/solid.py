@@ -42,7 +42,7 @@ from sim._kernels.element import (
 )
 from sim._kernels.lanes import LANES, load, rows, smallest, store, total
 from sim._kernels.laws import bulk, fibre, fibre_rests, isochoric
-from sim._kernels.options import by_chunk, by_colour, in_threads, inlined, inner
+from sim._kernels.options import by_chunk, by_colour, in_threads, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: stress, M, N and T, moduli, blocks, and what laws of fibres return
@@ -50,7 +50,7 @@ _P, _M, _N, _T, _A, _K, _LAW = map(np.int64, (0, 9, 18, 27, 36, 90, 138))
 ROWS = 141
 
 
-@inlined
+@inner
 def inverse_cube_root(J):
     """J^(-1/3), by two steps of fourth order where the volume changes by less than half."""
     x = J - 1.0
@@ -63,13 +63,13 @@ def inverse_cube_root(J):
     return y
 
 
-@inlined
+@inner
 def _add(w, row, value):
     """Add lanes to a row."""
     store(w, row, value + load(w, row))
 
 
-@inlined
+@inner
 def _write(w, row, value, more):
     """Write lanes into a row, added to those that fibres left there."""
     store(w, row, value + load(w, row) if more else value)
@@ -133,7 +133,7 @@ def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
             block += 9
 
 
-@inlined
+@inner
 def _fibre_at_points(w, code, p, stretch, drive):
     """Energy, slope and curvature of a law of fibres, point by point."""
     store(w, _LAW, stretch)

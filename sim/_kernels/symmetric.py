@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import inner, kernel_and_inner
 
 # the six components: which row and column, and the other way round
 ROW = np.array([0, 1, 2, 0, 1, 2])
@@ -46,7 +46,7 @@ def turn_columns(N, i, j, c, s):
         N[m, j] = s * ni + c * nj
 
 
-@kernel
+@kernel_and_inner
 def principal(C, c, N):
     """Eigenvalues c (3,) of a symmetric tensor and unit eigenvectors in the columns of N (3, 3).
 

@@ -21,7 +21,7 @@ made viscoelastic.
 import math
 
 from sim._kernels.laws import isochoric
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import inner, kernel_and_inner
 from sim._kernels.symmetric import (
     COLUMN,
     PLACE,
@@ -214,7 +214,7 @@ def scalar_isochoric(code, p, C, S, D, with_tangent):
     return w
 
 
-@kernel
+@kernel_and_inner
 def tensor_law(code, p, C, axes, S, D, with_tangent, work):
     """Energy of the law with this code; S and, if wanted, D by the strain that it was given.
 

@@ -6,7 +6,7 @@
 import math
 
 from sim._kernels.laws import fibre
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import inner, kernel_and_inner
 from sim._kernels.symmetric import COLUMN, PLACE, ROW, contract
 from sim._kernels.tensor_laws import ISOCHORIC, SMALL, tensor_law
 
@@ -49,7 +49,7 @@ def add_product(D, inverse, dyad, symmetric):
             )
 
 
-@kernel
+@kernel_and_inner
 def project(Sb, Db, J, C, inverse, S, D, with_tangent, work):
     """Add to S and D those of an energy of Cbar = J^(-2/3) C, from its derivatives Sb, Db by Cbar.
 

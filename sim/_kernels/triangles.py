@@ -6,7 +6,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import inner, kernel, kernel_and_inner
 
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -32,7 +32,7 @@ def between(p, a, b):
     return min(max(along / length, 0.0), 1.0)
 
 
-@kernel
+@kernel_and_inner
 def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tuple[float, int]:
     """Squared distance and feature of the point of a triangle nearest to p; its barycentric weights.
 
@@ -82,7 +82,7 @@ def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tup
     return best, feature
 
 
-@kernel
+@kernel_and_inner
 def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
     """Squared distance of the segments ab and cd; the shares of the way along each where it is."""
     # the least of the crossing of the two lines, if within both, and of each end to the other segment

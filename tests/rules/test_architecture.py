@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sim._kernels.options import inlined, inner, kernel
+from sim._kernels.options import inner, kernel, kernel_and_inner
 
 PACKAGES = ("emgface", "sim", "analysis")
 MAY_IMPORT = {"emgface": {"emgface", "sim", "analysis"}, "sim": {"sim"}, "analysis": {"analysis"}}
@@ -52,7 +52,7 @@ def test_kernels_are_compiled_by_one_set_of_options_and_never_in_parallel_by_num
 
 def test_kernels_assume_nothing_about_values():
     """All of `fastmath` would assume that no number is NaN or infinite."""
-    for options in (kernel, inner, inlined):
+    for options in (inner, kernel, kernel_and_inner):
         flags = options(lambda x: x).targetoptions["fastmath"]
         assert set(flags) == {"contract", "reassoc", "nsz", "arcp"}
 
