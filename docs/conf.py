@@ -2,6 +2,7 @@
 
 import sys
 from importlib import import_module, metadata
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +94,18 @@ class PublicNames(Autosummary):
         return super().run()
 
 
+def _notebook_pages(app: Any) -> None:
+    """Make the pages of the notebooks."""
+    path = Path(__file__).with_name("gallery") / "make.py"
+    spec = spec_from_file_location("gallery", path)
+    assert spec is not None and spec.loader is not None
+    gallery = module_from_spec(spec)
+    spec.loader.exec_module(gallery)
+    gallery.make()
+
+
 def setup(app: Any) -> None:
     """Connect what is above."""
     app.add_directive("public-names", PublicNames)
+    app.connect("builder-inited", _notebook_pages, priority=100)
     app.connect("autodoc-process-docstring", _plain_bars, priority=900)
