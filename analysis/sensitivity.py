@@ -15,19 +15,16 @@ from analysis.statistics.finding import (
     INDEPENDENT,
     Finding,
     check_level,
-    collected,
     holm,
-    left_out,
-    lost,
+    judged,
     persons,
     shown_p,
-    too_few,
 )
-from analysis.statistics.paired import LIMIT, Paired, Scale, paired
+from analysis.statistics.paired import LIMIT, Paired, Scale, described, paired
 from analysis.statistics.power import detectable
-from analysis.statistics.scope import LEAST_VOLUNTEERS, told_scope
+from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.sign_flip import sign_flip_p, sign_patterns
-from analysis.tables import SHOWN, Column, Table, origin_of, recordings
+from analysis.tables import SHOWN, Column, Table, recordings
 from analysis.trajectory import names
 from analysis.typed import selected
 
@@ -136,26 +133,25 @@ def _result(
     alpha = 1.0 - level
     p = np.array([_t_test(each)[1] for each in data], dtype=np.float64)
     tests = int(np.isfinite(p).sum())
-    findings = [
-        _finding(each, float(adjusted), tests, level)
-        for each, adjusted in zip(data, holm(p), strict=True)
-    ]
-    units = str(cube[variable].attrs.get("units", "1"))
-    attrs = {
-        "variable": variable, "scale": "Fisher z" if scale == "z" else "as it is",
-        "units": units, "origin": origin_of(cube),
-        "scope": told_scope("these instructions", cube.sizes["instruction"]),
-        "reference": ", ".join(f"{axis} = {_words(label)}" for axis, label in base.items()),
-    }  # fmt: skip
-    method = "level minus reference per strategy, paired t over volunteers, Holm over all"
-    result = collected(findings, method=method, level=level, attrs=attrs)
-    result = result.rename({"contrast": "choice"})
+    adjusted = {each.label: float(one) for each, one in zip(data, holm(p), strict=True)}
+    attrs = described(cube, variable, scale)
+    attrs["reference"] = ", ".join(f"{axis} = {_words(label)}" for axis, label in base.items())
+    result = judged(
+        data,
+        lambda each: _finding(each, adjusted[each.label], tests, level),
+        lambda each: (INDEPENDENT, normality(each.values)),
+        further=FURTHER,
+        method="level minus reference per strategy, paired t over volunteers, Holm over all",
+        level=level,
+        attrs=attrs,
+        least=LEAST_VOLUNTEERS,
+    ).rename({"contrast": "choice"})
     for place, name in enumerate(("axis", "level", "strategy")):
         result[name] = ("choice", np.array([each[place] for each in of], dtype=str))
     chosen = list(dict.fromkeys(axis for axis, _, _ in of))
     size = np.abs(result["estimate"].values)
     reach = [float(np.max(size[[each[0] == axis for each in of]], initial=0.0)) for axis in chosen]
-    result["reach"] = ("axes", np.array(reach), {"units": units})
+    result["reach"] = ("axes", np.array(reach), {"units": attrs["units"]})
     result["axes"] = chosen
     result.attrs["summary"] = _summary(result, data[0] if data else None, alpha)
     return result
@@ -174,10 +170,6 @@ def _t_test(data: Paired) -> tuple[float, float]:
 
 
 def _finding(data: Paired, adjusted: float, tests: int, level: float) -> Finding:
-    checks = (INDEPENDENT, normality(data.values), left_out(data))
-    few = too_few(data, checks, FURTHER, least=LEAST_VOLUNTEERS)
-    if few is not None:
-        return few
     values = data.values
     n, mean = len(values), float(values.mean())
     error, p = _t_test(data)
@@ -187,17 +179,14 @@ def _finding(data: Paired, adjusted: float, tests: int, level: float) -> Finding
     smallest = detectable(n, test="t", alpha=(1.0 - level) / max(tests, 1)) * error * math.sqrt(n)
     many = f"rises in {up}" if up >= down else f"falls in {down}"
     sentence = (
-        f"{data.label}: {data.shown(mean)} over {persons(n)} "
+        f"{data.shown(mean)} over {persons(n)} "
         f"({data.shown_interval(mean - reach, mean + reach, level)}; {shown_p(p)}, "
         f"{shown_p(adjusted)} after Holm over {tests} tests; {many} of {n}, exact {shown_p(exact)})."
-        f"{lost(data.counts)}"
     )
     if not values.any():
-        sentence = f"{data.label}: no difference in any of {persons(n)}.{lost(data.counts)}"
-    return Finding(
-        data.label, mean, mean - reach, mean + reach, p, 0.0, n, sentence, data.counts, checks,
-        dict(zip(FURTHER, (exact, float(up), smallest), strict=True)),
-    )  # fmt: skip
+        sentence = f"no difference in any of {persons(n)}."
+    further = {"p_sign_flip": exact, "rises": float(up), "detectable": smallest}
+    return Finding(mean, mean - reach, mean + reach, p, 0.0, sentence, further)
 
 
 def choices_table(found: xr.Dataset) -> Table:

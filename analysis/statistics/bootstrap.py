@@ -1,7 +1,6 @@
 """Hierarchical bootstrap: volunteers are drawn first, then repetitions within them."""
 
 import math
-from collections.abc import Sequence
 from typing import Final, Literal
 
 import numpy as np
@@ -9,17 +8,8 @@ import xarray as xr
 from scipy.stats import norm, t
 
 from analysis.errors import StatisticsError
-from analysis.statistics.finding import (
-    Check,
-    Finding,
-    check_level,
-    collected,
-    left_out,
-    lost,
-    persons,
-    too_few,
-)
-from analysis.statistics.paired import LIMIT, Array, Paired, Scale, all_paired
+from analysis.statistics.finding import Check, Finding, check_level, judged, persons
+from analysis.statistics.paired import Array, Comparison, Paired
 from analysis.typed import selected
 
 Statistic = Literal["median", "mean"]
@@ -30,31 +20,27 @@ FEW: Final = 10
 
 
 def hierarchical_bootstrap(
-    cube: xr.Dataset,
+    data: Comparison,
     *,
-    contrasts: Sequence[tuple[str, str]] | None = None,
-    variable: str = "rho",
-    scale: Scale = "raw",
     statistic: Statistic = "median",
     interval: Interval = "expanded",
     level: float = 0.95,
     draws: int = 2000,
     seed: int = 0,
-    limit: float = LIMIT,
 ) -> xr.Dataset:
     """Paired difference of two strategies with a bootstrap interval.
 
     Parameters
     ----------
-    cube, contrasts, variable, level, limit
-        As in `analysis.statistics.sign_flip.sign_flip`.
-    scale : {"raw", "z"}
-        The values themselves, so that the effect is read in rho, or Fisher's z.
+    data : Comparison
+        Of `analysis.statistics.paired.compare`, with scale "raw" for an effect that is read in rho.
     statistic : {"median", "mean"}
         Of all paired differences (volunteer, instruction, repetition, marker).
     interval : {"expanded", "percentile"}
         ``"expanded"`` takes quantiles farther out, as the t distribution of n - 1 degrees asks
         for; the plain percentile interval is too short for few volunteers.
+    level : float
+        Of the interval.
     draws : int
         Bootstrap samples. In each, volunteers are drawn with replacement and, for every
         instruction of each of them, repetitions with replacement.
@@ -70,7 +56,7 @@ def hierarchical_bootstrap(
     Raises
     ------
     StatisticsError
-        Unknown strategy, variable or option, further dims, or fewer than 100 draws.
+        Unknown option, a level outside 0-1, or fewer than 100 draws.
 
     Notes
     -----
@@ -85,11 +71,15 @@ def hierarchical_bootstrap(
         )
     if draws < 100:
         raise StatisticsError(f"{draws} bootstrap samples give no interval, expected 100 or more")
-    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
-    findings = [_finding(each, statistic, interval, level, draws, seed) for each in data]
-    method = f"hierarchical bootstrap (volunteers, repetitions), {interval} percentile interval"
-    attrs |= {"statistic": statistic, "draws": draws, "seed": seed}
-    return collected(findings, method=method, level=level, attrs=attrs)
+    return judged(
+        data.pairs,
+        lambda each: _finding(each, statistic, interval, level, draws, seed),
+        lambda each: _checks(len(each.values)),
+        further=("standard_error",),
+        method=f"hierarchical bootstrap (volunteers, repetitions), {interval} percentile interval",
+        level=level,
+        attrs=data.attrs | {"statistic": statistic, "draws": draws, "seed": seed},
+    )
 
 
 def replicates(differences: Array, statistic: Statistic, draws: int, seed: int) -> Array:
@@ -131,10 +121,7 @@ def tails(n: int, level: float, interval: Interval) -> tuple[float, float]:
     return float(norm.cdf(-wide)), float(norm.cdf(wide))
 
 
-def _finding(
-    data: Paired, statistic: Statistic, interval: Interval, level: float, draws: int, seed: int
-) -> Finding:
-    n = len(data.values)
+def _checks(n: int) -> tuple[Check, ...]:
     few = Check(
         "the volunteers stand for all others",
         "doubtful" if n < FEW else "met",
@@ -146,10 +133,13 @@ def _finding(
         "not checked",
         "Fatigue and practice would make later repetitions differ from earlier ones.",
     )
-    checks = (few, nested, left_out(data))
-    none = too_few(data, checks, ("standard_error",))
-    if none is not None:
-        return none
+    return few, nested
+
+
+def _finding(
+    data: Paired, statistic: Statistic, interval: Interval, level: float, draws: int, seed: int
+) -> Finding:
+    n = len(data.values)
     kept = selected(data.differences, {"volunteer": data.volunteers})
     cells = kept.transpose("volunteer", "instruction", "repetition", ...).values
     pairs = cells[np.isfinite(cells)]
@@ -158,10 +148,8 @@ def _finding(
     drawn = drawn[np.isfinite(drawn)]
     lower, upper = (float(np.quantile(drawn, tail)) for tail in tails(n, level, interval))
     sentence = (
-        f"{data.label}: {statistic} difference {data.shown(estimate)} over {len(pairs)} pairs of "
-        f"{persons(n)} (bootstrap {data.shown_interval(lower, upper, level)}).{lost(data.counts)}"
+        f"{statistic} difference {data.shown(estimate)} over {len(pairs)} pairs of "
+        f"{persons(n)} (bootstrap {data.shown_interval(lower, upper, level)})."
     )
-    return Finding(
-        data.label, estimate, lower, upper, n=n, sentence=sentence, counts=data.counts,
-        checks=checks, further={"standard_error": float(np.std(drawn, ddof=1))},
-    )  # fmt: skip
+    further = {"standard_error": float(np.std(drawn, ddof=1))}
+    return Finding(estimate, lower, upper, sentence=sentence, further=further)

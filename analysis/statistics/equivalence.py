@@ -1,7 +1,6 @@
 """Equivalence of two strategies by two one-sided tests."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -13,27 +12,15 @@ from analysis.statistics.finding import (
     Check,
     Finding,
     check_level,
-    collected,
-    left_out,
-    lost,
+    judged,
     persons,
     shown_p,
-    too_few,
 )
-from analysis.statistics.paired import LIMIT, Array, Paired, Scale, all_paired
+from analysis.statistics.paired import Array, Comparison, Paired
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 
 
-def equivalence(
-    cube: xr.Dataset,
-    *,
-    margin: float,
-    contrasts: Sequence[tuple[str, str]] | None = None,
-    variable: str = "rho",
-    scale: Scale | None = None,
-    alpha: float = 0.05,
-    limit: float = LIMIT,
-) -> xr.Dataset:
+def equivalence(data: Comparison, *, margin: float, alpha: float = 0.05) -> xr.Dataset:
     """Test whether two strategies differ by less than a margin.
 
     Two one-sided paired t tests on the volunteers' mean differences: that the difference lies
@@ -41,8 +28,8 @@ def equivalence(
 
     Parameters
     ----------
-    cube, contrasts, variable, scale, limit
-        As in `analysis.statistics.sign_flip.sign_flip`.
+    data : Comparison
+        Of `analysis.statistics.paired.compare`.
     margin : float
         Greatest difference that does not matter, on the scale of the analysis (Fisher's z for
         rho, else the unit of the variable). There is no default: it must come from what matters
@@ -59,8 +46,7 @@ def equivalence(
     Raises
     ------
     StatisticsError
-        Unknown strategy or variable, further dims, a margin that is not positive, or alpha
-        outside 0-0.5.
+        A margin that is not positive, or alpha outside 0-0.5.
 
     Notes
     -----
@@ -72,11 +58,16 @@ def equivalence(
     if not 0 < alpha < 0.5:
         raise StatisticsError(f"alpha is {alpha}, expected between 0 and 0.5")
     check_level(1.0 - 2.0 * alpha)
-    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
-    findings = [_finding(each, margin, alpha) for each in data]
-    method = "two one-sided paired t tests over volunteers (Schuirmann 1987)"
-    attrs |= {"margin": margin, "alpha": alpha}
-    return collected(findings, method=method, level=1.0 - 2.0 * alpha, attrs=attrs)
+    return judged(
+        data.pairs,
+        lambda each: _finding(each, margin, alpha),
+        lambda each: (INDEPENDENT, normality(each.values)),
+        further=("p_above", "p_below"),
+        method="two one-sided paired t tests over volunteers (Schuirmann 1987)",
+        level=1.0 - 2.0 * alpha,
+        attrs=data.attrs | {"margin": margin, "alpha": alpha},
+        least=LEAST_VOLUNTEERS,
+    )
 
 
 def normality(values: Array) -> Check:
@@ -92,33 +83,24 @@ def normality(values: Array) -> Check:
 
 def _finding(data: Paired, margin: float, alpha: float) -> Finding:
     values = data.values
-    checks = (INDEPENDENT, normality(values), left_out(data))
-    few = too_few(data, checks, ("p_above", "p_below"), least=LEAST_VOLUNTEERS)
-    if few is not None:
-        return few
     n, estimate = len(values), float(values.mean())
     error = float(values.std(ddof=1)) / math.sqrt(n)
     if error <= 1e-12 * max(margin, abs(estimate)):
         text = (
-            f"{data.label}: {data.shown(estimate)} in each of {persons(n)}; without any variation "
-            f"between them there is no test of equivalence.{lost(data.counts)}"
+            f"{data.shown(estimate)} in each of {persons(n)}; without any variation between them "
+            "there is no test of equivalence."
         )
-        return Finding(
-            data.label, estimate, n=n, sentence=text, counts=data.counts, checks=checks,
-            further={"p_above": math.nan, "p_below": math.nan},
-        )  # fmt: skip
+        return Finding(estimate, sentence=text)
     above = float(t.sf((estimate + margin) / error, n - 1))
     below = float(t.cdf((estimate - margin) / error, n - 1))
     p = max(above, below)
     reach = float(t.ppf(1.0 - alpha, n - 1)) * error
     verdict = "equivalent within" if p <= alpha else "not shown to be equivalent within"
     sentence = (
-        f"{data.label}: {verdict} the margin of {margin * data.factor:.2g}{data.unit} "
+        f"{verdict} the margin of {margin * data.factor:.2g}{data.unit} "
         f"({data.shown(estimate)}, "
         f"{data.shown_interval(estimate - reach, estimate + reach, 1.0 - 2.0 * alpha)}, "
-        f"{shown_p(p)}, {persons(n)}).{lost(data.counts)}"
+        f"{shown_p(p)}, {persons(n)})."
     )
-    return Finding(
-        data.label, estimate, estimate - reach, estimate + reach, p, 0.0, n, sentence,
-        data.counts, checks, {"p_above": above, "p_below": below},
-    )  # fmt: skip
+    further = {"p_above": above, "p_below": below}
+    return Finding(estimate, estimate - reach, estimate + reach, p, 0.0, sentence, further)

@@ -1,8 +1,8 @@
 """The one form in which every method returns what it found."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -42,35 +42,87 @@ class Finding:
 
     Attributes
     ----------
-    contrast : str
-        "first - second".
     estimate, lower, upper : float
         Estimate and its interval, in the units of the result.
     p, smallest_p : float
         Probability, and the smallest one that the design can reach [1].
-    n : int
-        Volunteers that entered.
     sentence : str
         The finding in plain English.
-    counts : dict of str to int
+    further : mapping of str to float
+        What only this method has.
+    contrast : str
+        "first - second"; with what follows, set by `judged`.
+    n : int
+        Volunteers that entered.
+    counts : mapping of str to int
         See `analysis.statistics.paired.Paired`.
     checks : tuple of Check
         The same assumptions in every contrast of a result.
-    further : dict of str to float
-        What only this method has.
     """
 
-    contrast: str
     estimate: float = math.nan
     lower: float = math.nan
     upper: float = math.nan
     p: float = math.nan
     smallest_p: float = math.nan
-    n: int = 0
     sentence: str = ""
+    further: Mapping[str, float] = field(default_factory=dict[str, float])
+    contrast: str = ""
+    n: int = 0
     counts: Mapping[str, int] = field(default_factory=dict[str, int])
     checks: tuple[Check, ...] = ()
-    further: Mapping[str, float] = field(default_factory=dict[str, float])
+
+
+def judged(
+    pairs: Sequence[Paired],
+    judge: Callable[[Paired], Finding],
+    checks: Callable[[Paired], tuple[Check, ...]],
+    *,
+    further: Sequence[str],
+    method: str,
+    level: float,
+    attrs: Mapping[str, Any],
+    least: int = 2,
+) -> xr.Dataset:
+    """Judge contrasts by a method and collect its findings.
+
+    Parameters
+    ----------
+    pairs : sequence of Paired
+        One per contrast.
+    judge : callable
+        Returns estimate, interval, p, `further` and sentence of a contrast with `least` volunteers or
+        more; its label and the pairs that are lost are added to the sentence.
+    checks : callable
+        Returns the assumptions of the method and their checks.
+    further : sequence of str
+        Names of what only this method has; NaN where it found none.
+    method, level, attrs
+        As in `collected`.
+    least : int
+        Volunteers below which nothing but the mean is told.
+
+    Returns
+    -------
+    xarray.Dataset
+        See `collected`.
+    """
+    findings: list[Finding] = []
+    for data in pairs:
+        n = len(data.values)
+        found = judge(data) if n >= least else _too_few(data, least)
+        findings.append(
+            replace(
+                found,
+                contrast=data.label,
+                n=n,
+                sentence=f"{data.label}: {found.sentence}{_lost(data.counts)}",
+                counts=data.counts,
+                checks=(*checks(data), _left_out(data)),
+                further={name: found.further.get(name, math.nan) for name in further},
+            )
+        )
+    return collected(findings, method=method, level=level, attrs=attrs)
 
 
 def collected(
@@ -176,7 +228,7 @@ def persons(n: int) -> str:
     return f"{n} volunteer" if n == 1 else f"{n} volunteers"
 
 
-def lost(counts: Mapping[str, int]) -> str:
+def _lost(counts: Mapping[str, int]) -> str:
     """Say how many pairs are not in a finding, empty where all are."""
     causes = {why: counts.get(f"lost_{why}", 0) for why in WHY}
     total = sum(causes.values())
@@ -186,41 +238,19 @@ def lost(counts: Mapping[str, int]) -> str:
     return f" {total} of {total + counts['pairs']} pairs are not in it ({listed})."
 
 
-def too_few(
-    data: Paired,
-    checks: tuple[Check, ...] = (),
-    further: Sequence[str] = (),
-    *,
-    least: int = 2,
-) -> Finding | None:
-    """Return the finding of a contrast with fewer volunteers than a test needs, else None."""
+def _too_few(data: Paired, least: int) -> Finding:
+    """Finding of a contrast with fewer volunteers than a method needs."""
     n = len(data.values)
-    if n >= least:
-        return None
-    estimate = float(data.values.mean()) if n else math.nan
-    text = "no pair of scored trials, so nothing is known."
-    if n > 1:
-        text = (
-            f"{data.shown(estimate)} over {persons(n)}; no test and no interval, which need "
-            f"{least} or more."
-        )
-    elif n:
-        text = (
-            f"{data.shown(estimate)} in the only volunteer with a pair; one volunteer allows no "
-            "test and no interval."
-        )
-    return Finding(
-        data.label,
-        estimate,
-        n=n,
-        sentence=f"{data.label}: {text}{lost(data.counts)}",
-        counts=data.counts,
-        checks=checks,
-        further=dict.fromkeys(further, math.nan),
-    )
+    if not n:
+        return Finding(sentence="no pair of scored trials, so nothing is known.")
+    estimate = float(data.values.mean())
+    why = f"over {persons(n)}; no test and no interval, which need {least} or more."
+    if n == 1:
+        why = "in the only volunteer with a pair; one volunteer allows no test and no interval."
+    return Finding(estimate, sentence=f"{data.shown(estimate)} {why}")
 
 
-def left_out(data: Paired) -> Check:
+def _left_out(data: Paired) -> Check:
     """Check that what is not in a contrast does not decide it."""
     gone = sum(data.counts[f"lost_{why}"] for why in WHY)
     absent = data.means.sizes["volunteer"] - len(data.values)

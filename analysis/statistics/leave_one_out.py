@@ -1,39 +1,22 @@
-"""How much a contrast hangs on any one volunteer."""
+"""Contrasts without each of the volunteers in turn."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
-from analysis.statistics.finding import (
-    INDEPENDENT,
-    Finding,
-    collected,
-    left_out,
-    lost,
-    persons,
-    shown_p,
-    too_few,
-)
-from analysis.statistics.paired import LIMIT, Paired, Scale, all_paired
+from analysis.statistics.finding import INDEPENDENT, Finding, judged, persons, shown_p
+from analysis.statistics.paired import Comparison, Paired
 from analysis.statistics.sign_flip import sign_flip_p, sign_patterns
 
 
-def leave_one_volunteer_out(
-    cube: xr.Dataset,
-    *,
-    contrasts: Sequence[tuple[str, str]] | None = None,
-    variable: str = "rho",
-    scale: Scale | None = None,
-    limit: float = LIMIT,
-) -> xr.Dataset:
+def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
     """Repeat the comparison of strategies without each volunteer in turn.
 
     Parameters
     ----------
-    cube, contrasts, variable, scale, limit
-        As in `analysis.statistics.sign_flip.sign_flip`.
+    data : Comparison
+        Of `analysis.statistics.paired.compare`.
 
     Returns
     -------
@@ -43,41 +26,33 @@ def leave_one_volunteer_out(
         interval), ``p`` the largest sign-flip p without one; besides, dims (contrast, volunteer),
         ``estimate_without`` and ``p_without``, NaN for a volunteer without a pair, and
         ``sign_changes``, volunteers without whom the estimate has the other sign.
-
-    Raises
-    ------
-    StatisticsError
-        Unknown strategy or variable, or further dims.
     """
-    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
-    shape = (len(data), cube.sizes["volunteer"])
+    shape = (len(data.pairs), data.values.sizes["volunteer"])
     estimates, chances = np.full(shape, np.nan), np.full(shape, np.nan)
-    for row, each in enumerate(data):
+    for row, each in enumerate(data.pairs):
         kept = np.flatnonzero(np.isfinite(each.means.values))
         for column in kept if len(kept) > 1 else ():
             rest = each.means.values[kept[kept != column]]
             estimates[row, column] = rest.mean()
             chances[row, column] = sign_flip_p(rest, sign_patterns(len(rest)))
-    findings = [_finding(each, estimates[row], chances[row]) for row, each in enumerate(data)]
-    units = attrs["units"]
-    result = collected(
-        findings,
+    rows = {each.label: row for row, each in enumerate(data.pairs)}
+    result = judged(
+        data.pairs,
+        lambda each: _finding(each, estimates[rows[each.label]], chances[rows[each.label]]),
+        lambda _: (INDEPENDENT,),
+        further=("sign_changes",),
         method="leave one volunteer out, sign-flip test of the rest",
         level=math.nan,
-        attrs=attrs,
+        attrs=data.attrs,
     )
     dims = ("contrast", "volunteer")
-    result["estimate_without"] = (dims, estimates, {"units": units})
+    result["estimate_without"] = (dims, estimates, {"units": data.attrs["units"]})
     result["p_without"] = (dims, chances, {"units": "1"})
-    result["volunteer"] = [str(label) for label in cube["volunteer"].values]
+    result["volunteer"] = [str(label) for label in data.values["volunteer"].values]
     return result
 
 
 def _finding(data: Paired, estimates: np.ndarray, chances: np.ndarray) -> Finding:
-    checks = (INDEPENDENT, left_out(data))
-    few = too_few(data, checks, ("sign_changes",))
-    if few is not None:
-        return few
     values = data.values
     n, estimate = len(values), float(values.mean())
     low, high = float(np.nanmin(estimates)), float(np.nanmax(estimates))
@@ -86,13 +61,10 @@ def _finding(data: Paired, estimates: np.ndarray, chances: np.ndarray) -> Findin
     most = str(data.means["volunteer"].values[int(np.nanargmax(np.abs(estimates - estimate)))])
     p = float(np.nanmax(chances))
     sentence = (
-        f"{data.label}: {data.shown(estimate)} over {persons(n)}, from {data.shown(low)} to "
+        f"{data.shown(estimate)} over {persons(n)}, from {data.shown(low)} to "
         f"{data.shown(high)} without one of them, most changed without {most}; "
         f"{'the sign holds' if not changes else f'the sign changes without {changes} of them'}; "
         f"largest {shown_p(p)} of {persons(n - 1)} (smallest possible {2.0 / 2 ** (n - 1):.2g})."
-        f"{lost(data.counts)}"
     )
-    return Finding(
-        data.label, estimate, low, high, p, min(1.0, 2.0 / 2 ** (n - 1)), n, sentence,
-        data.counts, checks, {"sign_changes": float(changes)},
-    )  # fmt: skip
+    least, further = min(1.0, 2.0 / 2 ** (n - 1)), {"sign_changes": float(changes)}
+    return Finding(estimate, low, high, p, least, sentence, further)

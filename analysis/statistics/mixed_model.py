@@ -1,7 +1,6 @@
 """Mixed model of differences between strategies, volunteers and instructions crossed."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,18 +10,8 @@ from scipy.stats import norm, shapiro, t
 
 from analysis.errors import StatisticsError
 from analysis.statistics.crossed import Fit, fit_crossed
-from analysis.statistics.finding import (
-    Check,
-    Finding,
-    check_level,
-    collected,
-    left_out,
-    lost,
-    persons,
-    shown_p,
-    too_few,
-)
-from analysis.statistics.paired import LIMIT, Array, Paired, Scale, all_paired
+from analysis.statistics.finding import Check, Finding, check_level, judged, persons, shown_p
+from analysis.statistics.paired import Array, Comparison, Paired
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS, Scope, told_scope
 from analysis.trajectory import names
 
@@ -42,14 +31,7 @@ class _Fitted:
 
 
 def mixed_model(
-    cube: xr.Dataset,
-    *,
-    scope: Scope = "instructions",
-    contrasts: Sequence[tuple[str, str]] | None = None,
-    variable: str = "rho",
-    scale: Scale | None = None,
-    level: float = 0.95,
-    limit: float = LIMIT,
+    data: Comparison, *, scope: Scope = "instructions", level: float = 0.95
 ) -> xr.Dataset:
     """Compare strategies by a linear mixed model with slopes of volunteers and instructions.
 
@@ -64,12 +46,14 @@ def mixed_model(
 
     Parameters
     ----------
+    data : Comparison
+        Of `analysis.statistics.paired.compare`.
     scope : {"instructions", "these instructions"}
         ``"instructions"``: those of the study are a sample of all, so that instruction x strategy
         is random and its spread is part of the error. ``"these instructions"``: it is fixed, and
         delta is the mean over the instructions of the study.
-    cube, contrasts, variable, scale, level, limit
-        As in `analysis.statistics.sign_flip.sign_flip`.
+    level : float
+        Of the interval.
 
     Returns
     -------
@@ -83,7 +67,7 @@ def mixed_model(
     Raises
     ------
     StatisticsError
-        Unknown scope, strategy or variable, further dims, or a level outside 0-1.
+        Unknown scope, or a level outside 0-1.
 
     Notes
     -----
@@ -98,18 +82,22 @@ def mixed_model(
         raise StatisticsError(
             f"the scope is {scope!r}, expected 'instructions' or 'these instructions'"
         )
-    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
-    attrs["scope"] = told_scope(scope, cube.sizes["instruction"])
-    fitted = [_fitted(each, scope) for each in data]
-    findings = [_finding(each, one, scope, level) for each, one in zip(data, fitted, strict=True)]
-    method = "linear mixed model of paired differences, restricted maximum likelihood"
-    result = collected(findings, method=method, level=level, attrs=attrs)
+    fitted = {each.label: fit_differences(cell_means(each), scope) for each in data.pairs}
+    result = judged(
+        data.pairs,
+        lambda each: _finding(each, fitted[each.label], level),
+        lambda each: _checks(fitted[each.label], len(cell_means(each))),
+        further=("standard_error", "degrees_of_freedom", "p_wald"),
+        method="linear mixed model of paired differences, restricted maximum likelihood",
+        level=level,
+        attrs=data.attrs | {"scope": told_scope(scope, data.values.sizes["instruction"])},
+    )
     random = (*RANDOM, "residual")
-    fits = [one.fit if isinstance(one, _Fitted) else None for one in fitted]
+    fits = [one.fit if isinstance(one, _Fitted) else None for one in fitted.values()]
     variances = [
         [fit.variances.get(r, math.nan) if fit else math.nan for r in random] for fit in fits
     ]
-    squared = {"units": "1" if attrs["units"] == "1" else f"{attrs['units']}^2"}
+    squared = {"units": "1" if data.attrs["units"] == "1" else f"{data.attrs['units']}^2"}
     table = np.array(variances, dtype=np.float64).reshape(len(fits), len(random))
     result["random"] = list(random)
     return result.assign(
@@ -174,53 +162,35 @@ def fit_differences(
     return _Fitted(fit, float(weights @ fit.beta), error, fit.degrees_of_freedom(weights))
 
 
-def _fitted(data: Paired, scope: Scope) -> _Fitted | str:
-    return fit_differences(cell_means(data), scope)
-
-
-def _finding(data: Paired, fitted: _Fitted | str, scope: Scope, level: float) -> Finding:
+def _finding(data: Paired, fitted: _Fitted | str, level: float) -> Finding:
     n, instructions = cell_means(data).shape
-    further = ("standard_error", "degrees_of_freedom", "p_wald")
-    fit = fitted.fit if isinstance(fitted, _Fitted) else None
-    checks = (*_checks(fit, n), left_out(data))
-    none = too_few(data, checks, further)
-    if none is not None:
-        return none
     over = f"{persons(n)} and {instructions} instruction{'s' if instructions > 1 else ''}"
     if not isinstance(fitted, _Fitted):
         estimate = float(data.values.mean())
-        sentence = (
-            f"{data.label}: {data.shown(estimate)} over {over}; no test and no interval: "
-            f"{fitted}.{lost(data.counts)}"
-        )
-        return Finding(
-            data.label, estimate, n=n, sentence=sentence, counts=data.counts, checks=checks,
-            further=dict.fromkeys(further, math.nan),
-        )  # fmt: skip
+        text = f"{data.shown(estimate)} over {over}; no test and no interval: {fitted}."
+        return Finding(estimate, sentence=text)
     estimate, error, freedom = fitted.estimate, fitted.error, fitted.freedom
     p_wald = 2.0 * float(norm.sf(abs(estimate) / error))
     p = 2.0 * float(t.sf(abs(estimate) / error, freedom))
     reach = float(t.ppf((1.0 + level) / 2.0, freedom)) * error
     interval = data.shown_interval(estimate - reach, estimate + reach, level)
     sentence = (
-        f"{data.label}: {data.shown(estimate)} by the mixed model over {over} ({interval}; "
+        f"{data.shown(estimate)} by the mixed model over {over} ({interval}; "
         f"{shown_p(p)} with {freedom:.1f} degrees of freedom; the Wald "
         f"{shown_p(p_wald)}{' is too small for so few volunteers' if n < MANY else ''})."
-        f"{lost(data.counts)}"
     )
-    return Finding(
-        data.label, estimate, estimate - reach, estimate + reach, p, 0.0, n, sentence,
-        data.counts, checks, dict(zip(further, (error, freedom, p_wald), strict=True)),
-    )  # fmt: skip
+    further = {"standard_error": error, "degrees_of_freedom": freedom, "p_wald": p_wald}
+    return Finding(estimate, estimate - reach, estimate + reach, p, 0.0, sentence, further)
 
 
-def _checks(fit: Fit | None, people: int) -> tuple[Check, ...]:
+def _checks(fitted: _Fitted | str, people: int) -> tuple[Check, ...]:
     assumptions = (
         "the fit converged", "variances lie above zero", "residuals are normal",
         "enough volunteers for the Wald p",
     )  # fmt: skip
-    if fit is None:
+    if not isinstance(fitted, _Fitted):
         return tuple(Check(name, "not checked", "There is no fit.") for name in assumptions)
+    fit = fitted.fit
     total = sum(fit.variances.values())
     zero = [name for name, value in fit.variances.items() if value < 1e-6 * total]
     normal = float(shapiro(fit.residuals).pvalue) if np.ptp(fit.residuals) > 0 else math.nan

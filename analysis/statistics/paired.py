@@ -186,7 +186,7 @@ def paired(
     dim : str
         What is compared, ``"strategy"`` or another dim.
     variable, scale, limit
-        As in `analysis.statistics.sign_flip`.
+        As in `compare`.
 
     Returns
     -------
@@ -232,16 +232,57 @@ def volunteer_means(data: xr.DataArray, *keep: str) -> xr.DataArray:
     return data.mean(rest, skipna=True)
 
 
-def analysed(
-    cube: xr.Dataset, variable: str, scale: Scale | None, limit: float
-) -> tuple[xr.DataArray, Scale, dict[str, Any]]:
-    """Return the values on their scale, that scale, and what a result says of its data.
+@dataclass(frozen=True)
+class Comparison:
+    """Contrasts of the strategies of a cube, for the methods that judge them.
+
+    Attributes
+    ----------
+    values : xarray.DataArray
+        Values of scored trials on the scale of the analysis, NaN elsewhere.
+    pairs : tuple of Paired
+        One per contrast.
+    attrs : dict
+        Properties of the data that every result states: variable, scale, units, origin, scope.
+    """
+
+    values: xr.DataArray
+    pairs: tuple[Paired, ...]
+    attrs: dict[str, Any]
+
+
+def compare(
+    cube: xr.Dataset,
+    *,
+    contrasts: Sequence[tuple[str, str]] | None = None,
+    variable: str = "rho",
+    scale: Scale | None = None,
+    limit: float = LIMIT,
+) -> Comparison:
+    """Take the differences between strategies that the methods of `analysis.statistics` judge.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        Result of `analysis.cube.build_cube`.
+    contrasts : sequence of (str, str), optional
+        Strategies (first, second), compared as first - second; all pairs where not given.
+    variable : str
+        ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
+    scale : {"z", "raw"}, optional
+        Fisher's z or the values themselves; z for rho, else raw.
+    limit : float
+        See `fisher_z`.
+
+    Returns
+    -------
+    Comparison
 
     Raises
     ------
     StatisticsError
-        Unknown variable or scale, or a cube with further axes, whose levels are no repetitions
-        of each other.
+        Unknown strategy, variable or scale, or a cube with further axes, whose levels are no
+        repetitions of each other.
     """
     used: Scale = scale if scale is not None else ("z" if variable == "rho" else "raw")
     data = scaled(cube, variable, used, limit)
@@ -251,31 +292,18 @@ def analysed(
             f"the cube has the further dims {names(extra)}: select one level of each, or use "
             "analysis.sensitivity"
         )
-    attrs: dict[str, Any] = {
+    chosen = chosen_contrasts([str(label) for label in cube["strategy"].values], contrasts)
+    pairs = [paired(cube, *each, variable=variable, scale=used, limit=limit) for each in chosen]
+    attrs = described(cube, variable, used) | ({"clipped_at": limit} if used == "z" else {})
+    return Comparison(data, tuple(pairs), attrs)
+
+
+def described(cube: xr.Dataset, variable: str, scale: Scale) -> dict[str, Any]:
+    """Properties of the data that every result states as attributes."""
+    return {
         "variable": variable,
-        "scale": "Fisher z" if used == "z" else "as it is",
+        "scale": "Fisher z" if scale == "z" else "as it is",
         "units": str(cube[variable].attrs.get("units", "1")),
         "origin": origin_of(cube),
         "scope": told_scope("these instructions", cube.sizes["instruction"]),
     }
-    return data, used, attrs | ({"clipped_at": limit} if used == "z" else {})
-
-
-def all_paired(
-    cube: xr.Dataset,
-    contrasts: Sequence[tuple[str, str]] | None,
-    variable: str,
-    scale: Scale | None,
-    limit: float,
-) -> tuple[list[Paired], dict[str, Any]]:
-    """Return the differences of every contrast, and what a result says of its data.
-
-    Raises
-    ------
-    StatisticsError
-        As `analysed` and `chosen_contrasts`.
-    """
-    _, used, attrs = analysed(cube, variable, scale, limit)
-    pairs = chosen_contrasts([str(label) for label in cube["strategy"].values], contrasts)
-    data = [paired(cube, *each, variable=variable, scale=used, limit=limit) for each in pairs]
-    return data, attrs

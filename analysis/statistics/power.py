@@ -11,7 +11,7 @@ from scipy.stats import chi2, t
 
 from analysis.errors import StatisticsError
 from analysis.statistics.finding import persons
-from analysis.statistics.paired import LIMIT, Array, Scale, all_paired
+from analysis.statistics.paired import Array, Comparison
 from analysis.statistics.ranks import signed_rank_counts
 from analysis.statistics.scope import LEAST_VOLUNTEERS, too_few_volunteers
 from analysis.statistics.sign_flip import TIED, sign_patterns
@@ -156,14 +156,10 @@ def detectable(n: int, *, test: Test, alpha: float = 0.05, target: float = 0.8) 
 
 
 def power(
-    cube: xr.Dataset,
+    data: Comparison,
     *,
     effect: float | None = None,
-    contrasts: Sequence[tuple[str, str]] | None = None,
-    variable: str = "rho",
-    scale: Scale | None = None,
     level: float = 0.95,
-    limit: float = LIMIT,
     volunteers: Sequence[int] = VOLUNTEERS,
     test: Test = "sign_flip",
     alpha: float = 0.05,
@@ -175,8 +171,8 @@ def power(
 
     Parameters
     ----------
-    cube, contrasts, variable, scale, limit
-        As in `analysis.statistics.sign_flip.sign_flip`.
+    data : Comparison
+        Of `analysis.statistics.paired.compare`.
     effect : float, optional
         Difference to be shown, on the scale of the analysis. Without it the one observed is
         taken, which makes the answer as uncertain as that estimate: a difference that matters is
@@ -199,16 +195,15 @@ def power(
     Raises
     ------
     StatisticsError
-        Unknown strategy or variable, further dims, or an option outside its range.
+        An option outside its range.
     """
-    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
     spreads = ("lower", "estimate", "upper")
-    shape = (len(data), len(spreads))
+    shape = (len(data.pairs), len(spreads))
     found = np.full((*shape, len(volunteers)), np.nan)
     errors, deviations, needed = found.copy(), np.full(shape, np.nan), np.full(shape, np.nan)
-    effects = np.full(len(data), math.nan)
+    effects = np.full(len(data.pairs), math.nan)
     sentences: list[str] = []
-    for row, each in enumerate(data):
+    for row, each in enumerate(data.pairs):
         values = each.values
         n = len(values)
         effects[row] = effect if effect is not None else (values.mean() if n else math.nan)
@@ -240,8 +235,8 @@ def power(
             f"{each.label}: to show {chosen} of {each.shown(float(effects[row]))} with power "
             f"{target:.2g}, {shown[1]} volunteers are needed ({too_few_volunteers(n) or spread})."
         )
-    one, units = {"units": "1"}, {"units": attrs["units"]}
-    contrast = np.array([each.label for each in data], dtype=str)
+    one, units = {"units": "1"}, {"units": data.attrs["units"]}
+    contrast = np.array([each.label for each in data.pairs], dtype=str)
     dims = ("contrast", "spread")
     return xr.Dataset(
         {
@@ -250,12 +245,12 @@ def power(
             "volunteers_needed": (dims, needed, one),
             "effect": ("contrast", effects, units),
             "standard_deviation": (dims, deviations, units),
-            "n": ("contrast", np.array([len(each.values) for each in data], dtype=int), one),
+            "n": ("contrast", np.array([len(each.values) for each in data.pairs], dtype=int), one),
             "sentence": ("contrast", np.array(sentences, dtype=str)),
         },
         coords={"contrast": contrast, "spread": list(spreads), "volunteers": list(volunteers)},
         attrs={
-            **attrs,
+            **data.attrs,
             "method": "power by simulation of normal mean differences",
             "test": test, "alpha": alpha, "target": target, "simulations": simulations,
             "seed": seed, "level": level,

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from itertools import permutations
 from typing import Final
 
@@ -17,41 +16,25 @@ from analysis.statistics.finding import (
     Finding,
     check_level,
     collected,
-    left_out,
-    lost,
+    judged,
     persons,
     shown_p,
-    too_few,
 )
-from analysis.statistics.paired import (
-    LIMIT,
-    Array,
-    Paired,
-    Scale,
-    all_paired,
-    analysed,
-    volunteer_means,
-)
+from analysis.statistics.paired import Array, Comparison, Paired, volunteer_means
 
 MOST_STATES: Final = 20_000
 """Sums of ranks that an exact Friedman test keeps; beyond, the chi-square limit is used."""
 
 
-def wilcoxon(
-    cube: xr.Dataset,
-    *,
-    contrasts: Sequence[tuple[str, str]] | None = None,
-    variable: str = "rho",
-    scale: Scale | None = None,
-    level: float = 0.95,
-    limit: float = LIMIT,
-) -> xr.Dataset:
+def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
     """Wilcoxon signed-rank test of the volunteers' mean differences, exact also with ties.
 
     Parameters
     ----------
-    cube, contrasts, variable, scale, level, limit
-        As in `analysis.statistics.sign_flip.sign_flip`.
+    data : Comparison
+        Of `analysis.statistics.paired.compare`.
+    level : float
+        Nominal level of the interval; the exact one is in ``coverage``.
 
     Returns
     -------
@@ -64,7 +47,7 @@ def wilcoxon(
     Raises
     ------
     StatisticsError
-        Unknown strategy or variable, further dims, or a level outside 0-1.
+        A level outside 0-1.
 
     Notes
     -----
@@ -73,19 +56,23 @@ def wilcoxon(
     interval: Hollander, Wolfe and Chicken 2014, section 3.3.
     """
     check_level(level)
-    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
-    method = "Wilcoxon signed ranks over volunteers, exact, Holm over contrasts"
-    findings = [_signed_ranks(each, level, len(data)) for each in data]
-    return collected(findings, method=method, level=level, attrs=attrs)
+    symmetric = Check(
+        "differences are symmetric about their median",
+        "not checked",
+        "Needed for p and interval; few volunteers cannot show it.",
+    )
+    return judged(
+        data.pairs,
+        lambda each: _signed_ranks(each, level, len(data.pairs)),
+        lambda _: (INDEPENDENT, symmetric),
+        further=("statistic", "zeros", "coverage"),
+        method="Wilcoxon signed ranks over volunteers, exact, Holm over contrasts",
+        level=level,
+        attrs=data.attrs,
+    )
 
 
-def friedman(
-    cube: xr.Dataset,
-    *,
-    variable: str = "rho",
-    scale: Scale | None = None,
-    limit: float = LIMIT,
-) -> xr.Dataset:
+def friedman(data: Comparison) -> xr.Dataset:
     """Friedman test whether any strategy ranks above another, on volunteer means.
 
     Only values that all strategies have are averaged, so that all are ranked on the same trials
@@ -93,8 +80,8 @@ def friedman(
 
     Parameters
     ----------
-    cube, variable, scale, limit
-        As in `analysis.statistics.sign_flip.sign_flip`.
+    data : Comparison
+        Of `analysis.statistics.paired.compare`; its contrasts do not matter.
 
     Returns
     -------
@@ -104,29 +91,24 @@ def friedman(
         no interval. Besides ``statistic`` (chi-square), ``p_chi2`` (its limit for many
         volunteers) and ``mean_rank`` (strategy), 1 the lowest.
 
-    Raises
-    ------
-    StatisticsError
-        Unknown variable, or further dims.
-
     Notes
     -----
     Exact by enumeration of all orders within volunteers while their sums of ranks are few (three
     strategies: up to about 100 volunteers); ``exact`` says so. Source: Friedman 1937, Journal of
     the American Statistical Association 32:675.
     """
-    data, _, attrs = analysed(cube, variable, scale, limit)
-    complete = data.notnull().all("strategy")
-    means = volunteer_means(data.where(complete), "strategy").transpose("volunteer", "strategy")
+    values = data.values
+    complete = values.notnull().all("strategy")
+    means = volunteer_means(values.where(complete), "strategy").transpose("volunteer", "strategy")
     table = means.values[np.isfinite(means.values).all(axis=1)]
     kept = int(complete.sum())
     lost = {"pairs": kept, "lost_undefined": complete.size - kept}
-    findings = [_friedman(table, lost)] if data.sizes["strategy"] > 1 else []
+    findings = [_friedman(table, lost)] if values.sizes["strategy"] > 1 else []
     method = "Friedman over volunteers (Friedman 1937), on values that all strategies have"
-    result = collected(findings, method=method, level=math.nan, attrs=attrs | {"units": "1"})
+    result = collected(findings, method=method, level=math.nan, attrs=data.attrs | {"units": "1"})
     ranks = rankdata(table, axis=1).mean(axis=0) if len(table) else np.full(table.shape[1], np.nan)
     result["mean_rank"] = ("strategy", ranks, {"units": "1"})
-    result["strategy"] = data["strategy"].values
+    result["strategy"] = values["strategy"].values
     return result
 
 
@@ -212,15 +194,6 @@ def friedman_p(table: Array) -> tuple[float, float, float, bool]:
 
 
 def _signed_ranks(data: Paired, level: float, contrasts: int) -> Finding:
-    symmetric = Check(
-        "differences are symmetric about their median",
-        "not checked",
-        "Needed for p and interval; few volunteers cannot show it.",
-    )
-    checks = (INDEPENDENT, symmetric, left_out(data))
-    few = too_few(data, checks, ("statistic", "zeros", "coverage"))
-    if few is not None:
-        return few
     values = data.values
     n, zeros = len(values), int((values == 0).sum())
     statistic, p = wilcoxon_p(values)
@@ -228,16 +201,14 @@ def _signed_ranks(data: Paired, level: float, contrasts: int) -> Finding:
     least = min(1.0, 2.0 / 2**n)
     reach = min(1.0, least * contrasts)
     sentence = (
-        f"{data.label}: median {data.shown(estimate)} over {persons(n)} "
+        f"median {data.shown(estimate)} over {persons(n)} "
         f"({data.shown_interval(lower, upper, coverage)}; Wilcoxon {shown_p(p)}; after Holm over "
-        f"{contrasts} contrasts no p below {reach:.2g} is possible).{lost(data.counts)}"
+        f"{contrasts} contrasts no p below {reach:.2g} is possible)."
     )
     if reach > 1.0 - level:
         sentence += f" So this test cannot reach {1.0 - level:.2g} here, whatever the data."
-    return Finding(
-        data.label, estimate, lower, upper, p, least, n, sentence, data.counts, checks,
-        {"statistic": statistic, "zeros": float(zeros), "coverage": coverage},
-    )  # fmt: skip
+    further = {"statistic": statistic, "zeros": float(zeros), "coverage": coverage}
+    return Finding(estimate, lower, upper, p, least, sentence, further)
 
 
 def _friedman(table: Array, counts: dict[str, int]) -> Finding:
@@ -253,8 +224,8 @@ def _friedman(table: Array, counts: dict[str, int]) -> Finding:
         text = f"{name}: {persons(n)} with values of all of them, so there is nothing to rank."
         further = {"statistic": math.nan, "p_chi2": math.nan, "exact": math.nan}
         return Finding(
-            name, n=n, sentence=text, counts=counts, checks=(INDEPENDENT, complete),
-            further=further,
+            sentence=text, further=further, contrast=name, n=n, counts=counts,
+            checks=(INDEPENDENT, complete),
         )  # fmt: skip
     statistic, p, p_chi2, exact = friedman_p(table)
     agreement = statistic / (n * (k - 1))
@@ -265,7 +236,7 @@ def _friedman(table: Array, counts: dict[str, int]) -> Finding:
         f"{'by enumeration' if exact else 'by the chi-square limit'}). {complete.check}"
     )
     return Finding(
-        name, agreement, math.nan, math.nan, p, least, n, sentence, counts,
-        (INDEPENDENT, complete),
-        {"statistic": statistic, "p_chi2": p_chi2, "exact": float(exact)},
+        agreement, p=p, smallest_p=least, sentence=sentence,
+        further={"statistic": statistic, "p_chi2": p_chi2, "exact": float(exact)},
+        contrast=name, n=n, counts=counts, checks=(INDEPENDENT, complete),
     )  # fmt: skip

@@ -12,14 +12,11 @@ from analysis.statistics.finding import (
     Check,
     Finding,
     check_level,
-    collected,
-    left_out,
-    lost,
+    judged,
     persons,
     shown_p,
-    too_few,
 )
-from analysis.statistics.paired import LIMIT, Array, Paired, Scale, all_paired
+from analysis.statistics.paired import Array, Comparison, Paired
 
 MOST_EXACT: Final = 16
 """Volunteers up to which all sign patterns are enumerated."""
@@ -29,15 +26,7 @@ TIED: Final = 1e-10
 
 
 def sign_flip(
-    cube: xr.Dataset,
-    *,
-    contrasts: Sequence[tuple[str, str]] | None = None,
-    variable: str = "rho",
-    scale: Scale | None = None,
-    level: float = 0.95,
-    draws: int = 19_999,
-    seed: int = 0,
-    limit: float = LIMIT,
+    data: Comparison, *, level: float = 0.95, draws: int = 19_999, seed: int = 0
 ) -> xr.Dataset:
     """Test by flipping the signs of the volunteers' mean differences.
 
@@ -47,22 +36,14 @@ def sign_flip(
 
     Parameters
     ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-    contrasts : sequence of (str, str), optional
-        Strategies (first, second), compared as first - second; all pairs where not given.
-    variable : str
-        ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
-    scale : {"z", "raw"}, optional
-        Fisher's z or the values themselves; z for rho, else raw.
+    data : Comparison
+        Of `analysis.statistics.paired.compare`.
     level : float
         Nominal level of the interval; the exact one is in ``coverage``.
     draws : int
         Random patterns beside the observed one, for more than 16 volunteers.
     seed : int
         Of those draws.
-    limit : float
-        See `fisher_z`.
 
     Returns
     -------
@@ -75,7 +56,7 @@ def sign_flip(
     Raises
     ------
     StatisticsError
-        Unknown strategy or variable, further dims, or a level outside 0-1.
+        A level outside 0-1.
 
     Notes
     -----
@@ -84,14 +65,23 @@ def sign_flip(
     American Statistical Association 64:1303; joint adjustment: Westfall and Young 1993.
     """
     check_level(level)
-    data, attrs = all_paired(cube, contrasts, variable, scale, limit)
-    joint = joint_p([each.means.values for each in data], draws, seed)
-    findings = [
-        flip_finding(each, float(p), level, draws, seed)
-        for each, p in zip(data, joint, strict=True)
-    ]
-    method = "sign-flip permutation over volunteers (Fisher 1935)"
-    return collected(findings, method=method, level=level, attrs={**attrs, "seed": seed})
+    every = joint_p([each.means.values for each in data.pairs], draws, seed)
+    joint = {each.label: float(p) for each, p in zip(data.pairs, every, strict=True)}
+    symmetric = Check(
+        "differences are symmetric about their centre",
+        "by design",
+        "Follows for one contrast if strategies are exchangeable under the null hypothesis; the "
+        "interval and the joint p need it besides, and few volunteers cannot show it.",
+    )
+    return judged(
+        data.pairs,
+        lambda each: _finding(each, joint[each.label], level, draws, seed),
+        lambda _: (INDEPENDENT, symmetric),
+        further=("p_joint", "coverage", "standard_deviation"),
+        method="sign-flip permutation over volunteers (Fisher 1935)",
+        level=level,
+        attrs={**data.attrs, "seed": seed},
+    )
 
 
 def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Array:
@@ -140,11 +130,8 @@ def sign_flip_interval(values: Array, patterns: Array, level: float) -> tuple[fl
     return low, high, 1.0 - (rank + always - 1) / len(patterns)
 
 
-def flip_finding(data: Paired, joint: float, level: float, draws: int, seed: int) -> Finding:
+def _finding(data: Paired, joint: float, level: float, draws: int, seed: int) -> Finding:
     """Test one contrast; `joint` is its p over all contrasts."""
-    few = too_few(data, _checks(data), ("p_joint", "coverage", "standard_deviation"))
-    if few is not None:
-        return few
     values = data.values
     n, estimate = len(values), float(values.mean())
     patterns = sign_patterns(n, draws, seed)
@@ -152,29 +139,16 @@ def flip_finding(data: Paired, joint: float, level: float, draws: int, seed: int
     lower, upper, coverage = sign_flip_interval(values, patterns, level)
     exact = "all" if n <= MOST_EXACT else f"{draws} random"
     sentence = (
-        f"{data.label}: {data.shown(estimate)} over {persons(n)} "
+        f"{data.shown(estimate)} over {persons(n)} "
         f"({data.shown_interval(lower, upper, coverage)}; {shown_p(p)}, {exact} sign flips, smallest "
-        f"p possible {least:.2g}; {shown_p(joint)} over all contrasts jointly).{lost(data.counts)}"
+        f"p possible {least:.2g}; {shown_p(joint)} over all contrasts jointly)."
     )
     if not values.any():
-        sentence = f"{data.label}: no difference in any of {persons(n)}.{lost(data.counts)}"
-    return Finding(
-        data.label, estimate, lower, upper, p, least, n, sentence, data.counts, _checks(data),
-        {
-            "p_joint": joint, "coverage": coverage,
-            "standard_deviation": float(values.std(ddof=1)),
-        },
-    )  # fmt: skip
-
-
-def _checks(data: Paired) -> tuple[Check, ...]:
-    symmetric = Check(
-        "differences are symmetric about their centre",
-        "by design",
-        "Follows for one contrast if strategies are exchangeable under the null hypothesis; the "
-        "interval and the joint p need it besides, and few volunteers cannot show it.",
-    )
-    return INDEPENDENT, symmetric, left_out(data)
+        sentence = f"no difference in any of {persons(n)}."
+    further = {
+        "p_joint": joint, "coverage": coverage, "standard_deviation": float(values.std(ddof=1)),
+    }  # fmt: skip
+    return Finding(estimate, lower, upper, p, least, sentence, further)
 
 
 def joint_p(means: Sequence[Array], draws: int, seed: int) -> Array:

@@ -11,7 +11,7 @@ from analysis.statistics.equivalence import equivalence
 from analysis.statistics.finding import persons, shown_p
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.mixed_model import mixed_model
-from analysis.statistics.paired import WHY
+from analysis.statistics.paired import WHY, compare
 from analysis.statistics.power import detectable
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
@@ -55,21 +55,22 @@ def study_statistics(
     StatisticsError
         Unknown variable, further dims, or an option outside its range.
     """
+    data = compare(cube, variable=variable)
+    # Effects are read in the variable itself.
+    raw = compare(cube, variable=variable, scale="raw")
     found = {
-        "sign_flip": sign_flip(cube, variable=variable, level=level, seed=seed),
-        "mixed_model": mixed_model(cube, variable=variable, level=level),
+        "sign_flip": sign_flip(data, level=level, seed=seed),
+        "mixed_model": mixed_model(data, level=level),
         "mixed_model_these_instructions": mixed_model(
-            cube, scope="these instructions", variable=variable, level=level
+            data, scope="these instructions", level=level
         ),
-        "friedman": friedman(cube, variable=variable),
-        "wilcoxon": wilcoxon(cube, variable=variable, level=level),
-        "bootstrap": hierarchical_bootstrap(
-            cube, variable=variable, level=level, draws=draws, seed=seed
-        ),
-        "leave_one_out": leave_one_volunteer_out(cube, variable=variable),
+        "friedman": friedman(data),
+        "wilcoxon": wilcoxon(data, level=level),
+        "bootstrap": hierarchical_bootstrap(raw, level=level, draws=draws, seed=seed),
+        "leave_one_out": leave_one_volunteer_out(data),
     }
     if margin is not None:
-        found["equivalence"] = equivalence(cube, variable=variable, margin=margin)
+        found["equivalence"] = equivalence(data, margin=margin)
     return found
 
 

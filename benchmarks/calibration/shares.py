@@ -13,7 +13,7 @@ from analysis.errors import StatisticsError
 from analysis.statistics.bootstrap import hierarchical_bootstrap, replicates, tails
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.mixed_model import cell_means, fit_differences, mixed_model
-from analysis.statistics.paired import fisher_z, paired
+from analysis.statistics.paired import compare, fisher_z, paired
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
 from analysis.statistics.simulated import STRATEGIES, simulated_scores
@@ -27,7 +27,7 @@ PAIR: Final = (STRATEGIES[1], STRATEGIES[0])
 
 
 def _sign_flip(cube: xr.Dataset, seed: int) -> Outcome:
-    found = sign_flip(cube)
+    found = sign_flip(compare(cube))
     return {
         "sign flip": (float(found["p"][0]), _holds(found, 0.0)),
         "sign flip, joint": (float(found["p_joint"].min()), np.nan),
@@ -35,7 +35,7 @@ def _sign_flip(cube: xr.Dataset, seed: int) -> Outcome:
 
 
 def _wilcoxon(cube: xr.Dataset, seed: int) -> Outcome:
-    found = wilcoxon(cube)
+    found = wilcoxon(compare(cube))
     return {
         "Wilcoxon": (float(found["p"][0]), _holds(found, 0.0)),
         "Wilcoxon, Holm": (float(found["p_holm"].min()), np.nan),
@@ -43,7 +43,7 @@ def _wilcoxon(cube: xr.Dataset, seed: int) -> Outcome:
 
 
 def _friedman(cube: xr.Dataset, seed: int) -> Outcome:
-    found = friedman(cube)
+    found = friedman(compare(cube))
     return {
         "Friedman": (float(found["p"][0]), np.nan),
         "Friedman, chi-square limit": (float(found["p_chi2"][0]), np.nan),
@@ -51,7 +51,7 @@ def _friedman(cube: xr.Dataset, seed: int) -> Outcome:
 
 
 def _mixed_model(cube: xr.Dataset, seed: int) -> Outcome:
-    found = mixed_model(cube, scope="these instructions", contrasts=[PAIR])
+    found = mixed_model(compare(cube, contrasts=[PAIR]), scope="these instructions")
     wald = abs(float(found["estimate"][0])) <= 1.959964 * float(found["standard_error"][0])
     return {
         "mixed model": (float(found["p"][0]), _holds(found, 0.0)),
@@ -60,8 +60,8 @@ def _mixed_model(cube: xr.Dataset, seed: int) -> Outcome:
 
 
 def _mixed_model_in_general(cube: xr.Dataset, seed: int) -> Outcome:
-    found = mixed_model(cube, contrasts=[PAIR])
-    fixed = mixed_model(cube, scope="these instructions", contrasts=[PAIR])
+    found = mixed_model(compare(cube, contrasts=[PAIR]))
+    fixed = mixed_model(compare(cube, contrasts=[PAIR]), scope="these instructions")
     return {
         "mixed model, instructions": (float(found["p"][0]), _holds(found, 0.0)),
         "mixed model, misread": (float(fixed["p"][0]), _holds(fixed, 0.0)),
@@ -84,7 +84,7 @@ def _equivalence(cube: xr.Dataset, seed: int) -> Outcome:
     margin = 0.3
     moved = fisher_z(cube["rho"]) + margin * (cube["strategy"] == PAIR[0])
     cube = cube.assign(rho=moved.copy(data=np.tanh(moved.values)).assign_attrs(units="1"))
-    found = equivalence(cube, margin=margin, contrasts=[PAIR])
+    found = equivalence(compare(cube, contrasts=[PAIR]), margin=margin)
     return {"equivalence": (float(found["p"][0]), _holds(found, margin))}
 
 

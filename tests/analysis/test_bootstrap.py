@@ -7,6 +7,7 @@ from synthetic_scores import fail, of_differences
 
 from analysis.errors import StatisticsError
 from analysis.statistics.bootstrap import hierarchical_bootstrap, replicates, tails
+from analysis.statistics.paired import compare
 from analysis.statistics.simulated import simulated_scores
 
 
@@ -31,16 +32,18 @@ def test_error_of_repetitions_within_volunteers() -> None:
 
 def test_median_of_pairs_and_bounds() -> None:
     cube = fail(simulated_scores(3, effects=(0.0, 0.5, 0.5)), volunteer="v1", repetition=1)
-    found = hierarchical_bootstrap(cube, draws=300, seed=8)
+    found = hierarchical_bootstrap(compare(cube, scale="raw"), draws=300, seed=8)
     pairs = cube["rho"].sel(strategy="act_3") - cube["rho"].sel(strategy="act_all")
     assert float(found["estimate"][0]) == pytest.approx(float(pairs.median()))
     cells = pairs.transpose("volunteer", "instruction", "repetition", "marker").values
     drawn = replicates(cells, "median", 300, 8)
     np.testing.assert_allclose(found["interval"][0], np.quantile(drawn, tails(6, 0.95, "expanded")))
     assert np.isnan(found["p"]).all()
-    again = hierarchical_bootstrap(cube, draws=300, seed=8)
+    again = hierarchical_bootstrap(compare(cube, scale="raw"), draws=300, seed=8)
     assert again.identical(found)
-    assert not hierarchical_bootstrap(cube, draws=300, seed=9)["interval"].equals(found["interval"])
+    assert not hierarchical_bootstrap(compare(cube, scale="raw"), draws=300, seed=9)[
+        "interval"
+    ].equals(found["interval"])
 
 
 def test_expanded_tails() -> None:
@@ -53,7 +56,9 @@ def test_expanded_tails() -> None:
 
 
 def test_draws_without_pairs_are_left_out() -> None:
-    found = hierarchical_bootstrap(of_differences([0.1, 0.2, 0.4, 0.3, 0.2, np.nan]), draws=500)
+    found = hierarchical_bootstrap(
+        compare(of_differences([0.1, 0.2, 0.4, 0.3, 0.2, np.nan]), scale="raw"), draws=500
+    )
     assert int(found["n"][0]) == 5
     assert np.isfinite(found["interval"]).all()
 
@@ -61,6 +66,6 @@ def test_draws_without_pairs_are_left_out() -> None:
 def test_impossible_options() -> None:
     cube = simulated_scores(0)
     with pytest.raises(StatisticsError, match="'mode' and 'expanded'"):
-        hierarchical_bootstrap(cube, statistic="mode")
+        hierarchical_bootstrap(compare(cube, scale="raw"), statistic="mode")
     with pytest.raises(StatisticsError, match="10 bootstrap samples"):
-        hierarchical_bootstrap(cube, draws=10)
+        hierarchical_bootstrap(compare(cube, scale="raw"), draws=10)

@@ -7,13 +7,14 @@ from synthetic_scores import of_differences
 
 from analysis.errors import StatisticsError
 from analysis.statistics.equivalence import equivalence
+from analysis.statistics.paired import compare
 
 VALUES = [0.05, -0.1, 0.12, 0.02, -0.04, 0.08]
 
 
 @pytest.mark.parametrize("margin", [0.05, 0.1, 0.3])
 def test_against_statsmodels(margin: float) -> None:
-    found = equivalence(of_differences(VALUES), margin=margin)
+    found = equivalence(compare(of_differences(VALUES)), margin=margin)
     p, above, below = ttost_paired(np.array(VALUES), np.zeros(6), -margin, margin)
     assert float(found["p"][0]) == pytest.approx(p, rel=1e-9)
     assert float(found["p_above"][0]) == pytest.approx(above[1], rel=1e-9)
@@ -24,13 +25,13 @@ def test_against_statsmodels(margin: float) -> None:
 
 
 def test_not_small_is_not_called_different() -> None:
-    text = equivalence(of_differences(VALUES), margin=0.05).attrs["sentence"]
+    text = equivalence(compare(of_differences(VALUES)), margin=0.05).attrs["sentence"]
     assert "not shown to be equivalent" in text
     assert "differ" not in text
 
 
 def test_gross_departure_from_normality_is_doubtful() -> None:
-    found = equivalence(of_differences([0.0, 0.01, 0.0, 0.01, 0.0, 2.0]), margin=0.1)
+    found = equivalence(compare(of_differences([0.0, 0.01, 0.0, 0.01, 0.0, 2.0])), margin=0.1)
     assert str(found["verdict"].sel(assumption="mean differences are normal").values[0]) == (
         "doubtful"
     )
@@ -39,6 +40,6 @@ def test_gross_departure_from_normality_is_doubtful() -> None:
 @pytest.mark.parametrize("margin", [0.0, -0.1, np.nan, np.inf])
 def test_margin_must_be_given(margin: float) -> None:
     with pytest.raises(StatisticsError, match="margin of equivalence"):
-        equivalence(of_differences(VALUES), margin=margin)
+        equivalence(compare(of_differences(VALUES)), margin=margin)
     with pytest.raises(TypeError):
-        equivalence(of_differences(VALUES))
+        equivalence(compare(of_differences(VALUES)))

@@ -5,15 +5,16 @@ import pytest
 from synthetic_scores import fail, of_differences
 
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
+from analysis.statistics.paired import compare
 from analysis.statistics.sign_flip import sign_flip
 from analysis.statistics.simulated import simulated_scores
 
 
 def test_same_as_the_test_on_the_rest() -> None:
     cube = fail(simulated_scores(5), volunteer="v4", strategy="act_rel")
-    found = leave_one_volunteer_out(cube)
+    found = leave_one_volunteer_out(compare(cube))
     for volunteer in cube["volunteer"].values:
-        rest = sign_flip(cube.drop_sel(volunteer=volunteer))
+        rest = sign_flip(compare(cube.drop_sel(volunteer=volunteer)))
         ours = found.sel(volunteer=volunteer)
         kept = np.isfinite(ours["estimate_without"].values)
         assert list(kept) == [True, volunteer != "v4", volunteer != "v4"]
@@ -26,7 +27,7 @@ def test_same_as_the_test_on_the_rest() -> None:
 
 
 def test_one_volunteer_makes_the_effect() -> None:
-    found = leave_one_volunteer_out(of_differences([-0.1, -0.1, -0.1, 1.5]))
+    found = leave_one_volunteer_out(compare(of_differences([-0.1, -0.1, -0.1, 1.5])))
     assert float(found["sign_changes"][0]) == 1
     assert "most changed without v4; the sign changes without 1" in found.attrs["sentence"]
     assert float(found["smallest_p"][0]) == pytest.approx(0.25)

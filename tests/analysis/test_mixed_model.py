@@ -12,7 +12,7 @@ from synthetic_scores import fail
 from analysis.errors import StatisticsError
 from analysis.statistics.crossed import fit_crossed
 from analysis.statistics.mixed_model import RANDOM, fit_differences, mixed_model
-from analysis.statistics.paired import paired
+from analysis.statistics.paired import compare, paired
 from analysis.statistics.simulated import simulated_scores
 from benchmarks.calibration.shares import calibration, interval_coverage
 
@@ -167,7 +167,7 @@ def test_a_criterion_that_falls_from_zero_is_followed() -> None:
 def test_these_instructions_are_the_paired_t_test() -> None:
     """On complete data with a variance of volunteers: their means against their spread."""
     cube = simulated_scores(2, instructions=6, sd_interaction=0.4)
-    found = mixed_model(cube, scope="these instructions")
+    found = mixed_model(compare(cube), scope="these instructions")
     for index, pair in enumerate((("act_3", "act_all"), ("act_rel", "act_all"))):
         peer = stats.ttest_1samp(paired(cube, *pair).values, 0.0)
         assert float(found["p"][index]) == pytest.approx(peer.pvalue, rel=1e-4)
@@ -180,7 +180,7 @@ def test_what_both_strategies_share_does_not_matter() -> None:
     cube = simulated_scores(4, instructions=5, centre=0.0, sd_error=0.1)
     shared = np.random.default_rng(0).normal(size=(6, 5, 2, 1, 3))
     moved = cube.assign(rho=(cube["rho"].dims, np.tanh(np.arctanh(cube["rho"].values) + shared)))
-    one, other = mixed_model(cube), mixed_model(moved)
+    one, other = mixed_model(compare(cube)), mixed_model(compare(moved))
     for name in ("estimate", "interval", "p"):
         np.testing.assert_allclose(one[name], other[name], rtol=1e-5)
 
@@ -203,7 +203,9 @@ def test_incomplete_data_agree_with_statsmodels() -> None:
 
 
 def test_a_variance_at_zero_is_said() -> None:
-    found = mixed_model(simulated_scores(0, instructions=6, sd_interaction=0.0, sd_error=1.0))
+    found = mixed_model(
+        compare(simulated_scores(0, instructions=6, sd_interaction=0.0, sd_error=1.0))
+    )
     zero = found["variance"].sel(random="volunteer x strategy") < 1e-9
     assert zero.any()
     checks = found["check"].sel(assumption="variances lie above zero")
@@ -214,7 +216,9 @@ def test_a_variance_at_zero_is_said() -> None:
 
 
 def test_wald_is_called_too_small_for_few_only() -> None:
-    few, many = (mixed_model(simulated_scores(1, instructions=4, volunteers=n)) for n in (6, 30))
+    few, many = (
+        mixed_model(compare(simulated_scores(1, instructions=4, volunteers=n))) for n in (6, 30)
+    )
     assert "too small for so few" in few.attrs["sentence"]
     assert "too small for so few" not in many.attrs["sentence"]
     assert (few["p_wald"] < few["p"]).all()
@@ -222,14 +226,17 @@ def test_wald_is_called_too_small_for_few_only() -> None:
 
 def test_each_scope_is_said_and_is_its_own() -> None:
     cube = simulated_scores(1, instructions=6, sd_instruction_strategy=0.5)
-    general, these = mixed_model(cube), mixed_model(cube, scope="these instructions")
+    general, these = (
+        mixed_model(compare(cube)),
+        mixed_model(compare(cube), scope="these instructions"),
+    )
     assert general.attrs["sentence"].endswith("of volunteers and instructions in general.")
     assert these.attrs["sentence"].endswith("of volunteers in general, these 6 instructions.")
     np.testing.assert_allclose(general["estimate"], these["estimate"], rtol=1e-6)
     assert (general["standard_error"] > these["standard_error"]).all()
     assert np.isnan(these["variance"].sel(random="instruction x strategy")).all()
     with pytest.raises(StatisticsError, match="the scope is 'all'"):
-        mixed_model(cube, scope="all")
+        mixed_model(compare(cube), scope="all")
 
 
 @pytest.mark.parametrize(
@@ -240,7 +247,7 @@ def test_each_scope_is_said_and_is_its_own() -> None:
     ],
 )
 def test_too_few_give_no_interval_and_no_p(sizes: dict, words: str) -> None:
-    found = mixed_model(simulated_scores(1, **sizes))
+    found = mixed_model(compare(simulated_scores(1, **sizes)))
     assert np.isnan(found["interval"]).all()
     assert np.isnan(found["p"]).all()
     assert np.isfinite(found["estimate"]).all()
@@ -249,7 +256,7 @@ def test_too_few_give_no_interval_and_no_p(sizes: dict, words: str) -> None:
 
 def test_one_instruction_leaves_the_paired_t_test() -> None:
     cube = simulated_scores(1, instructions=1)
-    found = mixed_model(cube, scope="these instructions", contrasts=[("act_rel", "act_3")])
+    found = mixed_model(compare(cube, contrasts=[("act_rel", "act_3")]), scope="these instructions")
     peer = stats.ttest_1samp(paired(cube, "act_rel", "act_3").values, 0.0)
     assert float(found["p"][0]) == pytest.approx(peer.pvalue, rel=1e-6)
 
@@ -261,7 +268,7 @@ def test_too_many_lost_pairs_are_said() -> None:
 
 
 def test_a_strategy_without_scores_is_left_out() -> None:
-    found = mixed_model(fail(simulated_scores(1, instructions=4), strategy="act_3"))
+    found = mixed_model(compare(fail(simulated_scores(1, instructions=4), strategy="act_3")))
     assert list(np.isnan(found["p"].values)) == [True, False, True]
     assert "no pair of scored trials" in str(found["sentence"].values[0])
 

@@ -7,6 +7,7 @@ from statsmodels.stats.power import TTestPower
 from synthetic_scores import of_differences
 
 from analysis.errors import StatisticsError
+from analysis.statistics.paired import compare
 from analysis.statistics.power import detectable, power, simulated_power
 from analysis.statistics.simulated import simulated_scores
 
@@ -58,7 +59,7 @@ def test_smallest_difference_that_six_volunteers_show(test: str) -> None:
 
 def test_power_of_a_cube() -> None:
     cube = simulated_scores(3, effects=(0.0, 0.6, 0.6))
-    found = power(cube, effect=0.4, volunteers=(6, 20), simulations=300)
+    found = power(compare(cube), effect=0.4, volunteers=(6, 20), simulations=300)
     spread = found["standard_deviation"]
     assert (spread.diff("spread") > 0).all()
     # More spread, less power; and a larger study has more of it.
@@ -69,7 +70,7 @@ def test_power_of_a_cube() -> None:
 
 def test_nothing_to_plan_with() -> None:
     for values in ([0.4], [0.4, 0.4, 0.4]):
-        found = power(of_differences(values), simulations=10)
+        found = power(compare(of_differences(values)), simulations=10)
         assert np.isnan(found["power"]).all()
         assert "no variation to plan with" in found.attrs["sentence"]
 

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 from synthetic_scores import fail, of_differences, of_rho
 
+from analysis.statistics.paired import compare
 from analysis.statistics.ranks import (
     friedman,
     friedman_p,
@@ -62,12 +63,12 @@ def test_six_volunteers_cannot_reach_five_percent_after_holm() -> None:
     z = np.zeros((6, 1, 1, 3, 1))
     z[:, 0, 0, 1, 0] = np.arange(1, 7) / 10
     z[:, 0, 0, 2, 0] = np.arange(1, 7) / 4
-    found = wilcoxon(of_rho(np.tanh(z)))
+    found = wilcoxon(compare(of_rho(np.tanh(z))))
     assert (found["p"] == 2 / 64).all()
     np.testing.assert_allclose(found["p_holm"], 6 / 64)
     np.testing.assert_allclose(found["smallest_p_holm"], 6 / 64)
     assert "cannot reach 0.05 here, whatever the data" in found.attrs["sentence"]
-    two = wilcoxon(of_differences([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]))
+    two = wilcoxon(compare(of_differences([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])))
     assert "cannot reach" not in two.attrs["sentence"]
 
 
@@ -110,7 +111,7 @@ def test_friedman_published_table(
 
 def test_friedman_of_a_cube() -> None:
     cube = simulated_scores(3, effects=(0.0, 0.8, 0.9))
-    found = friedman(cube)
+    found = friedman(compare(cube))
     means = np.arctanh(cube["rho"]).mean(["repetition", "instruction", "marker"])
     peer = stats.friedmanchisquare(*means.transpose("strategy", "volunteer").values)
     assert float(found["statistic"][0]) == pytest.approx(peer.statistic)
@@ -123,7 +124,7 @@ def test_friedman_uses_only_values_that_all_strategies_have() -> None:
     cube = fail(simulated_scores(3), volunteer="v1", instruction="i1", strategy="act_3")
     cut = cube.copy(deep=True)
     cut["rho"].loc[{"volunteer": "v1", "instruction": "i1"}] = np.nan
-    found = friedman(cube)
-    assert float(found["statistic"][0]) == float(friedman(cut)["statistic"][0])
+    found = friedman(compare(cube))
+    assert float(found["statistic"][0]) == float(friedman(compare(cut))["statistic"][0])
     assert int(found["pairs"][0]) == 66
     assert "6 of 72 values are left out" in found.attrs["sentence"]

@@ -8,7 +8,7 @@ from scipy.stats import permutation_test
 from synthetic_scores import fail, of_differences
 
 from analysis.errors import StatisticsError
-from analysis.statistics.paired import fisher_z, paired
+from analysis.statistics.paired import compare, fisher_z, paired
 from analysis.statistics.sign_flip import (
     sign_flip,
     sign_flip_interval,
@@ -59,7 +59,7 @@ def test_interval_holds_exactly_the_shifts_not_rejected(n: int, level: float) ->
 
 
 def test_six_volunteers_reach_one_in_thirty_two() -> None:
-    found = sign_flip(of_differences([0.2, 0.5, 0.4, 0.9, 0.1, 0.3]))
+    found = sign_flip(compare(of_differences([0.2, 0.5, 0.4, 0.9, 0.1, 0.3])))
     assert float(found["p"][0]) == float(found["smallest_p"][0]) == 2 / 64
     assert float(found["estimate"][0]) == pytest.approx(0.4)
     np.testing.assert_allclose(found["interval"][0], [0.1, 0.9])
@@ -68,7 +68,7 @@ def test_six_volunteers_reach_one_in_thirty_two() -> None:
 
 
 def test_five_volunteers_allow_no_95_percent_interval() -> None:
-    found = sign_flip(of_differences([0.2, 0.5, 0.4, 0.9, 0.1]))
+    found = sign_flip(compare(of_differences([0.2, 0.5, 0.4, 0.9, 0.1])))
     assert np.isinf(found["interval"]).all()
     assert "no bounded" in found.attrs["sentence"]
 
@@ -85,7 +85,7 @@ def test_random_patterns_beyond_sixteen() -> None:
 
 def test_joint_p_by_enumeration() -> None:
     cube = simulated_scores(4, effects=(0.0, 0.5, 0.4))
-    found = sign_flip(cube)
+    found = sign_flip(compare(cube))
     labels = [("act_3", "act_all"), ("act_rel", "act_all"), ("act_rel", "act_3")]
     table = np.array([paired(cube, *pair).values for pair in labels])
     t = np.abs(table.sum(axis=1)) / np.sqrt((table**2).sum(axis=1))
@@ -140,12 +140,12 @@ def test_missing_trials_are_told_from_failed_ones() -> None:
     at = {"volunteer": "v1", "repetition": 2, "strategy": "act_rel"}
     cube["status"].loc[at] = "missing"
     cube["rho"].loc[at] = np.nan
-    found = sign_flip(cube)
+    found = sign_flip(compare(cube))
     assert list(found["lost_missing"].values) == [0, 6, 6]
     assert "6 of 72 pairs are not in it (6 missing)" in str(found["sentence"].values[1])
     assert list(found["verdict"].values[:, 2]) == ["met", "doubtful", "doubtful"]
     cube["status"].loc[at] = "excluded"
-    found = sign_flip(cube)
+    found = sign_flip(compare(cube))
     assert list(found["lost_excluded"].values) == [0, 6, 6]
     assert "6 of 72 pairs are not in it (6 excluded)" in str(found["sentence"].values[1])
 
@@ -153,7 +153,7 @@ def test_missing_trials_are_told_from_failed_ones() -> None:
 def test_fisher_z_is_clipped_and_counted() -> None:
     cube = simulated_scores(2)
     cube["rho"][0, 0, 0, 0, 0] = 1.0
-    found = sign_flip(cube)
+    found = sign_flip(compare(cube))
     assert list(found["clipped"].values) == [1, 1, 0]
     assert np.isfinite(found["estimate"]).all()
     z = fisher_z(cube["rho"], limit=0.9)
@@ -163,7 +163,7 @@ def test_fisher_z_is_clipped_and_counted() -> None:
 
 
 def test_other_variables_keep_their_unit() -> None:
-    found = sign_flip(simulated_scores(2), variable="rmse")
+    found = sign_flip(compare(simulated_scores(2), variable="rmse"))
     assert found["estimate"].attrs["units"] == "m"
     assert " mm over 6 volunteers" in found.attrs["sentence"]
 
@@ -175,21 +175,25 @@ def test_other_variables_keep_their_unit() -> None:
         ({"contrasts": [("act_3", "act_3")]}, "cannot compare"),
         ({"variable": "status"}, "cannot test 'status', expected one of rho"),
         ({"variable": "rmse", "scale": "log"}, "the scale is 'log'"),
-        ({"level": 95}, "the level is 95"),
         ({"limit": 1.0}, "limit of Fisher's z is 1.0"),
     ],
 )
 def test_impossible_options(options: dict, words: str) -> None:
     with pytest.raises(StatisticsError, match=words):
-        sign_flip(simulated_scores(0), **options)
+        compare(simulated_scores(0), **options)
 
 
 def test_wrong_cubes() -> None:
     cube = simulated_scores(0)
     with pytest.raises(StatisticsError, match="further dims threshold"):
-        sign_flip(cube.expand_dims(threshold=[1, 2]))
+        sign_flip(compare(cube.expand_dims(threshold=[1, 2])))
     with pytest.raises(StatisticsError, match="lacks the dim repetition"):
-        sign_flip(cube.isel(repetition=0))
+        sign_flip(compare(cube.isel(repetition=0)))
     cube["rho"][0] = 2.0
     with pytest.raises(StatisticsError, match="found a correlation of 2"):
-        sign_flip(cube)
+        sign_flip(compare(cube))
+
+
+def test_a_level_is_a_probability() -> None:
+    with pytest.raises(StatisticsError, match="the level is 95"):
+        sign_flip(compare(simulated_scores(0)), level=95)

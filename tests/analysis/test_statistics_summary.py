@@ -15,6 +15,7 @@ from analysis.statistics.equivalence import equivalence
 from analysis.statistics.finding import COUNTS, holm
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.mixed_model import mixed_model
+from analysis.statistics.paired import compare
 from analysis.statistics.power import power
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
@@ -59,7 +60,7 @@ CUBES = {
 @pytest.mark.parametrize("case", CUBES)
 def test_every_method_answers_every_cube(name: str, case: str) -> None:
     cube = CUBES[case]
-    found = METHODS[name](cube)
+    found = METHODS[name](compare(cube))
     assert found.attrs["sentence"].endswith(".")
     for attribute in ("method", "level", "variable", "scale", "origin"):
         assert attribute in found.attrs
@@ -105,7 +106,7 @@ def test_no_interval_is_printed_of_fewer_than_five_volunteers(volunteers: int) -
         assert "% interval" not in each.attrs["sentence"], name
     for row in statistics_table(found).rows:
         assert np.isnan(row[5:7]).all(), row
-    planned = power(cube, effect=0.4, volunteers=(6,), simulations=10)
+    planned = power(compare(cube), effect=0.4, volunteers=(6,), simulations=10)
     assert np.isnan(planned["standard_deviation"].sel(spread=["lower", "upper"])).all()
     assert "no interval: it needs 5 or more volunteers" in planned.attrs["sentence"]
 
