@@ -8,7 +8,7 @@ from analysis.align import align
 from analysis.axes import combine_cubes, reference_cube
 from analysis.baselines import ceiling_of, skill_of, template_correlation, unexplained
 from analysis.components import principal_component
-from analysis.cube import build_cube, counts, trials
+from analysis.cube import build_cube
 from analysis.descriptives import descriptives
 from analysis.errors import (
     AlignmentError,
@@ -20,6 +20,7 @@ from analysis.errors import (
 )
 from analysis.flags import flags_of
 from analysis.individual import asymmetry, within_instruction
+from analysis.listing import counts, trials
 from analysis.noise import attenuation, marker_noise
 from analysis.registration import mean_motion, registered
 from analysis.scores import amplitude_ratio, correlation_3d, rmse, score, undefined_reason

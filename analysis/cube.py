@@ -10,15 +10,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from analysis.errors import CubeError
 from analysis.flags import FLAGS
 from analysis.trajectory import names
 from analysis.trial import Origin, Trial
-
-__all__ = ["Trial", "build_cube", "counts", "trials"]
 
 TRIAL_DIMS: Final = ("volunteer", "instruction", "repetition", "strategy")
 MARKER_DIMS: Final = (*TRIAL_DIMS, "marker")
@@ -50,6 +47,15 @@ PER_TRIAL: Final = {
     "numerical_error": ("m", "estimated error of the time steps"),
     "motion": ("m", "largest displacement of a simulated marker"),
 }
+OF_RUN: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion", "inaccurate")
+"""Members of `PER_TRIAL` that a trial has without scores."""
+TEXTS: Final = {
+    "status": ("missing", "ok, missing, excluded, or failed"),
+    "reason": ("no result was handed in", "why there are no scores, or what they depend on"),
+    "computed": ("", "UTC date of the last result"),
+    "computed_with": ("", "what computed it: keys of the attribute environments"),
+}
+"""Text of a trial: what stands where there is no trial, and its meaning."""
 CHOICES: Final = ("form", "reference", "smallest_motion", "scaling", "scale_range", "scale_step",
                   "max_shift", "least_overlap", "least_gain", "cutoff", "sign_by", "clear_cosine",
                   "centred", "subsample", "smallest_snr")  # fmt: skip
@@ -114,15 +120,9 @@ def build_cube(
     for dim, found in labels.items():
         if not found and (dim != "marker"):
             raise CubeError(f"there is no {dim}: give at least one trial, or the labels expected")
+    cube = _empty(labels)
     place = {dim: {label: i for i, label in enumerate(found)} for dim, found in labels.items()}
-    shape = tuple(len(labels[dim]) for dim in TRIAL_DIMS)
-    of_marker = {**PER_MARKER, **OF_NOISE}
-    per_marker = {name: np.full((*shape, len(labels["marker"])), np.nan) for name in of_marker}
-    per_trial = {name: np.full(shape, np.nan) for name in PER_TRIAL}
-    status = np.full(shape, "missing", dtype=object)
-    reason = np.full(shape, "no result was handed in", dtype=object)
-    marker_reason = np.full((*shape, len(labels["marker"])), "", dtype=object)
-    computed, computed_with = (np.full(shape, "", dtype=object) for _ in range(2))
+    values = {str(name): cube[name].values for name in cube.data_vars}
     environments = {_short(text): json.loads(text) for t in trials_ for text in t.environments}
     seen: set[tuple[int, ...]] = set()
     for trial in trials_:
@@ -130,148 +130,47 @@ def build_cube(
         if index in seen:
             raise CubeError(f"trial {trial.label} is given twice: keep one of its results")
         seen.add(index)
-        status[index], reason[index] = trial.status, trial.reason
-        computed[index] = trial.computed
-        computed_with[index] = " ".join(sorted(map(_short, trial.environments)))
-        for name in ("sigma_max", "steps", "run_time", "numerical_error", "motion", "inaccurate"):
-            per_trial[name][index] = getattr(trial, name)
+        for name in ("status", "reason", "computed", *OF_RUN):
+            values[name][index] = getattr(trial, name)
+        values["computed_with"][index] = " ".join(sorted(map(_short, trial.environments)))
         if trial.scores is None:
             continue
         scores = _ordered(trial, labels["marker"])
-        for name, values in per_marker.items():
-            if name in scores:
-                values[index] = scores[name].values
         if "reason" in scores:
-            marker_reason[index] = scores["reason"].values
-        for name, values in per_trial.items():
+            values["marker_reason"][index] = scores["reason"].values
+        for name in (*PER_MARKER, *OF_NOISE, *PER_TRIAL):
             if name in scores:
-                values[index] = float(scores[name])
+                values[name][index] = scores[name].values
+    for name in (*TEXTS, "marker_reason"):
+        cube[name] = cube[name].copy(data=values[name].astype(str))
+    cube.attrs = {"origin": _origin(trials_, origin), **_choices(trials_)}
+    cube.attrs["environments"] = json.dumps(dict(sorted(environments.items())))
+    return cube
 
+
+def _empty(labels: dict[str, list[Any]]) -> xr.Dataset:
+    """Cube of these labels in which every trial is missing; texts are objects."""
     cube = xr.Dataset(
         coords={
             dim: np.asarray(found, int if dim == "repetition" else str)
             for dim, found in labels.items()
         }
     )
-    for name, values in per_marker.items():
-        units, meaning = of_marker[name]
-        cube[name] = (MARKER_DIMS, values, {"units": units, "long_name": meaning})
-    cube["marker_reason"] = (
-        MARKER_DIMS,
-        marker_reason.astype(str),
-        {"long_name": "why rho is undefined"},
-    )
-    cube["status"] = (
-        TRIAL_DIMS,
-        status.astype(str),
-        {"long_name": "ok, missing, excluded, or failed"},
-    )
-    cube["reason"] = (
-        TRIAL_DIMS,
-        reason.astype(str),
-        {"long_name": "why there are no scores, or what they depend on"},
-    )
-    told = {
-        "computed": (computed, "UTC date of the last result"),
-        "computed_with": (computed_with, "what computed it: keys of the attribute environments"),
-    }
-    for name, (values, meaning) in told.items():
-        cube[name] = (TRIAL_DIMS, values.astype(str), {"long_name": meaning})
-    for name, values in per_trial.items():
-        units, meaning = PER_TRIAL[name]
-        cube[name] = (TRIAL_DIMS, values, {"units": units, "long_name": meaning})
-    cube.attrs = {"origin": _origin(trials_, origin), **_choices(trials_)}
-    cube.attrs["environments"] = json.dumps(dict(sorted(environments.items())))
-    return cube
+    shape = tuple(len(found) for found in labels.values())
+    for dims, numbers in ((MARKER_DIMS, PER_MARKER | OF_NOISE), (TRIAL_DIMS, PER_TRIAL)):
+        for name, (units, meaning) in numbers.items():
+            attrs = {"units": units, "long_name": meaning}
+            cube[name] = (dims, np.full(shape[: len(dims)], np.nan), attrs)
+    for name, (absent, meaning) in TEXTS.items():
+        text = np.full(shape[:-1], absent, dtype=object)
+        cube[name] = (TRIAL_DIMS, text, {"long_name": meaning})
+    why = {"long_name": "why rho is undefined"}
+    return cube.assign(marker_reason=(MARKER_DIMS, np.full(shape, "", dtype=object), why))
 
 
 def _short(environment: str) -> str:
     """Name of an environment: the first eight hexadecimal digits of its SHA-256."""
     return hashlib.sha256(environment.encode()).hexdigest()[:8]
-
-
-def trials(cube: xr.Dataset) -> pd.DataFrame:
-    """List every trial of a cube, whatever became of it.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `build_cube`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row per trial: the labels, ``status``, ``reason``, ``median_rho``, ``n_defined`` and
-        ``n_undefined`` markers (both 0 for a trial that is not ok), the values per trial, and the
-        names of the ``flags`` that are raised.
-    """
-    stacked = cube.transpose(*MARKER_DIMS)
-    rho = stacked["rho"].values.reshape(-1, stacked.sizes["marker"])
-    table = pd.DataFrame(
-        list(np.ndindex(*(stacked.sizes[dim] for dim in TRIAL_DIMS))), columns=list(TRIAL_DIMS)
-    )
-    for dim in TRIAL_DIMS:
-        table[dim] = stacked[dim].values[table[dim].to_numpy()]
-    table["status"] = stacked["status"].values.ravel().astype(str)
-    table["reason"] = stacked["reason"].values.ravel().astype(str)
-    defined = np.isfinite(rho).sum(axis=1)
-    table["median_rho"] = [
-        float(np.median(row[np.isfinite(row)])) if count else np.nan
-        for row, count in zip(rho, defined, strict=True)
-    ]
-    table["n_defined"] = defined
-    table["n_undefined"] = np.where(table["status"] == "ok", rho.shape[1] - defined, 0)
-    for name in PER_TRIAL:
-        if name in stacked:
-            table[name] = stacked[name].values.ravel()
-    raised = [name for name in FLAGS if name in table]
-    table["flags"] = [
-        ", ".join(name for name in raised if row[name] == 1.0)
-        for row in table[raised].to_dict("records")
-    ]
-    return table
-
-
-def counts(cube: xr.Dataset, *, by: Sequence[str] = ("strategy",)) -> pd.DataFrame:
-    """Count the trials by what became of them.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `build_cube`.
-    by : sequence of str
-        Trial dims to count over; empty for the whole study.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Index `by`; columns ``trials``, ``ok``, ``failed``, ``excluded``, ``missing`` and, in
-        markers, ``correlations`` (defined) and ``undefined``. ok + failed + excluded + missing =
-        trials.
-
-    Raises
-    ------
-    CubeError
-        `by` names something else than trial dims.
-    """
-    wrong = [dim for dim in by if dim not in TRIAL_DIMS]
-    if wrong:
-        raise CubeError(f"cannot count trials by {names(wrong)}, expected {names([*TRIAL_DIMS])}")
-    table = trials(cube)
-    kind = table["status"].str.split(":").str[0]
-    table = table.assign(
-        trials=1,
-        ok=(kind == "ok").astype(int),
-        failed=(kind == "failed").astype(int),
-        excluded=(kind == "excluded").astype(int),
-        missing=(kind == "missing").astype(int),
-        correlations=table["n_defined"],
-        undefined=table["n_undefined"],
-    )
-    columns = ["trials", "ok", "failed", "excluded", "missing", "correlations", "undefined"]
-    if not by:
-        return table[columns].sum().to_frame().T
-    return table.groupby(list(by), sort=False)[columns].sum()
 
 
 def _labels(expected: Sequence[Any] | None, found: Sequence[Any]) -> list[Any]:

@@ -14,8 +14,9 @@ from typing import Any, Final
 
 import xarray as xr
 
-from analysis.cube import TRIAL_DIMS, trials
+from analysis.cube import TRIAL_DIMS
 from analysis.descriptives import descriptives
+from analysis.listing import trials
 
 ABSENT: Final = "-"
 

@@ -7,8 +7,9 @@ import numpy as np
 import xarray as xr
 
 from analysis.axes import further_axes
-from analysis.cube import TRIAL_DIMS, counts, trials
+from analysis.cube import TRIAL_DIMS
 from analysis.errors import AnalysisError
+from analysis.listing import counts, trials
 from analysis.sensitivity import sensitivity
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics

@@ -9,8 +9,8 @@ import xarray as xr
 from analysis.alignment_tables import alignment_tables
 from analysis.axes import further_axes, reference_cube
 from analysis.baseline_tables import comparison
-from analysis.cube import trials
 from analysis.errors import AnalysisError
+from analysis.listing import trials
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.statistics.summary import statistics_table, study_statistics
 from analysis.tables import Table, report_tables

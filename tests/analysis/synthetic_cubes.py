@@ -3,7 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from analysis.cube import Trial, build_cube
+from analysis.cube import build_cube
+from analysis.trial import Trial
 
 ABSENT = (("v1", "B", 2, "act_3"), ("v2", "A", 1, "act_rel"))
 FAILED = (("v2", "A", 1, "act_all"), ("v2", "A", 2, "act_all"), ("v2", "B", 2, "act_all"))

@@ -10,9 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_cubes import MARKERS, Inverted, cube, results, scores
 
-from analysis.cube import MARKER_DIMS, TRIAL_DIMS, Trial, build_cube, counts, trials
+from analysis.cube import MARKER_DIMS, TRIAL_DIMS, build_cube
 from analysis.descriptives import descriptives
 from analysis.errors import CubeError
+from analysis.listing import counts, trials
+from analysis.trial import Trial
 
 
 def test_every_combination_has_a_status() -> None:

@@ -7,9 +7,10 @@ import pytest
 import xarray as xr
 from synthetic_cubes import cube
 
-from analysis.cube import MARKER_DIMS, Trial, build_cube
+from analysis.cube import MARKER_DIMS, build_cube
 from analysis.descriptives import descriptives
 from analysis.errors import CubeError
+from analysis.trial import Trial
 
 GROUPINGS = [
     (),

@@ -9,7 +9,7 @@ from statsmodels.stats.multitest import multipletests
 from synthetic_cubes import cube as small_cube
 from synthetic_scores import fail, of_rho
 
-from analysis.cube import Trial, build_cube
+from analysis.cube import build_cube
 from analysis.statistics.bootstrap import hierarchical_bootstrap
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.finding import COUNTS, holm
@@ -21,6 +21,7 @@ from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
 from analysis.statistics.simulated import simulated_scores
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
+from analysis.trial import Trial
 from benchmarks.calibration.shares import calibration
 
 METHODS = {
