@@ -10,8 +10,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pandera.errors
-import pandera.xarray as pa
 import xarray as xr
 
 from emgface.errors import DataError, SchemaError, UnitsError
@@ -169,7 +167,7 @@ def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]
 
 
 def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
-    """Misspelt, unknown and missing variables and coordinates that pandera cannot explain."""
+    """Misspelt and unknown variables and coordinates, and variables of which one is required."""
     arrays = declared.arrays()
     absent = [name for name in arrays if name not in dataset.variables]
     problems: list[Problem] = []
@@ -205,38 +203,37 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem
 
 
 def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
-    """Presence, dims, units and values of every array, found by pandera."""
-    complaints: dict[str, Problem] = {}
-    arrays = declared.arrays()
+    """Presence, dims, type, units and values of every array; of each the first fault only."""
+    problems: list[Problem] = []
     further = _further(dataset, declared)
     # An optional variable brings its dims with it: their coordinates are required then.
     used = {dim for name in declared.variables if name in dataset for dim in dataset[name].dims}
-    schema = pa.DatasetSchema(
-        data_vars={
-            name: pa.DataVar(
-                required=array.required,
-                dims=(*further, *array.dims),
-                nullable=True,
-                checks=_check(name, array, dataset, complaints),
-            )
-            for name, array in declared.variables.items()
-        },
-        coords={
-            name: pa.Coordinate(
-                dims=array.dims,
-                required=array.required or bool(set(array.dims) & used),
-                nullable=True,
-                checks=_check(name, array, dataset, complaints),
-            )
-            for name, array in declared.coords.items()
-        },
-    )
-    try:
-        schema.validate(dataset.copy(), lazy=True)
-    except pandera.errors.SchemaErrors as error:
-        found = [_explain(one, dataset, arrays, complaints) for one in error.schema_errors]
-        return list(dict.fromkeys(found))
-    return []
+    for name, array in declared.arrays().items():
+        what = "coordinate" if name in declared.coords else "variable"
+        if name not in (dataset.coords if what == "coordinate" else dataset.data_vars):
+            if array.required or (what == "coordinate" and set(array.dims) & used):
+                held = listed(map(str, dataset.variables), 10) or "nothing"
+                text = f"The {what} {name!r} is missing, found {held}; expected {array.long_name}"
+                problems.append((False, f"{text}, dims ({', '.join(array.dims)})."))
+            continue
+        found, wanted = dataset[name].dims, (*(further if what == "variable" else ()), *array.dims)
+        if found != wanted:
+            advice = "transpose it" if set(found) == set(wanted) else "rename or select dims"
+            text = f"{name} has dims ({', '.join(map(str, found))}); expected ({', '.join(wanted)})"
+            problems.append((False, f"{text}: {advice}."))
+            continue
+        rules = [("type", type_rule(array))]
+        if array.units is not None:
+            rules.append(("units", _units_rule(array)))
+        rules += rules_of(array)
+        if array.index_into in dataset.sizes:
+            rules.append(("index", index_rule(array, dataset.sizes[array.index_into])))
+        # Values in a wrong type or unit say nothing about their range.
+        broken = ((label, rule(dataset[name])) for label, rule in rules)
+        label, sentence = next((one for one in broken if one[1]), ("", None))
+        if sentence:
+            problems.append((label == "units", f"{name} {sentence}."))
+    return problems
 
 
 def _further(dataset: xr.Dataset, declared: ObjectDeclaration) -> tuple[str, ...]:
@@ -250,32 +247,6 @@ def _further(dataset: xr.Dataset, declared: ObjectDeclaration) -> tuple[str, ...
     return tuple(str(dim) for dim in present.dims if dim not in own and dim in dataset.coords)
 
 
-def _check(
-    name: str,
-    declared: ArrayDeclaration,
-    dataset: xr.Dataset,
-    complaints: dict[str, Problem],
-) -> pa.Check:
-    """Build the pandera check of one array; it leaves its sentence in `complaints`."""
-    rules = [("type", type_rule(declared))]
-    if declared.units is not None:
-        rules.append(("units", _units_rule(declared)))
-    rules += rules_of(declared)
-    if declared.index_into in dataset.sizes:
-        rules.append(("index", index_rule(declared, dataset.sizes[declared.index_into])))
-
-    def holds(array: xr.DataArray) -> bool:
-        # The first fault only: values in a wrong type or unit say nothing about their range.
-        for label, rule in rules:
-            sentence = rule(array)
-            if sentence:
-                complaints[name] = (label == "units", f"{name} {sentence}.")
-                return False
-        return True
-
-    return pa.Check(holds, name="rules")
-
-
 def _units_rule(declared: ArrayDeclaration) -> Rule:
     """Demand that the attribute ``units`` names the declared unit."""
 
@@ -287,33 +258,6 @@ def _units_rule(declared: ArrayDeclaration) -> Rule:
         return f"{state}; expected {declared.units!r}: convert it to SI and set the attribute units"
 
     return rule
-
-
-def _explain(
-    error: pandera.errors.SchemaError,
-    dataset: xr.Dataset,
-    arrays: dict[str, ArrayDeclaration],
-    complaints: dict[str, Problem],
-) -> Problem:
-    """Turn one pandera failure into a sentence of ours."""
-    check = error.check
-    if isinstance(check, pa.Check):
-        name = str(getattr(error.schema, "name", ""))
-        # Without a complaint the rule itself broke down, which is a fault of ours.
-        return complaints.get(name) or (False, f"{name} could not be checked: {error}.")
-    if check in ("data_var_presence", "coords"):
-        name = str(error.failure_cases)
-        what = "coordinate" if check == "coords" else "variable"
-        held = listed(map(str, dataset.variables), 10) or "nothing"
-        text = f"The {what} {name!r} is missing, found {held}; expected {arrays[name].long_name}"
-        return False, f"{text}, dims ({', '.join(arrays[name].dims)})."
-    name = str(getattr(error.schema, "name", ""))
-    if check == "dims" and name in arrays:
-        got, wanted = dataset[name].dims, arrays[name].dims
-        advice = "transpose it" if set(got) == set(wanted) else "rename or select dims"
-        text = f"{name} has dims ({', '.join(map(str, got))}); expected ({', '.join(wanted)})"
-        return False, f"{text}: {advice}."
-    return False, f"{name or 'The dataset'}: {error}."
 
 
 def _canonical(dataset: xr.Dataset, declared: ObjectDeclaration) -> xr.Dataset:

@@ -8,7 +8,7 @@ import pytest
 
 PLOTTING_AND_CLI = {"matplotlib", "pyvista", "vtk", "rich", "typer", "click", "jinja2"}
 DATA = {
-    "ezc3d", "meshio", "pydantic", "pandera", "h5netcdf", "netCDF4", "h5py", "edfio", "dask",
+    "ezc3d", "meshio", "pydantic", "h5netcdf", "netCDF4", "h5py", "edfio", "dask",
     "statsmodels", "scikit_learn", "sklearn",
 }  # fmt: skip
 
