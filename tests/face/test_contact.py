@@ -12,14 +12,13 @@ from emgface.face.contact_parameters import ContactParameters
 from emgface.face.penetration import Penetration, depths
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.template import template_face
 
 METHODS = ("constraint", "barrier")
 
 
 @pytest.fixture(scope="module")
-def face() -> xr.Dataset:
-    return template_face(resolution="coarse")
+def face(coarse: xr.Dataset) -> xr.Dataset:
+    return coarse
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -13,7 +13,6 @@ from emgface.face.file import load_face, save_face
 from emgface.face.lips import exposed, lining, lip_surface
 from emgface.face.parts import LIPS, MANDIBLE, SKULL, arches_of
 from emgface.face.surface import boundary_faces, winding_number
-from emgface.face.template import template_face
 from emgface.face.validity import check_face
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -21,8 +20,8 @@ CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 
 
 @pytest.fixture(scope="module")
-def template() -> xr.Dataset:
-    return template_face(resolution="coarse")
+def template(coarse: xr.Dataset) -> xr.Dataset:
+    return coarse
 
 
 def test_closed_tetrahedron() -> None:
