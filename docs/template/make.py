@@ -50,7 +50,7 @@ def pictures() -> str:
     shrink(write_figure(face_figure(fine), HERE / "face.png", dpi=100))
     return """![Skin, lips, markers, muscles and attachments](face.jpg)
 
-`emgface face show face.nc` draws this picture of any face.
+`emgface show face.nc --out face.png` draws this picture of any face.
 
 The nostrils are dimples in the underside of the nose without a nasal passage."""
 

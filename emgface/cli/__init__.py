@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli import data, data_files, face, study, trial, volunteers
+from emgface.cli import data, data_files, face, simulate, study, trial, volunteers
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
 
 app = typer.Typer(
@@ -48,7 +48,8 @@ app.add_typer(data.app, name="data")
 for verb in (data_files.inventory, data_files.convert, data_files.cut, data_files.schema):
     data.app.command()(verb)
 app.command()(trial.activate)
-app.command()(trial.simulate)
+app.command()(simulate.simulate)
+app.command()(simulate.show)
 app.command()(trial.score)
 app.command(name="volunteers")(volunteers.volunteers)
 app.command()(study.report)

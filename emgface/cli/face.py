@@ -100,21 +100,6 @@ def check(path: FacePath) -> None:
     show_table(frame(report.muscles), "muscles, volumes in mm3")
 
 
-@app.command()
-def show(
-    path: FacePath,
-    out_path: Annotated[
-        Path | None, typer.Option("--out", help="Picture to write (png, pdf, svg).")
-    ] = None,
-) -> None:
-    """Draw a face model from three sides: skin, lips, teeth, markers; muscles and attachments."""
-    from emgface.face.file import load_face
-    from emgface.pictures.stills import face_figure, write_figure
-
-    picture = write_figure(face_figure(load_face(path)), out_path or path.with_suffix(".png"))
-    say(f"Wrote {picture}.")
-
-
 def _say_written(face: "xr.Dataset", path: Path) -> None:
     say(
         f"Wrote {path}: {face.attrs['name']}, {face.attrs['origin']}: {face.sizes['node']} nodes, "

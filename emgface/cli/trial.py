@@ -1,7 +1,7 @@
-"""``emgface activate``, ``simulate``, ``score``: the stages of one trial, one by one."""
+"""``emgface activate`` and ``score``: stages of one trial, one by one."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,12 +11,7 @@ from emgface.cli.chain import (
     MissingMuscleOption,
     MissingSideOption,
 )
-from emgface.cli.console import progress, say, show_table
-from emgface.cli.machine import announce_compilation
-from emgface.cli.study import AccuracyOption
-
-if TYPE_CHECKING:
-    import xarray as xr
+from emgface.cli.console import say, show_table
 
 StudyPath = Annotated[
     Path | None, typer.Option("--study", help="Study file whose parameters apply.")
@@ -67,80 +62,6 @@ def activate(
         draw_activation(activation, plot)
         say(f"Wrote {plot}.")
     say(f"Wrote {out_path}.")
-
-
-def simulate(
-    activation: Annotated[Path, typer.Argument(help="Activation as written by 'activate'.")],
-    out_path: Annotated[Path, typer.Option("--out", help="Trajectory to write (netCDF).")],
-    face: FacePath = None,
-    study: StudyPath = None,
-    sigma_max: Annotated[
-        float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
-    ] = None,
-    solver: Annotated[
-        str | None,
-        typer.Option(
-            help="sdirk2, converged, trapezoidal, linearly_implicit or linearly_implicit_trapezoidal."
-        ),
-    ] = None,
-    accuracy: AccuracyOption = None,
-) -> None:
-    """Move the face by an activation."""
-    from emgface.choices import configure
-    from emgface.face.motion import settle_face, simulate_face
-    from emgface.face.simulation_parameters import SimulationParameters
-    from emgface.face.stability import stability_warning
-    from emgface.schema.netcdf import read_netcdf, write_netcdf
-    from emgface.study.configuration import FaceConfiguration, StudyConfiguration
-    from emgface.study.faces import study_face
-    from emgface.study.file import load_study
-    from emgface.study.policy import lower_sigma_max
-
-    configuration = load_study(study) if study else StudyConfiguration()
-    base = configuration.simulation
-    base = base if accuracy is None else base.as_accurate(accuracy)
-    given = {"sigma_max": sigma_max, "solver": solver}
-    changes: dict[str, object] = {name: v for name, v in given.items() if v is not None}
-    if accuracy is None and str(solver).startswith("linearly_implicit"):
-        changes["error_tolerance"] = None  # schemes of one solution do not control their error
-    parameters = configure(SimulationParameters, base.model_dump() | changes, where="simulation")
-    drive = read_netcdf(activation, "activation")
-    where = FaceConfiguration(path=face) if face else configuration.face
-    model = study_face(where)
-    announce_compilation()
-    with progress("simulating") as bar:
-
-        def once(parameters: SimulationParameters) -> "xr.Dataset":
-            bar.working("settling under gravity")
-            settled = settle_face(model, parameters)
-            bar.working(f"simulating, sigma_max {parameters.sigma_max / 1e3:.4g} kPa")
-            return simulate_face(
-                model, drive["activation"], parameters, settled=settled, progress=bar.show
-            )
-
-        trajectory = lower_sigma_max(once, parameters, report=bar.message)
-    keep = ("volunteer", "instruction", "repetition", "strategy", "montage")
-    trajectory.attrs |= {name: drive.attrs[name] for name in keep if name in drive.attrs}
-    write_netcdf(trajectory, out_path, "trajectory")
-    moved = 1e3 * trajectory.attrs["motion"]
-    say(
-        f"Wrote {out_path}: {int(trajectory['steps'].sum())} steps in "
-        f"{trajectory.attrs['run_time_s']:.1f} s, sigma_max "
-        f"{trajectory.attrs['sigma_max'] / 1e3:.4g} kPa, smallest J "
-        f"{float(trajectory['smallest_J'].min()):.2g}, largest marker displacement "
-        f"{moved:.2f} mm."
-    )
-    if warning := stability_warning(trajectory):
-        say(f"Warning: {warning}.")
-    if "numerical_error" not in trajectory.attrs:
-        say(f"The error of the time steps is not estimated by solver = '{parameters.solver}'.")
-        return
-    error = 1e3 * trajectory.attrs["numerical_error"]
-    share = f", {100 * error / moved:.2g} % of the motion" if moved > 0.0 else ""
-    told = f"Estimated error of the time steps: {error:.2g} mm{share}."
-    if trajectory.attrs["inaccurate"]:
-        told += " It exceeds a tenth of the motion: ask for an --accuracy such as '0.1 mm'."
-    say(told)
 
 
 def score(

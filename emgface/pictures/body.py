@@ -1,9 +1,4 @@
-"""The surface of a face as it is drawn: skin, lips, teeth and the dark of the mouth.
-
-The elements of a face are coarse. What is drawn is their boundary, refined by the interpolating
-four-point scheme (Dyn, Levin and Gregory 1987) along both directions of its quadrilaterals, as Kobbelt
-(1996) extends it: the nodes stay where they are, and the surface between them is smooth.
-"""
+"""The surface of a face as it is drawn: skin, lips, teeth and the dark of the mouth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +11,7 @@ from numpy.typing import NDArray
 from emgface.face.check import sheet_nodes
 from emgface.face.parts import OUTER, SKULL, Arch, arches_of, facets_of, surface_names
 from emgface.face.surface import boundary_faces, triangles
+from emgface.pictures.subdivision import follow, refined, rim, strip
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -96,21 +92,6 @@ class Body:
         """Colours of all points, where those of the nodes of the skin are given, (n, 3)."""
         found = follow(self.rules, np.asarray(colour, dtype=np.float64))[: self.tissue]
         return np.concatenate([np.clip(found, 0.0, 1.0), self.colour[self.tissue :]])
-
-
-def follow(rules: Indices, values: Floats) -> Floats:
-    """Values at all points of the tissue, from those at its nodes (n, k), by the rules of a `Body`."""
-    n = len(values)
-    found = np.concatenate([values, np.empty((len(rules), values.shape[1]))])
-    done = 0
-    while done < len(rules):
-        # As many at once as need only points that are known.
-        ready = rules[done:].max(axis=1) >= n + done
-        until = done + int(np.argmax(ready)) if ready.any() else len(rules)
-        a, b, c, d = (found[rules[done:until, k]] for k in range(4))
-        found[n + done : n + until] = (9.0 * (b + c) - (a + d)) / 16.0
-        done = until
-    return found
 
 
 def skin_of(face: xr.Dataset, *, most: int = MOST_NODES) -> Skin:
@@ -194,13 +175,13 @@ def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) ->
             values = np.concatenate([values, follow(rules, values)[len(values) :]])
     tissue = len(values)
     triangle, colour = [triangles(facet, values)], [_point_colours(facet, part, tissue)]
-    loop = _rim(facet, values)
+    loop = rim(facet, values)
     if len(loop) > 2:  # closed behind, so that a look through the mouth meets the dark
-        strip, height = _strip(len(loop)), values[loop, 2]
+        cap, height = strip(len(loop)), values[loop, 2]
         # Not above the cheeks, where it would be seen from the front.
         cut = 0.5 * (height[np.argmin(values[loop, 1])] + height.max())
         stages.append(np.repeat(loop[:, None], 4, axis=1))
-        triangle.append(tissue + strip[(height[strip] < cut).all(axis=1)])
+        triangle.append(tissue + cap[(height[cap] < cut).all(axis=1)])
         colour.append(np.tile(MOUTH, (len(loop), 1)))
     before = tissue + len(loop)
     for arch in arches:
@@ -233,122 +214,6 @@ def _tooth_colours(height: Floats, bone: int) -> Floats:
     above = height - height.min() if bone == SKULL else height.max() - height
     gum = np.clip((above - CROWN) / 1.5e-3, 0.0, 1.0)[:, None]
     return (1.0 - gum) * np.array(TEETH) + gum * np.array(GUMS)
-
-
-def refined(facet: Indices, part: Indices, n: int) -> tuple[list[Indices], Indices, Indices]:
-    """Divide every facet into four, with new points on its edges and in its middle.
-
-    Parameters
-    ----------
-    facet : ndarray of int, shape (m, 4)
-        Corners among n points; a triangle repeats its last.
-    part : ndarray of int, shape (m,)
-        Handed on to the four.
-    n : int
-        Points so far.
-
-    Returns
-    -------
-    rules : list of ndarray
-        Of the points on the edges, then of those in quadrilaterals, see `Body`.
-    facet, part : ndarray
-
-    Notes
-    -----
-    Beyond a vertex the line of an edge goes on along the edge opposite to it, where four edges meet
-    within the surface or three on its border; elsewhere it ends, and the end counts twice.
-    """
-    after = np.roll(facet, -1, axis=1)
-    before = np.roll(facet, 1, axis=1)
-    before[:, 3] = np.where(facet[:, 3] == facet[:, 2], facet[:, 1], facet[:, 2])
-    side = facet != after
-    tail, head, last = facet[side], after[side], before[side]
-    both = np.unique(np.concatenate([tail * n + head, head * n + tail]))
-    start, end = both // n, both % n
-
-    def place(a: Indices, b: Indices) -> Indices:
-        return np.searchsorted(both, a * n + b)
-
-    # Turning from one edge at a vertex to the next, across a facet and back.
-    turn = np.full(len(both), -1)
-    turn[place(tail, head)] = place(tail, last)
-    back = np.full(len(both), -1)
-    back[turn[turn >= 0]] = np.flatnonzero(turn >= 0)
-    degree = np.bincount(start, minlength=n)
-    border = np.zeros(n, dtype=bool)
-    border[start[turn < 0]] = True
-    regular = degree[start] == np.where(border[start], 3, 4)
-
-    def twice(step: Indices) -> Indices:
-        once = np.where(step >= 0, step[step], -1)
-        return np.where(regular, once, -1)
-
-    opposite = np.maximum(twice(turn), twice(back))
-    beyond = np.where(opposite >= 0, end[opposite], start)
-
-    one = np.flatnonzero(start < end)
-    edge = np.empty(len(both), dtype=np.int64)
-    other = place(end, start)
-    edge[one] = n + np.arange(len(one))
-    edge[other[one]] = edge[one]
-    on_edges = np.stack([beyond[one], start[one], end[one], beyond[other[one]]], axis=1)
-
-    quad = facet[:, 2] != facet[:, 3]
-    corners, few = facet[quad], facet[~quad]
-    around = [place(corners[:, k], corners[:, (k + 1) % 4]) for k in range(4)]
-    across = np.full(len(both), -1)
-    for k in range(4):
-        across[around[k]] = edge[around[(k + 2) % 4]]
-    lines = []
-    for k in (0, 1):
-        a, b = around[k], around[k + 2]
-        far = [across[other[a]], across[other[b]]]
-        ends = [np.where(f >= 0, f, edge[e]) for f, e in zip(far, (a, b), strict=True)]
-        whole = (far[0] >= 0) & (far[1] >= 0)
-        lines.append((whole, np.stack([ends[0], edge[a], edge[b], ends[1]], axis=1)))
-    inside = np.where((lines[0][0] | ~lines[1][0])[:, None], lines[0][1], lines[1][1])
-    middle = n + len(one) + np.arange(len(corners))
-    mid = [edge[each] for each in around]
-    new = [np.stack([corners[:, k], mid[k], middle, mid[k - 1]], axis=1) for k in range(4)]
-    parts = [part[quad]] * 4
-    ab, bc, ca = (edge[place(few[:, k], few[:, (k + 1) % 3])] for k in range(3))
-    for a, b, c in ((few[:, 0], ab, ca), (ab, few[:, 1], bc), (ca, bc, few[:, 2]), (ab, bc, ca)):
-        new.append(np.stack([a, b, c, c], axis=1))
-        parts.append(part[~quad])
-    return [on_edges, inside], np.concatenate(new), np.concatenate(parts)
-
-
-def _rim(facet: Indices, position: Floats) -> Indices:
-    """Points along the longest border of a surface, as its facets go round it; none if it is closed."""
-    a, b = facet.ravel(), np.roll(facet, -1, axis=1).ravel()
-    a, b = a[a != b], b[a != b]
-    n = len(position)
-    open_ = ~np.isin(a * n + b, b * n + a)
-    following = dict(zip(a[open_].tolist(), b[open_].tolist(), strict=True))
-    best: list[int] = []
-    size = 0.0
-    while following:
-        loop = [next(iter(following))]
-        while (after := following.pop(loop[-1], None)) is not None and after != loop[0]:
-            loop.append(after)
-        extent = float(np.ptp(position[loop], axis=0).max())
-        if extent > size:
-            best, size = loop, extent
-    if not best:
-        return np.empty(0, dtype=np.int64)
-    return np.roll(best, -int(np.argmax(position[best, 2])))
-
-
-def _strip(n: int) -> Indices:
-    """Triangles that span a closed line of n points from side to side, against its direction."""
-    found, low, high = [], 0, n
-    while high - low > 2:
-        found.append((low + 1, low, high % n))
-        low += 1
-        if high - low > 2:
-            found.append((low, high % n, high - 1))
-            high -= 1
-    return np.array(found, dtype=np.int64)
 
 
 def _thinned(position: Floats, facet: Indices, part: Indices, most: int) -> tuple[Indices, Indices]:

@@ -2,11 +2,11 @@
 
 import base64
 import hashlib
+import io
 import json
 import re
-import zlib
 from importlib.resources import files
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import xarray as xr
@@ -14,57 +14,17 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from emgface.muscles import INSTRUCTIONS, MUSCLE_NAMES
-from emgface.pictures.body import MOUTH, Body, body_of, skin_of
-from emgface.pictures.render import DISPLACEMENT, LIGHT, VIEWS
+from analysis.figures.style import WRITTEN, settings
+from emgface.muscles import INSTRUCTIONS
+from emgface.pictures.body import body_of, skin_of
+from emgface.pictures.encoding import body_data, deltas, levels, middle_of, muscle_names, whole
+from emgface.pictures.render import VIEWS
 from emgface.pictures.surface import drawn_surface
 
 THREE: Final = "three/three.module.min.js"
 """three.js 0.170.0, build/three.module.min.js, unchanged."""
-QUANTUM: Final = 20e-6
-"""Positions are rounded to this [m], far below what is seen."""
-ABSENT: Final = -32768
-"""Stands for a marker that was not measured."""
-
-
-def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:
-    """Encode what is drawn, about the middle of the nodes of its skin at rest (n, 3) [m].
-
-    Positions are whole numbers of `QUANTUM` about `centre`; arrays are deflated, in base 64.
-    """
-    centre = middle_of(rest)
-    return {
-        "quantum": QUANTUM,
-        "absent": ABSENT,
-        "nodes": body.n,
-        "tissue": body.tissue,
-        "rules": packed(body.rules.astype("<u4")),
-        "teeth": packed(whole(body.teeth, centre).astype("<i2")),
-        "triangle": packed(body.triangle.astype("<u4")),
-        "colour": packed(np.round(255.0 * body.colour).astype(np.uint8)),
-        "mouth": MOUTH,
-        "views": VIEWS,
-        "light": LIGHT,
-        "displacement": DISPLACEMENT,
-    }
-
-
-def middle_of(rest: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Middle of the box that holds points (n, 3), which a page counts positions from."""
-    return np.asarray(rest.min(axis=0) + rest.max(axis=0), dtype=np.float64) / 2.0
-
-
-def muscle_names(muscles: NDArray[Any]) -> list[dict[str, str]]:
-    """Names of muscles such as ``ZYG_L`` for the panel of activations."""
-    return [{"id": str(m), "name": MUSCLE_NAMES[str(m).rpartition("_")[0]]} for m in muscles]
-
-
-def levels(activation: xr.DataArray, at: NDArray[np.floating]) -> str:
-    """Encode activation (muscle, time) at some of its instants [s], one byte each."""
-    values = activation.transpose("time", "muscle")
-    place = np.searchsorted(values["time"].values, at - 1e-9)
-    chosen = values.values[np.clip(place, 0, len(values) - 1)]
-    return packed(np.round(255.0 * chosen).astype(np.uint8))
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def face_page(face: xr.Dataset) -> str:
@@ -169,7 +129,7 @@ def page_of(data: dict[str, Any], *, title: str, badge: str, words: str, simulat
         labels={"simulated": "simulated by the face model" if simulated else "lip markers",
                 "measured": "recording"},
         views=VIEWS,
-        tag=badge,
+        tag="simulated motion" if simulated else badge,
         title=title,
         badge=badge,
         simulated=simulated,
@@ -179,6 +139,50 @@ def page_of(data: dict[str, Any], *, title: str, badge: str, words: str, simulat
         script=Markup(script),
         policy=policy(script),
     )  # fmt: skip
+
+
+def svg_of(figure: "Figure", name: str, description: str) -> Markup:
+    """Write a figure as an SVG element.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        What to write.
+    name : str
+        Unique in the page; put before every id within.
+    description : str
+        Read to those who do not see the picture.
+
+    Returns
+    -------
+    Markup
+        ``<svg>`` without size, so that it fills its place.
+    """
+    buffer = io.StringIO()
+    with settings(WRITTEN):
+        figure.savefig(buffer, format="svg", dpi=130, metadata={"Date": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', text)
+    text = re.sub(r'(href=")#', rf"\1#{name}-", text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    head, body = text.split(">", 1)
+    width = re.search(r'width="([\d.]+)pt"', head)
+    head = re.sub(r'\s(width|height)="[^"]*"', "", head)
+    wide = float(width[1]) if width else 500.0
+    label = str(Markup.escape(description)).replace('"', "&quot;")
+    return Markup(f'{head} role="img" aria-label="{label}" style="max-width:{wide:.0f}pt">{body}')
+
+
+def figure_page(figure: "Figure") -> str:
+    """Write the page of a figure, as wide as the window."""
+    title = Markup.escape(figure.get_suptitle() or "figure")
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy("")}"></head>'
+        f"<body>{svg_of(figure, 'figure', str(title))}</body></html>\n"
+    )
 
 
 def environment(*packages: str) -> Environment:
@@ -239,28 +243,3 @@ def as_json(value: Any) -> Markup:
     # "<" would let text in the data end the element it stands in.
     text = json.dumps(value, allow_nan=False, separators=(",", ":"), default=dict)
     return Markup(text.replace("<", "\\u003c"))
-
-
-def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:
-    """Round positions [m] to whole numbers of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
-    steps = np.round((np.asarray(position, dtype=np.float64) - centre) / QUANTUM)
-    steps = np.where(np.isfinite(steps), np.clip(steps, -32767, 32767), ABSENT)
-    return steps.astype(np.int16)
-
-
-def deltas(values: NDArray[np.int16]) -> str:
-    """Encode frames of whole numbers, the first dim being time, as differences.
-
-    Each frame is the difference from the one before, low bytes before high ones.
-    """
-    flat = values.reshape(len(values), -1)
-    with np.errstate(over="ignore"):
-        change = np.diff(flat, axis=0, prepend=np.zeros((1, flat.shape[1]), dtype=np.int16))
-    raw = change.astype("<i2").tobytes()
-    planes = np.frombuffer(raw, dtype=np.uint8).reshape(-1, 2)
-    return packed(np.concatenate([planes[:, 0], planes[:, 1]]))
-
-
-def packed(values: NDArray[Any]) -> str:
-    """Deflate the bytes of an array and write them in base 64."""
-    return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode("ascii")

@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from analysis.figures.style import COLOURS, blank, grid, heading, legend, styled
-from analysis.tables import origin_of
+from analysis.figures.style import COLOURS, blank, grid, legend, styled
 from emgface.errors import DataError
 from emgface.face.parts import FREE, MANDIBLE, SKULL, fibres_of
 from emgface.files import replace_file
@@ -231,9 +230,7 @@ def body_figure(
     """
     every = np.concatenate(list(shown.values()))
     windows = [
-        window_of(every, VIEWS[view], 0.02)
-        if around is None
-        else Window(*_widened(window_of(around, VIEWS[view], 0.0)))
+        window_of(every, VIEWS[view], 0.02) if around is None else lips_window(around, VIEWS[view])
         for view in views
     ]
     shapes = [(w.top - w.bottom) / (w.right - w.left) for w in windows]
@@ -267,70 +264,12 @@ def body_figure(
     return figure
 
 
-def _widened(window: Window) -> list[float]:
-    return [
-        window.left - MARGIN,
-        window.bottom - MARGIN,
-        window.right + MARGIN,
-        window.top + MARGIN,
-    ]
-
-
-@styled
-def study_faces(faces: xr.Dataset, body: Body) -> Figure:
-    """Draw the face at its farthest from rest, per strategy and instruction.
-
-    Parameters
-    ----------
-    faces : xarray.Dataset
-        ``position`` (instruction, strategy, node, axis) [m] of the nodes of the skin, NaN where there
-        is no simulation, and ``simulated`` and ``measured`` (instruction, strategy, marker, axis) [m],
-        markers at the same instants. Attribute ``origin``, of the recordings.
-    body : Body
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One row per strategy, one column per instruction, all to one scale.
-
-    Notes
-    -----
-    After Fig. 4 of Eskes et al. 2017.
-    """
-    instructions = [str(label) for label in faces["instruction"].values]
-    strategies = [str(label) for label in faces["strategy"].values]
-    view = VIEWS["front"]
-    known = faces["simulated"].values.reshape(-1, 3)
-    # The lips are what is compared: the face around them, not all of it.
-    window = Window(*_widened(window_of(known[np.isfinite(known).all(axis=1)], view, 0.0)))
-    width = min(1.9, 9.0 / len(instructions))
-    height = width * (window.top - window.bottom) / (window.right - window.left)
-    figure = blank(width * len(instructions) + 0.9, (height + 0.15) * len(strategies) + 0.9)
-    panels = grid(figure, len(strategies), len(instructions))
-    for column, instruction in enumerate(instructions):
-        for row, strategy in enumerate(strategies):
-            panel = panels[row][column]
-            if row == 0:
-                panel.set_title(instruction)
-            if column == 0:
-                panel.text(-0.04, 0.5, strategy, rotation=90, transform=panel.transAxes,
-                           ha="right", va="center")  # fmt: skip
-            one = faces.isel(instruction=column, strategy=row)
-            if not np.isfinite(one["position"].values).all():
-                panel.text(0.5, 0.5, "none", transform=panel.transAxes, ha="center", color="0.4")
-                panel.set_axis_off()
-                continue
-            paint(panel, body, one["position"].values, view, window, pixels=260)
-            for name, style in MARKS.items():
-                marks(panel, one[name].values, view, **style)
-    texts = {
-        "simulated": "simulated by the face model",
-        "measured": recording_label(origin_of(faces)),
-    }
-    handles = [Line2D([], [], linestyle="", label=texts[n], **s) for n, s in MARKS.items()]
-    legend(figure, handles)
-    heading(figure, "simulated faces, farthest from rest", origin_of(faces))
-    return figure
+def lips_window(markers: NDArray[np.floating], view: tuple[float, float]) -> Window:
+    """Window round the markers of the lips, and the skin near them."""
+    window = window_of(markers, view, 0.0)
+    return Window(
+        window.left - MARGIN, window.bottom - MARGIN, window.right + MARGIN, window.top + MARGIN
+    )
 
 
 def write_figure(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:

@@ -58,7 +58,7 @@ def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dat
     -------
     Dataset
         With ``surface_position(frame, surface_node, axis)`` [m] in single precision and
-        ``frame_time(frame)`` [s], about 25 frames a second, ``surface_facet``, ``surface_part`` and
+        ``frame_time(frame)`` [s], about 25 frames a second, ``surface_corner``, ``surface_part`` and
         the dental arches of the face.
     """
     every = frame_stride(float(trajectory.attrs["output"]))
@@ -69,8 +69,8 @@ def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dat
             ("frame", "surface_node", "axis"), frames.values.astype(np.float32), {"units": "m"},
         ),
         frame_time=("frame", frames["time"].values, {"units": "s"}),
-        surface_facet=(("surface_facet", "corner"), skin.facet),
-        surface_part=("surface_facet", skin.part),
+        surface_corner=(("surface_facet", "corner"), skin.facet, {"units": "1"}),
+        surface_part=("surface_facet", skin.part, {"units": "1"}),
     )  # fmt: skip
     arches = [name for name in ("arch_position", "arch_triangle", "arch_bone") if name in face]
     return completed.assign({name: face[name].variable for name in arches})
@@ -104,7 +104,7 @@ def drawn_surface(trajectory: xr.Dataset) -> tuple[Body, Skin, NDArray[np.floati
             "simulate it with --surface"
         )
     frames = trajectory["surface_position"].transpose("frame", "surface_node", "axis").values
-    facet = trajectory["surface_facet"].transpose("surface_facet", "corner").values
+    facet = trajectory["surface_corner"].transpose("surface_facet", "corner").values
     skin = Skin(np.arange(frames.shape[1]), facet.astype(np.int64),
                 trajectory["surface_part"].values.astype(np.int64))  # fmt: skip
     return make_body(frames[0], skin, arches_of(trajectory)), skin, frames

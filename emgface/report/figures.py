@@ -1,7 +1,5 @@
 """The figures of a report as SVG that stands in the page."""
 
-import io
-import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,11 +22,11 @@ from analysis.figures import (
     sensitivity_plot,
     synchronisation,
 )
-from analysis.figures.style import WRITTEN, settings
 from analysis.tables import origin_of
 from emgface.errors import FeatureWarning
 from emgface.pictures.body import Body
-from emgface.pictures.stills import study_faces
+from emgface.pictures.page import svg_of
+from emgface.report.faces import study_faces
 from emgface.report.results import FAILURES, Results, Trial, representative
 from emgface.signals.features import feature_of
 from emgface.signals.filters import bandpass
@@ -56,40 +54,6 @@ class Drawn:
     title: str
     caption: str
     svg: Markup
-
-
-def svg_of(figure: Figure, name: str, description: str) -> Markup:
-    """Write a figure as an SVG element.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        What to write.
-    name : str
-        Unique in the page; put before every id within.
-    description : str
-        Read to those who do not see the picture.
-
-    Returns
-    -------
-    Markup
-        ``<svg>`` without size, so that it fills its place.
-    """
-    buffer = io.StringIO()
-    with settings(WRITTEN):
-        figure.savefig(buffer, format="svg", dpi=130, metadata={"Date": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', text)
-    text = re.sub(r'(href=")#', rf"\1#{name}-", text)
-    text = re.sub(r"url\(#", f"url(#{name}-", text)
-    head, body = text.split(">", 1)
-    width = re.search(r'width="([\d.]+)pt"', head)
-    head = re.sub(r'\s(width|height)="[^"]*"', "", head)
-    wide = float(width[1]) if width else 500.0
-    label = str(Markup.escape(description)).replace('"', "&quot;")
-    return Markup(f'{head} role="img" aria-label="{label}" style="max-width:{wide:.0f}pt">{body}')
 
 
 def score_figures(results: Results) -> list[Drawn]:

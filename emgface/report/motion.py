@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import Body, Skin, body_of, skin_of
-from emgface.pictures.page import body_data, deltas, levels, middle_of, muscle_names, whole
+from emgface.pictures.encoding import body_data, deltas, levels, middle_of, muscle_names, whole
 from emgface.report.results import FAILURES, Results, Trial, representative
 from emgface.report.skin import skin_motion
 
@@ -34,7 +34,7 @@ def moving_faces(
     Returns
     -------
     Dataset
-        For `emgface.pictures.stills.study_faces`: the faces farthest from rest.
+        For `emgface.report.faces.study_faces`: the faces farthest from rest.
     Body
         What is drawn of them.
     dict

@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 from emgface.face.parts import arches_of
-from emgface.face.template import template_face
 from emgface.pictures.body import (
     COLOURS,
     ENOUGH,
@@ -15,16 +14,10 @@ from emgface.pictures.body import (
     VERMILION,
     Skin,
     body_of,
-    follow,
     make_body,
-    refined,
     skin_of,
 )
-
-
-@pytest.fixture(scope="module")
-def face() -> xr.Dataset:
-    return template_face(resolution="coarse")
+from emgface.pictures.subdivision import follow, refined
 
 
 def sheet(n: int) -> tuple[np.ndarray, np.ndarray]:

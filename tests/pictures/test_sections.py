@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.image import imread
 
 from emgface.face.parts import arches_of
-from emgface.face.template import template_face
 from emgface.pictures.sections import cut, draw_sections, midline_faces
 
 
@@ -20,8 +20,7 @@ def test_a_plane_cuts_a_tetrahedron_in_a_triangle() -> None:
     assert ends == {(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)}
 
 
-def test_section_of_the_template(tmp_path: Path) -> None:
-    face = template_face(resolution="coarse")
+def test_section_of_the_template(face: xr.Dataset, tmp_path: Path) -> None:
     rest = face["position"].values
     faces = midline_faces(face)
     rings = face.attrs["rings"]

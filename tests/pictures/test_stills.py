@@ -8,15 +8,10 @@ import xarray as xr
 from matplotlib import image
 
 from emgface.errors import DataError
-from emgface.face.template import template_face
 from emgface.muscles import MODELLED
 from emgface.pictures.body import body_of, skin_of
-from emgface.pictures.stills import face_figure, states_figure, study_faces, write_figure
-
-
-@pytest.fixture(scope="module")
-def face() -> xr.Dataset:
-    return template_face(resolution="coarse")
+from emgface.pictures.stills import face_figure, states_figure, write_figure
+from emgface.report.faces import study_faces
 
 
 def test_face_with_muscles(face: xr.Dataset, tmp_path: Path) -> None:

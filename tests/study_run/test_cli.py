@@ -73,7 +73,7 @@ def test_help_names_every_command_without_loading_the_numerics() -> None:
     result = run("--help")
     assert result.exit_code == 0
     for command in ("demo", "study", "face", "data", "activate", "simulate", "score", "report",
-                    "volunteers"):  # fmt: skip
+                    "show", "volunteers"):  # fmt: skip
         assert command in result.stdout
     code = (
         "import sys, emgface.cli; "
@@ -98,8 +98,31 @@ def test_a_face_is_generated_checked_and_drawn(tmp_path: Path) -> None:
     assert run("face", "build", "--resolution", "coarse", "--out", face).exit_code == 0
     checked = run("face", "check", face)
     assert checked.exit_code == 0 and "nodes" in checked.stdout and "ZYG_L" in checked.stdout
-    assert run("face", "show", face, "--out", tmp_path / "face.png").exit_code == 0
-    assert (tmp_path / "face.png").stat().st_size > 10_000
+    assert run("show", face, "--out", tmp_path / "face.html").exit_code == 0
+    assert "generated face" in (tmp_path / "face.html").read_text(encoding="utf-8")
+
+
+def test_a_recording_becomes_something_that_moves(laboratory, tmp_path, monkeypatch) -> None:
+    """One command from a recording to trajectory, page, movie and files for ParaView."""
+    monkeypatch.setattr("emgface.pictures.movie.PANEL", 40)
+    study = study_file(laboratory, tmp_path)
+    recording = next((laboratory / "recordings").glob("*_B_*.nc"))
+    files = [tmp_path / name for name in ("motion.nc", "face.html", "face.gif", "vtk")]
+    options = ("--out", "--page", "--movie", "--vtk")
+    written = [text for pair in zip(options, files, strict=True) for text in pair]
+    nothing = run("simulate", recording, "--study", study)
+    one_sentence(nothing, "nothing would be written, expected --out, --page, --movie or --vtk")
+    result = run("simulate", recording, "--strategy", "act_rel", "--study", study, "--surface",
+                 *written)  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert "simulated motion" in " ".join(result.stderr.split())
+    page = files[1].read_text(encoding="utf-8")
+    assert "simulated motion, simulated recording" in page and "S01 B 1 act_rel" in page
+    motion = xr.load_dataset(files[0])
+    assert len(list(files[3].glob("simulated_*.vtu"))) == motion.sizes["frame"] > 3
+    shown = run("show", files[0], "--out", tmp_path / "motion.html")
+    assert shown.exit_code == 0, shown.output
+    one_sentence(run("show", tmp_path, "--out", tmp_path / "x.png"), "expected")
 
 
 def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(

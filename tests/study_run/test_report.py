@@ -25,7 +25,8 @@ from emgface.errors import DataError
 from emgface.face.file import load_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.body import merged, skin_of
-from emgface.pictures.page import ABSENT, QUANTUM, THREE, deltas, resource, whole
+from emgface.pictures.encoding import ABSENT, QUANTUM, deltas, whole
+from emgface.pictures.page import THREE, resource
 from emgface.report import contents
 from emgface.report.methods import methods
 from emgface.report.results import Results, open_results, representative

@@ -1,0 +1,184 @@
+"""``emgface simulate`` and ``show``: motions, and pictures of whatever a file holds."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from emgface.cli.console import Bar, progress, say
+from emgface.cli.machine import announce_compilation
+from emgface.cli.study import AccuracyOption
+from emgface.cli.trial import FacePath, StudyPath
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MappingOption = Annotated[
+    Path | None, typer.Option(help="TOML file that maps labels of a recording to names.")
+]
+
+
+def simulate(
+    source: Annotated[
+        Path, typer.Argument(help="Activation as written by 'activate', or a recording.")
+    ],
+    out_path: Annotated[
+        Path | None, typer.Option("--out", help="Trajectory to write (netCDF).")
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(help="Page with the moving face to write (html).")
+    ] = None,
+    movie: Annotated[Path | None, typer.Option(help="Movie to write (gif, mp4).")] = None,
+    vtk: Annotated[
+        Path | None, typer.Option(help="Folder for files that ParaView opens (simulated.pvd).")
+    ] = None,
+    surface: Annotated[
+        bool, typer.Option("--surface", help="Store the surface of the face in the trajectory.")
+    ] = False,
+    face: FacePath = None,
+    study: StudyPath = None,
+    sigma_max: Annotated[
+        float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
+    ] = None,
+    solver: Annotated[
+        str | None,
+        typer.Option(
+            help="sdirk2, converged, trapezoidal, linearly_implicit or linearly_implicit_trapezoidal."
+        ),
+    ] = None,
+    accuracy: AccuracyOption = None,
+    strategy: Annotated[
+        str | None, typer.Option(help="Strategy, where the source is a recording.")
+    ] = None,
+    instruction: Annotated[
+        str | None, typer.Option(help="A to F, of a recording that does not say it.")
+    ] = None,
+    mapping: MappingOption = None,
+) -> None:
+    """Move the face by an activation or a recording; store the motion, or show it."""
+    if not (out_path or page or movie or vtk):
+        from emgface.errors import ConfigurationError
+
+        raise ConfigurationError(
+            "nothing would be written, expected --out, --page, --movie or --vtk"
+        )
+    import emgface as ef
+    from emgface.api.given import face_of, study_of
+    from emgface.pictures.body import skin_of
+    from emgface.pictures.movie import check_movie
+    from emgface.pictures.surface import SurfaceProbe, with_surface
+    from emgface.schema.netcdf import write_netcdf
+    from sim import Positions
+
+    if movie:
+        check_movie(movie)
+    drive = _activation(source, strategy, instruction, mapping, study)
+    plan = study_of(study)
+    model = face_of(face, plan)
+    skin = skin_of(model) if surface or page or movie else None
+    probes = (*([SurfaceProbe(skin.node)] if skin else []), *([Positions()] if vtk else []))
+    given = {"sigma_max": sigma_max, "solver": solver}
+    changes: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
+    announce_compilation()
+    with progress("simulating") as bar:
+        trajectory = ef.simulate(
+            drive, model, study=plan, accuracy=accuracy, probes=probes, progress=bar.show, **changes
+        )
+        nodes = trajectory.get("node_position")
+        trajectory = trajectory.drop_vars("node_position", errors="ignore")
+        drawn = with_surface(trajectory, model, skin) if skin else trajectory
+        stored = drawn if surface else trajectory.drop_vars("surface_position", errors="ignore")
+        if out_path:
+            write_netcdf(stored, out_path, "trajectory")
+        _show_motion(drawn, drive, page, movie, bar)
+        if vtk and nodes is not None:
+            _write_vtk(vtk, model, nodes)
+    written = [str(path) for path in (out_path, page, movie, vtk) if path]
+    _tell(trajectory, ", ".join(written))
+
+
+def show(
+    path: Annotated[
+        Path, typer.Argument(help="Recording, activation, trajectory, scores, cube or face.")
+    ],
+    out_path: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="Page (html), picture (png, pdf, svg) or movie (gif, mp4) to write."
+        ),
+    ] = None,
+    mapping: MappingOption = None,
+) -> None:
+    """Draw whatever a file holds, to a window of the browser or to a file."""
+    from emgface.pictures.show import show as draw
+
+    say(f"Wrote {draw(path, out_path, mapping=mapping)}.")
+
+
+def _activation(
+    source: Path,
+    strategy: str | None,
+    instruction: str | None,
+    mapping: Path | None,
+    study: Path | None,
+) -> "xr.Dataset":
+    """Activation of a file, computed where the file is a recording."""
+    import emgface as ef
+    from emgface.schema.netcdf import kind_of, read_netcdf
+
+    if source.suffix.lower() == ".nc" and kind_of(source) == "activation":
+        return read_netcdf(source, "activation")
+    return ef.activate(
+        source, strategy=strategy, instruction=instruction, mapping=mapping, study=study
+    )
+
+
+def _show_motion(
+    motion: "xr.Dataset", drive: "xr.Dataset", page: Path | None, movie: Path | None, bar: Bar
+) -> None:
+    from emgface.files import replace_file
+    from emgface.pictures.movie import write_movie
+    from emgface.pictures.page import motion_page
+
+    if page:
+        text = motion_page(motion, drive)
+        replace_file(page, lambda target: target.write_text(text, encoding="utf-8"))
+    if movie:
+        bar.working("drawing the movie")
+        write_movie(motion, movie, progress=bar.show)
+
+
+def _write_vtk(folder: Path, face: "xr.Dataset", nodes: "xr.DataArray") -> None:
+    from emgface.pictures.surface import frame_stride
+    from emgface.pictures.vtk import write_vtk
+
+    times = nodes["time"].values
+    every = frame_stride(float(times[1] - times[0])) if len(times) > 1 else 1
+    chosen = nodes.transpose("time", "node", "axis").isel(time=slice(None, None, every))
+    write_vtk(folder, face, chosen.values, chosen["time"].values)
+
+
+def _tell(trajectory: "xr.Dataset", written: str) -> None:
+    """Say what was written, how far the face moved and how accurately."""
+    from emgface.face.stability import stability_warning
+
+    moved = 1e3 * trajectory.attrs["motion"]
+    say(
+        f"Wrote {written}: simulated motion, {int(trajectory['steps'].sum())} steps in "
+        f"{trajectory.attrs['run_time_s']:.1f} s, sigma_max "
+        f"{trajectory.attrs['sigma_max'] / 1e3:.4g} kPa, smallest J "
+        f"{float(trajectory['smallest_J'].min()):.2g}, largest marker displacement "
+        f"{moved:.2f} mm."
+    )
+    if warning := stability_warning(trajectory):
+        say(f"Warning: {warning}.")
+    if "numerical_error" not in trajectory.attrs:
+        solver = trajectory.attrs["solver"]
+        say(f"The error of the time steps is not estimated by solver = '{solver}'.")
+        return
+    error = 1e3 * trajectory.attrs["numerical_error"]
+    share = f", {100 * error / moved:.2g} % of the motion" if moved > 0.0 else ""
+    told = f"Estimated error of the time steps: {error:.2g} mm{share}."
+    if trajectory.attrs["inaccurate"]:
+        told += " It exceeds a tenth of the motion: ask for an --accuracy such as '0.1 mm'."
+    say(told)

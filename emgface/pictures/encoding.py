@@ -1,0 +1,83 @@
+"""What pages hold: surfaces, motions and activations as JSON-expressible text."""
+
+import base64
+import zlib
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.muscles import MUSCLE_NAMES
+from emgface.pictures.body import MOUTH, Body
+from emgface.pictures.render import DISPLACEMENT, LIGHT, VIEWS
+
+QUANTUM: Final = 20e-6
+"""Positions are rounded to this [m], far below what is seen."""
+ABSENT: Final = -32768
+"""Stands for a marker that was not measured."""
+
+
+def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:
+    """Encode what is drawn, about the middle of the nodes of its skin at rest (n, 3) [m].
+
+    Positions are whole numbers of `QUANTUM` about `centre`; arrays are deflated, in base 64.
+    """
+    centre = middle_of(rest)
+    return {
+        "quantum": QUANTUM,
+        "absent": ABSENT,
+        "nodes": body.n,
+        "tissue": body.tissue,
+        "rules": packed(body.rules.astype("<u4")),
+        "teeth": packed(whole(body.teeth, centre).astype("<i2")),
+        "triangle": packed(body.triangle.astype("<u4")),
+        "colour": packed(np.round(255.0 * body.colour).astype(np.uint8)),
+        "mouth": MOUTH,
+        "views": VIEWS,
+        "light": LIGHT,
+        "displacement": DISPLACEMENT,
+    }
+
+
+def middle_of(rest: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Middle of the box that holds points (n, 3), which a page counts positions from."""
+    return np.asarray(rest.min(axis=0) + rest.max(axis=0), dtype=np.float64) / 2.0
+
+
+def muscle_names(muscles: NDArray[Any]) -> list[dict[str, str]]:
+    """Names of muscles such as ``ZYG_L`` for the panel of activations."""
+    return [{"id": str(m), "name": MUSCLE_NAMES[str(m).rpartition("_")[0]]} for m in muscles]
+
+
+def levels(activation: xr.DataArray, at: NDArray[np.floating]) -> str:
+    """Encode activation (muscle, time) at some of its instants [s], one byte each."""
+    values = activation.transpose("time", "muscle")
+    place = np.searchsorted(values["time"].values, at - 1e-9)
+    chosen = values.values[np.clip(place, 0, len(values) - 1)]
+    return packed(np.round(255.0 * chosen).astype(np.uint8))
+
+
+def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:
+    """Round positions [m] to whole numbers of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
+    steps = np.round((np.asarray(position, dtype=np.float64) - centre) / QUANTUM)
+    steps = np.where(np.isfinite(steps), np.clip(steps, -32767, 32767), ABSENT)
+    return steps.astype(np.int16)
+
+
+def deltas(values: NDArray[np.int16]) -> str:
+    """Encode frames of whole numbers, the first dim being time, as differences.
+
+    Each frame is the difference from the one before, low bytes before high ones.
+    """
+    flat = values.reshape(len(values), -1)
+    with np.errstate(over="ignore"):
+        change = np.diff(flat, axis=0, prepend=np.zeros((1, flat.shape[1]), dtype=np.int16))
+    raw = change.astype("<i2").tobytes()
+    planes = np.frombuffer(raw, dtype=np.uint8).reshape(-1, 2)
+    return packed(np.concatenate([planes[:, 0], planes[:, 1]]))
+
+
+def packed(values: NDArray[Any]) -> str:
+    """Deflate the bytes of an array and write them in base 64."""
+    return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode("ascii")

@@ -1,0 +1,264 @@
+"""Drawing of whatever a dataset or file is: recording, activation, motion, scores, cube or face."""
+
+import os
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import xarray as xr
+
+from analysis.figures.style import COLOURS, blank, grid, heading, styled
+from analysis.tables import origin_of
+from emgface.errors import DataError
+from emgface.files import replace_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGES: Final = (".html", ".htm")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How one kind of dataset is drawn: as a figure, and as a page where that is not the figure."""
+
+    figure: "Callable[[xr.Dataset], Figure]"
+    page: Callable[[xr.Dataset], str] | None = None
+
+
+def show(
+    shown: xr.Dataset | str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    mapping: str | Path | Mapping[str, Any] | None = None,
+) -> Path:
+    """Draw a recording, activation, motion, scores, cube or face, to a window or to a file.
+
+    Parameters
+    ----------
+    shown : Dataset or path-like
+        What to draw: a dataset of this package, its netCDF file, the folder of a finished study, or a
+        recording in any format that `emgface.recordings.dataset.read_recording` knows.
+    out : path-like, optional
+        File to write: a page (``*.html``), in which faces turn and move; a picture (``*.png``,
+        ``*.pdf``, ``*.svg``); or, of a motion with its surface, a movie (``*.gif``, ``*.mp4``).
+        Without it a page is opened in the browser.
+    mapping : path-like or mapping, optional
+        Which label of a recording is which muscle, as `read_recording` takes it.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    DataError
+        The file is none of these, the format of `out` is unknown, it cannot be written, or there is
+        no display for a window.
+    """
+    from emgface.pictures.movie import SUFFIXES, write_movie
+    from emgface.pictures.stills import write_figure
+
+    if out is None:
+        check_display()
+        folder = Path(tempfile.mkdtemp(prefix="emgface-"))
+        path = show(shown, folder / "shown.html", mapping=mapping)
+        if not webbrowser.open(path.as_uri()):
+            raise DataError(
+                f"no browser could be opened, expected one that shows {path}: open this file, or "
+                "write a picture (--out)"
+            )
+        return path
+    path, data = Path(out), opened(shown, mapping)
+    if path.suffix.lower() in PAGES:
+        text = page(data)
+        replace_file(path, lambda target: target.write_text(text, encoding="utf-8"))
+        return path
+    if path.suffix.lower() in SUFFIXES:
+        return write_movie(data, path)
+    return write_figure(figure(data), path)
+
+
+def page(data: xr.Dataset) -> str:
+    """Return the page of a dataset as HTML that loads nothing; see `show`."""
+    from emgface.pictures.page import figure_page
+
+    drawing = DRAWINGS[kind(data)]
+    if drawing.page is None or _only_markers(data):
+        return figure_page(drawing.figure(data))
+    return drawing.page(data)
+
+
+def figure(data: xr.Dataset) -> "Figure":
+    """Return the figure of a dataset; see `show`."""
+    return DRAWINGS[kind(data)].figure(data)
+
+
+def kind(data: xr.Dataset) -> str:
+    """Tell what a dataset is by its variables, one of `DRAWINGS`.
+
+    Raises
+    ------
+    DataError
+        It is none of them.
+    """
+    signs = {
+        "face_model": "connectivity" in data,
+        "cube": "status" in data,
+        "scores": "rho" in data,
+        "recording": "emg" in data,
+        "activation": "activation" in data,
+        "trajectory": "position" in data and "sigma_max" in data.attrs,
+        "markers": "position" in data,
+    }
+    found = next((name for name, here in signs.items() if here), "")
+    if not found:
+        held = ", ".join(map(str, data.data_vars)) or "no variable"
+        raise DataError(
+            f"the dataset holds {held}, expected a recording, activation, trajectory, scores, cube or "
+            "face model of this package"
+        )
+    return "recording" if found == "markers" else found
+
+
+def opened(
+    shown: xr.Dataset | str | os.PathLike[str],
+    mapping: str | Path | Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Read what is to be shown, where it is not at hand; see `show`."""
+    from emgface.recordings.dataset import read_recording
+    from emgface.schema.netcdf import kind_of, read_netcdf
+
+    if isinstance(shown, xr.Dataset):
+        return shown
+    path = Path(shown)
+    if path.is_dir() and (path / "cube.nc").is_file():
+        path = path / "cube.nc"
+    if path.suffix.lower() == ".nc":
+        named = kind_of(path)
+        if named in DRAWINGS and named != "recording":
+            return read_netcdf(path, named)
+    return read_recording(path, mapping=mapping)
+
+
+def check_display() -> None:
+    """Refuse to open a window where there is no display.
+
+    Raises
+    ------
+    DataError
+        On Linux, without DISPLAY and WAYLAND_DISPLAY.
+    """
+    here = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not here:
+        raise DataError(
+            "there is no display for a window, expected DISPLAY or WAYLAND_DISPLAY to be set: write "
+            "a picture or a page (--out picture.png, --out page.html)"
+        )
+
+
+def _only_markers(data: xr.Dataset) -> bool:
+    return kind(data) == "trajectory" and "surface_position" not in data
+
+
+def _recording(data: xr.Dataset) -> "Figure":
+    from emgface.recordings.quality.figure import overview_figure
+
+    return overview_figure(data)
+
+
+def _activation(data: xr.Dataset) -> "Figure":
+    from analysis.figures import activation_heat_map
+
+    return activation_heat_map(data)
+
+
+def _motion(data: xr.Dataset) -> "Figure":
+    """Draw the face at the start and farthest from it, or the paths of the markers."""
+    if _only_markers(data):
+        return marker_figure(data)
+    from emgface.pictures.page import trial_name
+    from emgface.pictures.stills import body_figure
+    from emgface.pictures.surface import drawn_surface
+
+    body, _, frames = drawn_surface(data)
+    far = int(np.argmax(((frames - frames[0]) ** 2).sum(axis=(1, 2))))
+    times = data["frame_time"].values
+    shown = {f"{times[k]:.2f} s": frames[k] for k in dict.fromkeys((0, far))}
+    return body_figure(
+        body, shown, title=f"{trial_name(data)}, simulated: at the start, and farthest"
+    )
+
+
+@styled
+def marker_figure(data: xr.Dataset) -> "Figure":
+    """Draw the displacement of every marker of a trajectory from its start along x, y and z."""
+    position = 1e3 * data["position"].transpose("axis", "time", "marker")
+    moved = (position - position.isel(time=0)).values
+    drawn = blank(7.5, 5.5)
+    panels = grid(drawn, 3, 1, sharex=True, sharey=True)
+    names = [str(name).replace("_", " ") for name in data["marker"].values]
+    for (panel,), axis, values in zip(panels, "xyz", moved, strict=True):
+        for k, name in enumerate(names):
+            panel.plot(data["time"], values[:, k], label=name, color=COLOURS[k % len(COLOURS)],
+                       linestyle="-" if k < len(COLOURS) else "--")  # fmt: skip
+        panel.set_ylabel(f"{axis} [mm]")
+    panels[-1][0].set_xlabel("time [s]")
+    panels[0][0].legend(fontsize="x-small", ncols=2)
+    drawn.suptitle("displacement of the markers, simulated motion")
+    return drawn
+
+
+@styled
+def score_figure(data: xr.Dataset) -> "Figure":
+    """Draw rho of every marker of a trial."""
+    drawn = blank(6.0, 3.6)
+    panel = grid(drawn)[0][0]
+    names = [str(name).replace("_", " ") for name in data["marker"].values]
+    panel.barh(names, np.nan_to_num(data["rho"].values), color=COLOURS[0])
+    panel.invert_yaxis()
+    panel.set(xlim=(min(0.0, float(np.nanmin(data["rho"], initial=0.0))), 1.0), xlabel="rho")
+    heading(drawn, "3D correlation of simulated with recorded markers", origin_of(data))
+    return drawn
+
+
+def _cube(data: xr.Dataset) -> "Figure":
+    from analysis.axes import reference_cube
+    from analysis.figures import box_plots
+
+    return box_plots(reference_cube(data))
+
+
+def _face(data: xr.Dataset) -> "Figure":
+    from emgface.pictures.stills import face_figure
+
+    return face_figure(data)
+
+
+def _face_page(data: xr.Dataset) -> str:
+    from emgface.pictures.page import face_page
+
+    return face_page(data)
+
+
+def _motion_page(data: xr.Dataset) -> str:
+    from emgface.pictures.page import motion_page
+
+    return motion_page(data)
+
+
+DRAWINGS: Final[Mapping[str, Drawing]] = {
+    "recording": Drawing(_recording),
+    "activation": Drawing(_activation),
+    "trajectory": Drawing(_motion, _motion_page),
+    "scores": Drawing(score_figure),
+    "cube": Drawing(_cube),
+    "face_model": Drawing(_face, _face_page),
+}
+"""By the kind of dataset that ``data_schema`` declares."""

@@ -1,0 +1,93 @@
+"""Drawing of whatever a dataset or file is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib import image
+
+from analysis.statistics.simulated import simulated_scores
+from emgface.errors import DataError
+from emgface.face.file import save_face
+from emgface.muscles import MUSCLES
+from emgface.pictures import show as module
+from emgface.pictures.show import figure, kind, page, show
+from emgface.schema.netcdf import write_netcdf
+
+
+def activation() -> xr.Dataset:
+    time = np.linspace(1.0, 1.2, 21)
+    values = np.tile(np.linspace(0.0, 1.0, 21), (len(MUSCLES), 1))
+    return xr.Dataset(
+        {"activation": (("muscle", "time"), values, {"units": "1"})},
+        coords={"muscle": list(MUSCLES), "time": ("time", time, {"units": "s"})},
+        attrs={"origin": "simulated"},
+    )
+
+
+def test_every_kind_has_its_figure(face: xr.Dataset, motion: xr.Dataset) -> None:
+    markers = motion.drop_dims(["frame", "surface_facet"])
+    time = np.arange(0.0, 1.0, 1e-3)
+    emg = 1e-5 * np.random.default_rng(0).standard_normal((2, len(time)))
+    recording = xr.Dataset(
+        {"emg": (("channel", "time_emg"), emg, {"units": "V"})},
+        coords={"channel": ["OOS_L", "OOS_R"], "time_emg": ("time_emg", time, {"units": "s"})},
+        attrs={"origin": "simulated", "source": "a test"},
+    )
+    scores = simulated_scores(3)
+    one = scores.isel(volunteer=0, instruction=0, repetition=0, strategy=0, drop=True)
+    given = {
+        "recording": (recording, "SIMULATED"),
+        "activation": (activation(), "simulated"),
+        "trajectory": (markers, "simulated"),
+        "scores": (one.drop_vars("status"), "simulated"),
+        "cube": (scores, "simulated"),
+    }
+    for name, (data, said) in given.items():
+        assert kind(data) == name
+        assert said in figure(data).get_suptitle(), name
+        assert f"<title>{figure(data).get_suptitle()[:20]}" in page(data), "a page with the figure"
+    assert kind(face) == "face_model" and kind(markers[["position"]].drop_attrs()) == "recording"
+    with pytest.raises(
+        DataError, match="the dataset holds height, expected a recording, activation"
+    ):
+        kind(xr.Dataset({"height": 1.0}))
+
+
+def test_faces_and_motions_have_turning_pages(face: xr.Dataset, motion: xr.Dataset) -> None:
+    still, moving = page(face), page(motion)
+    assert "generated face" in still and 'id="stage"' in still
+    assert "simulated motion" in moving and "S01 D (voluntary smile)" in moving
+    assert "default-src 'none'" in moving.replace("&#39;", "'")
+    assert "sigma_max 100 kPa" in moving
+
+
+def test_files_by_what_they_hold(face: xr.Dataset, motion: xr.Dataset, tmp_path: Path) -> None:
+    save_face(face, tmp_path / "face.nc")
+    write_netcdf(motion, tmp_path / "motion.nc", "trajectory")
+    write_netcdf(activation(), tmp_path / "drive.nc", "activation")
+    assert show(tmp_path / "face.nc", tmp_path / "face.html").read_text().startswith("<!DOCTYPE")
+    picture = image.imread(show(tmp_path / "motion.nc", tmp_path / "motion.png"))
+    assert np.mean(np.ptp(picture[..., :3], axis=2) > 0.08) > 0.1
+    assert show(tmp_path / "drive.nc", tmp_path / "new" / "drive.svg").exists()
+    with pytest.raises(DataError, match="no known picture format"):
+        show(tmp_path / "drive.nc", tmp_path / "drive.doc")
+    with pytest.raises(DataError, match="--surface"):
+        show(motion.drop_vars("surface_position"), tmp_path / "motion.gif")
+
+
+def test_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(module.sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(DataError, match="there is no display for a window.*--out"):
+        show(activation())
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(module.webbrowser, "open", lambda uri: told.append(uri) or True)
+    path = show(activation())
+    assert told == [path.as_uri()] and "<svg" in path.read_text()
+    monkeypatch.setattr(module.webbrowser, "open", lambda uri: False)
+    with pytest.raises(DataError, match="no browser could be opened"):
+        show(activation())
