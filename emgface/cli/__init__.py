@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli import data, data_files, face, simulate, study, trial, volunteers
+from emgface.cli import data, data_describe, data_files, face, simulate, study, trial, volunteers
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
 
 app = typer.Typer(
@@ -45,7 +45,13 @@ app.command()(study.demo)
 app.add_typer(study.app, name="study")
 app.add_typer(face.app, name="face")
 app.add_typer(data.app, name="data")
-for verb in (data_files.inventory, data_files.convert, data_files.cut, data_files.schema):
+for verb in (
+    data_describe.describe,
+    data_files.inventory,
+    data_files.convert,
+    data_files.cut,
+    data_files.schema,
+):
     data.app.command()(verb)
 app.command()(trial.activate)
 app.command()(simulate.simulate)

@@ -31,6 +31,8 @@ out = Console()
 err = Console(stderr=True)
 """Messages, progress and failures, so that a pipe receives results only."""
 
+LEAST_TEXT = 30
+"""Characters of a line below which a column of text begins a block of its own."""
 PARTIAL, BAD_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes: some trials failed, nothing could be done, stopped by the user."""
 
@@ -139,15 +141,44 @@ def frame(given: "pd.DataFrame") -> Rows:
 
 
 def show_table(rows: Rows, title: str) -> None:
-    """Print a table as wide as it needs to be: a name that is cut off is no name."""
-    table = Table(title=escape(title), title_justify="left", box=None, header_style="bold")
-    for index, head in enumerate(rows.heads):
-        numbers = all(_is_number(cells[index]) for cells in rows.cells)
-        table.add_column(head, no_wrap=True, justify="right" if numbers else "left")
-    for cells in rows.cells:
-        table.add_row(*(escape(cell) for cell in cells))
-    wanted = out.measure(table, options=out.options.update(max_width=10_000)).maximum
-    Console(width=max(wanted, out.width)).print(table)
+    """Print a table; no cell is cut off.
+
+    In a terminal that is too narrow, columns are folded: those that do not fit follow in a further
+    block that repeats the first column, and the text of the last column is wrapped.
+    """
+    every = list(range(len(rows.heads)))
+    needed = [
+        2 + max(map(len, (rows.heads[k], *(cells[k] for cells in rows.cells)))) for k in every
+    ]
+    folded = out.is_terminal and sum(needed) > out.width and bool(rows.cells)
+    for number, columns in enumerate(_blocks(needed, out.width) if folded else [every]):
+        head = escape(title) if number == 0 else None
+        table = Table(title=head, title_justify="left", box=None, header_style="bold")
+        for k in columns:
+            justify = "right" if all(_is_number(cells[k]) for cells in rows.cells) else "left"
+            whole = not (folded and k == every[-1])
+            table.add_column(rows.heads[k], no_wrap=whole, overflow="fold", justify=justify)
+        for cells in rows.cells:
+            if len(columns) > 2 or len(rows.heads) <= 2 or cells[columns[-1]]:
+                table.add_row(*(escape(cells[k]) for k in columns))
+        if folded:
+            out.print(table)
+            continue
+        wanted = out.measure(table, options=out.options.update(max_width=10_000)).maximum
+        Console(width=max(wanted, out.width)).print(table)
+
+
+def _blocks(needed: list[int], width: int) -> list[list[int]]:
+    """Columns of a table in blocks that a terminal can hold, each with the first column."""
+    blocks, used = [[0]], needed[0]
+    for k in range(1, len(needed)):
+        wraps = k == len(needed) - 1 and width - used >= LEAST_TEXT
+        if used + needed[k] > width and len(blocks[-1]) > 1 and not wraps:
+            blocks.append([0])
+            used = needed[0]
+        blocks[-1].append(k)
+        used += needed[k]
+    return blocks
 
 
 def _is_number(cell: str) -> bool:

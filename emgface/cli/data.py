@@ -1,14 +1,17 @@
 """``emgface data``: examine recordings, and name their labels, before they are used."""
 
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.chain import BandOption, chain_with
-from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
+from emgface.cli.chain import BandOption, MissingMuscleOption, MissingSideOption, chain_with
+from emgface.cli.console import BAD_INPUT, fail, frame, out, say, show_table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import xarray as xr
 
     from emgface.study.exclusions import Exclusion
@@ -20,8 +23,15 @@ FORMATS = (
     "BrainVision (.vhdr), XDF (.xdf), motion of "
     "BIDS (_motion.tsv), and the TOML sidecar (.toml) of a CSV, MATLAB or HDF5 file"
 )
-COLUMNS = ("name", "kind", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
+COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
            "reason")  # fmt: skip
+
+
+class Side(StrEnum):
+    """Sides of the face, as the volunteer sees them."""
+
+    left = "L"
+    right = "R"
 
 
 @app.command()
@@ -30,11 +40,16 @@ def check(
         list[Path], typer.Argument(help=f"Recordings, or folders of them: {FORMATS}.")
     ],
     study: Annotated[
-        bool, typer.Option(help="Demand the channels and markers of the study.")
+        bool, typer.Option(help="List missing channels and markers of the study as errors.")
     ] = False,
     mapping: Annotated[
         Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
     ] = None,
+    channels: Annotated[
+        str, typer.Option(help="Show only channels whose name contains this text.")
+    ] = "",
+    missing_side: MissingSideOption = None,
+    missing_muscle: MissingMuscleOption = None,
     page: Annotated[
         Path | None,
         typer.Option(help="Overview page to draw (png, svg), or a PDF with one per recording."),
@@ -43,11 +58,16 @@ def check(
         Path | None,
         typer.Option(
             help="File of exclusions to write (TOML): the trials that cannot be used, and why. "
-            "Read it, correct it, and name it in the study file as recordings.exclusions."
+            "Check it, correct it, and specify it in the study file as recordings.exclusions."
         ),
     ] = None,
 ) -> None:
-    """Examine every channel and marker; fail if one cannot be used."""
+    """Examine every channel and marker; fail if one cannot be used.
+
+    In a terminal the results are tables; into a pipe or file they are written as one CSV table.
+    """
+    import pandas as pd
+
     from analysis.tables import origin_of
     from emgface.cli.pages import overview_pages
     from emgface.errors import DataError, EmgfaceError
@@ -55,19 +75,22 @@ def check(
     from emgface.recordings.check import check_recording, problems
     from emgface.recordings.dataset import find_recordings, read_recordings
     from emgface.schema.rules import one_line
+    from emgface.signals.parameters import SignalChain
     from emgface.study.exclusions import exclusions_text
+    from emgface.study.readiness import refusals
 
     if exclude is not None and exclude.exists():
         raise DataError(
             f"{exclude} exists and may hold exclusions of yours, expected a new name: choose "
             "another one or delete it"
         )
-
+    chain = chain_with(SignalChain(), missing_side=missing_side, missing_muscle=missing_muscle)
     n_files = 0
     if page is not None:
         n_files = sum(len(find_recordings(path)) if path.is_dir() else 1 for path in paths)
-    n_bad = n_all = n_read = 0
+    n_bad = n_all = n_read = n_whole = 0
     excluded: list[Exclusion] = []
+    tables: list[pd.DataFrame] = []
     with overview_pages(page, n_files) as add_page:
         for file, recording in read_recordings(*paths, mapping=mapping):
             n_all += 1
@@ -78,21 +101,41 @@ def check(
             n_read += 1
             try:
                 report = check_recording(recording, study=study)
+                refused = refusals(recording, chain)
+                if channels:
+                    names = report.loc[report["kind"] == "channel", "name"].astype(str)
+                    report = report[report["name"].isin(_containing(channels, names, file.name))]
+            except EmgfaceError as error:
+                fail(error)
+                n_bad += 1
+                continue
             except Exception as error:  # one file must not end the check of the others
                 fail(DataError(f"{file.name} could not be examined ({one_line(error)})."))
                 n_bad += 1
                 continue
-            origin = origin_of(recording)
-            show_table(frame(report[list(COLUMNS)]), f"{file.name} ({origin})")
             add_page(recording, report)
+            if out.is_terminal:
+                title = f"{file.name} ({origin_of(recording)})"
+                show_table(frame(report[list(COLUMNS)]), title)
+            else:
+                tables.append(report.assign(origin=origin_of(recording)))
+                tables[-1].insert(0, "file", file.name)
             bad = problems(report)
             n_bad += bool(bad)
+            n_whole += not refused
             for sentence in bad:
                 say(f"{file.name}: {sentence}")
+            for step, reason in refused.items():
+                say(f"{file.name}: 'emgface {step}' would refuse it: {reason.rstrip('.')}.")
             if bad and exclude is not None:
                 excluded += _exclusion(recording, bad, file.name)
+    if tables:
+        typer.echo(pd.concat(tables, ignore_index=True).to_csv(index=False), nl=False)
     if n_read or n_all > 1:
-        say(f"{n_all - n_bad} of {n_all} recordings can be used.")
+        say(
+            f"{n_all - n_bad} of {n_all} recordings can be used; {n_whole} pass every later step "
+            "(activate, score, study run, convert)."
+        )
     if exclude is not None:
         replace_file(
             exclude, lambda path: path.write_text(exclusions_text(excluded), encoding="utf-8")
@@ -100,6 +143,25 @@ def check(
         say(f"Wrote {exclude}: {len(excluded)} trials; read it before a study uses it.")
     if n_bad:
         raise typer.Exit(BAD_INPUT)
+
+
+def _containing(text: str, names: "Iterable[str]", file: str) -> list[str]:
+    """Channels whose name contains a text, in any case.
+
+    Raises
+    ------
+    DataError
+        If there is none.
+    """
+    from emgface.errors import DataError
+
+    held = list(names)
+    chosen = [name for name in held if text.lower() in name.lower()]
+    if held and not chosen:
+        raise DataError(
+            f"no channel of {file} contains {text!r}, expected part of one of {', '.join(held)}"
+        )
+    return chosen
 
 
 def _exclusion(recording: "xr.Dataset", bad: list[str], name: str) -> "list[Exclusion]":
@@ -139,7 +201,6 @@ def features(
 ) -> None:
     """Show the power in the pass-band and the range of the feature of every channel."""
     from analysis.tables import origin_of
-    from emgface.errors import DataError
     from emgface.recordings.channels import channel_report
     from emgface.recordings.dataset import read_recording
     from emgface.signals.parameters import SignalChain
@@ -148,12 +209,7 @@ def features(
     chain = chain_with(SignalChain() if study is None else load_study(study).signals, band=band)
     recording = read_recording(path, mapping=mapping)
     names = [str(name) for name in recording["channel"].values] if "emg" in recording else []
-    chosen = [name for name in names if channels in name]
-    if names and not chosen:
-        raise DataError(
-            f"no channel of {path.name} contains {channels!r}, expected part of one of "
-            f"{', '.join(names)}"
-        )
+    chosen = _containing(channels, names, path.name)
     report = channel_report(recording.sel(channel=chosen) if names else recording, chain)
     rows = report.reset_index()
     rows["rms"] *= 1e6
@@ -182,13 +238,20 @@ def propose(
             "repeatable.",
         ),
     ] = None,
+    side: Annotated[
+        Side | None, typer.Option(help="Side of channels whose label contains none.")
+    ] = None,
 ) -> None:
-    """Propose which channel is which muscle and which marker is where, for you to confirm."""
+    """Propose the muscle of each channel and the place of each marker, for you to confirm.
+
+    Proposals come from the labels (names and abbreviations of muscles, words for sides), from target
+    muscles where the file names them, and from the positions of markers.
+    """
     from emgface.errors import DataError
     from emgface.files import replace_file
     from emgface.recordings.dataset import read_recording
     from emgface.recordings.labels import note
-    from emgface.recordings.proposal import mapping_text, missing_names, propose_mapping
+    from emgface.recordings.proposal import mapping_text, missing_names, propose_for
 
     if out_path is not None and out_path.exists():
         raise DataError(
@@ -199,13 +262,8 @@ def propose(
         raise DataError(f"{path} is a folder, expected one recording: name a file in it")
     given = dict(_unit(setting) for setting in units or [])
     recording = read_recording(path, mapping={"units": given})
-    tables = {}
-    kinds: tuple[Literal["channel", "marker"], ...] = ("channel", "marker")
-    for kind in kinds:
-        if kind not in recording.coords:
-            continue
-        table = propose_mapping([str(v) for v in recording[kind].values], kind)
-        tables[kind] = table
+    tables = propose_for(recording, side=None if side is None else side.value)
+    for kind, table in tables.items():
         show_table(frame(table), f"{path.name}: {kind}s")
         for row in table[table["certainty"] == "unresolved"].itertuples():
             say(f"Unresolved: {kind} {row.label!r} ({row.reason}).")

@@ -73,22 +73,39 @@ def convert(
         typer.Option(help="Remove mains hum of this frequency and its harmonics [Hz], 50 or 60."),
     ] = None,
     notch_width: Annotated[float, typer.Option(help="Width of each notch [Hz].")] = 2.0,
+    subject: Annotated[
+        str | None, typer.Option(help="Volunteer, where the recordings name none or a wrong one.")
+    ] = None,
+    task: Annotated[str | None, typer.Option(help="Instruction, likewise.")] = None,
+    run: Annotated[int | None, typer.Option(min=1, help="Repetition, likewise.")] = None,
 ) -> None:
     """Convert recordings to netCDF or to EMG-BIDS and Motion-BIDS, with a notch where wanted."""
     from emgface.errors import DataError, EmgfaceError
     from emgface.recordings.bids import write_bids
     from emgface.recordings.bids.rules import bids_problems
+    from emgface.recordings.bids.write import bids_entities
     from emgface.recordings.dataset import find_recordings, read_recording, write_recording
     from emgface.recordings.quality import remove_hum
 
     given = [
         file for path in paths for file in (find_recordings(path) if path.is_dir() else [path])
     ]
-    taken: dict[Path, Path] = {}
+    named = {"volunteer": subject, "instruction": task, "repetition": run}
+    named = {name: value for name, value in named.items() if value is not None}
+    taken: dict[str, Path] = {}
     n_bad = 0
     for file in given:
         try:
-            recording = read_recording(file, mapping=mapping)
+            recording = read_recording(file, mapping=mapping).assign_attrs(named)
+            target = f"{file.stem}.nc"
+            if to == Target.bids:
+                target = "_".join(bids_entities(recording).values())
+            if target in taken:
+                raise DataError(
+                    f"{file} and {taken[target]} would both become {target}, expected names that "
+                    "differ: convert them into different folders, or give each its --run"
+                )
+            taken[target] = file
             if notch is not None and "emg" in recording:
                 emg = remove_hum(recording["emg"], notch, width=notch_width)
                 recording = recording.assign(emg=emg)
@@ -98,14 +115,7 @@ def convert(
                 )
                 written = write_bids(recording, out_path, emg=extra)[0]
             else:
-                target = out_path / f"{file.stem}.nc"
-                if target in taken:
-                    raise DataError(
-                        f"{file} and {taken[target]} would both become {target.name}, expected "
-                        "names that differ: convert them into different folders"
-                    )
-                taken[target] = file
-                written = write_recording(recording, target)
+                written = write_recording(recording, out_path / target)
         except EmgfaceError as error:
             fail(error)
             n_bad += 1

@@ -12,6 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 from emgface.errors import MarkerError, UnitsError
 from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS
+from emgface.schema.rules import listed
 from emgface.signals.filters import sampling_rate
 from emgface.signals.parameters import HeadFrameParameters
 
@@ -127,8 +128,8 @@ def _checked(position: xr.DataArray) -> xr.DataArray:
     missing = [name for name in (*FACE_MARKERS, *LIP_MARKERS) if name not in found]
     if missing:
         raise MarkerError(
-            f"missing marker{'s' if len(missing) > 1 else ''} {', '.join(missing)} (found "
-            f"{', '.join(found) or 'none'}), expected six face and ten lip markers: rename the "
+            f"missing marker{'s' if len(missing) > 1 else ''} {listed(missing)} (found "
+            f"{listed(found) or 'none'}), expected six face and ten lip markers: rename the "
             "markers of the recording"
         )
     return position.sel(axis=list(AXES)).transpose("marker", "axis", "time_marker")

@@ -10,56 +10,66 @@ from collections.abc import Iterable, Mapping
 from typing import Final, Literal
 
 import pandas as pd
+import xarray as xr
 
 from emgface.errors import DataError
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
+from emgface.recordings.places import with_places
+from emgface.recordings.words import (
+    AMBIGUOUS,
+    FILLERS,
+    MUSCLES,
+    OTHER_MUSCLES,
+    PLACES,
+    SIDES,
+)
 from emgface.schema.rules import nearest
 
 COLUMNS: Final = ("label", "name", "certainty", "reason")
 
-_LEFT: Final = ("l", "left", "li", "links", "lt", "lft", "gauche", "g", "sin", "sinister")
-_RIGHT: Final = ("r", "right", "re", "rechts", "rt", "rgt", "droit", "droite", "dex", "dexter")
-SIDES: Final[Mapping[str, str]] = {**dict.fromkeys(_LEFT, "L"), **dict.fromkeys(_RIGHT, "R")}
-"""Words for a side, in English, Dutch, German, French and Latin."""
 
-MUSCLES: Final[Mapping[str, tuple[str, ...]]] = {
-    "OOS": ("oos", "orbicularis oris superior", "orb oris sup", "orbicularis superior",
-            "upper orbicularis", "orbicularis oris upper", "upper lip"),
-    "OOI": ("ooi", "orbicularis oris inferior", "orb oris inf", "orbicularis inferior",
-            "lower orbicularis", "orbicularis oris lower", "lower lip"),
-    "RIS": ("ris", "risorius"),
-    "ZYG": ("zyg", "zygomaticus", "zygomaticus major", "zygomatic", "zm", "zmaj", "zygo"),
-    "LLSAN": ("llsan", "levator labii superioris alaeque nasi", "levator labii superioris",
-              "levator labii", "lls", "levator"),
-    "DAO": ("dao", "depressor anguli oris", "depressor anguli", "triangularis"),
-    "MEN": ("men", "ment", "mentalis", "chin"),
-}  # fmt: skip
-"""Words for the muscles that carry electrodes."""
+def propose_for(
+    recording: xr.Dataset, *, side: Literal["L", "R"] | None = None
+) -> dict[Literal["channel", "marker"], pd.DataFrame]:
+    """Propose the meaning of every channel and marker of a recording.
 
-PLACES: Final[Mapping[str, tuple[str, ...]]] = {
-    "forehead": ("forehead", "frontal", "brow", "stirn"),
-    "temple": ("temple", "temporal", "schlaefe"),
-    "nasion": ("nasion", "nose bridge", "nasal bridge", "bridge"),
-    "rhinion": ("rhinion", "nose", "nose dorsum", "nose tip", "nasal dorsum"),
-    "corner": ("corner", "mouth corner", "lip corner", "commissure", "cheilion", "ch", "mc"),
-    "upper_lateral": ("upper lateral", "upper lip lateral", "ul lat", "upper lat", "sup lat"),
-    "upper_paramedian": ("upper paramedian", "upper lip paramedian", "upper medial", "upper med",
-                         "upper lip medial", "crista philtri", "cupid", "sup med", "ul med"),
-    "lower_lateral": ("lower lateral", "lower lip lateral", "ll lat", "lower lat", "inf lat"),
-    "lower_paramedian": ("lower paramedian", "lower lip paramedian", "lower medial", "lower med",
-                         "lower lip medial", "inf med", "ll med"),
-}  # fmt: skip
-"""Words for the places of markers, without side."""
+    Labels are read first. For channels of a BIDS dataset the column ``target_muscle`` follows, for
+    markers their positions (`emgface.recordings.places`).
 
-_FILLERS: Final = frozenset(
-    ("emg", "semg", "m", "musc", "muscle", "musculus", "ch", "channel", "chan", "marker", "mk",
-     "sensor", "raw", "bip", "bipolar", "of", "the", "v", "uv", "mv", "analog", "voltage"),
-)  # fmt: skip
-"""Words that tell neither muscle nor side."""
+    Parameters
+    ----------
+    recording : Dataset
+        Recording under the labels of its file.
+    side : str, optional
+        Side of channels whose label contains none.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        Result of `propose_mapping` for ``channel`` and ``marker``, as far as the recording has them.
+    """
+    tables: dict[Literal["channel", "marker"], pd.DataFrame] = {}
+    if "channel" in recording.coords:
+        electrodes = json.loads(str(recording.attrs.get("electrodes", "{}")))
+        told = {
+            str(label): str(link["target_muscle"])
+            for label, link in electrodes.get("channels", {}).items()
+            if "target_muscle" in link
+        }
+        labels = [str(label) for label in recording["channel"].values]
+        tables["channel"] = propose_mapping(labels, "channel", side=side, told=told)
+    if "marker" in recording.coords:
+        table = propose_mapping([str(label) for label in recording["marker"].values], "marker")
+        tables["marker"] = with_places(table, recording["position"])
+    return tables
 
 
 def propose_mapping(
-    labels: Iterable[str], kind: Literal["channel", "marker"] = "channel"
+    labels: Iterable[str],
+    kind: Literal["channel", "marker"] = "channel",
+    *,
+    side: Literal["L", "R"] | None = None,
+    told: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """Propose what each label of a file means.
 
@@ -69,6 +79,10 @@ def propose_mapping(
         Labels in the file.
     kind : str
         ``channel`` for muscles and side, ``marker`` for places on the face.
+    side : str, optional
+        Side of channels whose label contains none.
+    told : mapping of str to str, optional
+        What the source says of a label beside it, such as the target muscle.
 
     Returns
     -------
@@ -90,7 +104,12 @@ def propose_mapping(
     """
     if kind not in ("channel", "marker"):
         raise DataError(f"No kind of label is called {kind!r}; expected 'channel' or 'marker'.")
-    rows = [(str(label), *_one(str(label), kind)) for label in labels]
+    rows = [(str(label), *_one(str(label), kind, side)) for label in labels]
+    for k, (label, name, _, _) in enumerate(rows):
+        if not name and told and label in told:
+            name, certainty, reason = _one(f"{told[label]} {label}", kind, side)
+            certainty = "likely" if name else certainty
+            rows[k] = (label, name, certainty, f"its target muscle is {told[label]!r}: {reason}")
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     for name in sorted(set(table["name"]) - {""}):
         claims = table["name"] == name
@@ -157,22 +176,29 @@ def mapping_text(channels: pd.DataFrame | None, markers: pd.DataFrame | None = N
     return "\n".join(lines)
 
 
-def _one(label: str, kind: str) -> tuple[str, str, str]:
+def _one(label: str, kind: str, assumed: str | None = None) -> tuple[str, str, str]:
     """Name, certainty and reason of one label."""
     names = CHANNELS if kind == "channel" else FACE_MARKERS + LIP_MARKERS
     exact = next((name for name in names if name.lower() == label.strip().lower()), None)
     if exact is not None:
         return exact, "sure", "the name itself"
     words, side = _words(label, kind)
-    known = MUSCLES if kind == "channel" else PLACES
     text = " ".join(words)
-    what, certainty = _known(text, known)
+    what, certainty = _known(text, _table(kind))
     if what is None:
-        return "", "unresolved", f"no known {'muscle' if kind == 'channel' else 'place'} in it"
+        noun = "muscle" if kind == "channel" else "place"
+        found = f"several {noun}s" if certainty == "several" else f"no known {noun}"
+        return "", "unresolved", f"{found} in it"
+    if what in OTHER_MUSCLES:
+        return "", "unresolved", f"{what}, a muscle that the study does not record"
+    if what in AMBIGUOUS:
+        return "", "unresolved", AMBIGUOUS[what]
     if kind == "marker" and what in names:
         name = what  # on the midline
-    elif side is None:
+    elif side is None and (assumed is None or kind == "marker"):
         return "", "unresolved", f"{what}, but no side in it"
+    elif side is None:
+        return f"{what}_{assumed}", "likely", f"{what} without a side, which was given for all"
     elif kind == "channel":
         name = f"{what}_{side}"
     else:
@@ -187,7 +213,7 @@ def _words(label: str, kind: str) -> tuple[list[str], str | None]:
     words = re.findall(r"[^\W\d_]+", spaced.lower())
     sides = [SIDES[word] for word in words if word in SIDES]
     side = sides[0] if len(set(sides)) == 1 else None
-    kept = [w for w in words if w not in SIDES and (w not in _FILLERS or kind == "marker")]
+    kept = [w for w in words if w not in SIDES and (w not in FILLERS or kind == "marker")]
     if side is None and not sides and kept:
         # A side glued to the muscle, as in 'LZYG' or 'zygR'.
         for letter in "lr":
@@ -201,7 +227,9 @@ def _words(label: str, kind: str) -> tuple[list[str], str | None]:
 
 
 def _table(kind: str) -> Mapping[str, tuple[str, ...]]:
-    return MUSCLES if kind == "channel" else PLACES
+    if kind == "marker":
+        return PLACES
+    return {**MUSCLES, **OTHER_MUSCLES, **{phrase: (phrase,) for phrase in AMBIGUOUS}}
 
 
 def _known(text: str, known: Mapping[str, tuple[str, ...]]) -> tuple[str | None, str]:
@@ -213,9 +241,9 @@ def _known(text: str, known: Mapping[str, tuple[str, ...]]) -> tuple[str | None,
     inside = [p for p in flat if f" {p} " in f" {text} "]
     if inside:
         best = max(inside, key=len)
-        rivals = {flat[p] for p in inside if p not in best}
+        rivals = {flat[p] for p in inside if p not in best and flat[p] not in AMBIGUOUS}
         if not rivals - {flat[best]}:
             return flat[best], "sure"
-        return None, "unresolved"
+        return None, "several"
     close = nearest(text, flat, cutoff=0.8) if len(text) > 3 else None
     return (flat[close], "likely") if close else (None, "unresolved")

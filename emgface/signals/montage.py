@@ -9,6 +9,7 @@ import xarray as xr
 from emgface.choices import Parameters, choice
 from emgface.errors import SchemaError
 from emgface.muscles import CHANNELS, MUSCLES
+from emgface.schema.rules import listed
 from emgface.signals.mapping import sources_of
 
 
@@ -106,8 +107,8 @@ class Montage:
         if not lacking:
             return
         raise SchemaError(
-            f"missing channel{'s' if len(lacking) > 1 else ''} {', '.join(lacking)} (found "
-            f"{', '.join((*self.recorded, *self.ignored)) or 'none'}), which {strategy} needs; "
+            f"missing channel{'s' if len(lacking) > 1 else ''} {listed(lacking)} (found "
+            f"{listed((*self.recorded, *self.ignored)) or 'none'}), which {strategy} needs; "
             f"expected the {len(CHANNELS)} channels of the study: map the labels of the recording, or "
             "choose signals.montage.missing_side (mirror, zero, leave_out) and "
             "signals.montage.missing_muscle (zero, leave_out)"
@@ -181,7 +182,7 @@ def with_mirrored(emg: xr.DataArray, montage: Montage) -> xr.DataArray:
     held = [name for name in CHANNELS if name in montage.recorded or name in montage.mirrored]
     if not held:
         raise SchemaError(
-            f"the recording has the channels {', '.join(montage.ignored) or 'none'}, expected at "
+            f"the recording has the channels {listed(montage.ignored) or 'none'}, expected at "
             f"least one of {', '.join(CHANNELS)}: map its labels to these names"
         )
     sources = [name if name in montage.recorded else _opposite(name) for name in held]

@@ -127,7 +127,7 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
             unreadable[path] = given
             continue
         try:
-            place, error = _place(given, path), None
+            place, error = place_of(given, path.name), None
         except DataError as unplaced:
             unreadable[path] = unplaced
             continue
@@ -236,21 +236,39 @@ def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> l
 def load_recording(path: Path, configuration: RecordingsConfiguration) -> Recording:
     """Read one recording again, as `take_in` did (for a worker process)."""
     dataset = read_recording(path, mapping=configuration.mapping)
-    return Recording(_place(dataset, path), dataset, dataset_digest(dataset), path)
+    return Recording(place_of(dataset, path.name), dataset, dataset_digest(dataset), path)
 
 
-def _place(recording: xr.Dataset, path: Path) -> Place:
+def place_of(recording: xr.Dataset, name: str) -> Place:
+    """Return volunteer, instruction and repetition of a recording.
+
+    Parameters
+    ----------
+    recording : Dataset
+        Recording with these attributes.
+    name : str
+        Its name in messages.
+
+    Returns
+    -------
+    tuple of (str, str, int)
+
+    Raises
+    ------
+    DataError
+        If one of them is absent, or the instruction is none of the study.
+    """
     lacking = [n for n in ("volunteer", "instruction", "repetition") if n not in recording.attrs]
     if lacking:
         raise DataError(
-            f"{path.name} does not name its {' and '.join(lacking)}, expected all three: set the "
+            f"{name} does not name its {' and '.join(lacking)}, expected all three: set the "
             "attributes or give them in a mapping"
         )
     attrs = recording.attrs
     place = (str(attrs["volunteer"]), str(attrs["instruction"]), int(attrs["repetition"]))
     if place[1] not in INSTRUCTIONS:
         raise DataError(
-            f"{path.name} is of instruction {place[1]!r}, expected one of "
+            f"{name} is of instruction {place[1]!r}, expected one of "
             f"{', '.join(INSTRUCTIONS)}: relabel it"
         )
     return place

@@ -3,13 +3,19 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
+from scipy.spatial.transform import Rotation
 
 from emgface.errors import DataError
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS, MEASURED, MUSCLE_NAMES
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.labels import read_label_map
-from emgface.recordings.proposal import MUSCLES, mapping_text, missing_names, propose_mapping
+from emgface.recordings.places import with_places
+from emgface.recordings.proposal import mapping_text, missing_names, propose_mapping
+from emgface.recordings.quality.markers import LAYOUT
+from emgface.recordings.words import MUSCLES
 
 
 @pytest.mark.parametrize(
@@ -107,3 +113,64 @@ def test_a_recording_of_the_shoulder_stays_unresolved(shared: Path) -> None:
     found = read_recording(path)
     assert set(propose_mapping(found["channel"].values)["certainty"]) == {"unresolved"}
     assert set(propose_mapping(found["marker"].values, "marker")["name"]) == {""}
+
+
+@pytest.mark.parametrize(
+    ("label", "name", "reason"),
+    [
+        ("ZM li", "ZYG_L", ""),
+        ("Zyg maj re", "ZYG_R", ""),
+        ("OO_sup_R", "OOS_R", ""),
+        ("Oberlippe li", "OOS_L", ""),
+        ("EMG5: lev. lab. sup. L", "LLSAN_L", ""),
+        ("Levator labii superioris alesque nasi left", "LLSAN_L", ""),
+        ("Zyg_L [µV]", "ZYG_L", ""),
+        ("Orbicularis oris L", "", "neither superior nor inferior"),
+        ("orbicularis oculi R", "", "does not record"),
+        ("levator anguli oris R", "", "does not record"),
+        ("zygomaticus minor L", "", "does not record"),
+        ("Corrugator supercilii re", "", "does not record"),
+        ("zygomaticus and risorius L", "", "several muscles"),
+    ],
+)
+def test_spellings_of_laboratories(label: str, name: str, reason: str) -> None:
+    row = propose_mapping([label]).iloc[0]
+    assert row["name"] == name and reason in row["reason"]
+
+
+def test_a_side_or_a_target_muscle_is_taken_from_elsewhere() -> None:
+    labels = ["zygomaticus", "EMG2", "DAO R", "EMG4"]
+    told = {"EMG2": "Mentalis", "EMG4": "platysma"}
+    table = propose_mapping(labels, side="L", told=told)
+    assert table["name"].to_list() == ["ZYG_L", "MEN_L", "DAO_R", ""]
+    assert table["certainty"].to_list() == ["likely", "likely", "sure", "unresolved"]
+    assert "target muscle is 'Mentalis'" in table["reason"][1]
+
+
+def placed(names, turn, seed, scale=0.026, noise=0.002) -> xr.DataArray:
+    rng = np.random.default_rng(seed)
+    points = scale * np.array([LAYOUT[n] for n in names]) @ turn.as_matrix().T + [1.0, 2.0, 0.5]
+    points += noise * rng.standard_normal(points.shape)
+    return xr.DataArray(points[:, :, None], dims=("marker", "axis", "time_marker"))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_markers_without_names_are_proposed_by_their_places(seed: int) -> None:
+    names = list(np.random.default_rng(seed).permutation(list(LAYOUT)))
+    turn = Rotation.random(random_state=seed)
+    labels = propose_mapping([f"M{k}" for k in range(16)], "marker")
+    table = with_places(labels, placed(names, turn, seed))
+    right = [a == b for a, b in zip(table["name"], names, strict=True)]
+    assert sum(right) >= 14 and set(table["certainty"]) <= {"likely", "unresolved"}
+    # A layout of another size, and too few markers to tell left from right, propose nothing.
+    assert not with_places(labels, placed(names, turn, seed, scale=0.2))["name"].any()
+    few = propose_mapping([f"M{k}" for k in range(10)], "marker")
+    assert not with_places(few, placed(list(LAYOUT)[6:], turn, seed))["name"].any()
+
+
+def test_known_markers_carry_the_layout_to_the_others() -> None:
+    names = ["nasion", "corner_left", "corner_right", "lower_lateral_right", "temple_left"]
+    labels = propose_mapping([*names[:3], "*101", "*102"], "marker")
+    table = with_places(labels, placed(names, Rotation.random(random_state=3), 3, noise=5e-4))
+    assert table["name"].to_list() == names
+    assert table["certainty"].to_list() == ["sure"] * 3 + ["likely"] * 2

@@ -163,7 +163,8 @@ def test_usable_recordings_pass_the_check(laboratory: Path) -> None:
     result = run("data", "check", laboratory / "recordings", "--study")
     assert result.exit_code == 0, result.output
     assert "2 of 2 recordings can be used" in result.stderr
-    assert "(simulated, mismatched world" in result.stdout
+    assert "simulated, mismatched world" in result.stdout
+    assert "2 pass every later step" in result.stderr
 
 
 def test_volunteers_are_written(laboratory: Path, tmp_path: Path) -> None:

@@ -1,14 +1,18 @@
 """The commands that examine recordings: labels are proposed, pages drawn, nothing overwritten."""
 
+import io
 import json
 import shutil
 import tomllib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
+from rich.console import Console
 
+from emgface.cli import console
 from emgface.cli.data import FORMATS
 from emgface.muscles import CHANNELS
 from emgface.recordings.bids.rules import bids_problems
@@ -178,6 +182,86 @@ def test_recordings_are_converted_to_bids_and_back_with_a_notch(
         notched = remove_hum(given["emg"], 50.0)
         largest = float(abs(notched).max())
         np.testing.assert_allclose(found["emg"], notched, rtol=0, atol=2.4e-7 * largest)
+
+
+def test_subject_task_and_run_are_given_where_a_file_names_none(foreign, tmp_path) -> None:
+    bare = read_recording(foreign)
+    bare.attrs = {k: v for k, v in bare.attrs.items() if k not in ("volunteer", "instruction")}
+    other = stored(bare, tmp_path, "other.nc")
+    convert = ("data", "convert", "--to", "bids", "--out", tmp_path / "bids")
+    one_of = run(*convert, other)
+    assert one_of.exit_code == 2 and "give --subject, --task and --run" in one_of.stderr
+    named = ("--subject", "P07", "--task", "smile", "--run", 3)
+    given = run(*convert, other, *named)
+    assert given.exit_code == 0, given.output
+    path = tmp_path / "bids/sub-P07/emg/sub-P07_task-smile_run-03_emg.bdf"
+    assert read_recording(path).attrs["repetition"] == 3
+    both = run(*convert, other, foreign, *named)
+    assert both.exit_code == 2 and "would both become P07_smile_03" in both.stderr
+
+
+def test_a_check_into_a_pipe_is_one_csv_table(foreign: Path, laboratory: Path) -> None:
+    result = run("data", "check", foreign, laboratory / "recordings", "--channels", "Left zyg")
+    assert result.exit_code == 2 and "no channel of S01_B_1.nc contains 'Left zyg'" in result.stderr
+    table = pd.read_csv(io.StringIO(result.stdout))
+    assert table[["file", "name", "signal"]].values.tolist() == [
+        [foreign.name, "Left zygomaticus", "EMG"]
+    ]
+    whole = pd.read_csv(io.StringIO(run("data", "check", laboratory / "recordings").stdout))
+    assert whole.groupby("file")["kind"].value_counts().tolist() == [16, 14, 16, 14]
+
+
+def test_a_check_says_which_later_step_would_refuse(foreign: Path, tmp_path: Path) -> None:
+    result = run("data", "check", foreign)
+    assert (
+        "'emgface activate' would refuse it: missing channels ZYG_L, MEN_L, RIS_R" in result.stderr
+    )
+    assert "'emgface study run' would refuse it: see activate" in result.stderr
+    assert (
+        "'emgface score'" not in result.stderr and "convert" not in result.stderr.split("1 of")[0]
+    )
+    assert "0 pass every later step" in result.stderr
+    treated = run("data", "check", foreign, "--missing-side", "mirror")
+    assert "1 pass every later step" in treated.stderr
+    alone = read_recording(foreign).drop_dims(["time_marker", "marker"])
+    blind = run("data", "check", stored(alone, tmp_path, "alone.nc"), "--missing-side", "zero")
+    assert "'emgface score' would refuse it: it holds no marker positions" in blind.stderr
+
+
+def test_a_table_is_folded_to_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    shown = io.StringIO()
+    terminal = Console(file=shown, width=60, force_terminal=True, color_system=None)
+    monkeypatch.setattr(console, "out", terminal)
+    rows = [("a", *("123456789",) * 6, "r" * 70), ("b", *("1",) * 6, "")]
+    console.show_table(console.Rows(tuple("nuvwxyzt"), tuple(rows)), "title")
+    lines = [line.rstrip() for line in shown.getvalue().splitlines()]
+    assert max(map(len, lines)) <= 60 and "".join(lines).count("123456789") == 6
+    assert "".join(line.replace("a", "").strip() for line in lines).count("r") == 70
+    assert sum(line.split()[:1] == ["n"] for line in lines) == 2  # blocks repeat the first column
+    console.show_table(console.Rows(("n", "t"), (("a", "short"),)), "title")
+    assert "short" in capsys.readouterr().out
+
+
+def test_a_sidecar_is_drafted_confirmed_and_read(tmp_path: Path) -> None:
+    emg = 1e-2 * np.random.default_rng(0).standard_normal((3000, 2))
+    np.savetxt(tmp_path / "a.txt", emg, delimiter="\t")
+    out = tmp_path / "a.toml"
+    draft = run("data", "describe", tmp_path / "a.txt", "--out", out, "--columns", "zyg li,zyg re")
+    assert draft.exit_code == 0 and "Unconfirmed: emg.rate, emg.unit" in draft.stderr
+    one_sentence(run("data", "map", out), "a.toml lists emg.rate, emg.unit as unconfirmed")
+    one_sentence(run("data", "describe", tmp_path / "a.txt", "--out", out), "exists")
+    out.unlink()
+    known = ("--rate", 1000, "--unit", "millivolts", "--columns", "zyg li,zyg re")
+    assert (
+        "Unconfirmed"
+        not in run("data", "describe", tmp_path / "a.txt", "--out", out, *known).stderr
+    )
+    mapped = run("data", "map", out, "--out", tmp_path / "m.toml")
+    assert mapped.exit_code == 0, mapped.output
+    read = read_recording(out, mapping=tmp_path / "m.toml")
+    assert list(read["channel"].values) == ["ZYG_L", "ZYG_R"]
+    np.testing.assert_allclose(read["emg"].values, 1e-3 * emg.T, rtol=1e-12)
+    one_sentence(run("data", "describe", tmp_path / "a.txt", "--unit", "N"), "unit of EMG is 'N'")
 
 
 def test_a_file_that_cannot_be_converted_does_not_stop_the_others(laboratory, tmp_path) -> None:

@@ -94,7 +94,7 @@ def write_bids(
     """
     recording = validate(recording, "recording")
     root = Path(root)
-    given = _entities(recording)
+    given = bids_entities(recording)
     folder = root / f"sub-{given['sub']}"
     _begin(root, name, recording)
     written: list[Path] = []
@@ -122,18 +122,37 @@ def write_bids(
     return written
 
 
-def _entities(recording: xr.Dataset) -> dict[str, str]:
+def bids_entities(recording: xr.Dataset) -> dict[str, str]:
+    """Return the labels of subject, task and run that name the files of a recording.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Recording that names volunteer, instruction and repetition.
+
+    Returns
+    -------
+    dict of str to str
+        ``sub``, ``task`` and ``run``.
+
+    Raises
+    ------
+    DataError
+        If one is absent or no BIDS label.
+    """
     absent = [n for n in ("volunteer", "instruction", "repetition") if n not in recording.attrs]
     if absent:
         raise DataError(
             f"The recording names no {absent[0]}; expected volunteer, instruction and repetition, "
-            "which name the files: set them as attributes."
+            "which name the files: give --subject, --task and --run, or set them as attributes."
         )
-    return {
+    given = {
         "sub": str(recording.attrs["volunteer"]),
         "task": str(recording.attrs["instruction"]),
         "run": f"{int(recording.attrs['repetition']):02d}",
     }
+    file_name(given, "emg.bdf")
+    return given
 
 
 def _instant(lag: float) -> str:

@@ -15,7 +15,7 @@ from emgface.recordings.quality.emg import MUSCLE, can_be_judged
 from emgface.recordings.quality.hum import power_density
 from emgface.signals.filters import sampling_rate
 
-COLOURS = {"ok": "0.25", "warning": "#b26b00", "error": "#b00020"}
+COLOURS = {"ok": "0.25", "warning": "#b26b00", "error": "#b00020", "not EMG": "0.6"}
 """Dark enough to be told apart in print; the verdict is also a word."""
 _MOST_ROWS = 24
 _POINTS = 2000

@@ -123,6 +123,66 @@ def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
     return value.T if matlab and isinstance(value, np.ndarray) else value
 
 
+def parse_contents(path: Path) -> dict[str, Any]:
+    """Return what a MATLAB or HDF5 file holds.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict
+        ``variables``: name to shape and kind of number (``f``, ``i``, ``u``, ``O`` for texts);
+        ``numbers``: name of a variable or attribute to its value, where it is a single number.
+    """
+    variables: dict[str, tuple[tuple[int, ...], str]] = {}
+    numbers: dict[str, float] = {}
+    with path.open("rb") as stream:
+        start = stream.read(520)
+    if b"\x89HDF\r\n\x1a\n" in start or start.startswith(b"MATLAB 7.3"):
+        import h5py
+
+        matlab = start.startswith(b"MATLAB")
+
+        def visit(name: str, item: Any) -> None:
+            for key, value in item.attrs.items():
+                if np.size(value) == 1 and np.asarray(value).dtype.kind in "iuf":
+                    numbers[f"{name}/{key}"] = float(np.ravel(value)[0])
+            if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+                shape = tuple(reversed(item.shape)) if matlab else tuple(item.shape)
+                kind = "O" if item.dtype.kind in "OSU" else item.dtype.kind
+                variables[name] = (shape, kind)
+                if item.size == 1 and kind in "iuf":
+                    numbers[name] = float(np.ravel(item[()])[0])
+
+        with h5py.File(path, "r") as opened:
+            opened.visititems(visit)
+        return {"variables": variables, "numbers": numbers}
+    import scipy.io
+
+    kinds = {"cell": "O", "char": "U", "struct": "V", "logical": "b", "sparse": "V"}
+    found: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
+    for name, shape, kind in found:
+        variables[name] = (tuple(shape), kinds.get(kind, "f"))
+    content = scipy.io.loadmat(
+        str(path), appendmat=False, variable_names=[n for n, s, _ in found if np.prod(s) == 1]
+    )
+    for name, (shape, kind) in list(variables.items()):
+        if int(np.prod(shape)) != 1 or name not in content:
+            continue
+        value = np.asarray(content[name])
+        if kind == "f" and value.dtype.kind in "iuf":
+            numbers[name] = float(value.ravel()[0])
+        for part in value.dtype.names or ():  # a structure
+            inner = np.asarray(value[part].ravel()[0])
+            variables[f"{name}.{part}"] = (inner.shape, inner.dtype.kind)
+            if inner.size == 1 and inner.dtype.kind in "iuf":
+                numbers[f"{name}.{part}"] = float(inner.ravel()[0])
+    return {"variables": variables, "numbers": numbers}
+
+
 def _require_room(path: Path, name: str, shape: tuple[int, ...]) -> None:
     """Refuse an array that its file cannot hold."""
     if np.prod(np.array(shape, float)) > EXPANSION * path.stat().st_size:

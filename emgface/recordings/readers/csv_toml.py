@@ -26,7 +26,8 @@ The sidecar is the file to open::
 
 A table without a row of labels takes them from ``columns``; ``skip_rows`` leaves out lines before
 it. Counts of a converter become values by ``step * (count - zero)``, in the unit. ``delimiter``,
-``decimal`` and ``encoding`` say how the text was written.
+``decimal`` and ``encoding`` say how the text was written. Entries that ``unconfirmed`` lists are guesses
+of `emgface.recordings.describe`; such a sidecar is refused.
 """
 
 import tomllib
@@ -43,6 +44,7 @@ from emgface.errors import DataError
 from emgface.recordings.labels import LabelMap, apply_labels, read_toml
 from emgface.recordings.readers._build import assemble, emg_array, position_array, unique_labels
 from emgface.recordings.readers._tables import EmgTable, PositionTable, by_marker, load_table
+from emgface.schema.rules import listed
 
 SUFFIXES = (".toml",)
 FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"
@@ -53,6 +55,7 @@ class Sidecar(Parameters):
 
     # 'schema' would hide a method of the base class.
     kind: Literal["recording"] = Field(alias="schema")
+    unconfirmed: tuple[str, ...] = ()
     volunteer: str | None = None
     instruction: str | None = None
     repetition: int | None = Field(default=None, ge=1)
@@ -163,5 +166,11 @@ def _with_tables(content: dict[str, Any], path: Path) -> dict[str, Any]:
         raise DataError(
             f'{path.name} does not say schema = "recording"; expected the sidecar of a '
             "recording: give that file, or add the line."
+        )
+    if guesses := content.get("unconfirmed"):
+        raise DataError(
+            f"{path.name} lists {listed(guesses)} as unconfirmed, which are guesses of 'emgface data "
+            "describe'; expected entries that a person has checked: correct them and delete the line "
+            "'unconfirmed'."
         )
     return content

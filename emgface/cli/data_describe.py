@@ -1,0 +1,67 @@
+"""``emgface data describe``: draft of a sidecar for a table or array."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from emgface.cli.console import say
+
+
+def describe(
+    path: Annotated[
+        Path, typer.Argument(help="Text table (.csv, .txt, .gz), MATLAB (.mat) or HDF5 (.h5) file.")
+    ],
+    out_path: Annotated[
+        Path | None, typer.Option("--out", help="Sidecar to write (TOML); printed when absent.")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=0.001, help="Sampling rate [Hz], where you know it.")
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Unit of the EMG, where you know it: V, mV or uV.")
+    ] = None,
+    columns: Annotated[
+        str | None, typer.Option(help="Labels of the columns, separated by commas.")
+    ] = None,
+    variable: Annotated[
+        str | None, typer.Option(help="Array of a MATLAB or HDF5 file, where you know it.")
+    ] = None,
+    confirm: Annotated[bool, typer.Option("--confirm", help="Accept all guesses.")] = False,
+) -> None:
+    """Draft the sidecar of a table or array from what can be seen in it, for you to confirm.
+
+    Guesses are marked and listed under 'unconfirmed'; the sidecar is refused until that list is
+    deleted.
+    """
+    import tomllib
+
+    from emgface.errors import DataError, UnitsError
+    from emgface.files import replace_file
+    from emgface.recordings.describe import describe as draft
+    from emgface.schema.units import DIVISORS, spelling
+
+    if out_path is not None and out_path.exists():
+        raise DataError(
+            f"{out_path} exists and may hold corrections of yours, expected a new name: choose "
+            "another one or delete it"
+        )
+    if unit is not None and spelling(unit) not in DIVISORS["V"]:
+        raise UnitsError(f"the unit of EMG is {unit!r}, expected one of {', '.join(DIVISORS['V'])}")
+    text = draft(
+        path,
+        beside=None if out_path is None else out_path.parent,
+        rate=rate,
+        unit=None if unit is None else spelling(unit),
+        columns=None if columns is None else [label.strip() for label in columns.split(",")],
+        variable=variable,
+        confirmed=confirm,
+    )
+    if out_path is None:
+        typer.echo(text, nl=False)
+        return
+    replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+    guesses = tomllib.loads(text).get("unconfirmed", [])
+    if guesses:
+        say(f"Unconfirmed: {', '.join(guesses)}. Check them and delete the line 'unconfirmed'.")
+    say(f"Wrote {out_path}.")

@@ -1,0 +1,133 @@
+"""Variables of MATLAB and HDF5 files, and the one that seems to hold the recording."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import pandas as pd
+
+from emgface.errors import DataError
+from emgface.recordings.readers._arrays import read_array, read_texts
+from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._parsers import parse_contents
+from emgface.schema.rules import hint, listed, one_line
+
+if TYPE_CHECKING:
+    from emgface.recordings.describe import Draft
+
+_RATES: Final = (
+    "fs",
+    "rate",
+    "samplingrate",
+    "samplerate",
+    "srate",
+    "samplingfrequency",
+    "freq",
+    "hz",
+)
+_LEAST: Final = 100
+"""Fewest samples of a recording."""
+
+
+def array_table(
+    path: Path, draft: "Draft", variable: str | None, columns: Sequence[str] | None
+) -> tuple[pd.DataFrame, float | None]:
+    """Choose the variable of a file that holds the recording.
+
+    Parameters
+    ----------
+    path : Path
+        MATLAB or HDF5 file.
+    draft : Draft
+        Sidecar that receives variable, dims and labels.
+    variable : str or None
+        The variable, where it is known.
+    columns : sequence of str or None
+        Labels, where they are known.
+
+    Returns
+    -------
+    DataFrame
+        One column per channel.
+    float or None
+        Sampling rate [Hz] of a variable or attribute that is named so.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged or holds no such array.
+    """
+    try:
+        held = isolated(path, parse_contents, path)
+    except DataError:
+        raise
+    except Exception as error:
+        raise DataError(
+            f"{path.name} cannot be read ({one_line(error)}); expected a complete MATLAB or HDF5 file."
+        ) from error
+    arrays = {
+        name: shape
+        for name, (shape, kind) in held["variables"].items()
+        if kind in "iuf" and 1 <= len([n for n in shape if n > 1]) <= 2 and max(shape) >= _LEAST
+    }
+    if not arrays:
+        raise DataError(
+            f"{path.name} holds no array of two dims with {_LEAST} samples or more, found "
+            f"{', '.join(held['variables']) or 'no variable'}; expected time and channels."
+        )
+    if variable is not None and variable not in arrays:
+        raise DataError(
+            f"{path.name} has no array {variable!r}{hint(variable, arrays)}; found {listed(arrays)}."
+        )
+    name = variable or max(arrays, key=lambda key: _merit(path, key, arrays[key]))
+    values = read_array(path, name).squeeze()
+    transposed = values.ndim == 2 and values.shape[0] < values.shape[1]
+    frame = pd.DataFrame(values.T if transposed else values)
+    sure = variable is not None or len(arrays) == 1
+    draft.put(
+        "variable", name, "" if sure else "the largest array that varies", table="emg", sure=sure
+    )
+    others = [f"{key} {shape}" for key, shape in arrays.items() if key != name]
+    if others:
+        draft.lines.append(f"# other arrays in the file: {listed(others)}")
+    draft.put("dims", ["channel", "time"] if transposed else ["time", "channel"])
+    labels = [f"channel {k + 1}" for k in range(frame.shape[1])]
+    texts = next(
+        (
+            key
+            for key, (size, kind) in held["variables"].items()
+            if kind in "OUS" and int(np.prod(size)) == frame.shape[1]
+        ),
+        None,
+    )
+    if columns is not None:
+        if len(columns) != frame.shape[1]:
+            raise DataError(
+                f"{path.name}: {name!r} has {frame.shape[1]} columns and {len(columns)} labels were "
+                "given; expected one for each."
+            )
+        labels = list(columns)
+        draft.put("columns", labels)
+    elif texts is not None:
+        labels = read_texts(path, texts)
+        draft.put("columns_variable", texts, table="emg", sure=False)
+    else:
+        draft.put("columns", labels, "the file names none", table="emg", sure=False)
+    frame.columns = labels
+    rates = [
+        value
+        for key, value in held["numbers"].items()
+        if any(
+            word == "".join(c for c in key.rpartition("/")[2].lower() if c.isalpha())
+            for word in _RATES
+        )
+    ]
+    return frame, rates[0] if rates else None
+
+
+def _merit(path: Path, name: str, shape: tuple[int, ...]) -> tuple[bool, int, bool]:
+    """Order of arrays: those that vary before constant ones and counters, then the largest."""
+    step = np.diff(read_array(path, name).squeeze(), axis=0)
+    words = name.lower()
+    return bool(np.ptp(step) > 0), int(np.prod(shape)), "emg" in words or "raw" in words

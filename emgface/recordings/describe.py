@@ -1,0 +1,309 @@
+"""Draft of the sidecar of a table or array, from what can be seen in the file.
+
+What the file does not tell is guessed, and every guess is listed under ``unconfirmed``, which the
+reader refuses: a person checks the guesses and deletes the list.
+"""
+
+import json
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from emgface.errors import DataError
+from emgface.recordings.kinds import kind_of_name, signal_of
+from emgface.recordings.layout import text_layout, unit_in
+from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
+from emgface.recordings.readers._tables import EmgTable, load_table
+from emgface.schema.rules import listed
+from emgface.schema.units import DIVISORS
+
+TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")
+"""Suffixes of text tables."""
+PLAUSIBLE: Final = (1e-6, 1e-3)
+"""Range of the fast part of surface EMG [V], by which its unit is guessed: three decades apart."""
+RATES: Final = (20.0, 100e3)
+"""Plausible sampling rates [Hz], by which the unit of time is guessed."""
+AXES: Final = (("_x", "_y", "_z"), (".x", ".y", ".z"), (" x", " y", " z"), (":x", ":y", ":z"))
+_TIME: Final = re.compile(
+    r"(time|t|zeit|tijd|temps|timestamps?|sec|seconds|elapsed)\b.*", re.IGNORECASE
+)
+_COORDINATE: Final = re.compile(r"[_.: ][xyzXYZ]$")
+_INDEX: Final = re.compile(r"(sample|samples|index|frame|nr|no|#|n)\b.*", re.IGNORECASE)
+
+
+@dataclass
+class Draft:
+    """Lines of a sidecar, and the entries that are guesses."""
+
+    lines: list[str] = field(default_factory=list)
+    guesses: list[str] = field(default_factory=list)
+
+    def put(
+        self, key: str, value: Any, why: str = "", *, table: str = "", sure: bool = True
+    ) -> None:
+        """Write an entry; a guess is marked and listed."""
+        mark = "" if sure else "UNCONFIRMED "
+        note = f"  # {mark}{why}" if why or mark else ""
+        self.lines.append(f"{key} = {_toml(value)}{note}".rstrip())
+        if not sure:
+            self.guesses.append(f"{table}.{key}" if table else key)
+
+    def text(self, file: str, confirmed: bool) -> str:
+        """Return the sidecar; `confirmed` leaves out the list of guesses."""
+        head = [f"# Sidecar of {file}, drafted by 'emgface data describe'.", 'schema = "recording"']
+        if self.guesses and not confirmed:
+            head += [
+                "# The entries listed here are guesses. Check and correct each, then delete this line;",
+                "# until then the recording is refused.",
+                f"unconfirmed = {_toml(self.guesses)}",
+            ]
+        head += ['# volunteer = "V01"', '# instruction = "A"', "# repetition = 1", ""]
+        return "\n".join([*head, *self.lines, ""])
+
+
+def describe(
+    path: str | Path,
+    *,
+    beside: str | Path | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    columns: Sequence[str] | None = None,
+    variable: str | None = None,
+    confirmed: bool = False,
+) -> str:
+    """Draft the sidecar of a text table, a MATLAB or an HDF5 file.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to describe.
+    beside : str or Path, optional
+        Folder of the sidecar, from which the entry ``file`` is relative; that of the file when
+        absent.
+    rate : float [Hz], optional
+        Sampling rate, where it is known.
+    unit : str, optional
+        Unit of the EMG, where it is known.
+    columns : sequence of str, optional
+        Labels of the columns, where the file has none.
+    variable : str, optional
+        Array of a MATLAB or HDF5 file that holds the recording, where it is known.
+    confirmed : bool
+        Accept all guesses.
+
+    Returns
+    -------
+    str
+        TOML, as `emgface.recordings.readers.csv_toml` reads it once it is confirmed.
+
+    Raises
+    ------
+    DataError
+        If the file is absent, describes itself, or holds no rows of numbers.
+    """
+    from emgface.recordings.arrays import array_table  # parsers of arrays are slow to load
+
+    path = Path(path)
+    if not path.is_file():
+        raise DataError(f"No file {path}; expected a table or array: check the path.")
+    suffix = path.suffix.lower()
+    if suffix not in (*TEXTS, *ARRAYS):
+        raise DataError(
+            f"{path.name} ends in {suffix!r}; expected one of {', '.join((*TEXTS, *ARRAYS))}: other "
+            "formats state their rates and units themselves, open them with 'emgface data check'."
+        )
+    draft = Draft()
+    folder = path.parent if beside is None else Path(beside)
+    draft.lines.append("[emg]")
+    draft.put("file", Path(os.path.relpath(path, folder)).as_posix())
+    if suffix in ARRAYS:
+        frame, found = array_table(path, draft, variable, columns)
+        units, rate = dict.fromkeys(frame.columns, ""), rate or found
+    else:
+        frame, units = _text_table(path, draft, columns)
+    clock, rate = _clock(draft, frame, units, rate)
+    frame = frame.drop(columns=clock)
+    _emg(draft, frame, units, rate, unit)
+    _positions(draft, frame)
+    return draft.text(path.name, confirmed)
+
+
+def _text_table(
+    path: Path, draft: Draft, columns: Sequence[str] | None
+) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Numbers of a text table, and the unit of each column; the layout goes into the draft."""
+    found = text_layout(path)
+    given: dict[str, Any] = {"delimiter": found.delimiter}
+    draft.put("delimiter", found.delimiter, table="emg", sure=found.sure,
+              why="" if found.sure else "other delimiters fit as well")  # fmt: skip
+    if found.decimal != ".":
+        given["decimal"] = found.decimal
+        draft.put("decimal", found.decimal)
+    if found.encoding:
+        given["encoding"] = found.encoding
+        draft.put("encoding", found.encoding, "the file is not UTF-8", table="emg", sure=False)
+    if found.skip_rows:
+        given["skip_rows"] = found.skip_rows
+        draft.put("skip_rows", found.skip_rows, "lines before the table")
+    if columns is not None and len(columns) != len(found.labels):
+        raise DataError(
+            f"{path.name} has {len(found.labels)} columns and {len(columns)} labels were given; "
+            f"expected one for each of {listed(found.labels, 12)}."
+        )
+    if columns is not None or not found.labelled:
+        if columns is not None and found.labelled:
+            draft.lines.pop() if found.skip_rows else None
+            given["skip_rows"] = found.skip_rows + 1
+            draft.put("skip_rows", found.skip_rows + 1, "lines before the numbers")
+        named = columns is not None or any(not x.startswith("column ") for x in found.labels)
+        given["columns"] = tuple(columns or found.labels)
+        draft.put("columns", list(given["columns"]), "" if named else "the file names none",
+                  table="emg", sure=named)  # fmt: skip
+    table = EmgTable(file=path.name, unit="V", rate=1.0, **given)
+    frame, _, dropped = load_table(path.parent / "the draft", table, wanted={})
+    names = [str(name) for name in frame.columns]
+    frame.columns = names
+    for name in dropped:
+        draft.lines.append(f"# The column {_toml(name)} holds text and is left out.")
+    units = dict(zip(given.get("columns", found.labels), found.units, strict=False))
+    return frame, {name: units.get(name) or unit_in(name) for name in names}
+
+
+def _clock(
+    draft: Draft, frame: pd.DataFrame, units: dict[str, str], rate: float | None
+) -> tuple[list[str], float | None]:
+    """Write the rate or the column of instants; return columns that only count, and the rate."""
+    counting: list[str] = []
+    for name in frame.columns:
+        values = frame[name].to_numpy()
+        step = np.diff(values)
+        if len(values) < 3 or not (step > 0).all() or np.ptp(step) > 0.2 * step.mean():
+            continue
+        mean = float(step.mean())
+        if _INDEX.fullmatch(name) or (mean == 1.0 and not _TIME.fullmatch(name)):
+            counting.append(name)
+            continue
+        if not (_TIME.fullmatch(name) or (name == frame.columns[0] and name.startswith("column "))):
+            continue
+        told = units[name] if units[name] in DIVISORS["s"] else ""
+        divisors = {told: DIVISORS["s"][told]} if told else DIVISORS["s"] | {"min": 1.0 / 60.0}
+        fits = {
+            u: d / mean for u, d in divisors.items() if told or RATES[0] <= d / mean <= RATES[1]
+        }
+        if not fits or rate is not None:
+            counting.append(name)
+            continue
+        found, hertz = next(iter(fits.items()))
+        if found == "min":  # no unit of a sidecar
+            draft.put("rate", float(f"{hertz:.6g}"), f"Hz; {name} seems to be in minutes",
+                      table="emg", sure=False)  # fmt: skip
+            return [*counting, name], hertz
+        draft.put("time", name, "the first column ascends evenly" if not _TIME.fullmatch(name) else "",
+                  table="emg", sure=bool(_TIME.fullmatch(name)))  # fmt: skip
+        draft.put("time_unit", found, f"{hertz:.6g} Hz" + ("" if told else " in this unit"),
+                  table="emg", sure=bool(told) or len(fits) == 1 and found == "s")  # fmt: skip
+        return [*counting, name], hertz
+    if rate is not None:
+        draft.put("rate", float(rate), "Hz")
+    else:
+        draft.lines.append("# rate = ...  # UNCONFIRMED Hz: no column of instants was found")
+        draft.guesses.append("emg.rate")
+    return counting, rate
+
+
+def _emg(
+    draft: Draft, frame: pd.DataFrame, units: dict[str, str], rate: float | None, unit: str | None
+) -> None:
+    """Write the unit of the EMG and the columns that hold it."""
+    names = [
+        name for name in frame.columns if _axis(name, frame) is None and kind_of_name(name) is None
+    ]
+    told = {units[name] for name in names if units.get(name) in DIVISORS["V"]}
+    spread = [_fast(frame[name].to_numpy()) for name in names]
+    spread = [value for value in spread if value > 0]
+    typical = float(np.median(spread)) if spread else float("nan")
+    if unit is not None:
+        draft.put("unit", unit)
+    elif len(told) == 1:
+        unit = told.pop()
+        draft.put("unit", unit, "as the labels say")
+    else:
+        fits = [u for u, d in DIVISORS["V"].items() if PLAUSIBLE[0] <= typical / d < PLAUSIBLE[1]]
+        unit = fits[0] if fits else "uV"
+        volts = 1e6 * typical / DIVISORS["V"][unit]
+        why = f"from sample to sample values differ by {typical:.3g}, {volts:.3g} uV in this unit"
+        why = why if spread else "no column varies"
+        whole = all(np.array_equal(v, np.round(v)) for v in frame[names].to_numpy().T)
+        if names and whole:
+            why += "; whole numbers may be counts, then set step and zero"
+        draft.put("unit", unit, why, table="emg", sure=False)
+    scale = DIVISORS["V"].get(unit, 1.0)
+    draft.lines += [
+        "",
+        "[emg.channels]  # column to channel; columns that are not listed are left out",
+    ]
+    for name in frame.columns:
+        if _axis(name, frame) is not None:
+            continue
+        if _COORDINATE.search(name):
+            draft.lines.append(f"# {_toml(name)} = {_toml(name)}  # a coordinate, no three axes")
+            continue
+        signal = signal_of(name, frame[name].to_numpy() / scale, rate or float("nan"))
+        mark, note = (
+            ("", "") if signal.kind == "EMG" else ("# ", f"  # {signal.kind}: {signal.reason}")
+        )
+        draft.lines.append(f"{mark}{_toml(name)} = {_toml(name)}{note}")
+
+
+def _positions(draft: Draft, frame: pd.DataFrame) -> None:
+    """Write the table of markers, where columns come in threes."""
+    found = {_axis(name, frame) for name in frame.columns} - {None}
+    if not found:
+        return
+    axes = next(iter(sorted(a for a in found if a is not None)))
+    values = np.abs(frame[[n for n in frame.columns if _axis(n, frame)]].to_numpy())
+    middle = float(np.nanmedian(values))
+    unit = "mm" if middle > 5.0 else "m"
+    first = draft.lines.index("")
+    layout = [line for line in draft.lines[1:first] if not line.startswith("unit")]
+    if all(line.startswith("#") for line in draft.lines[first + 2 :]):  # no column holds EMG
+        draft.lines.clear()
+        draft.guesses = [
+            name.replace("emg.", "position.") for name in draft.guesses if name != "emg.unit"
+        ]
+    draft.lines += ["", "[position]", *layout]
+    draft.put("axes", list(axes))
+    draft.put(
+        "unit", unit, f"the median distance from zero is {middle:.3g}", table="position", sure=False
+    )
+
+
+def _axis(name: str, frame: pd.DataFrame) -> tuple[str, str, str] | None:
+    """Endings of the three columns of a marker, one of which a column has."""
+    if kind_of_name(name) is not None:
+        return None  # accelerometers have axes, too
+    for endings in AXES:
+        for known in (endings, tuple(e.upper() for e in endings)):
+            stem = name[: len(name) - len(known[0])]
+            if name.endswith(known) and stem and all(stem + e in frame.columns for e in known):
+                return known[0], known[1], known[2]
+    return None
+
+
+def _fast(values: np.ndarray) -> float:
+    """Size of the fast part of a signal, blind to offset and drift: spread of its differences."""
+    step = np.diff(values[np.isfinite(values)])
+    return float(np.std(step) / np.sqrt(2.0)) if step.size else 0.0
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML writes it."""
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,160 @@
+"""Kind of signal of an analog channel: EMG, or what else a laboratory records beside it."""
+
+import re
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from emgface.muscles import CHANNELS
+from emgface.recordings.labels import constant_value
+from emgface.recordings.quality.hum import LEAST_DURATION, power_density
+
+SLOW: Final = 10.0
+"""Frequency [Hz] below which joint angles, forces and skin conductance have their power."""
+MOSTLY_SLOW: Final = 0.9
+"""Share of the power below `SLOW` from which a channel may be another signal than EMG."""
+LARGE: Final = 10e-3
+"""Standard deviation [V] that surface EMG does not reach, drift included."""
+FAINT: Final = 0.5e-6
+"""Root mean square [V] above 20 Hz that every electrode on the skin exceeds by its noise."""
+LEVELS: Final = 8
+"""Most distinct values of a switch or a code of events."""
+
+_NAMES: Final = (
+    ("accelerometer", r"acc|accel|acceleration|accelerometer"),
+    ("gyroscope", r"gyro|gyr|gyroscope"),
+    ("magnetometer", r"mag|magnetometer"),
+    ("force plate", r"(f|m|force|moment|mom)[xyz]\d*|force|plate|fp|grf|load cell|loadcell|cop[xyz]?"),
+    ("goniometer", r"gonio|goniometer|gon|angle|inclinometer|torsiometer|potentiometer"),
+    ("switch or event marker", r"trig|trigger|sync|switch|footswitch|fsw|button|ttl|stim|event|marker"),
+    ("skin conductance", r"scr|scl|eda|gsr|skin conductance"),
+    ("electrocardiogram", r"ecg|ekg"),
+    ("electro-oculogram", r"eog|heog|veog"),
+    ("respiration", r"resp|respiration|breathing"),
+    ("sound", r"mic|microphone|audio|sound|voice"),
+)  # fmt: skip
+_UNITS: Final = (
+    ("force plate", r"n|kn|lbf?|nmm|n\.?mm|nm|n\.?m|kg"),
+    ("goniometer", r"deg|degrees?|\u00b0|rad"),
+    ("accelerometer", r"g|m/s\^?2|m/s\u00b2|mm/s\^?2"),
+    ("gyroscope", r"deg/s|\u00b0/s|dps|rad/s"),
+    ("magnetometer", r"ut|\u00b5t|gauss"),
+    ("skin conductance", r"umho|us|\u00b5s|usiemens|microsiemens"),
+    ("temperature", r"c|\u00b0c|degc"),
+    ("pressure", r"pa|kpa|hpa|mmhg|cmh2o|psi"),
+)  # fmt: skip
+_INERTIAL: Final = ("accelerometer", "gyroscope", "magnetometer")
+
+
+class Signal(NamedTuple):
+    """Kind of a channel, ``EMG`` or another, and the reason; empty for EMG."""
+
+    kind: str
+    reason: str = ""
+
+
+def kind_of_unit(unit: str) -> str | None:
+    """Return the kind of signal that a unit belongs to, None where several or none do.
+
+    Parameters
+    ----------
+    unit : str
+        Unit as a file spells it.
+
+    Returns
+    -------
+    str or None
+        Kind.
+
+    Examples
+    --------
+    >>> kind_of_unit("Nmm"), kind_of_unit("V")
+    ('force plate', None)
+    """
+    plain = unit.strip().lower()
+    return next((kind for kind, known in _UNITS if re.fullmatch(known, plain)), None)
+
+
+def kind_of_name(label: str) -> str | None:
+    """Return the kind of signal that a label names, None where it names none or EMG.
+
+    Parameters
+    ----------
+    label : str
+        Label in a file.
+
+    Returns
+    -------
+    str or None
+        Kind. Sensors that combine EMG and acceleration name both; then it is the latter.
+
+    Examples
+    --------
+    >>> kind_of_name("Sensor 3: Acc.X"), kind_of_name("Delt_ant.EMG1")
+    ('accelerometer', None)
+    """
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", label)
+    text = " ".join(re.findall(r"[^\W_]+", spaced.lower()))
+    words = f" {text} "
+    emg = re.search(r" s?emg\d* ", words)
+    for kind, known in _NAMES:
+        if emg and kind not in _INERTIAL:
+            continue
+        if re.search(rf" (?:{known})\d* ", words):
+            return kind
+    return None
+
+
+def signal_of(label: str, values: np.ndarray, rate: float) -> Signal:
+    """Decide what a channel in volts holds, by its name, its values and its spectrum.
+
+    Parameters
+    ----------
+    label : str
+        Name of the channel. A channel that carries a name of the study is EMG or unused.
+    values : ndarray, shape (samples,) [V]
+        Samples.
+    rate : float [Hz]
+        Sampling rate.
+
+    Returns
+    -------
+    Signal
+        ``unused`` for a channel that never changes; the kind that the name tells; ``switch or event
+        marker`` for a few levels; ``rectified EMG`` for one that is never negative and touches zero;
+        ``slow signal`` for one with nine tenths of its power below 10 Hz and either more than 10 mV
+        in all or less than an electrode's noise above 20 Hz; ``EMG`` otherwise.
+    """
+    still = constant_value(values)
+    if still is not None:
+        return Signal("unused", f"constant at {still:g} V: no sensor is connected")
+    if label in CHANNELS:
+        return Signal("EMG")
+    named = kind_of_name(label)
+    if named is not None:
+        return Signal(named, f"its name is that of a {named} signal")
+    finite = values[np.isfinite(values)]
+    if (
+        finite.size > 20 * LEVELS
+        and np.unique(finite[:: max(1, finite.size // 20000)]).size <= LEVELS
+    ):
+        return Signal("switch or event marker", f"it has at most {LEVELS} distinct values")
+    if finite.size > 20 * LEVELS and 0.0 <= finite.min() < 0.5 * np.std(finite):
+        return Signal(
+            "rectified EMG", "it is never negative and touches zero, which no raw EMG does"
+        )
+    if (
+        finite.size < max(LEAST_DURATION * rate, 8)
+        or finite.size < values.size
+        or not rate > 4 * SLOW
+    ):
+        return Signal("EMG")  # too short or too slow to be judged by its spectrum
+    frequency, density = power_density(values, rate)
+    share = float(density[frequency < SLOW].sum() / density.sum())
+    above = float(np.sqrt(np.trapezoid(density[frequency >= 2 * SLOW], dx=frequency[1])))
+    spread = float(np.std(finite))
+    if share > MOSTLY_SLOW and (spread > LARGE or above < FAINT):
+        found = f"{share:.0%} of its power lies below {SLOW:g} Hz, with "
+        found += f"{spread * 1e3:.3g} mV in all and {above * 1e6:.3g} uV above {2 * SLOW:g} Hz"
+        return Signal("slow signal", f"{found}: a force, an angle or skin conductance, not EMG")
+    return Signal("EMG")

@@ -1,0 +1,190 @@
+"""Layout of a text table as it can be seen: encoding, delimiter, decimal sign, labels, units."""
+
+import codecs
+import gzip
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from emgface.errors import DataError
+from emgface.schema.units import quantity_of, spelling
+
+HEAD: Final = 1 << 20
+"""Bytes of a file that are looked at."""
+_DELIMITERS: Final = ("\t", ";", ",", "|", r"\s+")
+_MARKS: Final = (codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+_NUMBER: Final = {
+    sign: re.compile(
+        rf"[+-]?(\d+({re.escape(sign)}\d*)?|{re.escape(sign)}\d+)([eE][+-]?\d+)?|[nN]a[nN]"
+    )
+    for sign in (".", ",")
+}
+_UNIT: Final = re.compile(r"([\[(/_ ])\s*([^\[\]()/_ ]{1,6})\s*[\])]?\s*$")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a text table is written.
+
+    Attributes
+    ----------
+    encoding : str or None
+        None where it is UTF-8 or a byte order mark tells it.
+    delimiter, decimal : str
+        As of a sidecar.
+    skip_rows : int
+        Lines before the labels, or before the numbers where `labelled` is false.
+    labelled : bool
+        Whether the line after them holds the labels.
+    labels : tuple of str
+        Labels of the columns; ``column 1`` and so on where the file has none.
+    units : tuple of str
+        Unit of each column by its label or a line of units, empty where none is told.
+    sure : bool
+        Whether no other delimiter fits as well.
+    """
+
+    encoding: str | None
+    delimiter: str
+    decimal: Literal[".", ","]
+    skip_rows: int
+    labelled: bool
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    sure: bool
+
+
+def text_layout(path: Path) -> Layout:
+    """Find how a text table is written.
+
+    Parameters
+    ----------
+    path : Path
+        File of text, compressed by gzip or not.
+
+    Returns
+    -------
+    Layout
+
+    Raises
+    ------
+    DataError
+        If the file is no text, or no delimiter gives rows of numbers.
+    """
+    text, encoding = _text(path)
+    lines = text.splitlines()
+    tail = [line for line in lines[len(lines) // 2 :] if line.strip()][:200] or [""]
+    tried: list[tuple[float, int, int, str, str]] = []
+    for rank, delimiter in enumerate(_DELIMITERS):
+        for sign in (".", ","):
+            if delimiter == sign:
+                continue
+            share, count = _numbers(tail, delimiter, sign)
+            tried.append((share, count, -2 * rank - (sign == ","), delimiter, sign))
+    share, count, _, delimiter, sign = max(tried)
+    if share < 0.5 or count < 1:
+        raise DataError(
+            f"{path.name} has no rows of numbers that tabs, semicolons, commas, bars or blanks "
+            "separate; expected a table: export it as one."
+        )
+    # Blanks fit wherever tabs do; what gives another number of columns is another reading.
+    sure = not any(other == share and 0 < n != count for other, n, *_ in tried)
+    rows = [_cells(line, delimiter) for line in lines]
+    width = Counter(len(_cells(line, delimiter)) for line in tail).most_common(1)[0][0]
+    first = next(
+        k
+        for k, row in enumerate(rows)
+        if len(row) == width and _share(row, sign) >= share - 0.25 and _share(row, sign) > 0
+    )
+    before = [k for k in range(first) if len(rows[k]) == width and any(rows[k])]
+    units, label_row = [""] * width, before[-1] if before else None
+    if label_row is not None and len(before) > 1 and _are_units(rows[label_row]):
+        units, label_row = [spelling(cell) for cell in rows[label_row]], before[-2]
+    labels = [f"column {k + 1}" for k in range(width)]
+    labelled = label_row is not None and label_row == first - 1
+    if label_row is not None:
+        labels = [cell or f"column {k + 1}" for k, cell in enumerate(rows[label_row])]
+        units = [told or unit_in(label) for told, label in zip(units, labels, strict=True)]
+    start = first if not labelled or label_row is None else label_row
+    decimal: Literal[".", ","] = "," if sign == "," and _has_fractions(tail, delimiter) else "."
+    if delimiter == ",":
+        decimal = "."
+    return Layout(
+        encoding, delimiter, decimal, start, labelled, tuple(labels), tuple(units), sure
+    )  # fmt: skip
+
+
+def unit_in(label: str) -> str:
+    """Return the unit of voltage, length or time that a label ends in, empty where it has none.
+
+    Examples
+    --------
+    >>> unit_in("Zyg L [µV]"), unit_in("time (ms)"), unit_in("EMG1")
+    ('uV', 'ms', '')
+    """
+    found = _UNIT.search(label)
+    if found is None:
+        return ""
+    unit = spelling(found.group(2))
+    # After a blank or an underscore a single letter may be anything, such as an axis or a side.
+    told = found.group(1) in "[(/" or len(unit) > 1
+    return unit if told and quantity_of(unit) else ""
+
+
+def _text(path: Path) -> tuple[str, str | None]:
+    """Beginning of a file as text without its last, perhaps broken, line; and its encoding."""
+    try:
+        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
+            data = stream.read(HEAD)
+    except (OSError, EOFError) as error:
+        raise DataError(f"{path.name} cannot be read ({error}); expected a text table.") from error
+    whole = len(data) < HEAD
+    mark = next((mark for mark in _MARKS if data.startswith(mark)), None)
+    if mark is None and b"\x00" in data[:4096]:
+        raise DataError(
+            f"{path.name} holds binary data; expected a table of text: export it as CSV."
+        )
+    encoding = None
+    if mark is not None:
+        text = data.decode("utf-8-sig" if mark == codecs.BOM_UTF8 else "utf-16", "replace")
+    else:
+        try:
+            text = codecs.getincrementaldecoder("utf-8")().decode(data, whole)
+        except UnicodeDecodeError:
+            text, encoding = data.decode("latin-1"), "latin-1"
+    return (text if whole else text.rpartition("\n")[0]), encoding
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Cells of a line; an empty one at its end, after a last delimiter, is none."""
+    parts = line.split() if delimiter == r"\s+" else line.split(delimiter)
+    cells = [cell.strip().strip('"').strip() for cell in parts]
+    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+
+
+def _share(row: list[str], sign: str) -> float:
+    """Share of numbers among the cells of a row that hold anything."""
+    held = [cell for cell in row if cell]
+    return sum(bool(_NUMBER[sign].fullmatch(cell)) for cell in held) / max(1, len(held))
+
+
+def _numbers(lines: list[str], delimiter: str, sign: str) -> tuple[float, int]:
+    """Share of numbers among all cells, to a tenth, and columns; nothing where rows differ."""
+    rows = [_cells(line, delimiter) for line in lines]
+    width, often = Counter(map(len, rows)).most_common(1)[0]
+    if often < 0.9 * len(rows):
+        return 0.0, 0
+    held = [_share(row, sign) for row in rows if len(row) == width]
+    return round(sum(held) / len(held), 1), width
+
+
+def _has_fractions(lines: list[str], delimiter: str) -> bool:
+    return any("," in cell for line in lines for cell in _cells(line, delimiter))
+
+
+def _are_units(row: list[str]) -> bool:
+    """Decide whether a line between labels and numbers holds units."""
+    told = [quantity_of(cell.strip("[]()")) for cell in row if cell]
+    return bool(told) and sum(found is not None for found in told) >= 0.5 * len(told)

@@ -1,0 +1,66 @@
+"""Later steps that would refuse a recording, each with its reason."""
+
+import warnings
+from collections.abc import Callable
+
+import xarray as xr
+
+from emgface.errors import EmgfaceError, FeatureWarning, SchemaError
+from emgface.recordings.bids.write import bids_entities
+from emgface.recordings.head import in_head_frame
+from emgface.signals.activation import activation_of
+from emgface.signals.filters import check_gaps
+from emgface.signals.parameters import SignalChain
+from emgface.study.table import place_of
+
+
+def refusals(recording: xr.Dataset, chain: SignalChain) -> dict[str, str]:
+    """Try the later steps on a recording, as far as they depend on it alone.
+
+    Parameters
+    ----------
+    recording : Dataset
+        Recording under its final labels.
+    chain : SignalChain
+        Choices of the signal chain.
+
+    Returns
+    -------
+    dict of str to str
+        Step to the reason why it would refuse the recording, for ``activate``, ``score``,
+        ``study run`` and ``data convert --to bids``; empty where all accept it.
+    """
+    steps: dict[str, Callable[[], object]] = {
+        "activate": lambda: activation_of(recording, chain),
+        "score": lambda: _scored(recording, chain),
+        "study run": lambda: place_of(recording, "it"),
+        "data convert --to bids": lambda: _converted(recording),
+    }
+    found: dict[str, str] = {}
+    for step, attempt in steps.items():
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", FeatureWarning)
+                attempt()
+        except EmgfaceError as error:
+            found[step] = " ".join(str(error).split())
+    inherited = [step for step in ("activate", "score") if step in found]
+    if inherited:  # a study takes every trial through both
+        own = [found["study run"]] if "study run" in found else []
+        found["study run"] = "; ".join([*own, f"see {' and '.join(inherited)}"])
+    return found
+
+
+def _scored(recording: xr.Dataset, chain: SignalChain) -> None:
+    if "position" not in recording:
+        raise SchemaError(
+            "it holds no marker positions, expected those of six face and ten lip markers: the face "
+            "can be moved, and there is nothing to compare the motion with"
+        )
+    in_head_frame(recording["position"], chain.head_frame)
+
+
+def _converted(recording: xr.Dataset) -> None:
+    bids_entities(recording)
+    if "emg" in recording:
+        check_gaps(recording["emg"])
