@@ -3,6 +3,15 @@
 Each message is one sentence: what was found, what was expected, what to try.
 """
 
+from collections.abc import Iterable
+
+
+def listed(names: Iterable[object], most: int = 6) -> str:
+    """Return names as a readable list, shortened after `most`."""
+    names = [str(n) for n in names]
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
+
 
 class EmgfaceError(Exception):
     """Base of all failures that emgface itself raises."""

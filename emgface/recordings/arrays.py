@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pandas as pd
 
-from emgface.errors import DataError
+from emgface.errors import DataError, listed
 from emgface.recordings.readers._arrays import read_array, read_texts
 from emgface.recordings.readers._isolated import isolated
 from emgface.recordings.readers._parsers import parse_contents
-from emgface.schema.rules import hint, listed, one_line
+from emgface.schema.rules import hint, one_line
 
 if TYPE_CHECKING:
     from emgface.recordings.describe import Draft

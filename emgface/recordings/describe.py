@@ -15,12 +15,11 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from emgface.errors import DataError
+from emgface.errors import DataError, listed
 from emgface.recordings.kinds import kind_of_name, signal_of
 from emgface.recordings.layout import text_layout, unit_in
 from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
 from emgface.recordings.readers._tables import EmgTable, load_table
-from emgface.schema.rules import listed
 from emgface.schema.units import DIVISORS
 
 TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")

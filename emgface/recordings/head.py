@@ -10,9 +10,8 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import PchipInterpolator
 
-from emgface.errors import MarkerError, UnitsError
+from emgface.errors import MarkerError, UnitsError, listed
 from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS
-from emgface.schema.rules import listed
 from emgface.signals.filters import sampling_rate
 from emgface.signals.parameters import HeadFrameParameters
 

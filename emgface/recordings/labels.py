@@ -11,8 +11,8 @@ import xarray as xr
 from pydantic import Field
 
 from emgface.choices import Parameters, configure
-from emgface.errors import ConfigurationError, DataError, SchemaError
-from emgface.schema.rules import hint, listed, one_line
+from emgface.errors import ConfigurationError, DataError, SchemaError, listed
+from emgface.schema.rules import hint, one_line
 
 
 class LabelMap(Parameters):

@@ -5,8 +5,9 @@ from collections.abc import Collection
 import numpy as np
 import xarray as xr
 
+from emgface.errors import listed
 from emgface.schema.declaration import AttributeDeclaration, ObjectDeclaration
-from emgface.schema.rules import hint, listed, nearest
+from emgface.schema.rules import hint, nearest
 
 Problem = tuple[bool, str]
 """Whether it concerns a unit, and the sentence."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 import xarray as xr
 
+from emgface.errors import listed
 from emgface.schema.declaration import ArrayDeclaration
 
 Rule = Callable[[xr.DataArray], str | None]
@@ -36,13 +37,6 @@ def hint(name: str, valid: Iterable[str]) -> str:
     """Return the end of a sentence that names the nearest valid name, if any."""
     near = nearest(name, valid)
     return f" (did you mean {near!r}?)" if near else ""
-
-
-def listed(names: Iterable[object], most: int = 6) -> str:
-    """Return names as a readable list, shortened after `most`."""
-    names = [str(n) for n in names]
-    shown = ", ".join(names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
 def _where(array: xr.DataArray, mask: np.ndarray) -> str:

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError, SchemaError, UnitsError
+from emgface.errors import DataError, SchemaError, UnitsError, listed
 from emgface.schema.declaration import ArrayDeclaration, ObjectDeclaration
 from emgface.schema.demands import Problem, attribute_problems, study_problems
 from emgface.schema.migration import migrate
-from emgface.schema.rules import Rule, hint, index_rule, listed, nearest, rules_of, type_rule
+from emgface.schema.rules import Rule, hint, index_rule, nearest, rules_of, type_rule
 
 CONVENTIONS = "CF-1.11"
 STUDY = "study"

@@ -7,9 +7,8 @@ from typing import Final, Literal
 import xarray as xr
 
 from emgface.choices import Parameters, choice
-from emgface.errors import SchemaError
+from emgface.errors import SchemaError, listed
 from emgface.muscles import CHANNELS, MUSCLES
-from emgface.schema.rules import listed
 from emgface.signals.mapping import sources_of
 
 

@@ -112,7 +112,7 @@ def test_a_bad_file_among_arguments_does_not_end_the_check(
     last = write_recording(trial, tmp_path / "c.nc")
     result = CliRunner().invoke(app, ["data", "check", str(first), str(bad), str(last)])
     assert result.exit_code == 2
-    assert "a.nc (" in result.output and "c.nc (" in result.output and "b.c3d" in result.output
+    assert "\na.nc," in result.output and "\nc.nc," in result.output and "b.c3d" in result.output
 
 
 def test_the_band_is_an_option_of_the_command(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from emgface.errors import DataError
+from emgface.errors import DataError, listed
 from emgface.recordings.readers._isolated import isolated
 from emgface.recordings.readers._parsers import (
     AbsentVariable,
@@ -15,7 +15,7 @@ from emgface.recordings.readers._parsers import (
     parse_hdf5,
     parse_matlab,
 )
-from emgface.schema.rules import hint, listed, one_line
+from emgface.schema.rules import hint, one_line
 
 SUFFIXES = (".mat", ".h5", ".hdf5")
 """Files that hold arrays."""

@@ -15,10 +15,10 @@ import xarray as xr
 from pydantic import Field, model_validator
 
 from emgface.choices import Parameters
-from emgface.errors import DataError
+from emgface.errors import DataError, listed
 from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
 from emgface.recordings.readers._arrays import read_array, read_texts
-from emgface.schema.rules import hint, listed, one_line
+from emgface.schema.rules import hint, one_line
 from emgface.schema.units import to_si
 
 _UNREADABLE = (pd.errors.ParserError, pd.errors.ParserWarning)

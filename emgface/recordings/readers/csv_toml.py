@@ -40,11 +40,10 @@ import xarray as xr
 from pydantic import Field
 
 from emgface.choices import Parameters, configure
-from emgface.errors import DataError
+from emgface.errors import DataError, listed
 from emgface.recordings.labels import LabelMap, apply_labels, read_toml
 from emgface.recordings.readers._build import assemble, emg_array, position_array, unique_labels
 from emgface.recordings.readers._tables import EmgTable, PositionTable, by_marker, load_table
-from emgface.schema.rules import listed
 
 SUFFIXES = (".toml",)
 FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"

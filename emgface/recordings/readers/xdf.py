@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError
+from emgface.errors import DataError, listed
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -23,7 +23,7 @@ from emgface.recordings.readers._build import (
 )
 from emgface.recordings.readers._isolated import isolated
 from emgface.recordings.readers._parsers import parse_xdf
-from emgface.schema.rules import listed, one_line
+from emgface.schema.rules import one_line
 
 SUFFIXES = (".xdf",)
 FORMAT = "XDF"
