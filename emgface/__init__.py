@@ -6,9 +6,19 @@ and return plain xarray, and import what they need when they are first called. I
 package also gives xarray objects the accessor ``emg`` (`emgface.signals.accessor`).
 """
 
+import os as _os
 from typing import TYPE_CHECKING, Any
 
 from emgface._xarray import register_accessor
+
+# Threads of linear algebra otherwise wait by spinning, which multiplies the processor time where other
+# programs run. The libraries read this when they are loaded; what a user has set stays.
+for _name, _value in {
+    "OMP_WAIT_POLICY": "PASSIVE",
+    "KMP_BLOCKTIME": "0",
+    "OPENBLAS_THREAD_TIMEOUT": "4",
+}.items():
+    _os.environ.setdefault(_name, _value)
 
 if TYPE_CHECKING:
     from emgface.api import activate, face, read, score, simulate, study

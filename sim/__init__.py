@@ -1,5 +1,6 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
+from sim import waiting as _waiting  # noqa: F401  # before NumPy is loaded
 from sim.activation import Activation, resting
 from sim.constraints import HardElementVolume
 from sim.contact import (

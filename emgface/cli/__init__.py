@@ -10,6 +10,7 @@ import typer
 
 from emgface.cli import data, data_describe, data_files, face, simulate, study, trial, volunteers
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
+from emgface.cli.machine import use_one_blas_thread
 
 app = typer.Typer(
     cls=Commands,
@@ -63,4 +64,5 @@ app.command()(study.report)
 
 def main() -> None:
     """Run the command line."""
+    use_one_blas_thread()
     app()

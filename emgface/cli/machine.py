@@ -1,7 +1,6 @@
 """What the machine offers: cores, threads, compiled kernels."""
 
 import os
-import sys
 
 from emgface.cli.console import say
 
@@ -13,11 +12,14 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def use_one_thread() -> None:
-    """Let numerical libraries that are not loaded yet use one thread, unless told otherwise."""
-    if "numba" not in sys.modules and "numpy" not in sys.modules:
-        for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-            os.environ.setdefault(name, "1")
+def use_one_blas_thread() -> None:
+    """Let numerical libraries use one thread for linear algebra, unless told otherwise.
+
+    The matrices are small: more threads would only wait for each other. Those of the element loops
+    are another matter (`sim.threads`).
+    """
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 
 def announce_compilation() -> None:

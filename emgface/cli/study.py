@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from emgface.cli.console import BAD_INPUT, PARTIAL, ProgressObserver, out, progress, say
-from emgface.cli.machine import announce_compilation, cores, use_one_thread
+from emgface.cli.machine import announce_compilation, cores
 
 if TYPE_CHECKING:
     from emgface.study.configuration import StudyConfiguration
@@ -130,7 +130,6 @@ def demo(
     accuracy: AccuracyOption = None,
 ) -> None:
     """Simulate two volunteers on the generated template face and run a study of them."""
-    use_one_thread()  # the face is coarse: threads would only wait for each other
     from emgface.face.file import save_face
     from emgface.study.demo import demo_study, demo_volunteers
     from emgface.study.faces import study_face

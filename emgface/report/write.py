@@ -22,6 +22,7 @@ from emgface.report.motion import moving_faces
 from emgface.report.results import Results, open_results
 from emgface.report.simulated import simulated_limits
 from emgface.study.store import write_text
+from sim.threads import one_blas_thread
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Page:
     notes: list[str]
 
 
+@one_blas_thread
 def write_page(
     folder: Path,
     out: Path,

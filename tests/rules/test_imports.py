@@ -1,6 +1,7 @@
 """What an import does not bring with it, seen in a fresh process."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -34,6 +35,21 @@ def test_a_face_is_simulated_without_plotting_and_command_line(what):
 
 def test_analysis_brings_neither_the_mechanics_nor_plotting():
     assert not brought_by("analysis") & (PLOTTING_AND_CLI | {"sim", "numba", "emgface"})
+
+
+def test_threads_wait_passively_unless_told_otherwise():
+    code = "import os, {what}; print(os.environ['OPENBLAS_THREAD_TIMEOUT'], os.environ['KMP_BLOCKTIME'])"
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("KMP", "OPENBLAS"))}
+    for what in ("emgface", "sim.waiting"):
+        command = [sys.executable, "-c", code.format(what=what)]
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            check=True,
+            env=inherited | {"KMP_BLOCKTIME": "7"},
+        )
+        assert done.stdout.split() == ["4", "7"]
 
 
 @pytest.mark.parametrize("given", [["demo", "--help"], ["demo", "--seedd", "3"], ["demoo"]])
