@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from analysis.components import principal_component
@@ -172,10 +173,6 @@ def align(
 
     source = t_whole[0] + (t_s - t_s[0] - best.shift) / best.scale
     inside, source = within(source, t_m)
-    aligned = np.full(model.shape, np.nan)
-    aligned[:, :, inside] = CubicSpline(t_m, given.values, axis=2)(source[inside])
-    b_aligned = np.full(len(t_s), np.nan)
-    b_aligned[inside] = chosen * CubicSpline(t_m, b_m)(source[inside])
     overlap, matched = float(inside.mean()), chosen * best.r
     flags = {
         "sign_disagrees": disagrees,
@@ -190,7 +187,11 @@ def align(
     unseen = float(np.ptp(t_whole) - np.ptp(t_m))
     result = xr.Dataset(
         {
-            "position": (("marker", "axis", "time"), aligned, metre),
+            "position": (
+                ("marker", "axis", "time"),
+                _taken(given.values, t_m, source, inside),
+                metre,
+            ),
             "noise": ("marker", kept.values, metre),
             "shift": ((), best.shift, second),
             "scale": ((), best.scale, one),
@@ -205,7 +206,7 @@ def align(
             **{name: ((), int(raised), one) for name, raised in flags.items()},
             "b_measured": ("time_measured", chosen * b_m, metre),
             "b_simulated": ("time", b_s, metre),
-            "b_aligned": ("time", b_aligned, metre),
+            "b_aligned": ("time", chosen * _taken(b_m, t_m, source, inside), metre),
         },
         coords={**coords, "time_measured": ("time_measured", t_m, second)},
         attrs=_identity(measured, simulated) | options.recorded(),
@@ -213,6 +214,13 @@ def align(
     result["time"].attrs["units"] = "s"
     result.attrs["time_mapping"] = "t_s - t_s[0] = scale (t_m - t_m[0]) + shift"
     return result
+
+
+def _taken(values: Array, time: Array, source: Array, inside: NDArray[np.bool_]) -> Array:
+    """Values (..., time) at the instants of the source that lie inside; NaN elsewhere."""
+    found = np.full((*values.shape[:-1], len(source)), np.nan)
+    found[..., inside] = CubicSpline(time, values, axis=-1)(source[inside])
+    return found
 
 
 def _noise_of(

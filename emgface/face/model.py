@@ -5,6 +5,7 @@ markers, as `data_schema/face_model.json` declares. Every face, imported or gene
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,6 +15,9 @@ from emgface.errors import FaceError
 from emgface.face.parts import FRAME, LIPS, Arch, Bundle, Fibre, Floats, Integers
 from emgface.face.validity import check_face
 from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS, MUSCLES
+
+Variable = tuple[str | tuple[str, ...], NDArray[Any]]
+"""Dims and values of a variable."""
 
 
 def build_face(
@@ -86,23 +90,6 @@ def build_face(
         node_id = np.arange(1, n_nodes + 1)
     if element_id is None:
         element_id = np.arange(1, n_elements + 1)
-    order = {muscle: k for k, muscle in enumerate(MUSCLES)}
-    for muscle in [*(f.muscle for f in fibres), *(b.muscle for b in bundles)]:
-        if muscle not in order:
-            raise FaceError(f"unknown muscle {muscle!r}: expected one of {', '.join(MUSCLES)}")
-    bundles = sorted(bundles, key=lambda bundle: order[bundle.muscle])
-    sizes = [len(fibre.position) for fibre in fibres]
-    counts = [len(bundle.element) for bundle in bundles]
-
-    def stack(parts: list[Floats]) -> Floats:
-        return np.concatenate(parts) if parts else np.empty((0, 3))
-
-    weighted = [bundle.muscle for bundle in bundles if bundle.weight is not None]
-    if weighted and len(weighted) < len(bundles):
-        raise FaceError(
-            f"{weighted[0]} has weights and {len(bundles) - len(weighted)} muscles have none, expected "
-            "all or none"
-        )
     ds = xr.Dataset(
         {
             "position": (("node", "axis"), _f(position)),
@@ -111,24 +98,7 @@ def build_face(
             "element_id": ("element", _i(element_id)),
             "layer": ("element", np.asarray(layer, dtype=np.int8)),
             "fixed": ("node", np.asarray(fixed, dtype=np.int8)),
-            "fibre_position": (
-                ("fibre_point", "axis"),
-                stack([_f(fibre.position) for fibre in fibres]),
-            ),
-            "fibre_of_point": ("fibre_point", _i(np.repeat(np.arange(len(fibres)), sizes))),
-            "fibre_muscle": ("fibre", _i([order[fibre.muscle] for fibre in fibres])),
-            "bundle_muscle": (
-                "bundle_element",
-                _i(np.repeat([order[bundle.muscle] for bundle in bundles], counts)),
-            ),
-            "bundle_index": (
-                "bundle_element",
-                _i(np.concatenate([np.asarray(b.element) for b in bundles] or [[]])),
-            ),
-            "bundle_direction": (
-                ("bundle_element", "axis"),
-                stack([_f(bundle.direction) for bundle in bundles]),
-            ),
+            **_muscles(fibres, bundles),
             "marker_node": ("marker", _i(marker_node)),
             "face_marker_position": (("face_marker", "axis"), _f(face_marker_position)),
             "lip_opening_node": ("lip", _i(lip_opening_node)),
@@ -150,34 +120,81 @@ def build_face(
             **(attrs or {}),
         },
     )
-    if weighted:
-        weight = np.concatenate([_f(b.weight) for b in bundles if b.weight is not None])
-        ds["bundle_weight"] = ("bundle_element", weight)
     if facets:
-        ds = ds.assign_coords(surface=list(facets))
         sizes = [len(nodes) for nodes in facets.values()]
-        ds["facet_node"] = (("facet", "facet_corner"), _i(np.concatenate(list(facets.values()))))
-        ds["facet_surface"] = ("facet", _i(np.repeat(np.arange(len(facets)), sizes)))
-    if arches:
-        shift = np.cumsum([0, *(len(arch.points) for arch in arches[:-1])])
-        rows = [arch.triangles + k for arch, k in zip(arches, shift, strict=True)]
-        bones = np.repeat([arch.bone for arch in arches], [len(r) for r in rows])
-        ds["arch_position"] = (("arch_point", "axis"), stack([_f(arch.points) for arch in arches]))
-        ds["arch_triangle"] = (("arch_facet", "arch_corner"), _i(np.concatenate(rows)))
-        ds["arch_bone"] = ("arch_facet", bones.astype(np.int8))
-    if lips:
-        sizes = [len(lips[lip]) for lip in LIPS]
-        ds["lip_triangle"] = (
-            ("lip_facet", "lip_corner"),
-            _i(np.concatenate([lips[lip] for lip in LIPS])),
+        ds = ds.assign_coords(surface=list(facets)).assign(
+            facet_node=(("facet", "facet_corner"), _i(np.concatenate(list(facets.values())))),
+            facet_surface=("facet", _i(np.repeat(np.arange(len(facets)), sizes))),
         )
-        ds["lip_of_triangle"] = ("lip_facet", _i(np.repeat(np.arange(len(LIPS)), sizes)))
+    ds = ds.assign(_rigid(arches) | _lips(lips))
     for variable in ds.data_vars.values():
         variable.attrs["units"] = "1"
     metric = ("position", "fibre_position", "face_marker_position", "arch_position")
     for metres in (name for name in metric if name in ds):
         ds[metres].attrs["units"] = "m"
     return check_face(ds)
+
+
+def _muscles(fibres: Sequence[Fibre], bundles: Sequence[Bundle]) -> dict[str, Variable]:
+    """Fibres, and elements with directions, in the order of the muscles."""
+    order = {muscle: k for k, muscle in enumerate(MUSCLES)}
+    for muscle in [*(f.muscle for f in fibres), *(b.muscle for b in bundles)]:
+        if muscle not in order:
+            raise FaceError(f"unknown muscle {muscle!r}: expected one of {', '.join(MUSCLES)}")
+    bundles = sorted(bundles, key=lambda bundle: order[bundle.muscle])
+    points, elements = [len(f.position) for f in fibres], [len(b.element) for b in bundles]
+    of_element = [order[bundle.muscle] for bundle in bundles]
+    found: dict[str, Variable] = {
+        "fibre_position": (("fibre_point", "axis"), _stacked([f.position for f in fibres])),
+        "fibre_of_point": ("fibre_point", _i(np.repeat(np.arange(len(fibres)), points))),
+        "fibre_muscle": ("fibre", _i([order[fibre.muscle] for fibre in fibres])),
+        "bundle_muscle": ("bundle_element", _i(np.repeat(of_element, elements))),
+        "bundle_index": (
+            "bundle_element",
+            _i(np.concatenate([np.asarray(b.element) for b in bundles] or [[]])),
+        ),
+        "bundle_direction": (("bundle_element", "axis"), _stacked([b.direction for b in bundles])),
+    }
+    weighted = [bundle.muscle for bundle in bundles if bundle.weight is not None]
+    if weighted and len(weighted) < len(bundles):
+        raise FaceError(
+            f"{weighted[0]} has weights and {len(bundles) - len(weighted)} muscles have none, expected "
+            "all or none"
+        )
+    if weighted:
+        weight = np.concatenate([_f(b.weight) for b in bundles if b.weight is not None])
+        found["bundle_weight"] = ("bundle_element", weight)
+    return found
+
+
+def _rigid(arches: Sequence[Arch]) -> dict[str, Variable]:
+    """Points and triangles of the rigid surfaces, one after the other."""
+    if not arches:
+        return {}
+    shift = np.cumsum([0, *(len(arch.points) for arch in arches[:-1])])
+    rows = [arch.triangles + k for arch, k in zip(arches, shift, strict=True)]
+    bones = np.repeat([arch.bone for arch in arches], [len(r) for r in rows])
+    return {
+        "arch_position": (("arch_point", "axis"), _stacked([arch.points for arch in arches])),
+        "arch_triangle": (("arch_facet", "arch_corner"), _i(np.concatenate(rows))),
+        "arch_bone": ("arch_facet", bones.astype(np.int8)),
+    }
+
+
+def _lips(lips: Mapping[str, Integers] | None) -> dict[str, Variable]:
+    """Triangles of the closed surfaces of the lips."""
+    if not lips:
+        return {}
+    sizes = [len(lips[lip]) for lip in LIPS]
+    triangles = _i(np.concatenate([lips[lip] for lip in LIPS]))
+    return {
+        "lip_triangle": (("lip_facet", "lip_corner"), triangles),
+        "lip_of_triangle": ("lip_facet", _i(np.repeat(np.arange(len(LIPS)), sizes))),
+    }
+
+
+def _stacked(parts: Sequence[Floats]) -> Floats:
+    return np.concatenate([_f(part) for part in parts]) if parts else np.empty((0, 3))
 
 
 def _f(values: Floats) -> Floats:

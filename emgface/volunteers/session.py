@@ -2,8 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -220,7 +219,7 @@ def simulate_session(
     if noise is None:
         noise = amplifier_noise(person, settings, pools=pools, conduction=conduction)
     emg_rng, wrong_rng, head_rng, camera_rng = person.rng(instruction, 0).spawn(4)
-    emg = synthesise_emg(
+    clean = synthesise_emg(
         excitation,
         gain=[settings.world.amplitude * person.gain[channel] for channel in CHANNELS],
         cross_talk=person.cross_talk if settings.cross_talk is None else settings.cross_talk,
@@ -232,19 +231,7 @@ def simulate_session(
         pools=pools,
         conduction=conduction,
     )
-    time = emg["time_emg"].values
-    values = emg.values + movement_artefacts(
-        time,
-        onsets,
-        len(CHANNELS),
-        probability=settings.artefact_probability,
-        amplitude=settings.artefact_amplitude,
-        rng=wrong_rng,
-    )
-    failures = draw_failures(
-        len(CHANNELS), end, probability=settings.electrode_failure, rng=wrong_rng
-    )
-    values = fail(values, time, failures, mains_frequency=settings.mains_frequency, rng=wrong_rng)
+    emg, failures = _disturbed(clean, onsets, end, settings, wrong_rng)
     filmed = settings.cameras == "three"
     position = record_markers(
         _joined_motion(motions, onsets, end),
@@ -260,7 +247,7 @@ def simulate_session(
     position = occlude(position, rate=settings.occlusions, rng=camera_rng)
     return xr.Dataset(
         {
-            "emg": emg.copy(data=values),
+            "emg": emg,
             "position": position,
             "true_excitation": excitation,
             "true_activation": truth,
@@ -276,17 +263,34 @@ def simulate_session(
                 draw_mismatch(person.seed, person.index, settings.world).as_parameters()
             ),
             "true_sigma_max": [float(motion.attrs["sigma_max"]) for motion in motions],
-            "electrode_failures": json.dumps(
-                {CHANNELS[f.channel]: _told(asdict(f)) for f in failures}
-            ),
+            "electrode_failures": json.dumps(failures),
             "person": json.dumps(person.as_parameters()),
             "settings": settings.model_dump_json(),
         },
     )
 
 
-def _told(failure: Mapping[str, object]) -> dict[str, object]:
-    return {name: failure[name] for name in ("start", "kind")}
+def _disturbed(
+    emg: xr.DataArray,
+    onsets: Sequence[float],
+    end: float,
+    settings: VolunteerParameters,
+    rng: np.random.Generator,
+) -> tuple[xr.DataArray, dict[str, dict[str, object]]]:
+    """EMG with movement artefacts and failing electrodes; start and kind of each failure."""
+    time = emg["time_emg"].values
+    values = emg.values + movement_artefacts(
+        time,
+        onsets,
+        len(CHANNELS),
+        probability=settings.artefact_probability,
+        amplitude=settings.artefact_amplitude,
+        rng=rng,
+    )
+    failures = draw_failures(len(CHANNELS), end, probability=settings.electrode_failure, rng=rng)
+    values = fail(values, time, failures, mains_frequency=settings.mains_frequency, rng=rng)
+    told = {CHANNELS[f.channel]: {"start": f.start, "kind": f.kind} for f in failures}
+    return emg.copy(data=values), told
 
 
 def _joined_activation(
