@@ -42,7 +42,7 @@ from analysis.trajectory import (
 from analysis.typed import coordinates, selected
 
 LEAST_SAMPLES: Final = 8
-"""Fewest samples of a trajectory that is aligned; a correlation over fewer says nothing."""
+"""Least number of samples of a trajectory for an alignment."""
 WEAK_MATCH: Final = 0.7
 """Correlation of the aligned components below which they share less than half of their variance."""
 
@@ -226,7 +226,7 @@ def _taken(values: Array, time: Array, source: Array, inside: NDArray[np.bool_])
 def _noise_of(
     measured: xr.Dataset | xr.DataArray, whole: xr.DataArray, seen: slice
 ) -> tuple[xr.DataArray, Array | None]:
-    """Noise of the recorded frames, markers as in `whole`, and white noise sampled alike."""
+    """Noise of the recorded frames, markers as in `whole`, and white noise sampled in the same way."""
     if not isinstance(measured, xr.Dataset) or "noise" not in measured:
         return marker_noise(whole), None
     noise = selected(measured["noise"], {"marker": whole["marker"].values})
@@ -236,7 +236,7 @@ def _noise_of(
 
 
 def _check_motion(sides: dict[str, xr.DataArray], smallest: float) -> None:
-    """Raise for a trajectory that stands still."""
+    """Raise for a trajectory without motion."""
     for role, data in sides.items():
         moved = motion(data)
         if not moved >= smallest:
@@ -247,7 +247,7 @@ def _check_motion(sides: dict[str, xr.DataArray], smallest: float) -> None:
 
 
 def _check_signal(b: Array, noise: xr.DataArray, smallest_snr: float) -> None:
-    """Raise for a measured component that is no more than noise would give.
+    """Raise for a measured component that does not exceed the noise.
 
     White noise of variance s^2 in each of p coordinates and n samples has a first component of
     variance s^2 (1 + sqrt(p / n))^2 (Marchenko and Pastur 1967).
@@ -272,7 +272,7 @@ def _length_ratio(t_m: Array, t_s: Array) -> float:
 def _identity(
     measured: xr.Dataset | xr.DataArray, simulated: xr.Dataset | xr.DataArray
 ) -> dict[str, object]:
-    """Attributes that say which trial this is; the origin is that of the measured side."""
+    """Attributes that identify the trial; the origin is that of the measured motion."""
     keys = ("volunteer", "instruction", "repetition", "strategy")
     kept: dict[str, object] = {
         key: data.attrs[key] for data in (simulated, measured) for key in keys if key in data.attrs

@@ -1,4 +1,4 @@
-"""Tables of what alignments say of themselves, and of the noise of markers."""
+"""Tables of flagged alignments and of the noise of markers."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from analysis.typed import selected
 
 
 def alignment_tables(cube: xr.Dataset) -> dict[str, Table]:
-    """Make the tables ``flags`` and ``noise``, as far as a cube holds what they list.
+    """Return the tables ``flags`` and ``noise``, if the cube contains their variables.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def alignment_tables(cube: xr.Dataset) -> dict[str, Table]:
 
 
 def flag_table(cube: xr.Dataset) -> Table | None:
-    """Count the scored trials in which an alignment says that it may be wrong.
+    """Count the scored trials with a flagged alignment.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ def flag_table(cube: xr.Dataset) -> Table | None:
     )
     origin = origin_of(cube)
     note = (
-        f"Trials of {int(ok.sum())} scored ones in which a flag is raised, per strategy. They are "
-        "in the scores; the table of all trials names them."
+        f"Number of trials with a flag among {int(ok.sum())} scored trials, per strategy. "
+        "These trials remain in the scores; the table of all trials lists their flags."
     )
     return Table(f"flagged alignments, {recordings(origin)}", columns, tuple(rows), origin, note)
 
 
 def noise_table(cube: xr.Dataset) -> Table | None:
-    """Tabulate the noise of each marker and the attenuation of rho to be expected from it.
+    """Tabulate the noise of each marker and the expected attenuation of rho.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ def noise_table(cube: xr.Dataset) -> Table | None:
     )
     origin = origin_of(cube)
     note = (
-        "Medians over trials of the noise (root mean square of three axes together) and of the "
-        "factor sqrt(S / (S + N)) by which it is expected to lower rho, which is not corrected; "
-        "its 5 % quantile; and the number of trials in which the marker moves no more than noise "
-        "and has no rho."
+        "Medians over trials of the noise (root mean square over three axes) and of the "
+        "factor sqrt(S / (S + N)) by which it is expected to lower rho, which is not "
+        "corrected; 5 % quantile of this factor; and number of trials in which the motion "
+        "of the marker does not exceed the noise, so that rho is undefined."
     )
     return Table(f"noise of the markers, {recordings(origin)}", columns, tuple(rows), origin, note)

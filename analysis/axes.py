@@ -1,4 +1,4 @@
-"""Cubes with further dims: one for each choice that a study varied."""
+"""Cubes with further dimensions, one for each choice varied by a study."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -12,7 +12,7 @@ from analysis.trajectory import names
 from analysis.typed import floats, selected
 
 NOT_IN_DESIGN: Final = "not in the design: one choice is varied at a time"
-"""Reason of the trials at which several axes would be off their reference."""
+"""Reason for missing trials at which several axes differ from their reference."""
 
 Label = str | float
 
@@ -20,7 +20,7 @@ Label = str | float
 def combine_cubes(
     cubes: Mapping[tuple[Label, ...], xr.Dataset], axes: Mapping[str, Sequence[Label]]
 ) -> xr.Dataset:
-    """Put cubes of the same trials, scored under different choices, into one.
+    """Combine cubes of the same trials, scored with different choices, into one.
 
     Parameters
     ----------
@@ -89,12 +89,12 @@ def combine_cubes(
 
 
 def further_axes(cube: xr.Dataset) -> list[str]:
-    """Name the dims of a cube beyond those of trials and markers."""
+    """Return the dims of a cube beyond those of trials and markers."""
     return [str(dim) for dim in cube["rho"].dims if dim not in MARKER_DIMS]
 
 
 def reference_cube(cube: xr.Dataset) -> xr.Dataset:
-    """Take the trials of a cube at the reference, the first label of every further axis."""
+    """Return the trials of a cube at the reference, the first label of every further axis."""
     further = further_axes(cube)
     if not further:
         return cube

@@ -16,23 +16,24 @@ from analysis.typed import selected, texts
 HEADS: Final = (
     "rho", "template", "repeat", "ceiling", "shuffled EMG", "wrong instruction", "best wrong",
 )  # fmt: skip
-"""Heads of `LEVELS`."""
+"""Column heads of `LEVELS`."""
 NOTE: Final = (
-    "Means over markers and trials. template: mean motion of the other volunteers, without EMG; "
-    "repeat: another repetition of the person; ceiling: the best motion that is the same in every "
-    "repetition; shuffled EMG: motion driven by the EMG of another repetition; wrong instruction: by "
-    "that of the person's other instructions, their mean and the best of them. All are aligned and "
-    "scored alike. "
+    "Means over markers and trials. template: mean motion of the other volunteers, without "
+    "EMG; repeat: another repetition of the person; ceiling: the best motion that is the "
+    "same in every repetition; shuffled EMG: motion driven by the EMG of another "
+    "repetition; wrong instruction: motion driven by the EMG of the person's other "
+    "instructions, mean and maximum. All are aligned and scored in the same way. "
 )
 
 
 NOTHING: Final = (
-    "No other volunteer, instruction or repetition was scored: nothing says what rho is worth here."
+    "No other volunteer, instruction or repetition was scored, so that rho cannot be "
+    "compared with baselines."
 )
 
 
 def baseline_table(found: xr.Dataset) -> Table:
-    """List rho of every strategy beside its baselines, with gains and skill.
+    """Tabulate rho of every strategy and its baselines, with gains and skill.
 
     Parameters
     ----------
@@ -62,14 +63,17 @@ def baseline_table(found: xr.Dataset) -> Table:
             row += [float(one[name]), *map(float, one[f"{name}_interval"].values)]
         rows.append((*row, int(one["volunteers"]), int(one["trials"])))
     origin = str(found.attrs["origin"])
-    note = NOTE + "skill: share of the way from template to ceiling, of the means; negative: worse "
+    note = (
+        NOTE
+        + "skill: (rho - template) / (ceiling - template), ratio of the means; negative: worse "
+    )
     note += f"than the template. Intervals: {100 * found.attrs['level']:.3g} %, over volunteers."
-    title = f"rho beside its baselines, {recordings(origin)}"
+    title = f"rho and its baselines, {recordings(origin)}"
     return Table(title, tuple(columns), tuple(rows), origin, note)
 
 
 def baseline_instruction_table(cube: xr.Dataset) -> Table:
-    """List rho beside its baselines per instruction and strategy.
+    """Tabulate rho and its baselines per instruction and strategy.
 
     Parameters
     ----------
@@ -97,12 +101,12 @@ def baseline_instruction_table(cube: xr.Dataset) -> Table:
             middle = float(np.median(skill)) if len(skill) else np.nan
             rows.append((str(instruction), str(strategy), *levels, middle, len(skill), no_room))
     origin = origin_of(cube)
-    title = f"rho beside its baselines per instruction, {recordings(origin)}"
+    title = f"rho and its baselines per instruction, {recordings(origin)}"
     return Table(title, columns, tuple(rows), origin, NOTE)
 
 
 def individual_table(cube: xr.Dataset) -> Table:
-    """List what a template cannot win: size, timing, asymmetry and variation within instructions.
+    """Tabulate amplitude, timing, asymmetry and variation, which a template cannot predict.
 
     Parameters
     ----------
@@ -151,19 +155,20 @@ def individual_table(cube: xr.Dataset) -> Table:
     )  # fmt: skip
     origin = origin_of(cube)
     note = (
-        "Means over trials. Timing is on the clock of the recording, before alignment; the template's "
-        "is the mean of the other volunteers, from the start of a trial. Asymmetry: (left - right) / "
-        "(left + right). within instruction: correlation of the deviations of repetitions from the "
-        "person's mean, simulated with measured; a motion that is the same every time has none, and "
-        "its mean over all orders of the repetitions is 0. The peak of a posture that is held says "
-        "little."
+        "Means over trials. Timing is on the clock of the recording, before alignment; the "
+        "template's is the mean of the other volunteers, from the start of a trial. "
+        "Asymmetry: (left - right) / (left + right). within instruction: correlation of the "
+        "deviations of repetitions from the person's mean, simulated with measured; it is "
+        "undefined for a motion that is the same in every repetition, and its mean over all "
+        "orders of the repetitions is 0. The time of the peak of a held posture is of "
+        "little significance."
     )
-    title = f"what a template cannot predict, {recordings(origin)}"
+    title = f"measures that a template cannot predict, {recordings(origin)}"
     return Table(title, columns, tuple(rows), origin, note)
 
 
 def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
-    """Say plainly what a correlation means in a study.
+    """Explain a correlation by the baselines of a study.
 
     Parameters
     ----------
@@ -179,8 +184,9 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
         per strategy.
     """
     told = [
-        f"A rho of {rho:.2f} leaves {100 * unexplained(rho):.0f} % of the size of a movement "
-        f"unexplained after the best scaling, one of 0.99 leaves {100 * unexplained(0.99):.0f} %."
+        f"With a rho of {rho:.2f}, {100 * unexplained(rho):.0f} % of the amplitude of a "
+        "movement is unexplained after the best scaling; with 0.99 it is "
+        f"{100 * unexplained(0.99):.0f} %."
     ]
     levels = {name: _first(found[name].values) for name in LEVELS}
     template, ceiling = levels["template_rho"], levels["ceiling"]
@@ -188,7 +194,7 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
     if np.isfinite(template):
         who = f"the mean motion of {others} other volunteers"
         who = "the motion of another volunteer" if others == 1 else who
-        text = f"In this study {who} at the same instruction, without any EMG, scores "
+        text = f"In this study, {who} for the same instruction, without EMG, scores "
         text += f"{template:.2f} (template)"
         if np.isfinite(ceiling):
             text += (
@@ -198,34 +204,36 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
         told.append(text + ".")
         if template >= rho:
             told.append(
-                f"A rho of {rho:.2f} thus says that the lips made the movement that was asked for; it "
-                "does not say that the EMG was needed to know it, since the template knows more."
+                f"A rho of {rho:.2f} therefore shows that the lips made the movement that "
+                "was asked for, but not that the EMG contributed to the prediction, because "
+                "the template scores no less."
             )
         else:
             told.append(
-                f"A rho of {rho:.2f} is more than the template reaches: {rho - template:.2f} of it "
-                "is about this person or trial."
+                f"A rho of {rho:.2f} exceeds the score of the template by "
+                f"{rho - template:.2f}; this difference is specific to the person or the "
+                "trial."
             )
         if others < 3:
             told.append(
-                "A template of one or two volunteers is poor; the mean of more would score higher, so "
-                "that gain and skill are flattered."
+                "A template of one or two volunteers is poor. The mean of more volunteers "
+                "would score higher, so that gain and skill are overestimated."
             )
     else:
-        told.append("There is no other volunteer, so there is no template to compare with.")
+        told.append("There is no other volunteer and therefore no template for comparison.")
     wrong = levels["wrong_rho"], levels["wrong_rho_max"]
     if np.isfinite(wrong[0]):
         told.append(
             f"The simulated motion of a wrong instruction scores {wrong[0]:.2f} on average, and "
-            f"{wrong[1]:.2f} where the best of them is taken."
+            f"{wrong[1]:.2f} for the best of the wrong instructions."
         )
     if not np.isfinite(ceiling):
-        told.append("No instruction was repeated, so that ceiling and skill are unknown.")
+        told.append("No instruction was repeated; ceiling and skill are undefined.")
     return told + [_of_strategy(found, str(label)) for label in found["strategy"].values]
 
 
 def comparison(cube: xr.Dataset, *, seed: int = 0) -> tuple[list[str], dict[str, Table]]:
-    """Return the sentences and tables on baselines; none of an older cube, which lacks them.
+    """Return the sentences and tables on baselines; empty for an older cube without them.
 
     Parameters
     ----------
@@ -259,12 +267,12 @@ def _of_strategy(found: xr.Dataset, strategy: str) -> str:
         return f"{strategy}: no trial is scored."
     text = f"{strategy}: mean rho {rho:.2f}"
     if np.isfinite(gain):
-        text += f", less the template {gain:+.3f}{_interval(one, 'gain_template', 3)}"
+        text += f", difference from the template {gain:+.3f}{_interval(one, 'gain_template', 3)}"
     if np.isfinite(skill):
         text += f", skill {skill:.2f}{_interval(one, 'skill', 2)}"
     own = float(one["gain_shuffled"])
     if np.isfinite(own):
-        text += f"; the EMG of the trial itself adds {own:+.3f} to that of another repetition"
+        text += f"; the EMG of the trial scores {own:+.3f} more than that of another repetition"
         text += _interval(one, "gain_shuffled", 3)
     n = int(one["volunteers"])
     few = too_few_volunteers(n) if np.isfinite(gain) else ""
@@ -280,7 +288,7 @@ def _interval(one: xr.Dataset, name: str, digits: int) -> str:
 
 
 def _mean(data: xr.DataArray) -> float:
-    """Mean of what is defined."""
+    """Mean of the defined values."""
     values = data.values[np.isfinite(data.values)]
     return float(values.mean()) if len(values) else np.nan
 
@@ -302,6 +310,6 @@ def _correlation(x: xr.DataArray, y: xr.DataArray) -> float:
 
 
 def _first(values: Sequence[float] | np.ndarray) -> float:
-    """Mean over strategies of what is the same for all but for the trials they lack."""
+    """Mean over strategies of a quantity that differs only by missing trials."""
     values = np.asarray(values, dtype=np.float64)
     return float(np.nanmean(values)) if np.isfinite(values).any() else np.nan

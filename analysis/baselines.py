@@ -30,8 +30,9 @@ TRIAL: Final = (*RECORDED, "strategy")
 VARIABLES: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
     "template_rho": ((*RECORDED, "marker"), "1", "rho of the mean motion of the other volunteers"),
     "template_amplitude_ratio": (
-        (*RECORDED, "marker"), "1", "size of the mean motion of the others over the measured one"),
-    "template_volunteers": (PERSON, "1", "other volunteers in the template"),
+        (*RECORDED, "marker"), "1",
+            "amplitude of the mean motion of the other volunteers divided by the measured one"),
+    "template_volunteers": (PERSON, "1", "number of other volunteers in the template"),
     "repeat_rho": ((*RECORDED, "marker"), "1", "mean rho of the person's other repetitions"),
     "ceiling": (
         (*RECORDED, "marker"), "1", "rho of the person's mean over infinitely many repetitions"),
@@ -41,25 +42,26 @@ VARIABLES: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
         (*TRIAL, "marker"), "1", "mean rho of motions driven by the EMG of other repetitions"),
     "within_rho": (
         (*PERSON, "strategy", "marker"), "1", "correlation of deviations from the person's mean"),
-    "onset_error": (TRIAL, "s", "onset of the simulated less that of the measured motion"),
-    "peak_error": (TRIAL, "s", "peak of the simulated less that of the measured motion"),
-    "template_onset_error": (RECORDED, "s", "mean onset of the others less the measured one"),
-    "template_peak_error": (RECORDED, "s", "mean peak of the others less the measured one"),
-    "asymmetry_measured": (RECORDED, "1", "left less right over their sum, measured motion"),
-    "asymmetry_simulated": (TRIAL, "1", "left less right over their sum, simulated motion"),
-    "template_asymmetry": (PERSON, "1", "left less right over their sum, template"),
-    "skill": (TRIAL, "1", "share of the way from template to ceiling"),
+    "onset_error": (TRIAL, "s", "onset of the simulated minus that of the measured motion"),
+    "peak_error": (TRIAL, "s", "peak of the simulated minus that of the measured motion"),
+    "template_onset_error": (RECORDED, "s", "mean onset of the other volunteers minus the measured one"),
+    "template_peak_error": (RECORDED, "s", "mean peak of the other volunteers minus the measured one"),
+    "asymmetry_measured": (RECORDED, "1", "(left - right) / (left + right), measured motion"),
+    "asymmetry_simulated": (TRIAL, "1", "(left - right) / (left + right), simulated motion"),
+    "template_asymmetry": (PERSON, "1", "(left - right) / (left + right), template"),
+    "skill": (TRIAL, "1", "(rho - template) / (ceiling - template)"),
 }  # fmt: skip
-"""Dims, unit and meaning of what a cube holds beside rho."""
+"""Dims, unit and meaning of the baselines in a cube."""
 
 LEAST_ROOM: Final = 1e-3
-"""Least ceiling minus baseline of which a skill is taken [1].
+"""Smallest difference of ceiling and baseline for which skill is defined [1].
 
 Noise of 0.1 mm at a marker that moves by 3 mm (root-mean-square) takes 1.7e-3 from its rho; what is
 less says nothing of a motion.
 """
 SKILL_REASONS: Final = (
-    "", "rho is undefined", "no other volunteer", "no other repetition", "no room above the template",
+    "", "rho is undefined", "no other volunteer", "no other repetition",
+        "ceiling not above the template",
 )  # fmt: skip
 
 
@@ -69,7 +71,7 @@ def scored(
     alignment: Mapping[str, Any] | None = None,
     form: str = "consistent",
 ) -> tuple[Array, Array]:
-    """Align a measured motion with a predicted one and correlate them, as a simulated one is.
+    """Align a measured with a predicted motion and correlate them, as for a simulated motion.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def scored(
 
 
 def _centred(values: Array, least: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Positions about their means, their sizes, and which markers move, as `analysis.scores`."""
+    """Positions about their means, their sizes, and moving markers, as in `analysis.scores`."""
     centred = values - values.mean(axis=2, keepdims=True)
     size = np.sqrt((centred**2).sum(axis=(1, 2)))
     moved = size / np.sqrt(values.shape[2])
@@ -123,7 +125,7 @@ def _centred(values: Array, least: float) -> tuple[Array, Array, NDArray[np.bool
 
 
 def ceiling_of(repeat_rho: Array) -> Array:
-    """Highest rho to expect of a motion that is the same in every repetition.
+    """Highest expected rho of a motion that is the same in every repetition.
 
     Let v_r = mu + e_r, a motion that the person always makes and what differs from trial to trial,
     noise of the markers included. Two repetitions correlate with q = |mu|^2 / (|mu|^2 + |e|^2), a
@@ -199,7 +201,7 @@ def skill_of(rho: Array, baseline: Array, ceiling: Array) -> Array:
 
 
 def unexplained(rho: float) -> float:
-    """Part of a movement that a motion of this rho does not follow, sqrt(1 - rho^2).
+    """Fraction of a movement unexplained by a motion with this rho, sqrt(1 - rho^2).
 
     The root-mean-square residual after the best scaling, over the size of the movement [1].
     """
@@ -207,7 +209,7 @@ def unexplained(rho: float) -> float:
 
 
 def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Dataset:
-    """Put baselines, ceiling and skill into a cube.
+    """Add baselines, ceiling and skill to a cube.
 
     Parameters
     ----------
@@ -231,7 +233,7 @@ def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Da
     unknown = [name for name in found if name not in VARIABLES or name == "skill"]
     if unknown:
         raise CubeError(
-            f"{names(unknown)} is no baseline, expected some of {names([*VARIABLES], 20)}"
+            f"{names(unknown)} is not a baseline, expected some of {names([*VARIABLES], 20)}"
         )
     added: dict[str, xr.DataArray] = {}
     for name, (dims, units, meaning) in VARIABLES.items():
@@ -245,12 +247,12 @@ def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Da
     skill, reason = _skill(cube["rho"], added["template_rho"], added["ceiling"])
     added["skill"] = skill.assign_attrs(added["skill"].attrs)
     result = cube.assign(added)
-    result["skill_reason"] = reason.assign_attrs(long_name="why skill is undefined")
+    result["skill_reason"] = reason.assign_attrs(long_name="reason for which skill is undefined")
     return result
 
 
 def has_baselines(cube: xr.Dataset) -> bool:
-    """Return True if a cube holds a baseline of any trial."""
+    """Return True if a cube contains a baseline of any trial."""
     return "template_rho" in cube and any(
         bool(np.isfinite(cube[name].values).any())
         for name in ("template_rho", "wrong_rho", "repeat_rho")
@@ -260,7 +262,7 @@ def has_baselines(cube: xr.Dataset) -> bool:
 def _skill(
     rho: xr.DataArray, template: xr.DataArray, ceiling: xr.DataArray
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    """Skill per trial and strategy, and why there is none."""
+    """Skill per trial and strategy, or the reason for its absence."""
     dims = (*TRIAL, "marker")
     rho, template, ceiling = (
         each.broadcast_like(rho).transpose(*dims) for each in (rho, template, ceiling)
@@ -281,14 +283,14 @@ def _skill(
 
 
 def mean_of(rhos: Sequence[Array], markers: int) -> Array:
-    """Mean over predictions, marker by marker, of those that are defined; NaN where none is."""
+    """Mean over the defined predictions for each marker; NaN if there is none."""
     stack = np.array(rhos, dtype=np.float64).reshape(-1, markers)
     count = np.isfinite(stack).sum(axis=0)
     return np.where(count > 0, np.nansum(stack, axis=0) / np.maximum(count, 1), np.nan)
 
 
 def best_of(rhos: Sequence[Array], markers: int) -> Array:
-    """The prediction with the largest mean over markers, NaN where none is defined."""
+    """Prediction with the largest mean over markers; NaN if none is defined."""
     known = [each for each in rhos if np.isfinite(each).any()]
     if not known:
         return np.full(markers, np.nan)

@@ -1,4 +1,4 @@
-"""All trials of a study in one labelled cube, none of them lost.
+"""Collection of all trials of a study in one labelled cube.
 
 The cube always spans the whole product of its labels. A trial that failed stays with its status
 and NaN scores; one that never came has the status "missing".
@@ -22,14 +22,14 @@ MARKER_DIMS: Final = (*TRIAL_DIMS, "marker")
 
 PER_MARKER: Final = {
     "rho": ("1", "correlation of 3D trajectories"),
-    "amplitude_ratio": ("1", "simulated over measured size of movement"),
+    "amplitude_ratio": ("1", "simulated divided by measured amplitude of movement"),
     "rmse": ("m", "root-mean-square distance"),
 }
 OF_NOISE: Final = {
     "noise": ("m", "noise of the measured marker, three axes together"),
     "attenuation": ("1", "factor by which that noise is expected to lower rho"),
 }
-"""Per marker, where the noise is known."""
+"""Variables per marker, if the noise is known."""
 PER_TRIAL: Final = {
     "shift": ("s", "time added to the measured trajectory"),
     "scale": ("1", "stretch of the measured time"),
@@ -39,7 +39,7 @@ PER_TRIAL: Final = {
     "explained_variance_simulated": ("1", "variance in the first component"),
     "direction_cosine": ("1", "cosine between the first components"),
     "sign_by_direction": ("1", "1 where the direction of the components gave their sign"),
-    "unseen_ends": ("s", "time at the trial's ends at which some marker was not seen"),
+    "unseen_ends": ("s", "time at the ends of the trial at which a marker is not visible"),
     **{name: ("1", f"1 where {meaning}") for name, meaning in FLAGS.items()},
     "sigma_max": ("Pa", "maximum muscle stress that was used"),
     "steps": ("1", "time steps computed"),
@@ -51,15 +51,15 @@ OF_RUN: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion", 
 """Members of `PER_TRIAL` that a trial has without scores."""
 TEXTS: Final = {
     "status": ("missing", "ok, missing, excluded, or failed"),
-    "reason": ("no result was handed in", "why there are no scores, or what they depend on"),
+    "reason": ("no result was passed", "reason for missing scores, or remark on them"),
     "computed": ("", "UTC date of the last result"),
-    "computed_with": ("", "what computed it: keys of the attribute environments"),
+    "computed_with": ("", "computing environment: keys of the attribute environments"),
 }
 """Text of a trial: what stands where there is no trial, and its meaning."""
 CHOICES: Final = ("form", "reference", "smallest_motion", "scaling", "scale_range", "scale_step",
                   "max_shift", "least_overlap", "least_gain", "cutoff", "sign_by", "clear_cosine",
                   "centred", "subsample", "smallest_snr")  # fmt: skip
-"""Attributes of scores that all trials of a cube share."""
+"""Attributes of scores that are equal for all trials of a cube."""
 
 
 def build_cube(
@@ -119,7 +119,7 @@ def build_cube(
     }
     for dim, found in labels.items():
         if not found and (dim != "marker"):
-            raise CubeError(f"there is no {dim}: give at least one trial, or the labels expected")
+            raise CubeError(f"there is no {dim}: pass at least one trial, or the expected labels")
     cube = _empty(labels)
     place = {dim: {label: i for i, label in enumerate(found)} for dim, found in labels.items()}
     values = {str(name): cube[name].values for name in cube.data_vars}
@@ -128,7 +128,7 @@ def build_cube(
     for trial in trials_:
         index = _index(trial, place)
         if index in seen:
-            raise CubeError(f"trial {trial.label} is given twice: keep one of its results")
+            raise CubeError(f"trial {trial.label} is passed twice: keep one of its results")
         seen.add(index)
         for name in ("status", "reason", "computed", *OF_RUN):
             values[name][index] = getattr(trial, name)
@@ -164,7 +164,7 @@ def _empty(labels: dict[str, list[Any]]) -> xr.Dataset:
     for name, (absent, meaning) in TEXTS.items():
         text = np.full(shape[:-1], absent, dtype=object)
         cube[name] = (TRIAL_DIMS, text, {"long_name": meaning})
-    why = {"long_name": "why rho is undefined"}
+    why = {"long_name": "reason for which rho is undefined"}
     return cube.assign(marker_reason=(MARKER_DIMS, np.full(shape, "", dtype=object), why))
 
 
@@ -174,7 +174,7 @@ def _short(environment: str) -> str:
 
 
 def _labels(expected: Sequence[Any] | None, found: Sequence[Any]) -> list[Any]:
-    """Return the labels expected, else those found, each once in order of appearance."""
+    """Return the expected labels, or those found, in order of appearance."""
     return list(dict.fromkeys(found if expected is None else expected))
 
 
@@ -222,7 +222,7 @@ def _origin(trials_: list[Trial], origin: Origin | None) -> str:
 
 
 def _choices(trials_: list[Trial]) -> dict[str, Any]:
-    """Return the choices that all scores share; different ones cannot be compared."""
+    """Return the choices common to all scores; different ones cannot be compared."""
     chosen: dict[str, Any] = {}
     for trial in trials_:
         if trial.scores is None:
@@ -234,6 +234,6 @@ def _choices(trials_: list[Trial]) -> dict[str, Any]:
             if not np.array_equal(chosen.setdefault(name, value), value):
                 raise CubeError(
                     f"trial {trial.label} was scored with {name} = {value!r}, another one with "
-                    f"{chosen[name]!r}: score all trials alike"
+                    f"{chosen[name]!r}: score all trials with the same options"
                 )
     return chosen

@@ -1,4 +1,4 @@
-"""Medians, means and standard deviations of a cube, with everything that is not in them."""
+"""Medians, means and standard deviations of a cube, with counts of missing values."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Measures of a motion that no mean of other people can predict: timing, asymmetry, variation.
+"""Measures of a motion beyond the mean of other people: timing, asymmetry, variation.
 
 rho tells whether a marker moves along the right path. Most of that path is given by the instruction
 and is the same in everybody; what is measured here differs between persons and between trials.
@@ -21,9 +21,9 @@ from analysis.trajectory import SMALLEST_MOTION, checked, same_markers
 Array = NDArray[np.float64]
 
 ONSET: Final = 0.2
-"""Fraction of the greatest displacement at which a movement is said to begin."""
+"""Fraction of the largest displacement that defines the onset of a movement."""
 CUTOFF: Final = 10.0
-"""Low-pass [Hz] of the displacement that instants are read from, that of the alignment."""
+"""Low-pass edge [Hz] of the displacement for the instants, as in the alignment."""
 
 
 def instants(
@@ -123,7 +123,7 @@ def within_instruction(
     simulated: Sequence[xr.Dataset | xr.DataArray],
     options: Mapping[str, Any] | None = None,
 ) -> xr.DataArray:
-    """Correlation of what is special in each repetition, measured with simulated.
+    """Correlation of the deviations of repetitions from their mean, measured with simulated.
 
     With D_r = v_r - mean_r v_r and E_r = w_r - mean_r w_r, displacements of a marker over axes and
     time in repetition r,

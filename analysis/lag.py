@@ -13,18 +13,18 @@ from scipy.signal import butter, correlate, correlation_lags, sosfiltfilt
 Array = NDArray[np.float64]
 
 LEAST_MOTION: Final = 0.5
-"""Least fraction of each vector's sum of squares that must lie inside an overlap.
+"""Smallest fraction of the sum of squares of each vector within an overlap.
 
 Without it an overlap of two nearly still stretches, matched by chance, could win.
 """
 LEAST_SEEN: Final = 0.5
-"""Least overlap, as a fraction of the shorter vector, at which a shift that is not allowed is
-looked at, to tell whether the bound hides a better one."""
+"""Smallest overlap, as a fraction of the shorter vector, of shifts beyond the bound that are
+examined for a better peak."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """One candidate: what a shift [s] and a scale [1] reach.
+    """Candidate: correlation at a shift [s] and a scale [1].
 
     `r` is the correlation over the overlap. `unexplained` is (1 - r^2) max(1, v), where v is the
     measured variance inside the overlap over that of the whole: leaving out a still stretch,
@@ -89,7 +89,7 @@ def overlap_correlation(x: Array, y: Array) -> tuple[NDArray[np.int64], Array, A
 
 
 class Search:
-    """The agreement of the two coefficient vectors as a function of shift and scale.
+    """Agreement of two coefficient vectors as a function of shift and scale.
 
     Both vectors are low-passed alike first. Interpolation between noisy samples averages the
     noise, so without it every fractional shift and every stretch would seem to fit better.
@@ -193,7 +193,7 @@ class Search:
         return Match(shift, scale, r, float(self._unexplained(np.asarray(r), variance)), at_bound)
 
     def _climbed(self, start: Match, reach: float) -> Match:
-        """Climb at one scale from a shift to the peak no farther than `reach` [s]."""
+        """Find the peak within `reach` [s] of a shift, at one scale."""
         bound = np.inf if self.max_shift is None else self.max_shift
         low, high = max(start.shift - reach, -bound), min(start.shift + reach, bound)
         if not low < high:
@@ -214,14 +214,14 @@ class Search:
 
 
 def _peaks(loss: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Samples whose neighbours are both finite, and those of them that are local minima."""
+    """Samples with two finite neighbours, and the local minima among them."""
     padded = np.concatenate([[np.inf], loss, [np.inf]])
     inner = np.isfinite(padded[:-2]) & np.isfinite(padded[2:])
     return inner, np.isfinite(loss) & inner & (loss <= padded[:-2]) & (loss <= padded[2:])
 
 
 def within(source: Array, t_m: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Tell which instants lie inside the measured time; return them free of rounding."""
+    """Find the instants within the measured time, with rounding removed."""
     slack = 1e-9 * float(t_m[-1] - t_m[0])
     inside = (source >= t_m[0] - slack) & (source <= t_m[-1] + slack)
     return inside, np.clip(source, t_m[0], t_m[-1])
@@ -234,7 +234,7 @@ def _minimum(loss: Callable[[float], float], low: float, high: float, width: flo
 
 
 def _uniform(time: Array, values: Array) -> tuple[Array, Array]:
-    """Put a vector on a uniform grid of as many samples that starts at zero."""
+    """Interpolate a vector on a uniform grid of the same size that starts at zero."""
     start, period = time[0], (time[-1] - time[0]) / (len(time) - 1)
     grid = period * np.arange(len(time))
     if np.allclose(time - start, grid, rtol=0.0, atol=1e-6 * period):

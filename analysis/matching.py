@@ -1,4 +1,4 @@
-"""Choices of an alignment, and the shift and scale that they lead to."""
+"""Options of an alignment, and the resulting shift and scale."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
@@ -12,7 +12,7 @@ Scaling = Literal["length", "search", "none"]
 Sign = Literal["direction", "correlation"]
 
 CLEAR_COSINE: Final = 0.75
-"""Cosine of two components beyond which their direction gives the sign.
+"""Absolute cosine of two components above which their direction determines the sign.
 
 The 95 % point of |cos| between two random directions in six dimensions, where it has the density
 (1 - c^2)^(3/2). The thirty coordinates of ten markers on one mouth are far from independent: the
@@ -23,7 +23,7 @@ have cosines up to 0.68 (simulated; three volunteers on the coarse face).
 
 @dataclass(frozen=True)
 class Options:
-    """Choices of `analysis.align.align`, which describes them.
+    """Options of `analysis.align.align`, which describes them.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class Options:
             raise AlignmentError(f"clear_cosine is {self.clear_cosine}, expected from 0 to 1")
 
     def recorded(self) -> dict[str, Any]:
-        """Return the choices as attributes of a result."""
+        """Return the options as attributes of a result."""
         values = asdict(self)
         values["scale_range"] = list(self.scale_range)
         values["sign_by"] = values.pop("sign")
@@ -87,7 +87,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Pair:
-    """The two coefficient vectors with their instants [s].
+    """Two coefficient vectors with their instants [s].
 
     `start` is the instant of the measured trial that a shift is counted from, before the first
     measured sample where markers were not seen at once. `nominal` is the scale that the two
@@ -145,7 +145,7 @@ def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
 
 
 def signed_match(pair: Pair, cosine: float, options: Options) -> tuple[int, Match, bool, bool]:
-    """Settle the sign of the measured vector, and the match under it.
+    """Determine the sign of the measured vector and its match.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def signed_match(pair: Pair, cosine: float, options: Options) -> tuple[int, Matc
 
 
 def scale_at_bound(scale: float, nominal: float, options: Options) -> bool:
-    """Tell whether a scale lies outside `scale_range`, or a searched one at its end."""
+    """Test if a scale is outside `scale_range`, or a searched one at its end."""
     least, most = options.scale_range
     if not least * (1 - 1e-9) <= scale <= most * (1 + 1e-9):
         return True

@@ -1,4 +1,4 @@
-"""Noise of marker positions, and how far it attenuates a correlation."""
+"""Noise of marker positions, and the attenuation of a correlation by noise."""
 
 from math import comb
 from typing import Final
@@ -11,17 +11,17 @@ from scipy.interpolate import CubicSpline
 Array = NDArray[np.float64]
 
 ORDER: Final = 3
-"""Order of the differences that the noise is estimated from."""
+"""Order of the differences from which the noise is estimated."""
 SMALLEST_SNR: Final = 1.0
-"""Variance of motion over that of noise below which a marker does not move.
+"""Ratio of the variances of motion and noise below which a marker is regarded as not moving.
 
 There noise alone lowers a correlation to 0.71 of itself. The estimated ratio of a still marker
 scatters about 0 by 0.15 (180 frames), so that none of a thousand passes.
 """
 PROBES: Final = 64
-"""Rows of white noise that are followed through the sampling."""
+"""Number of rows of white noise for the effect of the sampling."""
 FEWEST: Final = 8
-"""Fewest differences of a marker from which its noise is estimated."""
+"""Least number of differences of a marker for an estimate of its noise."""
 
 
 def noise_level(values: Array) -> float:
@@ -85,7 +85,7 @@ def marker_noise(position: xr.DataArray) -> xr.DataArray:
 
 
 def unit_noise(frames: int) -> Array:
-    """White noise of variance one, always the same, to see what sampling leaves of it.
+    """Reproducible white noise of variance one, for the effect of the sampling.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def unit_noise(frames: int) -> Array:
 
 
 def sampled_share(white: Array | None, time: Array, source: Array) -> float:
-    """Variance that white noise keeps, on average, where a cubic spline samples it.
+    """Mean variance of white noise after sampling by a cubic spline.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Motions of the same movement brought to one time base, and their mean.
+"""Registration of motions of the same movement in time, and their mean.
 
 A mean over repetitions or persons whose movements begin at other instants would be flatter and
 longer than any of them, so each is aligned first, by `analysis.align.align` with the same options
@@ -20,11 +20,11 @@ from analysis.trajectory import motion as motion_of
 from analysis.typed import coordinates, relabelled
 
 ROUNDS: Final = 2
-"""Times that all motions are aligned: with one of them, then with their mean."""
+"""Number of alignments of all motions: with one of them, then with their mean."""
 
 
 def held(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
-    """Hold every marker before the first and after the last instant at which all were seen.
+    """Hold every marker before the first and after the last instant with all markers visible.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def registered(
     reference: xr.Dataset | xr.DataArray,
     options: Mapping[str, Any] | None = None,
 ) -> list[xr.DataArray | None]:
-    """Align motions with a reference and give them its instants.
+    """Align motions with a reference and interpolate them at its instants.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def mean_motion(
 def retimed(
     position: xr.DataArray, time: xr.DataArray, *, shift: float, scale: float
 ) -> xr.DataArray:
-    """Move a motion in time by a shift and scale that an alignment found.
+    """Transform the times of a motion by the shift and scale of an alignment.
 
     x'(t) = x(t_m), t - t[0] = scale (t_m - t_m[0]) + shift, held before its beginning and after its
     end.

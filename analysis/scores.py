@@ -1,4 +1,4 @@
-"""How well a simulated trajectory follows a measured one, marker by marker."""
+"""Agreement of a simulated with a measured trajectory for each marker."""
 
 from typing import Final, Literal
 
@@ -15,10 +15,10 @@ Form = Literal["consistent", "as_printed"]
 Reference = Literal["mean", "first", "origin"]
 
 ROUNDING: Final = 64 * float(np.finfo(np.float64).eps)
-"""Displacement relative to the position below which only rounding errors move."""
+"""Displacement relative to the position below which a motion is due to rounding."""
 
 DROWNED: Final = "measured moves no more than noise"
-"""Reason of a marker whose motion cannot be told from the noise of its camera."""
+"""Reason of a marker whose motion cannot be distinguished from the noise."""
 
 CARRIED: Final = (
     "shift",
@@ -34,7 +34,7 @@ CARRIED: Final = (
     "noise",
     *FLAGS,
 )
-"""What a score keeps of the alignment."""
+"""Variables of the alignment that are kept in the scores."""
 
 
 def correlation_3d(
@@ -106,7 +106,7 @@ def undefined_reason(
     noise: xr.DataArray | None = None,
     smallest_snr: float = SMALLEST_SNR,
 ) -> xr.DataArray:
-    """Why a correlation is undefined, as text; empty where it is defined.
+    """Reason for an undefined correlation; empty where it is defined.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def undefined_reason(
             reason = reason.where(~bad, f"{role} {what}")
         reason = reason.where(~bad_both, "neither moves" if one_of is still else "both have gaps")
     reason = reason.where(~(drowned & (reason == "measured does not move")), DROWNED)
-    return _named(texts(reason), "reason", {"long_name": "why rho is undefined"})
+    return _named(texts(reason), "reason", {"long_name": "reason for which rho is undefined"})
 
 
 def amplitude_ratio(
@@ -159,7 +159,7 @@ def amplitude_ratio(
     dim: str = "time",
     smallest_motion: float = 0.0,
 ) -> xr.DataArray:
-    """Size of the simulated movement relative to the measured one, sigma_w / sigma_v.
+    """Amplitude of the simulated relative to the measured movement, sigma_w / sigma_v.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def amplitude_ratio(
     reason = undefined_reason(measured, simulated, dim=dim, smallest_motion=smallest_motion)
     ratio = size_w / size_v.where(reason.isin(["", "simulated does not move"]))
     ratio = ratio.where(reason != "simulated does not move", 0.0)
-    attrs = {"units": "1", "long_name": "simulated over measured size of movement"}
+    attrs = {"units": "1", "long_name": "simulated divided by measured amplitude of movement"}
     return _named(ratio, "amplitude_ratio", attrs)
 
 
@@ -271,10 +271,10 @@ def score(
     -------
     xarray.Dataset
         ``rho`` (marker) [1], ``amplitude_ratio`` (marker) [1], ``rmse`` (marker) [m], ``reason``
-        (marker) why rho is undefined, ``samples`` scored [1], ``attenuation`` (marker) [1], the
-        factor by which noise is expected to lower rho (`analysis.noise.attenuation`; rho is as
-        measured, not corrected), where the noise is known, and what the alignment found
-        (``shift`` [s], ``scale`` [1], ...) where `aligned` carries it.
+        (marker) reason for which rho is undefined, ``samples`` scored [1], ``attenuation`` (marker)
+        [1], the factor by which noise is expected to lower rho (`analysis.noise.attenuation`; rho is
+        as measured, not corrected), where the noise is known, and what the alignment found (``shift``
+        [s], ``scale`` [1], ...) where `aligned` carries it.
 
     Raises
     ------
@@ -314,7 +314,7 @@ def score(
 
 
 def _named(data: xr.DataArray, name: str, attrs: dict[str, str]) -> xr.DataArray:
-    """Name a result and replace the attributes it inherited from the positions."""
+    """Set the name and the attributes of a result."""
     data = data.rename(name)
     data.attrs = dict(attrs)
     return data

@@ -41,7 +41,7 @@ def sensitivity(
     level: float = 0.95,
     limit: float = LIMIT,
 ) -> xr.Dataset:
-    """Compare every level of every axis with its reference, in each strategy by itself.
+    """Compare every level of every axis with its reference, separately for each strategy.
 
     Differences are taken within trial and marker, all other axes at their reference, and averaged
     to one per volunteer; a paired t test over volunteers gives interval and p, which Holm's
@@ -190,7 +190,7 @@ def _finding(data: Paired, adjusted: float, tests: int, level: float) -> Finding
 
 
 def choices_table(found: xr.Dataset) -> Table:
-    """List what every level of every axis changes in every strategy.
+    """Tabulate the change with every level of every axis for every strategy.
 
     Parameters
     ----------
@@ -233,26 +233,27 @@ def choices_table(found: xr.Dataset) -> Table:
         columns,
         tuple(rows),
         origin,
-        f"Reference: {found.attrs['reference']}. One choice is moved at a time. Paired t over "
-        f"volunteers, of {found.attrs['scope']}; intervals are not adjusted, 'p Holm' is over all "
-        f"rows; fewer than {LEAST_VOLUNTEERS} volunteers give neither.",
+        f"Reference: {found.attrs['reference']}. One choice is varied at a time. Paired t "
+        f"test over volunteers, scope: {found.attrs['scope']}; intervals are not adjusted, "
+        f"'p Holm' is over all rows; neither is given with fewer than {LEAST_VOLUNTEERS} "
+        "volunteers.",
     )
 
 
 def _words(label: Any) -> str:
-    """Write a level: a number without needless digits, 50000 and not 50000.0."""
+    """Format a level: a number without unnecessary digits, 50000 and not 50000.0."""
     return f"{label:g}" if isinstance(label, float) else str(label)
 
 
 def _summary(result: xr.Dataset, first: Paired | None, alpha: float) -> str:
-    """Name what is shown to move the variable, and what is not, with what would have been."""
+    """List the significant changes, and the smallest detectable change of the others."""
     variable = str(result.attrs["variable"])
     p, n = result["p_holm"].values, result["n"].values
     if first is None or not np.isfinite(p).any():
         most = int(n.max(initial=0))
         return (
-            f"Nothing is tested: {persons(most)} with pairs, and a test of a choice needs "
-            f"{LEAST_VOLUNTEERS} or more."
+            f"No test is performed: {persons(most)} with pairs, and a test of a choice "
+            f"requires {LEAST_VOLUNTEERS} or more."
         )
     shown = np.isfinite(p) & (p <= alpha * (1 + 1e-9))
     change, rises = result["estimate"].values, result["rises"].values
@@ -269,27 +270,30 @@ def _summary(result: xr.Dataset, first: Paired | None, alpha: float) -> str:
     parts: list[str] = []
     if shown.any():
         moving = names([told(k) for k in order if shown[k]], 100)
-        parts.append(f"{variable} is shown to move, after Holm over {tests} tests, with {moving}.")
+        parts.append(
+            f"{variable} changes significantly, after Holm's correction over {tests} tests, with "
+            f"{moving}."
+        )
     alike = np.isfinite(p) & ~shown & (change != 0) & ((rises == 0) | (rises == n))
     if alike.any():
         parts.append(
-            f"In all volunteers alike, but not shown after Holm: "
+            f"Of the same sign in all volunteers, but not significant after Holm's correction: "
             f"{names([told(k) for k in order if alike[k]], 100)}."
         )
     open_ = np.isfinite(p) & ~shown & (result["detectable"].values > 0)
     same = int((np.isfinite(p) & (change == 0) & ~open_).sum())
     if same:
-        parts.append(f"{same} of the tests find no change in any volunteer.")
+        parts.append(f"{same} of the tests show no change in any volunteer.")
     if open_.any():
         seen = first.factor * result["detectable"].values[open_]
         low, high = float(seen.min()), float(seen.max())
         sizes = f"{low:.2g}" if math.isclose(low, high) else f"{low:.2g} to {high:.2g}"
         parts.append(
-            f"A change with the other {int(open_.sum())} is not shown, which does not say that there "
-            "is none: the smallest that such a study shows four times in five is "
+            f"The other {int(open_.sum())} changes are not significant, but may exist: the "
+            "smallest change that such a study detects with a power of 0.8 is "
             f"{sizes}{first.unit}, by choice and strategy."
         )
     untested = int((~np.isfinite(p)).sum())
     if untested:
-        parts.append(f"{untested} are not tested for want of volunteers.")
+        parts.append(f"{untested} are not tested because there are too few volunteers.")
     return " ".join(parts)

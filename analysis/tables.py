@@ -23,7 +23,7 @@ ABSENT: Final = "-"
 
 @dataclass(frozen=True)
 class Column:
-    """Head of a column and how its numbers are shown.
+    """Head and number format of a column.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Column:
         return f"{self.name} [{units}]" if units not in ("", "1") else self.name
 
     def cell(self, value: Any) -> str:
-        """Format a value for reading; a dash where there is none."""
+        """Format a value; a dash if there is none."""
         if isinstance(value, float):
             if not math.isfinite(value):
                 return ABSENT
@@ -157,7 +157,7 @@ class Table:
 
 
 def escaped(text: str) -> str:
-    """Write plain text in LaTeX; a minus before a digit becomes a true one."""
+    """Convert plain text to LaTeX; a hyphen before a digit becomes a minus sign."""
     special = {
         "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
         "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "µ": r"\textmu{}",
@@ -199,7 +199,7 @@ def origin_of(data: xr.Dataset | xr.DataArray) -> str:
 
 
 def recordings(origin: str) -> str:
-    """Say in words of which recordings a table or figure is, from what `origin_of` gives."""
+    """Describe the recordings of a table or figure by the result of `origin_of`."""
     kind, separator, world = origin.partition(", ")
     return f"{kind} recordings{separator}{world}"
 
@@ -254,10 +254,11 @@ def descriptive_table(
         rows.append((*labels, *values, int(group["n"]), int(group["n_undefined"]), *left))
     what = f"{variable} per {' and '.join(by)}" if by else f"{variable} of all trials"
     note = (
-        "n and undefined count markers of scored trials; failed, excluded and missing count trials."
+        "n and undefined are numbers of markers in scored trials; failed, excluded and "
+        "missing are numbers of trials."
     )
     if "marker" not in cube[variable].dims:
-        note = "All counts are of trials."
+        note = "All counts are numbers of trials."
     origin = origin_of(cube)
     return Table(f"{what}, {recordings(origin)}", columns, tuple(rows), origin, note)
 
@@ -291,7 +292,7 @@ def trial_table(cube: xr.Dataset) -> Table:
 
 
 def report_tables(cube: xr.Dataset) -> dict[str, Table]:
-    """Make the tables of a report.
+    """Compute the tables of a report.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a marker trajectory must look like before it is compared with another."""
+"""Checks of marker trajectories before their comparison."""
 
 from typing import Final
 
@@ -9,7 +9,7 @@ from analysis.errors import TrajectoryError
 from analysis.typed import coordinates, floats, relabelled, selected
 
 SMALLEST_MOTION: Final = 1e-9
-"""Root-mean-square displacement [m] below which a trajectory is said not to move.
+"""Root-mean-square displacement [m] below which a trajectory is regarded as not moving.
 
 A nanometre lies far below what a camera resolves and above the tolerance of a converged solver,
 whose residual motion would otherwise be scored as if it were movement.
@@ -48,7 +48,7 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
             raise TrajectoryError(
                 f"the {role} dataset has no variable 'position' (found: "
                 f"{names([str(name) for name in data.data_vars]) or 'none'}): "
-                "name the marker positions 'position'"
+                "rename the marker positions to 'position'"
             )
         position = data["position"]
     else:
@@ -63,7 +63,7 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
     for dim in ("marker", time_dim):
         if dim not in coordinates(position):
             raise TrajectoryError(
-                f"the {role} positions carry no coordinate '{dim}': add its labels"
+                f"the {role} positions have no coordinate '{dim}': add its labels"
             )
     if position.sizes["axis"] != 3:
         raise TrajectoryError(
@@ -78,11 +78,11 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
     markers = [str(marker) for marker in position["marker"].values]
     repeated = sorted({marker for marker in markers if markers.count(marker) > 1})
     if repeated:
-        raise TrajectoryError(f"the {role} positions name a marker twice: {names(repeated)}")
+        raise TrajectoryError(f"the {role} positions contain a marker twice: {names(repeated)}")
     time = np.asarray(position[time_dim].values, dtype=np.float64)
     if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
         raise TrajectoryError(
-            f"the {role} time is not strictly increasing: sort it and drop repeated samples"
+            f"the {role} time is not strictly increasing: sort it and remove repeated samples"
         )
     if time_dim != "time":
         # A stray scalar called "time" would collide with the new name.
@@ -124,12 +124,11 @@ def motion(position: xr.DataArray) -> float:
 
 
 def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:
-    """Raise unless every sample is finite and there are enough of them."""
+    """Raise unless all samples are finite and their number suffices."""
     count = position.sizes["time"]
     if count < least:
         raise TrajectoryError(
-            f"the {role} trajectory has {count} samples, expected at least {least}: "
-            "give the whole trial"
+            f"the {role} trajectory has {count} samples, expected at least {least}: pass the whole trial"
         )
     bad = ~np.isfinite(position.values)
     if bad.any():
@@ -138,7 +137,7 @@ def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:
         raise TrajectoryError(
             f"the {role} trajectory has gaps at {instants} of {count} instants "
             f"({names([str(marker) for marker in markers])}) between instants at which every "
-            "marker was seen: interpolate short gaps first, or leave the trial out"
+            "marker is visible: interpolate short gaps first, or omit the trial"
         )
 
 

@@ -1,4 +1,4 @@
-"""The result of one trial: its scores, or why there are none."""
+"""Result of one trial: its scores, or the reason for their absence."""
 
 import re
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ Origin = Literal["measured", "simulated"]
 
 @dataclass(frozen=True)
 class Trial:
-    """The result of one trial: its scores, or why there are none.
+    """Result of one trial: its scores, or the reason for their absence.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Trial:
 
     @property
     def inaccurate(self) -> float:
-        """1 where the numerical error exceeds a tenth of the motion, else 0; NaN where unknown."""
+        """1 if the numerical error exceeds a tenth of the motion, otherwise 0; NaN if unknown."""
         known = np.isfinite(self.numerical_error) and np.isfinite(self.motion)
         return float(self.numerical_error > 0.1 * self.motion) if known else np.nan
 

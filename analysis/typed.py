@@ -1,4 +1,4 @@
-"""Methods of xarray whose annotations are incomplete, with the types they have.
+"""Wrappers with complete annotations of methods of xarray.
 
 The strict check stops at each of them; here it is told once what they return.
 """

@@ -67,7 +67,7 @@ def scenes(face: xr.Dataset) -> dict[str, tuple[Scene, float]]:
     quadratic = {"bulk_potential": "quadratic"}
     return {
         "tissue alone": (alone, 0.0),
-        "the same again": (bare(scene()), 0.0),
+        "the same scene again": (bare(scene()), 0.0),
         "+ muscles, at rest": (scene(), 0.0),
         "+ muscles, active": (scene(), LEVEL),
         "+ muscles, active, stiffening 1 (off)": (scene(stiffening=1.0), LEVEL),

@@ -73,8 +73,8 @@ def first_result(face: Path | None, volume: str) -> tuple[dict[str, float], floa
             seconds[word], start = now - start, now
     told = child.stderr.read()
     if child.wait() != 0 or set(seconds) != set(PHASES):
-        last = (told.strip().splitlines() or ["it said nothing"])[-1]
-        raise DataError(f"a fresh process failed: {last}; expected it to simulate the face")
+        last = (told.strip().splitlines() or ["it printed nothing"])[-1]
+        raise DataError(f"a new process failed: {last}; expected it to simulate the face")
     return seconds, peak
 
 
@@ -105,7 +105,7 @@ def measure(
     """
     rows: list[dict[str, object]] = []
     for volume in volumes:
-        say(f"{volume}, first of all")
+        say(f"{volume}, first run")
         first_result(face, volume)
         runs: list[tuple[dict[str, float], float]] = []
         for k in range(repeats):

@@ -39,8 +39,8 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         temporary.replace(path)
     except OSError as error:
         raise DataError(
-            f"Cannot write {path}: {error.strerror or error}; expected a folder with room that "
-            "may be written: choose another one."
+            f"Cannot write {path}: {error.strerror or error}; expected a writable folder "
+            "with enough space: specify another one."
         ) from error
     finally:
         if temporary is not None:

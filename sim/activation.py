@@ -42,7 +42,7 @@ class Activation:
                 "(time, muscle)"
             )
         if not (np.diff(self.time) > 0.0).all():
-            raise ControlError("the times of the activation do not ascend")
+            raise ControlError("the times of the activation are not ascending")
 
     def at(self, t: float) -> Array:
         """Activation (n_muscles,) at time t [s]."""

@@ -79,7 +79,7 @@ class ToleranceMissed(SimulationError):
         self.error, self.allowed, self.time = error, allowed, time
         super().__init__(
             f"the smallest step, {h:.2g} s to t = {time:.4g} s, errs by {1e3 * error:.2g} mm, expected "
-            f"at most {1e3 * allowed:.2g} mm: ask for less accuracy, or allow more halvings"
+            f"at most {1e3 * allowed:.2g} mm: request a lower accuracy, or allow more halvings"
         )
 
 

@@ -81,7 +81,7 @@ class Mesh(Described):
             if block.nodes.size and (block.nodes.min() < 0 or block.nodes.max() >= n):
                 bad = int(np.argmax((block.nodes < 0) | (block.nodes >= n)) // block.nodes.shape[1])
                 raise MeshError(
-                    f"element {first + bad} names node {block.nodes[bad].max()}, expected 0..{n - 1}"
+                    f"element {first + bad} refers to node {block.nodes[bad].max()}, expected 0..{n - 1}"
                 )
             used[block.nodes] = True
             _, det = block.gradients(self.X)
@@ -96,7 +96,7 @@ class Mesh(Described):
         if not used.all():
             raise MeshError(
                 f"{int((~used).sum())} nodes belong to no element (first: {int(np.argmin(used))}): "
-                "remove them, they would have no mass"
+                "remove them, because they would have no mass"
             )
 
     @property

@@ -33,5 +33,7 @@ class Fixed:
         """Indices of the held unknowns among 3 n_nodes."""
         nodes = np.asarray(self.nodes, dtype=np.int64)
         if nodes.size and (nodes.min() < 0 or nodes.max() >= mesh.n_nodes):
-            raise SceneError(f"Fixed names node {int(nodes.max())}, expected 0..{mesh.n_nodes - 1}")
+            raise SceneError(
+                f"Fixed refers to node {int(nodes.max())}, expected 0..{mesh.n_nodes - 1}"
+            )
         return (3 * nodes[:, None] + np.asarray(self.axes, dtype=np.int64)).ravel()

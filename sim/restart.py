@@ -74,7 +74,7 @@ def read_state(path: str | PathLike[str]) -> State:
         The file is absent or holds no state.
     """
     if not Path(path).is_file():
-        raise SceneError(f"{path} is no file, expected a state written by sim.save_state")
+        raise SceneError(f"{path} is not a file, expected a state written by sim.save_state")
     try:
         with xr.open_dataset(  # pyright: ignore[reportUnknownMemberType]
             path, decode_cf=False
@@ -87,5 +87,5 @@ def read_state(path: str | PathLike[str]) -> State:
             return State(float(data["time"]), q, v, dict(zip(names, arrays, strict=False)))
     except (OSError, ValueError, KeyError) as error:
         raise SceneError(
-            f"{path} holds no state of a simulation ({error}), expected a file of sim.save_state"
+            f"{path} contains no state of a simulation ({error}), expected a file of sim.save_state"
         ) from error

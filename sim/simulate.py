@@ -155,8 +155,9 @@ def _told(unstable: list[float]) -> Generator[None]:
     except SimulationError as error:
         if unstable:
             error.add_note(
-                f"the equilibrium lost stability between {unstable[0]:.4g} and {unstable[-1]:.4g} s, so "
-                "that whether and when this happens depends on rounding"
+                f"the equilibrium lost stability between {unstable[0]:.4g} and "
+                f"{unstable[-1]:.4g} s, so that the occurrence and the time of this depend "
+                "on rounding"
             )
         raise
 

@@ -165,8 +165,8 @@ class System(Described):
         """
         if self.stops:
             raise SceneError(
-                f"{integrator} takes its step whole, but the scene has a barrier that may stop it: use "
-                "an integrator that iterates (ConvergedEuler), or ConstraintContact"
+                f"{integrator} has no line search, which the barrier of the scene requires: "
+                "use an iterative integrator (ConvergedEuler), or ConstraintContact"
             )
 
     def require_no_contact(self, integrator: str) -> None:
@@ -179,7 +179,7 @@ class System(Described):
         """
         if self.contact is not None:
             raise SceneError(
-                f"{integrator} cannot hold the constraints of a contact: use ConvergedEuler or "
+                f"{integrator} does not support contact constraints: use ConvergedEuler or "
                 "LinearlyImplicitEuler"
             )
 

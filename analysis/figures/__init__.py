@@ -1,4 +1,4 @@
-"""Figures of a study. Every one says whether its recordings were measured or simulated."""
+"""Figures of a study, each labelled as measured or simulated."""
 
 from analysis.figures.activations import activation_heat_map, feature_boxes
 from analysis.figures.alignment import marker_traces, synchronisation

@@ -75,7 +75,7 @@ def activation_heat_map(activation: xr.Dataset) -> "Figure":
 
 @styled
 def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activation") -> "Figure":
-    """Draw how normalised features are distributed per muscle, one panel per instruction.
+    """Draw the distribution of normalised features per muscle, one panel per instruction.
 
     Boxes span the quartiles of all samples of all trials of an instruction, with the median as a
     line and the mean as a dot; whiskers span the 5th to the 95th percentile. Nothing lies

@@ -1,4 +1,4 @@
-"""How a recording was synchronised with its simulation."""
+"""Figures of the synchronisation of a recording with its simulation."""
 
 from typing import TYPE_CHECKING
 
@@ -74,7 +74,7 @@ def synchronisation(aligned: xr.Dataset) -> "Figure":
 def marker_traces(
     aligned: xr.Dataset, simulated: xr.Dataset, scores: xr.Dataset | None = None
 ) -> "Figure":
-    """Draw every marker along x, y and z: the recording, aligned, and its simulation.
+    """Draw every marker along x, y and z: the aligned recording and its simulation.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def marker_traces(
 
 
 def _which(data: xr.Dataset) -> str:
-    """Name the trial, as far as the attributes tell."""
+    """Label of the trial, as far as the attributes specify it."""
     return " ".join(str(data.attrs[name]) for name in TRIAL_DIMS if name in data.attrs)
 
 

@@ -1,4 +1,4 @@
-"""rho of every strategy between what scores without its EMG and the most that can be expected."""
+"""Figure of rho of every strategy with its baselines and ceiling."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,7 @@ def baseline_plot(cube: xr.Dataset) -> "Figure":
     matplotlib.figure.Figure
         Above, all of rho; below, near 1, where template and ceiling lie, 1 - rho on a logarithmic
         axis. Large marks are means over volunteers, small ones each volunteer; the band reaches from
-        template to ceiling.
+        range from template to ceiling.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def baseline_plot(cube: xr.Dataset) -> "Figure":
         The cube holds no baselines.
     """
     if not has_baselines(cube):
-        raise FigureError("the cube holds no baselines: run the study again with this version")
+        raise FigureError("the cube contains no baselines: run the study again with this version")
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -57,7 +57,7 @@ def baseline_plot(cube: xr.Dataset) -> "Figure":
     panels[1].invert_yaxis()
     panels[1].set_xlabel("instruction")
     handles: list[Any] = [
-        Patch(facecolor="0.88", label="template to ceiling"),
+        Patch(facecolor="0.88", label="range from template to ceiling"),
         Line2D([], [], color="black", linewidth=2, label="template: other volunteers, no EMG"),
         Line2D([], [], color="black", linewidth=1.2, linestyle=":", label="ceiling of repetitions"),
     ]
@@ -75,7 +75,7 @@ def baseline_plot(cube: xr.Dataset) -> "Figure":
                label="wrong instruction, best"),
     ]  # fmt: skip
     legend(figure, handles)
-    heading(figure, "rho beside its baselines", origin_of(cube))
+    heading(figure, "rho and its baselines", origin_of(cube))
     return figure
 
 

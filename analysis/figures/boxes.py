@@ -1,4 +1,4 @@
-"""Box plots of a cube: how a score is distributed over volunteers, instructions and markers."""
+"""Box plots of a score over volunteers, instructions and markers."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
@@ -92,7 +92,7 @@ def box_plots(
             int(selected(found[name], {"strategy": strategy}))
             for name in ("n", "n_undefined", "n_failed", "n_excluded", "n_missing")
         )
-        label = f"{strategy} (n = {n}, not shown {sum(left)})"
+        label = f"{strategy} (n = {n}, not drawn {sum(left)})"
         colour, hatch = COLOURS[i % 7], HATCHES[i % 7]
         handles.append(Patch(facecolor=colour, hatch=hatch, edgecolor="black", label=label))
     legend(figure, handles)

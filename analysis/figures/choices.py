@@ -1,4 +1,4 @@
-"""How far the open choices of a study move its scores, and what the tests say."""
+"""Figure of the effects of open choices on scores, with their tests."""
 
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, cast
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @styled
 def sensitivity_plot(found: xr.Dataset) -> "Figure":
-    """Draw the change that every level of every axis makes, the farthest-reaching axis on top.
+    """Draw the change with every level of every axis, the axis with the largest change on top.
 
     Parameters
     ----------
@@ -86,5 +86,5 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
     legend(figure, handles, most=4)
     reference = f"reference: {found.attrs['reference']}".replace("_", " ")
     panel.set_title("\n".join(wrap(reference, 80)), fontsize="small")
-    heading(figure, f"what moves {variable}", str(cast(Any, found.attrs)["origin"]))
+    heading(figure, f"effect of the choices on {variable}", str(cast(Any, found.attrs)["origin"]))
     return figure

@@ -1,4 +1,4 @@
-"""Electromyograms: as recorded, filtered, and as features."""
+"""Electromyograms: recorded, filtered, and features."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST: Final = 14
-"""Channels that fit on a page."""
+"""Largest number of channels on a page."""
 
 
 @styled
@@ -28,7 +28,7 @@ def emg_with_features(
     origin: str,
     label: str = "",
 ) -> "Figure":
-    """Draw each channel as recorded and filtered, and its feature beside it.
+    """Draw each channel as recorded and as filtered, and its feature.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def emg_with_features(
 
 
 def _thick(line: Any) -> Any:
-    """Return a copy of a line that can be seen in a legend."""
+    """Return a copy of a line that is visible in a legend."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], color=line.get_color(), linewidth=1.5, label=str(line.get_label()))

@@ -1,4 +1,4 @@
-"""The house style of the figures, and how they are written.
+"""Style and output of the figures.
 
 Colours are those of Okabe and Ito, distinct under the common colour deficiencies; hatches, line
 styles and markers repeat the distinction for print in grey. matplotlib is imported only when a
@@ -24,11 +24,11 @@ COLOURS: Final = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#0072B2", "#D55E0
 HATCHES: Final = ("", "//", "..", "xx", "\\\\", "--", "oo")
 MARKS: Final = ("o", "s", "^", "D", "v", "P", "X")
 FIRST: Final = {"color": COLOURS[4], "linestyle": "-"}
-"""Line of a model or of what comes in."""
+"""Line style of a model or an input."""
 SECOND: Final = {"color": COLOURS[5], "linestyle": "--"}
-"""Line of a recording or of what is compared."""
+"""Line style of a recording or a reference."""
 SHADES: Final = "cividis"
-"""Colour map of ordered values, read alike with and without colour vision."""
+"""Colour map of ordered values, suitable for colour vision deficiency."""
 
 STYLE: Final[dict[str, Any]] = {
     "font.size": 9.0,
@@ -55,7 +55,7 @@ P = ParamSpec("P")
 
 
 def styled(draw: "Callable[P, Figure]") -> "Callable[P, Figure]":
-    """Draw in the house style, whatever the user's settings of matplotlib."""
+    """Draw in the package's style, irrespective of the user's settings of matplotlib."""
 
     @wraps(draw)
     def inside(*args: P.args, **kwargs: P.kwargs) -> "Figure":
@@ -82,7 +82,7 @@ def grid(figure: "Figure", rows: int = 1, columns: int = 1, **options: Any) -> l
 
 
 def heading(figure: "Figure", what: str, origin: str) -> None:
-    """Set the title: what is drawn, and whether it was measured or simulated."""
+    """Set the title, with the origin (measured or simulated)."""
     text = f"{' '.join(what.split())} ({recordings(origin)})"
     cast(Any, figure).suptitle(text)
 
@@ -90,7 +90,7 @@ def heading(figure: "Figure", what: str, origin: str) -> None:
 def legend(
     figure: "Figure", handles: Sequence[Any], labels: Sequence[str] | None = None, most: int = 3
 ) -> None:
-    """Put a legend below all panels, `most` entries to a row."""
+    """Add a legend below all panels, with `most` entries per row."""
     texts = {} if labels is None else {"labels": list(labels)}
     cast(Any, figure).legend(
         handles=list(handles), loc="outside lower center", ncols=min(most, len(handles)), **texts
@@ -98,7 +98,7 @@ def legend(
 
 
 def ticks(panel: "Axes", which: str, places: Sequence[float], texts: Sequence[str]) -> None:
-    """Label places along an axis, ``"x"`` or ``"y"``, in small type where there are many."""
+    """Set tick labels of an axis, ``"x"`` or ``"y"``, in small type if there are many."""
     size = "x-small" if len(texts) > 8 else "medium"
     getattr(cast(Any, panel), f"set_{which}ticks")(list(places), list(texts), fontsize=size)
 

@@ -16,7 +16,7 @@ Statistic = Literal["median", "mean"]
 Interval = Literal["expanded", "percentile"]
 
 FEW: Final = 10
-"""Volunteers below which bootstrap intervals are known to be too short."""
+"""Number of volunteers below which bootstrap intervals are too short."""
 
 
 def hierarchical_bootstrap(
@@ -123,15 +123,15 @@ def tails(n: int, level: float, interval: Interval) -> tuple[float, float]:
 
 def _checks(n: int) -> tuple[Check, ...]:
     few = Check(
-        "the volunteers stand for all others",
+        "the volunteers represent the population",
         "doubtful" if n < FEW else "met",
-        f"{persons(n)} are drawn from; below {FEW} the interval covers less often than it says, "
-        "the more so the plain percentile interval.",
+        f"{persons(n)} are resampled; with fewer than {FEW}, the coverage is below nominal, "
+        "particularly that of the percentile interval.",
     )
     nested = Check(
         "repetitions of a trial are exchangeable",
         "not checked",
-        "Fatigue and practice would make later repetitions differ from earlier ones.",
+        "With fatigue or practice, later repetitions would differ from earlier ones.",
     )
     return few, nested
 

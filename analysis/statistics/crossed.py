@@ -13,7 +13,7 @@ from scipy.optimize import OptimizeResult, minimize
 from analysis.statistics.paired import Array
 
 LARGEST: Final = 1e3
-"""Bound of a random effect's standard deviation over the residual's, where digits still hold."""
+"""Upper bound of the standard deviation of a random effect relative to the residual."""
 
 NOTHING: Final = 1e-4
 """Relative standard deviation below which a variance counts as zero."""
@@ -121,7 +121,7 @@ def fit_crossed(y: Array, X: Array, factors: Mapping[str, NDArray[np.int64]]) ->
 
 
 def _optimum(equations: "_Equations", count: int) -> tuple[Array, bool]:
-    """Relative standard deviations of the smallest criterion, and whether it was reached."""
+    """Relative standard deviations that minimise the criterion, and the success of the search."""
 
     def gradient(theta: Array) -> Array:
         return 2.0 * theta * equations.slope(theta)
@@ -150,7 +150,7 @@ def _optimum(equations: "_Equations", count: int) -> tuple[Array, bool]:
 
 
 class _Equations:
-    """Penalised least squares of a mixed model; theta are standard deviations over residual's."""
+    """Penalised least squares of a mixed model; theta are relative standard deviations."""
 
     def __init__(self, y: Array, X: Array, Z: Array, owner: NDArray[np.int64]) -> None:
         self.y, self.X, self.Z, self.owner = y, X, Z, owner
@@ -171,7 +171,7 @@ class _Equations:
         return L, c, R_ZX, R_X, d, max(squares, 1e-12 * self.yy)
 
     def criterion(self, theta: Array) -> float:
-        """-2 restricted log-likelihood, with fixed effects and residual variance at their best."""
+        """-2 restricted log-likelihood, profiled over fixed effects and residual variance."""
         L, _, _, R_X, _, squares = self._solve(theta)
         free = len(self.y) - self.X.shape[1]
         logs = 2.0 * float(np.log(np.diag(L)).sum() + np.log(np.diag(R_X)).sum())
@@ -198,7 +198,7 @@ class _Equations:
         return beta, residual * (inverse.T @ inverse), residual, self.y - fitted
 
     def uncertainty(self, theta: Array, residual: float) -> tuple[Array, Array]:
-        """Derivatives of the covariance by the variances above zero, and those' covariance.
+        """Derivatives of the covariance by the positive variances, and the covariance of these.
 
         Expected information, tr(P V_j P V_k) / 2. Source: Searle, Casella and McCulloch 1992,
         Variance Components, section 6.6.

@@ -21,7 +21,7 @@ from analysis.statistics.scope import LEAST_VOLUNTEERS
 
 
 def equivalence(data: Comparison, *, margin: float, alpha: float = 0.05) -> xr.Dataset:
-    """Test whether two strategies differ by less than a margin.
+    """Test if two strategies differ by less than a margin.
 
     Two one-sided paired t tests on the volunteers' mean differences: that the difference lies
     above -margin, and that it lies below +margin. p is the larger of both.
@@ -71,13 +71,13 @@ def equivalence(data: Comparison, *, margin: float, alpha: float = 0.05) -> xr.D
 
 
 def normality(values: Array) -> Check:
-    """Check whether the differences of volunteers could be normal (Shapiro and Wilk)."""
+    """Test the normality of the differences of volunteers (Shapiro and Wilk)."""
     name = "mean differences are normal"
     if len(values) < 3 or np.ptp(values) == 0:
-        return Check(name, "not checked", "Too few different values to check.")
+        return Check(name, "not checked", "There are too few different values for a check.")
     p = float(shapiro(values).pvalue)
     text = f"Shapiro-Wilk {shown_p(p)} over {persons(len(values))}"
-    text += ", which would miss all but gross departures." if len(values) < 20 else "."
+    text += ", which would detect only gross departures." if len(values) < 20 else "."
     return Check(name, "doubtful" if p < 0.05 else "met", text)
 
 
@@ -87,15 +87,15 @@ def _finding(data: Paired, margin: float, alpha: float) -> Finding:
     error = float(values.std(ddof=1)) / math.sqrt(n)
     if error <= 1e-12 * max(margin, abs(estimate)):
         text = (
-            f"{data.shown(estimate)} in each of {persons(n)}; without any variation between them "
-            "there is no test of equivalence."
+            f"{data.shown(estimate)} in each of {persons(n)}; without variation between "
+            "them, equivalence cannot be tested."
         )
         return Finding(estimate, sentence=text)
     above = float(t.sf((estimate + margin) / error, n - 1))
     below = float(t.cdf((estimate - margin) / error, n - 1))
     p = max(above, below)
     reach = float(t.ppf(1.0 - alpha, n - 1)) * error
-    verdict = "equivalent within" if p <= alpha else "not shown to be equivalent within"
+    verdict = "equivalent within" if p <= alpha else "not significantly equivalent within"
     sentence = (
         f"{verdict} the margin of {margin * data.factor:.2g}{data.unit} "
         f"({data.shown(estimate)}, "

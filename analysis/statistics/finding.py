@@ -1,4 +1,4 @@
-"""The one form in which every method returns what it found."""
+"""Common format of the results of all methods."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ COUNTS: Final = ("pairs", *(f"lost_{why}" for why in WHY), "clipped")
 
 @dataclass(frozen=True)
 class Check:
-    """One assumption of a method and how it was checked.
+    """Assumption of a method, and its check.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Finding:
-    """What a method found for one contrast; NaN where there is nothing to say.
+    """Result of a method for one contrast; NaN where it is undefined.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ def judged(
 def collected(
     findings: Sequence[Finding], *, method: str, level: float, attrs: Mapping[str, Any]
 ) -> xr.Dataset:
-    """Put the findings of a method in one labelled Dataset.
+    """Combine the findings of a method in one labelled Dataset.
 
     Parameters
     ----------
@@ -186,16 +186,16 @@ def collected(
         coords["assumption"] = [c.assumption for c in findings[0].checks]
     result = xr.Dataset(found, coords=coords)
     told = [f.sentence for f in findings] or [
-        "There is nothing to compare: a contrast needs two strategies."
+        "There is no comparison: a contrast requires two strategies."
     ]
     if findings and "scope" in attrs:
-        told.append(f"This speaks of {attrs['scope']}.")
+        told.append(f"Scope: {attrs['scope']}.")
     result.attrs = {"method": method, "level": level, **attrs, "sentence": " ".join(told)}
     return result
 
 
 def check_level(level: float) -> None:
-    """Raise for a level that is no probability."""
+    """Raise for a level that is not a probability."""
     if not 0 < level < 1:
         raise StatisticsError(f"the level is {level}, expected between 0 and 1")
 
@@ -217,46 +217,48 @@ def holm(p: Array) -> Array:
 
 
 def shown_p(p: float) -> str:
-    """Write a probability as journals do."""
+    """Format a probability."""
     if math.isnan(p):
         return "p undefined"
     return "p < 0.001" if p < 1e-3 else f"p = {p:.2g}" if p < 0.0995 else f"p = {p:.2f}"
 
 
 def persons(n: int) -> str:
-    """Count volunteers in words that agree."""
+    """Format a number of volunteers."""
     return f"{n} volunteer" if n == 1 else f"{n} volunteers"
 
 
 def _lost(counts: Mapping[str, int]) -> str:
-    """Say how many pairs are not in a finding, empty where all are."""
+    """Describe the missing pairs of a finding; empty if there is none."""
     causes = {why: counts.get(f"lost_{why}", 0) for why in WHY}
     total = sum(causes.values())
     if not total:
         return ""
     listed = ", ".join(f"{count} {why}" for why, count in causes.items() if count)
-    return f" {total} of {total + counts['pairs']} pairs are not in it ({listed})."
+    return f" {total} of {total + counts['pairs']} pairs are missing ({listed})."
 
 
 def _too_few(data: Paired, least: int) -> Finding:
     """Finding of a contrast with fewer volunteers than a method needs."""
     n = len(data.values)
     if not n:
-        return Finding(sentence="no pair of scored trials, so nothing is known.")
+        return Finding(sentence="no pair of scored trials.")
     estimate = float(data.values.mean())
-    why = f"over {persons(n)}; no test and no interval, which need {least} or more."
+    why = f"over {persons(n)}; no test and no interval, which require {least} or more."
     if n == 1:
-        why = "in the only volunteer with a pair; one volunteer allows no test and no interval."
+        why = (
+            "in the only volunteer with a pair; one volunteer does not allow a test or an interval."
+        )
     return Finding(estimate, sentence=f"{data.shown(estimate)} {why}")
 
 
 def _left_out(data: Paired) -> Check:
-    """Check that what is not in a contrast does not decide it."""
+    """Check the missing pairs of a contrast."""
     gone = sum(data.counts[f"lost_{why}"] for why in WHY)
     absent = data.means.sizes["volunteer"] - len(data.values)
-    name = "pairs are lost by chance"
+    name = "pairs are missing at random"
     if not gone:
-        return Check(name, "met", "No pair is lost.")
+        return Check(name, "met", "No pair is missing.")
     text = f"{gone} of {gone + data.counts['pairs']} pairs are lost"
     text += f", all those of {persons(absent)}" if absent else ""
     text += ": a trial that fails because of its strategy would bias the contrast."
@@ -266,5 +268,5 @@ def _left_out(data: Paired) -> Check:
 INDEPENDENT: Final = Check(
     "volunteers are independent",
     "by design",
-    "One number per volunteer enters; markers, repetitions and instructions are averaged.",
+    "One number per volunteer is used; markers, repetitions and instructions are averaged.",
 )

@@ -41,7 +41,7 @@ def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
         lambda each: _finding(each, estimates[rows[each.label]], chances[rows[each.label]]),
         lambda _: (INDEPENDENT,),
         further=("sign_changes",),
-        method="leave one volunteer out, sign-flip test of the rest",
+        method="leave one volunteer out, sign-flip test of the others",
         level=math.nan,
         attrs=data.attrs,
     )
@@ -62,7 +62,7 @@ def _finding(data: Paired, estimates: np.ndarray, chances: np.ndarray) -> Findin
     p = float(np.nanmax(chances))
     sentence = (
         f"{data.shown(estimate)} over {persons(n)}, from {data.shown(low)} to "
-        f"{data.shown(high)} without one of them, most changed without {most}; "
+        f"{data.shown(high)} without one of them, with the largest change without {most}; "
         f"{'the sign holds' if not changes else f'the sign changes without {changes} of them'}; "
         f"largest {shown_p(p)} of {persons(n - 1)} (smallest possible {2.0 / 2 ** (n - 1):.2g})."
     )

@@ -17,12 +17,12 @@ from analysis.trajectory import names
 
 RANDOM: Final = ("volunteer x strategy", "instruction x strategy")
 MANY: Final = 30
-"""Volunteers from which the normal distribution stands for t."""
+"""Number of volunteers above which the normal distribution approximates t."""
 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """A fit of one contrast: its estimate with error and degrees of freedom."""
+    """Fit of one contrast: estimate, standard error and degrees of freedom."""
 
     fit: Fit
     estimate: float
@@ -139,23 +139,23 @@ def fit_differences(
     """
     people, instructions = table.shape
     if people < least[0]:
-        return f"the model needs {least[0]} or more volunteers"
+        return f"the model requires {least[0]} or more volunteers"
     if scope == "instructions" and instructions < least[1]:
         return (
-            f"{instructions} of them say nothing of instructions in general, which needs "
-            f"{least[1]} or more"
+            f"{instructions} instructions do not allow a statement about instructions in "
+            f"general, which requires {least[1]} or more"
         )
     v, i = np.nonzero(np.isfinite(table))
     y = table[v, i]
     if float(np.ptp(y)) <= 1e-12 * float(np.abs(y).max(initial=0.0)):
-        return "all differences are the same, so the model cannot be fitted"
+        return "all differences are equal, so that the model cannot be fitted"
     fixed = scope == "these instructions"
     X = np.eye(instructions)[i] if fixed else np.ones((len(y), 1))
     factors = {RANDOM[0]: v} if fixed else {RANDOM[0]: v, RANDOM[1]: i}
     if instructions == 1:
         factors = {}  # volunteers cannot be told from the residual
     if instructions > 1 and len(y) < people + instructions:
-        return "too many pairs are lost, so the model cannot be fitted"
+        return "too many pairs are missing, so that the model cannot be fitted"
     fit = fit_crossed(y, X, factors)
     weights = np.full(X.shape[1], 1.0 / X.shape[1])
     error = math.sqrt(float(weights @ fit.covariance @ weights))
@@ -189,17 +189,22 @@ def _checks(fitted: _Fitted | str, people: int) -> tuple[Check, ...]:
         "enough volunteers for the Wald p",
     )  # fmt: skip
     if not isinstance(fitted, _Fitted):
-        return tuple(Check(name, "not checked", "There is no fit.") for name in assumptions)
+        return tuple(
+            Check(name, "not checked", "The model was not fitted.") for name in assumptions
+        )
     fit = fitted.fit
     total = sum(fit.variances.values())
     zero = [name for name, value in fit.variances.items() if value < 1e-6 * total]
     normal = float(shapiro(fit.residuals).pvalue) if np.ptp(fit.residuals) > 0 else math.nan
     texts = (
-        "The optimiser reached its tolerance." if fit.converged else "The optimiser gave up.",
+        "The optimiser reached its tolerance."
+        if fit.converged
+        else "The optimiser did not converge.",
         f"At zero: {names(zero)}." if zero else "All variances are above zero.",
         f"Shapiro-Wilk {shown_p(normal)} over {len(fit.residuals)} residuals, which are not "
         "independent.",
-        f"{persons(people)}: the normal distribution ignores that the variances are estimated.",
+        f"{persons(people)}: the normal distribution does not account for the estimation of "
+        "the variances.",
     )
     good = (fit.converged, not zero, not normal < 0.05, people >= MANY)
     return tuple(

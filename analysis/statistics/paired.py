@@ -1,4 +1,4 @@
-"""Paired differences between strategies, with every pair that is not in them counted.
+"""Paired differences between strategies, with counts of missing pairs.
 
 The volunteer is the unit: markers, repetitions and instructions of one person are not
 independent. Two strategies are compared within the same trial and marker; the differences are
@@ -25,15 +25,15 @@ Array = NDArray[np.float64]
 Scale = Literal["z", "raw"]
 
 LIMIT: Final = 0.9999
-"""Greatest |rho| that Fisher's z is taken of; beyond it one value would outweigh all others."""
+"""Largest |rho| for Fisher's z; beyond it, one value would outweigh all others."""
 
 WHY: Final = ("failed", "excluded", "missing", "undefined")
-"""Why a pair is lost; the first that applies to either side counts."""
+"""Reasons for missing pairs; the first that applies to either side is counted."""
 
 
 @dataclass(frozen=True)
 class Paired:
-    """The differences of one contrast.
+    """Differences of one contrast.
 
     Attributes
     ----------
@@ -60,11 +60,11 @@ class Paired:
     factor: float = 1.0
 
     def shown(self, value: float) -> str:
-        """Write a difference in the unit that is read."""
+        """Format a difference in its displayed unit."""
         return f"{value * self.factor:+z.2f}{self.unit}"
 
     def shown_interval(self, lower: float, upper: float, level: float) -> str:
-        """Write an interval with its level, or why there is none."""
+        """Format an interval with its level, or the reason for its absence."""
         if few := too_few_volunteers(len(self.values)):
             return few
         if np.isnan(lower) or np.isnan(upper):
@@ -115,7 +115,7 @@ def fisher_z(rho: xr.DataArray, *, limit: float = LIMIT) -> xr.DataArray:
     if (np.abs(values) > 1 + 1e-9).any():
         raise StatisticsError(
             f"found a correlation of {np.nanmax(np.abs(values)):.4g}, expected -1 to 1: "
-            "Fisher's z is for correlations, use scale='raw'"
+            "Fisher's z applies to correlations, use scale='raw'"
         )
     return rho.copy(data=np.arctanh(np.clip(values, -limit, limit))).assign_attrs(units="1")
 
@@ -147,7 +147,7 @@ def scaled(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.Da
 def chosen_contrasts(
     labels: Sequence[str], contrasts: Sequence[tuple[str, str]] | None
 ) -> list[tuple[str, str]]:
-    """Return the pairs (first, second) to compare; all pairs, later minus earlier, if not given.
+    """Return the pairs (first, second) to compare; default: all pairs, later minus earlier.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def paired(
     scale: Scale = "z",
     limit: float = LIMIT,
 ) -> Paired:
-    """Take the differences between two labels of a dim, within trial and marker.
+    """Compute the differences between two labels of a dim, within trial and marker.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def described(cube: xr.Dataset, variable: str, scale: Scale) -> dict[str, Any]:
     """Properties of the data that every result states as attributes."""
     return {
         "variable": variable,
-        "scale": "Fisher z" if scale == "z" else "as it is",
+        "scale": "Fisher z" if scale == "z" else "raw scale",
         "units": str(cube[variable].attrs.get("units", "1")),
         "origin": origin_of(cube),
         "scope": told_scope("these instructions", cube.sizes["instruction"]),

@@ -1,4 +1,4 @@
-"""How many volunteers would settle a contrast, by simulation."""
+"""Number of volunteers required by a contrast, by simulation."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ Test = Literal["sign_flip", "wilcoxon", "t"]
 VOLUNTEERS: Final = (4, 6, 8, 10, 12, 16, 20, 30)
 
 MOST_DETECTABLE: Final = 1e3
-"""Standardised difference beyond which a test that shows nothing never does."""
+"""Largest standardised difference in the search for the detectable difference."""
 
 
 def simulated_power(
@@ -36,7 +36,7 @@ def simulated_power(
     draws: int = 999,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Find the power of a test of normal mean differences for several numbers of volunteers.
+    """Compute the power of a test of normal mean differences for several numbers of volunteers.
 
     Parameters
     ----------
@@ -105,9 +105,13 @@ def simulated_power(
         coords={"volunteers": list(volunteers)},
     )
     what = f"a difference of {effect:.2g} with standard deviation {standard_deviation:.2g}"
-    found = f"would need {persons(needed)}" if needed else f"needs more than {max(volunteers)}"
+    found = (
+        (f"requires {persons(needed)}")
+        if needed
+        else f"requires more than {max(volunteers)} volunteers"
+    )
     names = {"sign_flip": "sign-flip", "wilcoxon": "Wilcoxon", "t": "t"}
-    sentence = f"To show {what} with power {target:.2g}, the {names[test]} test {found}."
+    sentence = f"To detect {what} with power {target:.2g}, the {names[test]} test {found}."
     result.attrs = {
         "method": "power by simulation of normal mean differences",
         "test": test, "effect": effect, "standard_deviation": standard_deviation,
@@ -119,7 +123,7 @@ def simulated_power(
 
 @cache
 def detectable(n: int, *, test: Test, alpha: float = 0.05, target: float = 0.8) -> float:
-    """Find the smallest difference that a test of n volunteers shows as often as wanted.
+    """Find the smallest difference that a test of n volunteers detects with a given power.
 
     Parameters
     ----------
@@ -167,7 +171,7 @@ def power(
     simulations: int = 1000,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Ask how many volunteers would settle each contrast of a cube.
+    """Estimate the number of volunteers required by each contrast of a cube.
 
     Parameters
     ----------
@@ -208,7 +212,9 @@ def power(
         n = len(values)
         effects[row] = effect if effect is not None else (values.mean() if n else math.nan)
         if n < 2 or not np.ptp(values) > 0:
-            sentences.append(f"{each.label}: {persons(n)} show no variation to plan with.")
+            sentences.append(
+                f"{each.label}: {persons(n)} show no variation, which planning requires."
+            )
             continue
         sd = float(values.std(ddof=1))
         tail = (1.0 - level) / 2.0
@@ -232,7 +238,7 @@ def power(
             f"{persons(n)}"
         )
         sentences.append(
-            f"{each.label}: to show {chosen} of {each.shown(float(effects[row]))} with power "
+            f"{each.label}: to detect {chosen} of {each.shown(float(effects[row]))} with power "
             f"{target:.2g}, {shown[1]} volunteers are needed ({too_few_volunteers(n) or spread})."
         )
     one, units = {"units": "1"}, {"units": data.attrs["units"]}
@@ -254,7 +260,8 @@ def power(
             "method": "power by simulation of normal mean differences",
             "test": test, "alpha": alpha, "target": target, "simulations": simulations,
             "seed": seed, "level": level,
-            "sentence": " ".join(sentences) or "There is nothing to plan: one strategy.",
+            "sentence": " ".join(sentences) or
+                "There is one strategy and therefore no contrast to plan.",
         },
     )  # fmt: skip
 

@@ -23,7 +23,7 @@ from analysis.statistics.finding import (
 from analysis.statistics.paired import Array, Comparison, Paired, volunteer_means
 
 MOST_STATES: Final = 20_000
-"""Sums of ranks that an exact Friedman test keeps; beyond, the chi-square limit is used."""
+"""Largest number of rank sums of an exact Friedman test; beyond, the chi-square limit is used."""
 
 
 def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
@@ -59,7 +59,7 @@ def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
     symmetric = Check(
         "differences are symmetric about their median",
         "not checked",
-        "Needed for p and interval; few volunteers cannot show it.",
+        "Required for p and interval; it cannot be verified with few volunteers.",
     )
     return judged(
         data.pairs,
@@ -73,7 +73,7 @@ def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
 
 
 def friedman(data: Comparison) -> xr.Dataset:
-    """Friedman test whether any strategy ranks above another, on volunteer means.
+    """Friedman test of equal ranks of all strategies, on means of volunteers.
 
     Only values that all strategies have are averaged, so that all are ranked on the same trials
     and markers.
@@ -206,7 +206,7 @@ def _signed_ranks(data: Paired, level: float, contrasts: int) -> Finding:
         f"{contrasts} contrasts no p below {reach:.2g} is possible)."
     )
     if reach > 1.0 - level:
-        sentence += f" So this test cannot reach {1.0 - level:.2g} here, whatever the data."
+        sentence += f" This test therefore cannot reach {1.0 - level:.2g}, whatever the data."
     further = {"statistic": statistic, "zeros": float(zeros), "coverage": coverage}
     return Finding(estimate, lower, upper, p, least, sentence, further)
 
@@ -216,12 +216,13 @@ def _friedman(table: Array, counts: dict[str, int]) -> Finding:
     gone = counts["lost_undefined"]
     name = "all strategies"
     complete = Check(
-        "values are lost by chance",
+        "values are missing at random",
         "doubtful" if gone else "met",
-        f"{gone} of {gone + counts['pairs']} values are left out because a strategy lacks them.",
+        f"{gone} of {gone + counts['pairs']} values are omitted because they are missing for "
+        "a strategy.",
     )
     if n < 2:
-        text = f"{name}: {persons(n)} with values of all of them, so there is nothing to rank."
+        text = f"{name}: {persons(n)} with values of all strategies; there is no ranking."
         further = {"statistic": math.nan, "p_chi2": math.nan, "exact": math.nan}
         return Finding(
             sentence=text, further=further, contrast=name, n=n, counts=counts,
@@ -231,7 +232,7 @@ def _friedman(table: Array, counts: dict[str, int]) -> Finding:
     agreement = statistic / (n * (k - 1))
     least = math.factorial(k) ** (1.0 - n)
     sentence = (
-        f"{name}: order agrees between {persons(n)} with Kendall's W = {agreement:.2f} "
+        f"{name}: the order agrees among {persons(n)} with Kendall's W = {agreement:.2f} "
         f"(Friedman chi-square {statistic:.2f}, {shown_p(p)} "
         f"{'by enumeration' if exact else 'by the chi-square limit'}). {complete.check}"
     )

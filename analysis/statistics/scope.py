@@ -1,33 +1,33 @@
-"""The population a test speaks of, and the sample below which nothing is estimated about it."""
+"""Population to which a test applies, and the least sample for estimates about it."""
 
 from typing import Final, Literal
 
 Scope = Literal["instructions", "these instructions"]
-"""Instructions in general, of which those of the study are a sample, or these ones alone."""
+"""Scope: instructions in general, sampled by those of the study, or these instructions only."""
 
 LEAST_VOLUNTEERS: Final = 5
-"""Volunteers from which intervals are given.
+"""Least number of volunteers for intervals.
 
 The least number at which every kind of interval covers its nominal 0.95 within two Monte Carlo
 errors: ``docs/statistics/intervals.md``.
 """
 
 LEAST_INSTRUCTIONS: Final = 4
-"""Instructions from which intervals are given of instructions in general.
+"""Least number of instructions for intervals about instructions in general.
 
 Two and three leave one and two degrees of freedom; the same table has coverages down to 0.92.
 """
 
 
 def too_few_volunteers(n: int) -> str:
-    """Say why n volunteers give no interval; empty where they do."""
+    """Reason for which n volunteers give no interval; empty if they do."""
     if n >= LEAST_VOLUNTEERS:
         return ""
-    return f"no interval: it needs {LEAST_VOLUNTEERS} or more volunteers"
+    return f"no interval, which requires {LEAST_VOLUNTEERS} or more volunteers"
 
 
 def told_scope(scope: Scope, instructions: int) -> str:
-    """Say in words what a result speaks of.
+    """Describe the scope of a result.
 
     Parameters
     ----------

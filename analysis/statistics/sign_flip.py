@@ -19,10 +19,10 @@ from analysis.statistics.finding import (
 from analysis.statistics.paired import Array, Comparison, Paired
 
 MOST_EXACT: Final = 16
-"""Volunteers up to which all sign patterns are enumerated."""
+"""Largest number of volunteers for which all sign patterns are enumerated."""
 
 TIED: Final = 1e-10
-"""Relative difference below which two sums of the same numbers are equal but for rounding."""
+"""Relative difference below which two sums of the same numbers differ only by rounding."""
 
 
 def sign_flip(
@@ -70,8 +70,9 @@ def sign_flip(
     symmetric = Check(
         "differences are symmetric about their centre",
         "by design",
-        "Follows for one contrast if strategies are exchangeable under the null hypothesis; the "
-        "interval and the joint p need it besides, and few volunteers cannot show it.",
+        "Follows for one contrast if strategies are exchangeable under the null hypothesis. "
+        "The interval and the joint p require it in addition; it cannot be verified with "
+        "few volunteers.",
     )
     return judged(
         data.pairs,

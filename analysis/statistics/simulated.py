@@ -34,7 +34,7 @@ def simulated_scores(
     missing: float = 0.0,
     these: bool = False,
 ) -> xr.Dataset:
-    """Draw a cube of scores whose truth is known.
+    """Draw a cube of scores with known effects.
 
     artanh(rho) = centre + effect(strategy) + volunteer + instruction + marker
                   + volunteer x strategy + instruction x strategy

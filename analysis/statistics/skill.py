@@ -17,14 +17,14 @@ from analysis.typed import texts
 LEVELS: Final = (
     "rho", "template_rho", "repeat_rho", "ceiling", "shuffled_rho", "wrong_rho", "wrong_rho_max",
 )  # fmt: skip
-"""Correlations that are laid beside each other."""
+"""Correlations that are compared."""
 
 GAINS: Final = {
-    "gain_template": "rho less that of the template",
-    "gain_shuffled": "rho less that with the EMG of other repetitions",
-    "gain_wrong": "rho less that of the other instructions",
+    "gain_template": "rho minus that of the template",
+    "gain_shuffled": "rho minus that with the EMG of other repetitions",
+    "gain_wrong": "rho minus that of the other instructions",
     "within": "correlation of deviations from the person's mean",
-    "skill": "share of the way from template to ceiling",
+    "skill": "(rho - template) / (ceiling - template)",
 }
 
 
@@ -65,7 +65,7 @@ def against_baselines(
     check_level(level)
     if not has_baselines(cube):
         raise StatisticsError(
-            "the cube holds no baselines: it was written by an older version, run the study again"
+            "the cube contains no baselines: it was written by an older version, run the study again"
         )
     dims = (*TRIAL, "marker")
     extra = set(cube["rho"].dims) - set(dims)

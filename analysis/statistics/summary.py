@@ -1,4 +1,4 @@
-"""All tests of a study at once, what they conclude together, and their table."""
+"""All tests of a study, their conclusions and their table."""
 
 import math
 from collections.abc import Mapping
@@ -75,7 +75,7 @@ def study_statistics(
 
 
 def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
-    """Say of every contrast whether a difference is shown, and of which instructions.
+    """State for every contrast if a difference is significant, and its scope.
 
     Parameters
     ----------
@@ -98,23 +98,23 @@ def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
         row = exact.isel(contrast=index)
         p, least, n = float(row["p_joint"]), float(row["smallest_p"]), int(row["n"])
         if math.isnan(p) or n < 2:
-            told.append(f"{contrast}: {persons(n)} with pairs, so nothing is tested.")
+            told.append(f"{contrast}: {persons(n)} with pairs; no test is performed.")
             continue
         if p <= alpha * (1 + 1e-9):
             higher = "higher" if float(row["estimate"]) > 0 else "lower"
             text = (
-                f"{variable} is {higher} with the first on the instructions of this study "
+                f"{variable} is {higher} with the first strategy for the instructions of this study "
                 f"({shown_p(p)} jointly, {persons(n)}, {recordings(origin)})."
             )
         elif least > alpha:
             text = (
-                f"{persons(n)} are too few for any p below {least:.2g}; no difference can be "
-                "shown by the exact test."
+                f"with {persons(n)}, p cannot fall below {least:.2g}, so that the exact test "
+                "cannot show a difference."
             )
         else:
             text = (
-                f"no difference in {variable} is shown ({shown_p(p)} jointly, {persons(n)}), which "
-                f"does not show that there is none: {_smallest_seen(row, alpha)}."
+                f"no significant difference in {variable} ({shown_p(p)} jointly, "
+                f"{persons(n)}); a difference may exist: {_smallest_seen(row, alpha)}."
             )
         general = _in_general(found["mixed_model"].isel(contrast=index), alpha)
         told.append(f"{contrast}: {text} {general}")
@@ -122,37 +122,40 @@ def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
 
 
 def _smallest_seen(row: xr.Dataset, alpha: float) -> str:
-    """Say which difference the exact test would have shown four times in five."""
+    """State the difference that the exact test detects with a power of 0.8."""
     size = detectable(int(row["n"]), test="sign_flip", alpha=alpha)
     size *= float(row["standard_deviation"])
     variable, scale = str(row.attrs["variable"]), str(row.attrs["scale"])
     _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
     unit = " in z" if scale == "Fisher z" else "" if unit == "1" else f" {unit}"
     return (
-        "with the spread between these volunteers the smallest one that such a study shows four "
-        f"times in five is {factor * size:.2g}{unit}"
+        "with the spread between these volunteers, the smallest difference that such a "
+        f"study detects with a power of 0.8 is {factor * size:.2g}{unit}"
     )
 
 
 def _in_general(row: xr.Dataset, alpha: float) -> str:
-    """Say what the mixed model says of instructions in general."""
+    """State the result of the mixed model for instructions in general."""
     p = float(row["p_holm"])
     if math.isnan(p):
         return (
-            f"Of instructions in general nothing is said, which needs {LEAST_VOLUNTEERS} "
-            f"volunteers and {LEAST_INSTRUCTIONS} instructions or more."
+            "No statement is made about instructions in general, which would require "
+            f"{LEAST_VOLUNTEERS} volunteers and {LEAST_INSTRUCTIONS} instructions or more."
         )
     if p > alpha:
-        return f"On instructions in general none is shown (mixed model, {shown_p(p)} after Holm)."
+        return (
+            "For instructions in general, the difference is not significant (mixed model, "
+            f"{shown_p(p)} after Holm's correction)."
+        )
     higher = "higher" if float(row["estimate"]) > 0 else "lower"
     return (
-        f"On instructions in general it is {higher} with the first by the mixed model "
-        f"({shown_p(p)} after Holm)."
+        f"For instructions in general, it is {higher} with the first strategy (mixed model, "
+        f"{shown_p(p)} after Holm's correction)."
     )
 
 
 def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
-    """List estimate, interval and p of every test and contrast.
+    """Tabulate estimate, interval and p of every test and contrast.
 
     Parameters
     ----------
@@ -194,10 +197,11 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
     first = next(iter(found.values()))
     origin = str(first.attrs["origin"])
     note = (
-        "All tests speak of volunteers in general; the column instructions says whether of those "
-        "of the study or of others too. Sign flips and Wilcoxon are exact; the mixed model uses t; "
-        "equivalence has a small p where strategies are alike; the bounds of leave one out are "
-        f"the extreme estimates. Fewer than {LEAST_VOLUNTEERS} volunteers give no interval."
+        "All tests apply to volunteers in general; the column instructions states if they "
+        "apply to the instructions of the study or to instructions in general. Sign flips "
+        "and Wilcoxon are exact; the mixed model uses t; the p of equivalence is small if "
+        "strategies are equivalent; the bounds of leave one out are the extreme estimates. "
+        f"No interval is given with fewer than {LEAST_VOLUNTEERS} volunteers."
     )
     title = f"tests of {first.attrs['variable']}, {recordings(origin)}"
     return Table(title, columns, tuple(rows), origin, note)

@@ -10,7 +10,7 @@ from benchmarks.stability.bodies import Block, driven
 from benchmarks.stability.material_rows import STEP
 from benchmarks.stability.trial import Trial
 
-TITLE = "bad activation or muscle"
+TITLE = "invalid activation or muscle"
 
 
 def bad_input() -> Iterator[Trial]:

@@ -127,7 +127,7 @@ def _wrong(
     if trial.judge is not None:
         return trial.judge(system, start, end, energy)
     if np.abs(end.q - start.q).max() > MOST:
-        return "it has flown away"
+        return "its positions diverged"
     return ""
 
 

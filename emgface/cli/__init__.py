@@ -1,4 +1,4 @@
-"""The command line: thin verbs over the package.
+"""Command line of the package.
 
 Commands import what they need when they run, so that ``--help`` answers at once.
 """
@@ -36,7 +36,7 @@ def common(
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of failures.")] = False,
 ) -> None:
-    """Take the options that stand before every command."""
+    """Process the options common to all commands."""
     if debug:
         os.environ["EMGFACE_DEBUG"] = "1"
     show_warnings_as_sentences()

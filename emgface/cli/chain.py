@@ -1,4 +1,4 @@
-"""Options of commands that replace choices of the signal chain."""
+"""Command options that replace parameters of the signal chain."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -37,7 +37,7 @@ def chain_with(
     missing_side: str | None = None,
     missing_muscle: str | None = None,
 ) -> "SignalChain":
-    """Return the signal chain with the choices that options of a command replace."""
+    """Return the signal chain with the parameters replaced by command options."""
     from emgface.choices import configure
     from emgface.signals.parameters import SignalChain
 

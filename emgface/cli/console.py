@@ -1,4 +1,4 @@
-"""What a person sees: messages, progress bars, tables, and failures as one sentence."""
+"""Output of commands: messages, progress bars, tables, and failures as one sentence."""
 
 import os
 import sys
@@ -27,25 +27,27 @@ if TYPE_CHECKING:
     import pandas as pd
 
 out = Console()
-"""Results."""
+"""Console for results."""
 err = Console(stderr=True)
-"""Messages, progress and failures, so that a pipe receives results only."""
+"""Console for messages, progress and failures, so that a pipe receives only results."""
 
 LEAST_TEXT = 30
 """Characters of a line below which a column of text begins a block of its own."""
 PARTIAL, BAD_INPUT, INTERRUPTED = 1, 2, 130
-"""Exit codes: some trials failed, nothing could be done, stopped by the user."""
+"""Exit codes: some trials failed, the command failed, interrupted by the user."""
 
 
 class Commands(TyperGroup):
-    """A group of commands whose failures are one sentence and an exit code, never a traceback."""
+    """Group of commands that report failures as one sentence and an exit code."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; turn the package's failures into exit code 2, an interruption into 130."""
+        """Run a command; failures of the package exit with code 2, an interruption with 130."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            say("Interrupted: what was finished is stored, run the same command to continue.")
+            say(
+                "Interrupted. Completed results are stored; run the same command again to continue."
+            )
             raise typer.Exit(INTERRUPTED) from None
         except Exception as error:
             if debugging() or not is_expected(error):
@@ -55,7 +57,7 @@ class Commands(TyperGroup):
 
 
 def is_expected(error: Exception) -> bool:
-    """Decide whether a failure explains itself: raised by this package on purpose, or by the disk.
+    """Return True for errors of this package and of the file system, which need no traceback.
 
     A class of errors whose module was never imported cannot have been raised, so that nothing is
     imported here: ``--help`` ends in an exception, too, and would wait for the mechanics.
@@ -72,7 +74,7 @@ def is_expected(error: Exception) -> bool:
 
 
 def debugging() -> bool:
-    """Whether tracebacks are wanted (``--debug``, or EMGFACE_DEBUG set)."""
+    """Return True if tracebacks are requested (``--debug``, or EMGFACE_DEBUG set)."""
     return bool(os.environ.get("EMGFACE_DEBUG"))
 
 
@@ -83,7 +85,7 @@ def fail(error: Exception) -> None:
 
 
 def say(text: str) -> None:
-    """Print a message beside the results."""
+    """Print a message separately from the results."""
     err.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
@@ -94,7 +96,7 @@ def warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) ->
 
 
 def show_warnings_as_sentences() -> None:
-    """Let warnings read like the other messages; each is shown once."""
+    """Print warnings like other messages, each once."""
     warnings.showwarning = warn
     warnings.simplefilter("ignore", DeprecationWarning)
     warnings.simplefilter("ignore", FutureWarning)
@@ -190,25 +192,25 @@ def _is_number(cell: str) -> bool:
 
 
 class Bar:
-    """One progress bar."""
+    """Progress bar."""
 
     def __init__(self, shown: Progress, task: Any) -> None:
         self._shown, self._task = shown, task
 
     def begin(self, total: int) -> None:
-        """Set how much there is to do."""
+        """Set the total."""
         self._shown.update(self._task, total=total, completed=0)
 
     def working(self, description: str) -> None:
-        """Say what is being done."""
+        """Set the description."""
         self._shown.update(self._task, description=description)
 
     def advance(self) -> None:
-        """Count one more as done."""
+        """Advance by one."""
         self._shown.advance(self._task)
 
     def show(self, done: int, total: int) -> None:
-        """Set how much is done."""
+        """Set the completed amount."""
         self._shown.update(self._task, total=total, completed=done)
 
     def message(self, text: str) -> None:
@@ -217,7 +219,7 @@ class Bar:
 
 
 class ProgressObserver:
-    """Shows the progress of a run as a bar (`emgface.study.observer.Observer`)."""
+    """Observer that shows the progress of a run as a bar (`emgface.study.observer.Observer`)."""
 
     def __init__(self, bar: Bar) -> None:
         self._bar = bar
@@ -227,11 +229,11 @@ class ProgressObserver:
         self._bar.begin(total)
 
     def working(self, label: str) -> None:
-        """Name the trial that is being computed."""
+        """Show the trial being computed."""
         self._bar.working(label)
 
     def finished(self, label: str, status: str) -> None:
-        """Advance; say so where a trial failed."""
+        """Advance, and report a failed trial."""
         self._bar.advance()
         if status.startswith("failed"):
             self._bar.message(f"{label}: {status}")

@@ -1,4 +1,4 @@
-"""``emgface data``: examine recordings, and name their labels, before they are used."""
+"""``emgface data``: examine recordings and map their labels."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
     from emgface.study.exclusions import Exclusion
 
-app = typer.Typer(no_args_is_help=True, help="Recordings: examine and map them before use.")
+app = typer.Typer(no_args_is_help=True, help="Examine, map and convert recordings.")
 
 FORMATS = (
     "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), "
-    "BrainVision (.vhdr), XDF (.xdf), motion of "
-    "BIDS (_motion.tsv), and the TOML sidecar (.toml) of a CSV, MATLAB or HDF5 file"
+    "BrainVision (.vhdr), XDF (.xdf), BIDS motion (_motion.tsv)"
+    ", and the TOML sidecar (.toml) of a CSV, MATLAB or HDF5 file"
 )
 COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
            "reason")  # fmt: skip
@@ -37,7 +37,7 @@ class Side(StrEnum):
 @app.command()
 def check(
     paths: Annotated[
-        list[Path], typer.Argument(help=f"Recordings, or folders of them: {FORMATS}.")
+        list[Path], typer.Argument(help=f"Recordings or folders of recordings: {FORMATS}.")
     ],
     study: Annotated[
         bool, typer.Option(help="List missing channels and markers of the study as errors.")
@@ -52,7 +52,7 @@ def check(
     missing_muscle: MissingMuscleOption = None,
     page: Annotated[
         Path | None,
-        typer.Option(help="Overview page to draw (png, svg), or a PDF with one per recording."),
+        typer.Option(help="Overview page to draw (png, svg), or PDF with one page per recording."),
     ] = None,
     exclude: Annotated[
         Path | None,
@@ -81,8 +81,8 @@ def check(
 
     if exclude is not None and exclude.exists():
         raise DataError(
-            f"{exclude} exists and may hold exclusions of yours, expected a new name: choose "
-            "another one or delete it"
+            f"{exclude} exists and may contain your own exclusions, expected a new name: "
+            "specify another one or delete it"
         )
     chain = chain_with(SignalChain(), missing_side=missing_side, missing_muscle=missing_muscle)
     n_files = 0
@@ -140,7 +140,7 @@ def check(
         replace_file(
             exclude, lambda path: path.write_text(exclusions_text(excluded), encoding="utf-8")
         )
-        say(f"Wrote {exclude}: {len(excluded)} trials; read it before a study uses it.")
+        say(f"Wrote {exclude}: {len(excluded)} trials; check it before using it in a study.")
     if n_bad:
         raise typer.Exit(BAD_INPUT)
 
@@ -165,12 +165,15 @@ def _containing(text: str, names: "Iterable[str]", file: str) -> list[str]:
 
 
 def _exclusion(recording: "xr.Dataset", bad: list[str], name: str) -> "list[Exclusion]":
-    """Exclude a trial, if it says which one it is."""
+    """Exclude a trial, if it is identified."""
     from emgface.study.exclusions import Exclusion
 
     attrs = recording.attrs
     if any(key not in attrs for key in ("volunteer", "instruction", "repetition")):
-        say(f"{name} names no trial of a study, so it cannot be excluded: give it a mapping.")
+        say(
+            f"{name} cannot be assigned to a trial of a study and is therefore not in the list: "
+            "specify a mapping."
+        )
         return []
     reason = "; ".join(sentence.rstrip(".") for sentence in bad[:3])
     if len(bad) > 3:
@@ -189,13 +192,13 @@ def _exclusion(recording: "xr.Dataset", bad: list[str], name: str) -> "list[Excl
 def features(
     path: Annotated[Path, typer.Argument(help=f"Recording: {FORMATS}.")],
     channels: Annotated[
-        str, typer.Option(help="Channels whose name contains this; all when empty.")
+        str, typer.Option(help="Part of the names of the channels to show; default: all.")
     ] = "",
     mapping: Annotated[
         Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
     ] = None,
     study: Annotated[
-        Path | None, typer.Option(help="Study file whose signal chain applies.")
+        Path | None, typer.Option(help="Study file that specifies the signal chain.")
     ] = None,
     band: BandOption = None,
 ) -> None:
@@ -219,7 +222,7 @@ def features(
     edges = f"{used[0]:g}-{used[1]:g} Hz"
     show_table(frame(rows), f"{path.name} ({origin}): {chain.feature.kind}, band {edges}")
     live = int((report["status"] == "ok").sum())
-    say(f"{live} of {len(report)} channels are live.")
+    say(f"{live} of {len(report)} channels contain a signal.")
     if not live:
         raise typer.Exit(BAD_INPUT)
 
@@ -234,8 +237,8 @@ def propose(
         list[str] | None,
         typer.Option(
             "--unit",
-            help="Unit where the file names none or a wrong one, as emg=uV or position=mm; "
-            "repeatable.",
+            help="Unit, where the file specifies none or a wrong one, such as emg=uV or "
+            "position=mm; repeatable.",
         ),
     ] = None,
     side: Annotated[
@@ -255,11 +258,11 @@ def propose(
 
     if out_path is not None and out_path.exists():
         raise DataError(
-            f"{out_path} exists and may hold corrections of yours, expected a new name: choose "
-            "another one or delete it"
+            f"{out_path} exists and may contain your own corrections, expected a new name: "
+            "specify another one or delete it"
         )
     if path.is_dir():
-        raise DataError(f"{path} is a folder, expected one recording: name a file in it")
+        raise DataError(f"{path} is a folder, expected one recording: specify a file in it")
     given = dict(_unit(setting) for setting in units or [])
     recording = read_recording(path, mapping={"units": given})
     tables = propose_for(recording, side=None if side is None else side.value)
@@ -271,9 +274,9 @@ def propose(
         if lacking:
             say(f"No label found for: {', '.join(lacking)}.")
     for label, reason in note(recording, "dropped").items():
-        say(f"Left out in reading: {label!r} ({reason}).")
+        say(f"Omitted on reading: {label!r} ({reason}).")
     if out_path is None:
-        say("Nothing written: name a mapping file with --out.")
+        say("No file was written: specify one with --out.")
         return
     text = mapping_text(tables.get("channel"), tables.get("marker"))
     if given:
@@ -281,7 +284,9 @@ def propose(
             ["", "[units]", *(f'{name} = "{unit}"' for name, unit in given.items()), ""]
         )
     replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
-    say(f"Wrote {out_path}: read it, complete what is unresolved, and pass it as --mapping.")
+    say(
+        f"Wrote {out_path}: check it, complete the unresolved entries, and specify it as --mapping."
+    )
 
 
 def _unit(setting: str) -> tuple[str, str]:
@@ -292,7 +297,9 @@ def _unit(setting: str) -> tuple[str, str]:
     si = {"emg": "V", "position": "m"}
     name, _, unit = (part.strip() for part in setting.partition("="))
     if name not in si:
-        raise UnitsError(f"the unit {setting!r} is of neither emg nor position, expected as emg=uV")
+        raise UnitsError(
+            f"the unit {setting!r} refers to neither emg nor position, expected for example emg=uV"
+        )
     if spelling(unit) not in DIVISORS[si[name]]:
         known = ", ".join(DIVISORS[si[name]])
         raise UnitsError(f"the unit of {name} is {unit!r}, expected one of {known}")

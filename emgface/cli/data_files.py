@@ -1,4 +1,4 @@
-"""``emgface data``, continued: what a folder holds, conversion, cutting, and the page of objects."""
+"""``emgface data``, continued: inventory, conversion, cutting, and the page of objects."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -12,16 +12,17 @@ from emgface.cli.data import FORMATS
 
 
 def inventory(
-    folder: Annotated[Path, typer.Argument(help="Folder of files of any kind.")],
+    folder: Annotated[Path, typer.Argument(help="Folder with files of any kind.")],
     sidecars: Annotated[
         Path | None,
-        typer.Option(help="Folder of TOML sidecars for tables and arrays in the other folder."),
+        typer.Option(help="Folder with TOML sidecars for tables and arrays in the first folder."),
     ] = None,
     out_path: Annotated[
-        Path | None, typer.Option("--out", help="File to write, too: .csv or .md.")
+        Path | None,
+        typer.Option("--out", help="Table to write (.csv or .md), in addition to the printed one."),
     ] = None,
 ) -> None:
-    """List every file: channels, rates, units, duration and findings, or why it was refused."""
+    """List every file: channels, rates, units, duration and findings, or the reason of refusal."""
     from emgface.errors import DataError
     from emgface.files import replace_file
     from emgface.recordings.inventory import inventory_table, markdown
@@ -53,7 +54,7 @@ def inventory(
 
 
 class Target(StrEnum):
-    """Formats that recordings are converted to."""
+    """Output formats of recordings."""
 
     bids = "bids"
     netcdf = "netcdf"
@@ -79,7 +80,7 @@ def convert(
     task: Annotated[str | None, typer.Option(help="Instruction, likewise.")] = None,
     run: Annotated[int | None, typer.Option(min=1, help="Repetition, likewise.")] = None,
 ) -> None:
-    """Convert recordings to netCDF or to EMG-BIDS and Motion-BIDS, with a notch where wanted."""
+    """Convert recordings to netCDF or to EMG-BIDS and Motion-BIDS, optionally with a notch filter."""
     from emgface.errors import DataError, EmgfaceError
     from emgface.recordings.bids import write_bids
     from emgface.recordings.bids.rules import bids_problems
@@ -144,20 +145,22 @@ def cut(
     out_path: Annotated[Path, typer.Option("--out", help="Folder to write the trials to.")],
     events: Annotated[
         Path | None,
-        typer.Option(help="Events (*_events.tsv); the activity tells repetitions when absent."),
+        typer.Option(
+            help="Events (*_events.tsv); default: repetitions are detected from the activity."
+        ),
     ] = None,
     mapping: Annotated[
         Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
     ] = None,
     offset: Annotated[
         float | None,
-        typer.Option(help="Seconds by which the clock of the markers is behind that of the EMG."),
+        typer.Option(help="Offset of the marker clock [s]: t_emg = offset + t_marker."),
     ] = None,
     band: BandOption = None,
-    before: Annotated[float, typer.Option(min=0, help="Seconds before the onset.")] = 0.0,
-    after: Annotated[float, typer.Option(min=0, help="Seconds after the end.")] = 0.0,
+    before: Annotated[float, typer.Option(min=0, help="Time before the onset [s].")] = 0.0,
+    after: Annotated[float, typer.Option(min=0, help="Time after the end [s].")] = 0.0,
 ) -> None:
-    """Cut a long recording into trials, by events or by the activity itself."""
+    """Cut a long recording into trials, by events or by its activity."""
     from emgface.errors import DataError
     from emgface.recordings.dataset import read_recording, write_recording
     from emgface.recordings.events import cut_trials, find_repetitions, read_events
@@ -175,8 +178,8 @@ def cut(
         table = find_repetitions(bandpass(recording["emg"], chain.filter))
     else:
         raise DataError(
-            f"{path.name} holds no EMG in which to find repetitions, expected some or events: name "
-            "a table with --events"
+            f"{path.name} contains no EMG from which repetitions could be detected, expected "
+            "EMG or events: specify a table with --events"
         )
     show_table(frame(table), f"{path.name}: {len(table)} trials")
     for trial in cut_trials(recording, table, before=before, after=after):
@@ -188,13 +191,14 @@ def cut(
 
 def schema(
     out_path: Annotated[
-        Path | None, typer.Option("--out", help="File to write; printed when absent.")
+        Path | None, typer.Option("--out", help="File to write; default: print.")
     ] = None,
     study: Annotated[
-        bool, typer.Option("--study", help="The JSON Schema of a study file instead of the page.")
+        bool,
+        typer.Option("--study", help="Write the JSON Schema of a study file instead of the page."),
     ] = False,
 ) -> None:
-    """Write the page that documents every object: variables, dims, units, ranges."""
+    """Write the page that documents all objects: variables, dims, units, ranges."""
     from emgface.files import replace_file
     from emgface.schema.page import schema_page, study_schema_text
 

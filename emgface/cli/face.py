@@ -10,8 +10,8 @@ from emgface.cli.console import frame, say, show_table
 if TYPE_CHECKING:
     import xarray as xr
 
-app = typer.Typer(no_args_is_help=True, help="Face models: import, build, check, show.")
-importing = typer.Typer(no_args_is_help=True, help="Make a face model of published geometry.")
+app = typer.Typer(no_args_is_help=True, help="Import, build, check and show face models.")
+importing = typer.Typer(no_args_is_help=True, help="Import a face model from published geometry.")
 app.add_typer(importing, name="import")
 
 FacePath = Annotated[Path, typer.Argument(help="Face model (netCDF).")]
@@ -20,11 +20,11 @@ FacePath = Annotated[Path, typer.Argument(help="Face model (netCDF).")]
 @importing.command()
 def artisynth(
     folder: Annotated[
-        Path, typer.Argument(help="Checkout of artisynth_models, or a folder with its files.")
+        Path, typer.Argument(help="Checkout of artisynth_models, or folder with its files.")
     ],
     out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
     radius: Annotated[
-        float, typer.Option(help="Metres; elements nearer to a fibre are muscle.")
+        float, typer.Option(help="Distance from a fibre within which elements are muscle [m].")
     ] = 5e-3,
     oop: Annotated[
         str, typer.Option(help="Elements of OOP: oldoop, active, block or radius.")
@@ -59,7 +59,7 @@ def artisynth(
 def build(
     out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
     resolution: Annotated[
-        str, typer.Option(help="coarse, medium, fine or about how many elements.")
+        str, typer.Option(help="coarse, medium, fine, or the approximate number of elements.")
     ] = "medium",
     preset: Annotated[
         str,
@@ -67,14 +67,17 @@ def build(
     ] = "adult",
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", help="One measure of the face, as mouth_width=52mm; repeatable."),
+        typer.Option("--set", help="Measure of the face, such as mouth_width=52mm; repeatable."),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option(min=0, help="Draw a random person of the group in place of its means."),
+        typer.Option(
+            min=0,
+            help="Seed for drawing a random person of the group; default: the means of the group.",
+        ),
     ] = None,
 ) -> None:
-    """Generate a lower face of published measures, at any resolution."""
+    """Generate a lower face from published measures, at any resolution."""
     from emgface.face.file import save_face
     from emgface.face.template import parse_measures, template_face
 

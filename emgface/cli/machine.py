@@ -1,4 +1,4 @@
-"""What the machine offers: cores, threads, compiled kernels."""
+"""Properties of the machine: cores, threads, compiled kernels."""
 
 import os
 
@@ -6,7 +6,7 @@ from emgface.cli.console import say
 
 
 def cores() -> int:
-    """Cores this process may use."""
+    """Number of cores available to this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -23,11 +23,11 @@ def use_one_blas_thread() -> None:
 
 
 def announce_compilation() -> None:
-    """Say so when the numerical kernels have to be compiled first."""
+    """Print a message if the numerical kernels have to be compiled first."""
     from sim._kernels.cache import cache_root, kernels_are_compiled
 
     if not kernels_are_compiled():
         say(
-            "Compiling the numerical kernels; this happens once and takes about ten seconds "
-            f"(kept in {cache_root()})."
+            "Compiling the numerical kernels; this is done once and takes about ten seconds "
+            f"(stored in {cache_root()})."
         )

@@ -50,13 +50,13 @@ def overview_pages(path: Path | None, n_recordings: int) -> Iterator[AddPage]:
     known = FigureCanvasBase.get_supported_filetypes()
     if form not in known:
         raise DataError(
-            f"{path.name} has the suffix {path.suffix!r}, expected a format of pictures: end the "
-            "name in .png, .svg or .pdf"
+            f"{path.name} has the suffix {path.suffix!r}, expected a picture format: use the "
+            "suffix .png, .svg or .pdf"
         )
     if n_recordings > 1 and form != "pdf":
         raise DataError(
-            f"{path.name} holds one page, expected a PDF for {n_recordings} recordings: end the "
-            "name in .pdf"
+            f"{path.name} contains one page, expected a PDF for {n_recordings} recordings: "
+            "use the suffix .pdf"
         )
     content = io.BytesIO()
     n_pages = 0

@@ -1,4 +1,4 @@
-"""``emgface study``, ``report`` and ``demo``: whole studies."""
+"""``emgface study``, ``report`` and ``demo``."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,16 +13,18 @@ if TYPE_CHECKING:
 
 AccuracyOption = Annotated[
     str | None,
-    typer.Option(help="draft, study, reference, published, or the error wanted, such as '0.1 mm'."),
+    typer.Option(
+        help="draft, study, reference, published, or the desired error, such as '0.1 mm'."
+    ),
 ]
 
-app = typer.Typer(no_args_is_help=True, help="Whole studies, from recordings to the scored cube.")
+app = typer.Typer(no_args_is_help=True, help="Run studies, from recordings to the cube of scores.")
 
 
 @app.command()
 def template(
     out_path: Annotated[
-        Path | None, typer.Option("--out", help="File to write; printed when absent.")
+        Path | None, typer.Option("--out", help="File to write; default: print.")
     ] = None,
 ) -> None:
     """Write a study file with every parameter, its default, unit and source."""
@@ -42,7 +44,7 @@ def run(
     out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes that simulate at the same time; one per core."),
+        typer.Option(min=1, help="Number of simultaneous simulations; default: one per core."),
     ] = None,
     accuracy: AccuracyOption = None,
 ) -> None:
@@ -54,7 +56,7 @@ def run(
 
 
 def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "StudyConfiguration":
-    """Study with another accuracy of its simulations, where one is given."""
+    """Study with the specified accuracy of its simulations."""
     if accuracy is None:
         return configuration
     simulation = configuration.simulation.as_accurate(accuracy)
@@ -75,7 +77,7 @@ def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> i
     for sentence in report.meaning:
         out.print(sentence, markup=False, highlight=False, soft_wrap=True)
     computed, reused = len(result.computed()), len(result.events) - len(result.computed())
-    say(f"{computed} results were computed, {reused} were there already.")
+    say(f"{computed} results were computed, {reused} were already stored.")
     say(f"Cube: {result.path}. Tables: {report.folder}.")
     planned = result.cube["reason"].values != NOT_IN_DESIGN
     status = result.cube["status"].values[planned].tolist()
@@ -89,11 +91,11 @@ def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> i
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="Folder of a study, with its cube.nc.")],
+    folder: Annotated[Path, typer.Argument(help="Folder of a study that contains cube.nc.")],
     out_path: Annotated[
         Path | None, typer.Option("--out", help="Page to write, such as report.html.")
     ] = None,
-    faces: Annotated[bool, typer.Option(help="Whether the page shows the moving face.")] = True,
+    faces: Annotated[bool, typer.Option(help="Include the moving face.")] = True,
 ) -> None:
     """Print the tables of a finished study; with --out, write its report as one page."""
     from emgface.report.results import open_results
@@ -119,7 +121,7 @@ def report(
         page = write_page(folder, out_path, faces=faces, say=show)
     for note in page.notes:
         say(note)
-    say(f"Report: {page.path} ({page.size / 1e6:.1f} MB), opens without a network.")
+    say(f"Report: {page.path} ({page.size / 1e6:.1f} MB), can be opened without a network.")
 
 
 def demo(
@@ -138,13 +140,14 @@ def demo(
     from emgface.volunteers.simulate import make_volunteers
 
     plan, workers = _as_accurate(demo_study(out_path, quick=quick), accuracy), cores()
-    say("All of this demonstration is simulated: volunteers, sEMG and motion.")
+    say("Volunteers, sEMG and motion of this demonstration are simulated.")
     face = study_face(plan.face)
     save_face(face, out_path / "face.nc")
     announce_compilation()
     settings = demo_volunteers()
     say(
-        f"The volunteers are of the {settings.world.label}: they differ from what the study assumes."
+        f"The volunteers belong to the {settings.world.label}: they differ from the "
+        "assumptions of the study."
     )
     with progress("simulated volunteers") as bar:
         make_volunteers(
@@ -161,7 +164,8 @@ def demo(
     write_text(study_template(plan), out_path / "study.toml")
     code = _run(plan, out_path / "study", workers)
     say(
-        f"Face: {out_path / 'face.nc'}. Recordings: {out_path / 'volunteers' / 'recordings'}. "
-        f"Study file, to change and run again with 'emgface study run': {out_path / 'study.toml'}."
+        f"Face: {out_path / 'face.nc'}. Recordings: "
+        f"{out_path / 'volunteers' / 'recordings'}. Study file, which can be changed and run "
+        f"again by 'emgface study run': {out_path / 'study.toml'}."
     )
     raise typer.Exit(code)

@@ -1,4 +1,4 @@
-"""Rows and pictures that commands show of datasets."""
+"""Tables and pictures of datasets, for commands."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from emgface.errors import DataError
 
 
 def activation_rows(activation: xr.Dataset) -> Rows:
-    """List mean and peak activation per muscle, left and right beside each other."""
+    """List mean and peak activation per muscle, left and right."""
     values = activation["activation"]
     head = ("muscle", "mean left", "mean right", "peak left", "peak right")
     rows = []

@@ -14,10 +14,11 @@ from emgface.cli.chain import (
 from emgface.cli.console import say, show_table
 
 StudyPath = Annotated[
-    Path | None, typer.Option("--study", help="Study file whose parameters apply.")
+    Path | None, typer.Option("--study", help="Study file that specifies the parameters.")
 ]
 FacePath = Annotated[
-    Path | None, typer.Option("--face", help="Face model; that of the study, or the template.")
+    Path | None,
+    typer.Option("--face", help="Face model; default: the face of the study, or the template."),
 ]
 
 
@@ -25,9 +26,11 @@ def activate(
     recording: Annotated[Path, typer.Argument(help="Recording of one trial.")],
     out_path: Annotated[Path, typer.Option("--out", help="Activation to write (netCDF).")],
     strategy: Annotated[
-        str | None, typer.Option(help="act_all, act_3, act_rel, act_threshold, or true.")
+        str | None, typer.Option(help="Strategy: act_all, act_3, act_rel, act_threshold, or true.")
     ] = None,
-    instruction: Annotated[str | None, typer.Option(help="A to F, if not recorded.")] = None,
+    instruction: Annotated[
+        str | None, typer.Option(help="Instruction A to F, if the recording does not specify it.")
+    ] = None,
     mapping: Annotated[
         Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
     ] = None,
@@ -36,7 +39,7 @@ def activate(
     feature: FeatureOption = None,
     missing_side: MissingSideOption = None,
     missing_muscle: MissingMuscleOption = None,
-    plot: Annotated[Path | None, typer.Option(help="Picture of the activations.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the activations to write.")] = None,
 ) -> None:
     """Compute muscle activations from the sEMG of a recording."""
     import emgface as ef
@@ -66,7 +69,7 @@ def activate(
 
 def score(
     recording: Annotated[Path, typer.Argument(help="Recording of the trial.")],
-    trajectory: Annotated[Path, typer.Argument(help="Trajectory as written by 'simulate'.")],
+    trajectory: Annotated[Path, typer.Argument(help="Trajectory written by 'simulate'.")],
     out_path: Annotated[Path, typer.Option("--out", help="Scores to write (netCDF).")],
     face: FacePath = None,
     study: StudyPath = None,

@@ -1,4 +1,4 @@
-"""``emgface volunteers``: recordings of simulated people."""
+"""``emgface volunteers``: recordings of simulated volunteers."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +11,7 @@ from emgface.cli.machine import announce_compilation, cores
 
 
 class Form(StrEnum):
-    """Formats of a simulated set."""
+    """Output formats of simulated recordings."""
 
     netcdf = "netcdf"
     bids = "bids"
@@ -29,57 +29,65 @@ def volunteers(
     out_path: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
     n: Annotated[int, typer.Option("--n", min=1, help="Number of volunteers.")] = 2,
     repetitions: Annotated[int, typer.Option(min=1, help="Repetitions per instruction.")] = 1,
-    instructions: Annotated[str, typer.Option(help="Some of ABCDEF.")] = "ABCDEF",
+    instructions: Annotated[str, typer.Option(help="Letters of the instructions.")] = "ABCDEF",
     face: Annotated[
         Path | None,
-        typer.Option(help="Face model, scaled for each volunteer; drawn for each when absent."),
+        typer.Option(
+            help="Face model, scaled for each volunteer; default: a random face for each."
+        ),
     ] = None,
     world: Annotated[
         str,
         typer.Option(
-            help="How the volunteers differ from what a study assumes: mismatched, matched, or some of "
-            "mesh, laws, courses, strengths, delay, recruitment, pick-up, noise, joined by '+'."
+            help="Differences between the volunteers and the assumptions of a study: mismatched, "
+            "matched, or some of mesh, laws, courses, strengths, delay, recruitment, "
+            "pick-up, noise, joined by '+'."
         ),
     ] = "mismatched",
     resolution: Annotated[
         str,
-        typer.Option(help="Elements of the faces drawn: coarse, medium, fine or about how many."),
+        typer.Option(
+            help="Resolution of the random faces: coarse, medium, fine, or the approximate number of "
+            "elements."
+        ),
     ] = "medium",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the whole set.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
     form: Annotated[
-        Form, typer.Option("--format", help="Format; the truth is written beside BIDS as netCDF.")
+        Form,
+        typer.Option(
+            "--format", help="Format; the true values of a BIDS dataset are written as netCDF."
+        ),
     ] = Form.netcdf,
     emg: Annotated[
         Source, typer.Option(help="EMG of motor units, or of amplitude-modulated noise.")
     ] = Source.motor_units,
     step: Annotated[
         float | None,
-        typer.Option(
-            help="Time step of the simulation in seconds; half of the study's when absent."
-        ),
+        typer.Option(help="Time step of the simulation [s]; default: half the step of the study."),
     ] = None,
     cross_talk: Annotated[
         float | None,
         typer.Option(
-            help="Share of a neighbour's amplitude, in a world without mismatched pick-up; drawn when "
-            "absent."
+            help="Fraction of the amplitude of neighbouring channels, in worlds without "
+            "mismatched pick-up; default: random."
         ),
     ] = None,
     electrode_failure: Annotated[
         float, typer.Option(help="Probability that an electrode fails in a session.")
     ] = 0.0,
     sessions: Annotated[
-        bool, typer.Option("--sessions", help="Also write the sessions uncut, with their events.")
+        bool, typer.Option("--sessions", help="Also write the uncut sessions with their events.")
     ] = False,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes that simulate at the same time; one per core."),
+        typer.Option(min=1, help="Number of simultaneous simulations; default: one per core."),
     ] = None,
     study: Annotated[
-        Path | None, typer.Option("--study", help="Study file whose simulation table applies.")
+        Path | None,
+        typer.Option("--study", help="Study file that specifies the simulation parameters."),
     ] = None,
 ) -> None:
-    """Simulate volunteers: known activations, sEMG and lip markers, labelled simulated and by world."""
+    """Simulate volunteers with known activations, sEMG and lip markers."""
     from emgface.choices import configure
     from emgface.face.file import load_face
     from emgface.face.simulation_parameters import SimulationParameters
@@ -129,7 +137,7 @@ def volunteers(
     if form in (Form.bids, Form.both):
         with progress("BIDS"):
             write_set_as_bids(paths, out_path / "bids", out_path / "truth")
-        say(f"Wrote {len(paths)} simulated trials to {out_path / 'bids'}, the truth to "
+        say(f"Wrote {len(paths)} simulated trials to {out_path / 'bids'}, the true values to "
             f"{out_path / 'truth'}.")  # fmt: skip
     if form == Form.bids:
         for path in paths:

@@ -85,7 +85,7 @@ def read_nodes(path: Path) -> NodeList:
         ids.append(node)
         rows.append(row)
     if not ids:
-        raise FaceError(f"{path} holds no nodes: expected one 'id x y z' per line")
+        raise FaceError(f"{path} contains no nodes: expected one 'id x y z' per line")
     array = np.array(ids, dtype=np.int64)
     _reject_repeats(path, array, "node")
     return NodeList(array, np.array(rows, dtype=np.float64))
@@ -130,7 +130,7 @@ def read_elements(path: Path) -> ElementList:
         nodes.append(integers[:8])
         types.append(integers[9])
     if not ids:
-        raise FaceError(f"{path} holds no elements: expected one element per line")
+        raise FaceError(f"{path} contains no elements: expected one element per line")
     array = np.array(ids, dtype=np.int64)
     _reject_repeats(path, array, "element")
     return ElementList(array, np.array(nodes, dtype=np.int64), np.array(types, dtype=np.int64))
@@ -190,7 +190,7 @@ def read_ids(path: Path, *, base: int) -> NDArray[np.int64]:
             raise garbled(path, number, line, f"one integer not below {base}")
         ids.append(int(match[1]) + 1 - base)
     if not ids:
-        raise FaceError(f"{path} holds no ids: expected one integer per line")
+        raise FaceError(f"{path} contains no ids: expected one integer per line")
     array = np.array(ids, dtype=np.int64)
     _reject_repeats(path, array, "entry")
     return array
@@ -246,9 +246,7 @@ def lines(path: Path) -> Iterator[tuple[int, str]]:
 def _reject_repeats(path: Path, ids: NDArray[np.int64], kind: str) -> None:
     values, counts = np.unique(ids, return_counts=True)
     if (counts > 1).any():
-        raise FaceError(
-            f"{path}: {kind} {values[counts > 1][0]} occurs twice, expected every one once"
-        )
+        raise FaceError(f"{path}: {kind} {values[counts > 1][0]} occurs twice, expected each once")
 
 
 def garbled(path: Path, number: int, line: str, expected: str) -> FaceError:

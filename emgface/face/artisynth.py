@@ -177,7 +177,7 @@ def import_artisynth(
             "oom": oom,
             "lao_fibres": lao_fibres,
             "marker_ring_offset": marker_ring_offset,
-            "marker_choice": "proposed: the publication does not name the nodes",
+            "marker_choice": "proposed: the publication does not specify the nodes",
             "source_digest": files.digest(),
         },
     )

@@ -128,7 +128,7 @@ def read_obj(path: Path) -> tuple[Floats, Integers]:
         if not 0 <= min(row) <= max(row) < len(points):
             raise garbled(path, number, line, f"vertices from 1 to {len(points)}")
     if not triangles:
-        raise FaceError(f"{path} holds no faces: expected lines 'f a b c'")
+        raise FaceError(f"{path} contains no faces: expected lines 'f a b c'")
     return np.array(points), np.array(triangles, dtype=np.int64)
 
 
@@ -148,5 +148,5 @@ def read_triangles(path: Path) -> Integers:
         elif line.strip() not in ("[", "]"):
             raise garbled(path, number, line, "'f' and three node ids")
     if not found:
-        raise FaceError(f"{path} holds no triangles: expected lines 'f a b c'")
+        raise FaceError(f"{path} contains no triangles: expected lines 'f a b c'")
     return np.array(found, dtype=np.int64)

@@ -38,8 +38,8 @@ class PublishedFiles:
                 return place / name
         sought = ", ".join(str(place) for place in self._places if place.is_dir())
         raise FaceError(
-            f"{name} of the reference face not found, looked in {sought}: give a complete "
-            "checkout of artisynth_models or the folder that holds face_reference"
+            f"{name} of the reference face not found in {sought}: specify a complete checkout"
+            " of artisynth_models or the folder that contains face_reference"
         )
 
     def beside(self, names: Sequence[str]) -> list[Path] | None:

@@ -106,7 +106,9 @@ def fibre_directions(points: Floats, fibres: Sequence[Floats]) -> Floats:
     """
     start, end = segments(fibres)
     if len(start) == 0:
-        raise FaceError("no fibre to take directions from: expected at least one segment")
+        raise FaceError(
+            "no fibre from which directions could be derived: expected at least one segment"
+        )
     vectors = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
     node, weight = interpolation_weights(points, (start + end) / 2.0)
     return _sum_with_flips(vectors[node], weight)

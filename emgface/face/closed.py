@@ -51,21 +51,21 @@ def check_closed(points: Floats, triangles: Indices, what: str) -> None:
     )
     flat = np.flatnonzero(~(area > 1e-9 * area.max(initial=0.0)))
     if not len(triangles) or len(flat):
-        found = f"triangle {flat[0]} has no area" if len(flat) else "it has no triangles"
+        found = f"triangle {flat[0]} has no area" if len(flat) else "no triangles"
         raise FaceError(
-            f"the surface of {what} is no body: {found}, expected triangles with an area"
+            f"the surface of {what} does not enclose a volume: {found}, expected triangles with an area"
         )
     if len(np.unique(np.sort(triangles, axis=1), axis=0)) < len(triangles):
-        raise FaceError(f"the surface of {what} has a triangle twice, expected every one once")
+        raise FaceError(f"the surface of {what} contains a triangle twice, expected each once")
     if len(edges := open_edges(triangles)):
         raise FaceError(
-            f"the surface of {what} is not closed: {len(edges)} edges lack a neighbour or have more "
-            f"than one, the first between points {edges[0, 0]} and {edges[0, 1]}; expected a body, "
-            "make or import the face again"
+            f"the surface of {what} is not closed: {len(edges)} edges do not belong to "
+            f"exactly two triangles, the first between points {edges[0, 0]} and "
+            f"{edges[0, 1]}; expected a closed surface: generate or import the face again"
         )
     if not volume(points, triangles) > 0.0:
         raise FaceError(
-            f"the surface of {what} looks inwards, expected outward triangles: flip them"
+            f"the surface of {what} is oriented inwards, expected outward triangles: reverse them"
         )
 
 

@@ -12,20 +12,20 @@ class ContactParameters(Parameters):
 
     method: Literal["none", "constraint", "barrier"] = choice(
         "none",
-        "'constraint': nodes may not pass the surface opposite, held by forces that never pull; "
-        "'barrier': a force that grows without bound as the gap closes, so that nothing ever passes "
-        "through.",
+        "'constraint': compressive forces prevent nodes from passing the opposite surface; "
+        "'barrier': a repulsive force grows without bound as the gap closes and prevents "
+        "any penetration.",
         source=f"{STAVNESS}, Contact handling (constraint); {OWN} (barrier)",
-        note="'barrier' needs a solver that iterates, and the package ipctk",
+        note="'barrier' requires an iterative solver and the package ipctk",
     )
     between: tuple[Literal["lips", "teeth"], ...] = choice(
         ("lips", "teeth"),
-        "What may touch: 'lips' each other, 'teeth' the lips and cheeks in front of them.",
+        "Surfaces that may touch: 'lips' (each other), 'teeth' (lips and cheeks).",
         source=f"{STAVNESS}, Contact handling",
     )
     friction: float = parameter(
         0.0,
-        "Coulomb coefficient, of tissue on tissue and of tissue on teeth.",
+        "Coulomb friction coefficient between tissues and between tissue and teeth.",
         unit="1",
         source=f"{ESKES}, Finite element face model (frictionless)",
         ge=0,
@@ -34,10 +34,11 @@ class ContactParameters(Parameters):
 
     initial_penetration: Literal["kept", "removed"] = choice(
         "kept",
-        "What becomes of nodes that start inside bone: 'kept': they may stay as deep as they are and "
-        "come out; 'removed': they are moved out at removal_speed.",
+        "Treatment of nodes that start inside bone: 'kept': they may keep their depth or "
+        "move outwards; 'removed': they are moved out at removal_speed.",
         source=OWN,
-        note="'removed' is of method 'constraint'; 'barrier' dents the bone where tissue starts inside",
+        note="'removed' requires method 'constraint'; 'barrier' offsets the surface of the bone "
+        "where tissue starts inside",
     )
     removal_speed: float = parameter(
         0.01,
@@ -54,7 +55,8 @@ class ContactParameters(Parameters):
         if self.method == "barrier" and self.initial_penetration == "removed":
             raise ValueError(
                 "initial_penetration = 'removed' with method = 'barrier': expected method = "
-                "'constraint', or 'kept', with which the barrier dents the bone"
+                "'constraint', or 'kept', with which the barrier offsets the surface of the "
+                "bone"
             )
         return self
 
@@ -62,8 +64,8 @@ class ContactParameters(Parameters):
     def _something_touches(self) -> "ContactParameters":
         if not self.between or len(set(self.between)) < len(self.between):
             raise ValueError(
-                f"between = {list(self.between)}: expected 'lips', 'teeth' or both, each once; no "
-                "contact is method = 'none'"
+                f"between = {list(self.between)}: expected 'lips', 'teeth' or both, each "
+                "once; method = 'none' switches contact off"
             )
         return self
 

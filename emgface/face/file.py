@@ -61,7 +61,7 @@ def load_face(path: str | os.PathLike[str]) -> xr.Dataset:
             ds = opened.load()
     except (OSError, RuntimeError, ValueError) as error:
         raise FaceError(
-            f"{path} cannot be read as netCDF ({one_line(error)}): it is truncated or "
-            "of another format, make it again"
+            f"{path} cannot be read as netCDF ({one_line(error)}): it is truncated or of "
+            "another format, write it again"
         ) from error
     return check_face(ds)

@@ -52,7 +52,7 @@ def lip_rim(face: xr.Dataset) -> LipRim:
         The face has no lip opening, or its nodes lie on no closed boundary of the skin.
     """
     if "lip_opening_node" not in face:
-        raise FaceError("the face has no lip_opening_node, expected one of either lip")
+        raise FaceError("the face has no lip_opening_node, expected one node of each lip")
     top, bottom = (int(node) for node in face["lip_opening_node"].values)
     position = face["position"].values
     faces, _ = faces_among(face["connectivity"].values, sheet_nodes(face, OUTER))

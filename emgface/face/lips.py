@@ -106,7 +106,7 @@ def lining(face: xr.Dataset) -> Integers:
     arches = arches_of(face)
     if not arches:
         raise FaceError(
-            "the face has no teeth, expected dental arches: import it from a folder that holds "
+            "the face has no teeth, expected dental arches: import it from a folder that contains "
             "mandible.obj and maxilla.obj, or generate one"
         )
     position = face["position"].values

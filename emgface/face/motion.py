@@ -292,13 +292,17 @@ def _control(
     twice = sorted({name for name in given if given.count(name) > 1})
     if twice:
         raise ActivationError(
-            f"the activation names {', '.join(twice)} more than once, expected every muscle once: "
-            "leave out or rename the others"
+            f"the activation contains {', '.join(twice)} more than once, expected every "
+            "muscle once: remove or rename the others"
         )
     missing = [name for name in system.muscles if name not in given]
     unknown = [name for name in given if name not in system.muscles]
     if missing or unknown:
-        found = f"lacks {', '.join(missing)}" if missing else f"names {', '.join(unknown)}"
+        found = (
+            (f"lacks {', '.join(missing)}")
+            if missing
+            else f"contains the unknown {', '.join(unknown)}"
+        )
         raise ActivationError(
             f"the activation {found}, expected exactly the muscles of the face: "
             f"{', '.join(system.muscles)}"
@@ -310,8 +314,8 @@ def _control(
     if not (np.diff(times) > 0.0).all():
         at = int(np.argmin(np.diff(times) > 0.0))
         raise ActivationError(
-            f"the activation goes from t = {times[at]:.6g} s to {times[at + 1]:.6g} s, expected "
-            "ascending times: sort its samples"
+            f"the time of the activation changes from t = {times[at]:.6g} s to "
+            f"{times[at + 1]:.6g} s, expected ascending times: sort its samples"
         )
     every = parameters.output
     if parameters.timing == "normalised":

@@ -18,7 +18,7 @@ class SigmaMaxPolicy(Parameters):
 
     factor: float = parameter(
         0.9,
-        "Factor on sigma_max after an inverted element or a step that did not converge.",
+        "Factor applied to sigma_max after an inverted element or a step that did not converge.",
         unit="1",
         source=f"{ESKES}, Finite element face model",
         gt=0,
@@ -26,15 +26,15 @@ class SigmaMaxPolicy(Parameters):
     )
     scope: Literal["volunteer", "trial"] = choice(
         "volunteer",
-        "Whether a value lowered for one trial holds for all trials of the volunteer, or for it alone.",
+        "Scope of a lowered value: all trials of the volunteer, or the trial.",
         source=f"{ESKES}, Finite element face model (one value per volunteer)",
-        note="with 'volunteer' the trials that ran with a higher value are simulated again",
+        note="with 'volunteer', trials that were simulated with a higher value are simulated again",
     )
     minimum: float = positive(
         30e3,
-        "Smallest sigma_max that is tried; below it the trial has failed.",
+        "Smallest sigma_max; a trial that requires a lower value has failed.",
         unit="Pa",
-        note="a tenth of the published start",
+        note="a tenth of the published initial value",
     )
 
 
@@ -43,34 +43,36 @@ class MuscleParameters(Parameters):
 
     sigma_max: float = positive(
         300e3,
-        "Largest active muscle stress at the start.",
+        "Initial value of the largest active muscle stress.",
         unit="Pa",
         source=f"{ESKES}, Finite element face model",
     )
     sigma_max_policy: SigmaMaxPolicy = Field(
-        default=SigmaMaxPolicy(), description="When a trial cannot be simulated with sigma_max."
+        default=SigmaMaxPolicy(),
+        description="Policy for trials that cannot be simulated with sigma_max.",
     )
     fibre_law: Literal["blemker", "generic"] = choice(
         "blemker",
-        "Stress of the muscle fibres.",
+        "Law of the muscle fibre stress.",
         source=f"{ESKES} (Blemker); the published model's source (generic)",
-        note="'generic' has no dependence of the active stress on length",
+        note="with 'generic', the active stress does not depend on the fibre length",
     )
     muscle_form: Literal["elements", "lines"] = choice(
         "elements",
-        "Whether the muscles are stresses in elements or tensions along their fibre lines.",
+        "Representation of the muscles: stresses in elements, or tensions along fibre lines.",
         source=f"{ESKES} (elements); {STAVNESS}, reference face (cables)",
-        note="lines pull with line_force and know no sigma_max",
+        note="lines pull with line_force; sigma_max does not apply to them",
     )
     line_force: float = positive(
         1.0,
-        "Tension of every fibre line at full activation.",
+        "Tension of each fibre line at full activation.",
         unit="N",
         source="the published model's source",
     )
     stiffening: float = parameter(
         1.0,
-        "Factor on the passive moduli of a muscle's elements at full activation; 1 is off.",
+        "Factor on the passive moduli of the elements of a muscle at full activation; 1 is "
+        "no stiffening.",
         unit="1",
         source=f"{STAVNESS}, Lip stiffness enables protrusion and rounding",
         note="10 in the tongue model of the same collection",
@@ -92,5 +94,9 @@ class MuscleParameters(Parameters):
         ge=0,
     )
     P2: float = parameter(
-        6.6, "Uncrimping factor of the passive fibre.", unit="1", source=f"{ESKES}; {BLEMKER}", ge=0
+        6.6,
+        "Uncrimping factor of the passive fibre stress.",
+        unit="1",
+        source=f"{ESKES}; {BLEMKER}",
+        ge=0,
     )

@@ -23,10 +23,10 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
 
     support: float = parameter(
         0.0,
-        "Stiffness of a frictionless wall behind every free node of the inner sheet; 0 is none.",
+        "Stiffness of a frictionless wall behind every free node of the inner surface; 0 is no wall.",
         unit="N/m",
         source=f"{STAVNESS}, Teeth support lip protrusion; the form is of {OWN}",
-        note="stands for teeth and bone that the inner side of the lips rests on",
+        note="represents the teeth and bone behind the lips",
         ge=0,
     )
     contact: ContactParameters = Field(
@@ -34,7 +34,7 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
     )
     gravity: bool = choice(
         True,
-        "Whether gravity of 9.8 m/s^2 acts along -z; the face then starts at its equilibrium.",
+        "Gravity of 9.8 m/s^2 along -z; the face then starts at its equilibrium.",
         source=f"{ESKES}, Finite element face model",
     )
 
@@ -43,8 +43,8 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         soft = self.incompressibility in ("element", "nodal")
         if soft and self.bulk_potential != "quadratic":
             raise ValueError(
-                f"incompressibility = '{self.incompressibility}' has the quadratic potential "
-                "only: set bulk_potential = 'quadratic'"
+                f"incompressibility = '{self.incompressibility}' requires the quadratic potential: set"
+                " bulk_potential = 'quadratic'"
             )
         linear = any(t.law in ("linear", "co_rotational") for t in self.tissues)
         for name, used, fits in (
@@ -59,28 +59,30 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         ):
             if used and self.incompressibility not in fits:
                 raise ValueError(
-                    f"{name} does not go with incompressibility = '{self.incompressibility}': "
+                    f"{name} cannot be combined with incompressibility = '{self.incompressibility}': "
                     f"expected {' or '.join(map(repr, fits))}"
                 )
         if self.stiffening > 1.0 and any(t.relaxing for t in self.tissues):
             raise ValueError(
-                "a tissue with relaxing stress cannot stiffen with activation: set stiffening = 1 or "
-                "make the tissue elastic"
+                "a viscoelastic tissue cannot stiffen with activation: set stiffening = 1 "
+                "or use an elastic tissue"
             )
         if self.contact.method == "barrier" and self.solver.startswith("linearly_implicit"):
             raise ValueError(
-                f"solver = '{self.solver}' cannot hold contact.method = 'barrier', which needs an "
-                "iteration: choose 'converged', 'trapezoidal' or 'sdirk2', or method = 'constraint'"
+                f"solver = '{self.solver}' cannot be combined with contact.method = "
+                "'barrier', which requires an iteration: choose 'converged', 'trapezoidal' "
+                "or 'sdirk2', or method = 'constraint'"
             )
         if self.contact.method == "constraint" and self.solver in ("trapezoidal", "sdirk2"):
             raise ValueError(
-                f"solver = '{self.solver}' cannot hold contact.method = 'constraint': choose "
-                "'converged' or a linearly implicit solver, or method = 'barrier'"
+                f"solver = '{self.solver}' cannot be combined with contact.method = "
+                "'constraint': choose 'converged' or a linearly implicit solver, or method "
+                "= 'barrier'"
             )
         if self.support > 0.0 and self.contact.method != "none" and "teeth" in self.contact.between:
             raise ValueError(
-                f"support = {self.support:g} N/m stands for the teeth that contact has: set "
-                "support = 0, or contact.between = ['lips']"
+                f"support = {self.support:g} N/m represents the teeth, which contact already "
+                "contains: set support = 0, or contact.between = ['lips']"
             )
         if self.sigma_max < self.sigma_max_policy.minimum:
             raise ValueError(

@@ -70,7 +70,7 @@ def stability_warning(motion: xr.Dataset) -> str:
         return lowered
     level = f"at the level of {1e3 * changes:.2g} mm"
     if not np.isfinite(changes):
-        level = "and fails from a start moved by 1e-14 m"
+        level = "and fails from a start displaced by 1e-14 m"
     own = (
         f"the equilibrium lost stability between {motion.attrs['unstable_from_s']:.4g} and "
         f"{motion.attrs['unstable_until_s']:.4g} s; the motion there depends on rounding {level}: "

@@ -48,5 +48,5 @@ def inner_support(face: xr.Dataset, stiffness: float) -> Support:
     length = np.linalg.norm(normal, axis=1)
     nodes = inner[(face["fixed"].values[inner] == FREE) & (length[inner] > 0.0)]
     if not len(nodes):
-        raise FaceError("no node of the inner sheet is free, expected some to support")
+        raise FaceError("no node of the inner surface is free, expected some to be supported")
     return Support(nodes, normal[nodes] / length[nodes, None], stiffness)

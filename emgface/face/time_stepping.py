@@ -13,11 +13,12 @@ class TimeStepping(Parameters):
 
     accuracy: str | None = choice(
         None,
-        "'draft', 'study', 'reference', 'published', or the error wanted such as '0.1 mm'; sets solver, "
-        "step, iteration_tolerance and error_tolerance where they are not given.",
+        "'draft', 'study', 'reference', 'published', or the desired error, such as '0.1 "
+        "mm'; determines solver, step, iteration_tolerance and error_tolerance, unless "
+        "these are specified.",
         source=f"{OWN}: points measured by `python -m benchmarks work_precision`",
-        note="the defaults are those of 'study'; with contact.method = 'constraint' the solver is "
-        "implicit Euler under the same control of its error",
+        note="the default is 'study'; with contact.method = 'constraint', the solver is implicit "
+        "Euler with the same error control",
     )
     solver: Literal[
         "converged",
@@ -27,48 +28,57 @@ class TimeStepping(Parameters):
         "linearly_implicit_trapezoidal",
     ] = choice(
         "sdirk2",
-        "Integrator: implicit Euler iterated to its tolerance ('converged'), the trapezoidal rule, the "
-        "L-stable second-order SDIRK2, or Euler and trapezoidal rule with one linear solution a step.",
-        note="'linearly_implicit' is what the published simulator does",
+        "Integrator: implicit Euler iterated to its tolerance ('converged'), the "
+        "trapezoidal rule, the L-stable second-order SDIRK2, or the Euler method or the "
+        "trapezoidal rule with one linear solution per step.",
+        note="'linearly_implicit' is the method of the published simulator",
     )
     step: float = parameter(
-        0.01, "Time step; the largest one of error control.", unit="s", source=OWN, gt=0, le=0.1
+        0.01,
+        "Time step; with error control, the largest time step.",
+        unit="s",
+        source=OWN,
+        gt=0,
+        le=0.1,
     )
     output: float = parameter(
         0.01,
-        "Time between outputs, a whole multiple of step or a whole part of it.",
+        "Time between outputs; a multiple of the step, or the step is a multiple of it.",
         unit="s",
         source=OWN,
-        note="within a step the motion is a cubic with the positions and velocities of its ends; with "
-        "contact, and where that cubic would crush an element, steps end at outputs",
+        note="within a step, the motion is interpolated by the cubic with the positions and "
+        "velocities at its ends; with contact, or where the interpolation would compress an "
+        "element too far, steps end at outputs",
         gt=0,
         le=0.1,
     )
     iteration_tolerance: float = positive(
         5e-6,
-        "Error of the position of a node that the iteration of a step may leave.",
+        "Largest error of a nodal position at which the iteration of a step ends.",
         unit="m",
-        note="solvers of one linear solution a step do not iterate",
+        note="solvers with one linear solution per step do not iterate",
     )
     error_tolerance: float | None = positive(
         1e-4,
-        "Error of the lip markers that the steps are chosen by, each dividing `step`; absent, as "
-        "where a `solver` is given without it: steps of one size, halved where they fail.",
+        "Error of the lip markers that determines the steps, which divide `step`. If it is "
+        "absent, also where only a `solver` is specified, steps have one size and are "
+        "halved where they fail.",
         unit="m",
     )
     timing: Literal["recorded", "normalised"] = choice(
         "recorded",
         "Simulated time: that of the recording, or one output per sample of the activation.",
         source=f"{ESKES}, Discussion (each instruction was normalised to 160 time steps)",
-        note="'normalised' changes the speed of a movement of a trial that is not samples x output long",
+        note="'normalised' changes the speed of the movement if the duration of the trial is not "
+        "samples x output",
     )
     linear_solver: Literal[
         "auto", "pardiso", "pardiso_single", "superlu", "gmres_pardiso", "gmres_superlu"
     ] = choice(
         "auto",
-        "Direct by PARDISO, in double or single precision, or by SciPy's SuperLU; or iterative, "
-        "'gmres', with factors of theirs that serve many steps.",
-        note="'auto' takes PARDISO where it is installed, and reuses factors of large faces",
+        "Linear solver: PARDISO, in double or single precision, or SuperLU of SciPy; or "
+        "iterative ('gmres'), with factors of these that are reused in many steps.",
+        note="'auto' uses PARDISO if it is installed, and reuses factors for large faces",
     )
 
     @model_validator(mode="before")
@@ -91,7 +101,7 @@ class TimeStepping(Parameters):
         if self.error_tolerance is not None and self.solver.startswith("linearly_implicit"):
             raise ValueError(
                 f"solver = '{self.solver}' has no error control: choose 'sdirk2', 'trapezoidal' or "
-                "'converged', or leave error_tolerance out"
+                "'converged', or omit error_tolerance"
             )
         ratio = max(self.step / self.output, self.output / self.step)
         if abs(ratio - round(ratio)) > 1e-9 * ratio:

@@ -51,12 +51,12 @@ class Tissue(Parameters):
     """Tissue of the elements that meet all given conditions, in place of that of the whole face."""
 
     layers: tuple[Literal["inner", "centre", "outer"], ...] = choice(
-        (), "Layers of elements; all when empty."
+        (), "Layers of elements; empty: all."
     )
     muscles: tuple[str, ...] = choice(
-        (), "Muscles, with side, any of which the element belongs to; all elements when empty."
+        (), "Muscles, with side, to any of which the elements belong; empty: all elements."
     )
-    elements: tuple[int, ...] = choice((), "Ids of elements of the face model; all when empty.")
+    elements: tuple[int, ...] = choice((), "Ids of elements of the face model; empty: all.")
     law: Literal[
         "mooney_rivlin",
         "neo_hooke",
@@ -68,12 +68,12 @@ class Tissue(Parameters):
     ] = choice(
         "mooney_rivlin",
         "Law of the passive tissue.",
-        note="'fung' takes the tension line of the nearest skin as its first axis; 'linear' is for "
-        "small rotations only",
+        note="the first axis of 'fung' is the tension line of the nearest skin; 'linear' is "
+        "valid for small rotations only",
     )
     coefficients: dict[str, Coefficient] = parameter(
         {},
-        "Coefficients of the law by the names of its class in sim; those left out have its defaults.",
+        "Coefficients of the law, with the names of its class in sim; default: those of the class.",
         unit="Pa",
         source="the class of the law",
     )
@@ -81,18 +81,18 @@ class Tissue(Parameters):
         1.0,
         "Factor on all coefficients of the law that are stresses.",
         unit="1",
-        note="0.5 and 2 with the defaults of 'fung' for young and old skin",
+        note="with the defaults of 'fung', 0.5 is young and 2 is old skin",
     )
     kappa: float | None = positive(
         None,
-        "Bulk modulus; absent: that of the face.",
+        "Bulk modulus; default: that of the face.",
         unit="Pa",
-        note="'linear' and 'co_rotational' have none beside their coefficients",
+        note="'linear' and 'co_rotational' have no separate bulk modulus",
     )
-    density: float | None = positive(None, "Density; absent: that of the face.", unit="kg/m^3")
+    density: float | None = positive(None, "Density; default: that of the face.", unit="kg/m^3")
     relaxing: tuple[float, ...] = parameter(
-        (), "Fractions of the stress that relax (Prony series); elastic when empty.", unit="1",
-        source=OWN, note="the coefficients are then the instantaneous ones",
+        (), "Fractions of the stress that relax (Prony series); empty: elastic.", unit="1",
+        source=OWN, note="the coefficients are then the instantaneous moduli",
     )  # fmt: skip
     times: tuple[float, ...] = parameter(
         (), "Relaxation time of each fraction.", unit="s", source=OWN
@@ -123,8 +123,8 @@ class Tissue(Parameters):
             raise ValueError(str(error)) from error
         if material.bulk is None and self.kappa is not None:
             raise ValueError(
-                f"law '{self.law}' answers for the volume itself: delete kappa and give poisson among "
-                "its coefficients"
+                f"law '{self.law}' determines the volume change itself: remove kappa and "
+                "specify poisson among its coefficients"
             )
         return self
 
@@ -173,7 +173,7 @@ class Tissue(Parameters):
     def _where(self) -> str:
         conditions = [f"the {', '.join(self.layers)} layer"] if self.layers else []
         conditions += [f"the muscles {', '.join(self.muscles)}"] if self.muscles else []
-        conditions += [f"{len(self.elements)} named elements"] if self.elements else []
+        conditions += [f"{len(self.elements)} listed elements"] if self.elements else []
         return " within ".join(conditions) or "the whole face"
 
     def chosen(self, face: xr.Dataset) -> NDArray[np.bool_]:
@@ -197,14 +197,15 @@ class Tissue(Parameters):
             missing = np.setdiff1d(self.elements, ids)
             if missing.size:
                 raise FaceError(
-                    f"a tissue names element {missing[0]}, which the face lacks: expected ids from "
+                    f"a tissue lists element {missing[0]}, which is not in the face: expected ids from "
                     f"{ids.min()} to {ids.max()}"
                 )
             chosen &= np.isin(ids, self.elements)
         if not chosen.any():
             raise FaceError(
-                f"no element is in layers {list(self.layers)}, muscles {list(self.muscles)} and the "
-                "named elements: expected at least one, check the tissue's conditions"
+                f"no element is in layers {list(self.layers)}, muscles {list(self.muscles)} "
+                "and the listed elements: expected at least one, check the conditions of "
+                "the tissue"
             )
         return chosen
 

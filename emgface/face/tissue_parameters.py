@@ -19,7 +19,7 @@ class SkinParameters(Parameters):
     )
     kappa: float | None = positive(
         None,
-        "Bulk modulus of the outer layer; absent: that of the rest.",
+        "Bulk modulus of the outer layer; default: that of the other layers.",
         unit="Pa",
         note="250 kPa in the model of anisotropic skin",
     )
@@ -31,25 +31,29 @@ class Prestress(Parameters):
     method: Literal["none", "stretch", "displaced"] = choice(
         "none",
         "'stretch' prescribes the stress of the skin along its tension lines in the given geometry; "
-        "'displaced' shrinks the inner sheet of nodes and moves it back in a first step.",
+        "'displaced' shrinks the inner surface and moves it back in a first step.",
         source=f"{STAVNESS}, In-vivo measurements (stretch), Facial expressions (displaced)",
-        note="either way the face then settles into an equilibrium near the given geometry",
+        note="with both methods, the face then settles into an equilibrium near the given geometry",
     )
     along: float = parameter(
         15.9e3,
         "Stress of the skin along the tension lines before the face settles.",
         unit="Pa",
         source=f"{STAVNESS}: 15.9 to 89.4 kPa in vivo",
-        note="a bulk modulus of 25 kPa bears little of it: raise skin.kappa",
+        note="with a bulk modulus of 25 kPa, little of this stress remains: increase skin.kappa",
         ge=0,
     )
     across: float = parameter(
-        0.0, "The same across the tension lines, in the skin.", unit="Pa", source=OWN, ge=0
+        0.0,
+        "Stress of the skin across the tension lines before the face settles.",
+        unit="Pa",
+        source=OWN,
+        ge=0,
     )
     scale: float = parameter(
         0.97,
-        "Factor on the distance of the inner sheet from the middle of the face, before it is moved "
-        "back.",
+        "Factor on the distance of the inner surface from the centre of the face, before it "
+        "is moved back.",
         unit="1",
         source=OWN,
         gt=0.5,
@@ -62,15 +66,15 @@ class TissueParameters(Parameters):
 
     incompressibility: Literal["pointwise", "element", "nodal", "hard"] = choice(
         "pointwise",
-        "Volume that a pressure belongs to: a Gauss point, an element, or the region of a node; "
-        "'hard' keeps the volume of every element.",
+        "Region over which the pressure is constant: a Gauss point, an element, or the "
+        "region of a node; 'hard' keeps the volume of every element.",
         source=f"{ESKES}, Incompressibility (nodal)",
-        note="'nodal' cures locking best and costs most; 'element' and 'nodal' take the quadratic "
-        "potential, 'hard' has none",
+        note="'nodal' reduces locking most and takes the most time; 'element' and 'nodal' "
+        "require the quadratic potential, 'hard' has none",
     )
     bulk_potential: Literal["logarithmic", "quadratic"] = choice(
         "logarithmic",
-        "kappa/2 (ln J)^2 or kappa/2 (J - 1)^2.",
+        "Bulk potential: kappa/2 (ln J)^2 or kappa/2 (J - 1)^2.",
         source=f"{ESKES}, Eq. 1 (logarithmic); its text says quadratic",
     )
     C10: float = positive(
@@ -87,16 +91,18 @@ class TissueParameters(Parameters):
     )
     damping_tangent: Literal["current", "passive", "rest"] = choice(
         "rest",
-        "Stiffness that beta multiplies: at the current positions and activation, at the current "
-        "positions with silent muscles, or at rest.",
+        "Stiffness multiplied by beta: at the current positions and activation, at the "
+        "current positions without activation, or at rest.",
         source=f"the published simulator uses 'current'; default of {OWN}",
-        note="with active muscles the current tangent can damp negatively, and a step then has no "
-        "minimum to converge to",
+        note="with active muscles, the damping of the current tangent can be negative, and the "
+        "potential of a step then has no minimum",
     )
-    skin: SkinParameters = Field(default=SkinParameters(), description="The outer layer.")
+    skin: SkinParameters = Field(
+        default=SkinParameters(), description="Properties of the outer layer."
+    )
     tissues: tuple[Tissue, ...] = Field(
         default=(),
-        description="Tissues of layers, muscles or single elements, in place of C10, C20, kappa, "
-        "density and skin there; a later one takes the place of an earlier one.",
+        description="Tissues of layers, muscles or single elements, which replace C10, C20, kappa, "
+        "density and skin; where several apply, the last one is used.",
     )
     prestress: Prestress = Field(default=Prestress(), description="Tension of the skin at rest.")

@@ -42,8 +42,8 @@ def check_face(ds: xr.Dataset) -> xr.Dataset:
         for label, node in zip(ds[dim].values, ds[variable].values, strict=True):
             if fixed[node]:
                 raise FaceError(
-                    f"{dim} {label} sits on node {ds['node_id'].values[node]}, which is fixed: "
-                    "expected a node that moves, choose another"
+                    f"{dim} {label} is at node {ds['node_id'].values[node]}, which is fixed: "
+                    "expected a free node, choose another"
                 )
     _check_lips(ds)
     return ds
@@ -58,9 +58,9 @@ def _check_lips(ds: xr.Dataset) -> None:
     if opening < 0.0:
         upper, lower = ds["node_id"].values[nodes]
         raise FaceError(
-            f"lip_opening_node of the upper lip (node {upper}) lies {-1e3 * opening:.3g} mm below that "
-            f"of the lower (node {lower}) at rest, expected the upper first and +z superior: exchange "
-            "them, or turn the face"
+            f"lip_opening_node of the upper lip (node {upper}) lies {-1e3 * opening:.3g} mm "
+            f"below that of the lower lip (node {lower}) at rest, expected the upper lip "
+            "first and +z superior: exchange them, or rotate the face"
         )
 
 
@@ -104,8 +104,8 @@ def _check_elements(ds: xr.Dataset) -> None:
         ]
         raise FaceError(
             f"node {ds['node_id'].values[node]} belongs to no element"
-            + (f" (marker {on_it[0]} sits on it)" if on_it else "")
-            + ": expected every node in use, drop it"
+            + (f" (marker {on_it[0]} is at this node)" if on_it else "")
+            + ": expected every node to be used, remove it"
         )
     smallest = element_quality(ds["position"].values, connectivity).smallest_det
     bad = np.flatnonzero(~(smallest > 0))
@@ -125,8 +125,8 @@ def _check_muscles(ds: xr.Dataset) -> None:
         mine = element[owner == k]
         if len(mine) == 0:
             raise FaceError(
-                f"muscle {muscle} owns no element: expected at least one, try a larger radius or "
-                "check its fibres"
+                f"muscle {muscle} has no element: expected at least one, try a larger radius "
+                "or check its fibres"
             )
         values, counts = np.unique(mine, return_counts=True)
         if (counts > 1).any():

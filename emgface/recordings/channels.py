@@ -1,4 +1,4 @@
-"""What each channel of a recording holds: power in the pass-band, median frequency, feature."""
+"""Power in the pass-band, median frequency and feature of each channel of a recording."""
 
 import warnings
 
@@ -15,7 +15,7 @@ from emgface.signals.parameters import SignalChain
 
 
 def channel_report(recording: xr.Dataset, chain: SignalChain) -> pd.DataFrame:
-    """Describe every channel of a recording, whatever its name.
+    """Describe every channel of a recording, for any names.
 
     The power spectral density of the raw signal is Welch's, with Hann segments of one second
     (the whole recording where it is shorter) overlapping by half, each free of its mean.
@@ -96,7 +96,7 @@ def channel_report(recording: xr.Dataset, chain: SignalChain) -> pd.DataFrame:
 def _band_power(
     emg: xr.DataArray, rate: float, low: float, high: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Share of power between two edges, and the frequency that halves it there."""
+    """Fraction of the power between two edges, and the median frequency in this band."""
     values = np.asarray(emg.transpose("channel", TIME_EMG), dtype=float)
     segment = min(round(rate), values.shape[1])
     frequency, density = scipy.signal.welch(

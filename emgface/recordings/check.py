@@ -166,7 +166,7 @@ def _nothing(name: str, kind: str, unit: str) -> dict[str, object]:
 
 
 def _absent(rows: list[dict[str, object]]) -> list[dict[str, object]]:
-    """Rows for the channels and markers that a study needs and the recording lacks."""
+    """Rows for the channels and markers that a study requires and the recording lacks."""
     demand = declaration("recording").study
     result: list[dict[str, object]] = []
     for kind, names in (demand.names if demand else {}).items():

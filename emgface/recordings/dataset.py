@@ -1,4 +1,4 @@
-"""Recordings from files of any known format to checked datasets, and back to netCDF.
+"""Read recordings of all supported formats as checked datasets, and write them as netCDF.
 
 The only place that reads raw files; the formats themselves are modules of `emgface.recordings.readers`.
 """
@@ -22,7 +22,7 @@ from emgface.schema.rules import hint, one_line
 from emgface.schema.validation import validate
 
 _UNNAMED = (".csv", ".txt", ".gz", ".mat", ".h5", ".hdf5")
-"""Suffixes of files whose content only a sidecar can tell."""
+"""Suffixes of files that require a sidecar."""
 
 
 class Reader(Protocol):
@@ -33,7 +33,7 @@ class Reader(Protocol):
 
     @staticmethod
     def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-        """Read a recording under the labels of the file, in SI."""
+        """Read a recording in SI units, with the labels of the file."""
         ...
 
 
@@ -102,7 +102,7 @@ def read_recording(
     path = Path(path)
     reader = readers().get(path.suffix.lower())
     if not path.is_file():
-        raise DataError(f"No file {path}; expected a recording: see the spelling of the path.")
+        raise DataError(f"No file {path}; expected a recording: check the path.")
     if reader is None:
         raise DataError(_unknown_format(path))
     labels = read_label_map(mapping)
@@ -123,8 +123,8 @@ def read_recording(
         raise
     except Exception as error:
         raise DataError(
-            f"{path.name} made its reader fail ({one_line(error)}); expected a {reader.FORMAT} "
-            "file: it is damaged or of a kind that was not foreseen, export it again and report it."
+            f"{path.name} caused its reader to fail ({one_line(error)}); expected a {reader.FORMAT} "
+            "file: it is damaged or of an unsupported kind, export it again and report it."
         ) from error
 
 
@@ -159,7 +159,7 @@ def write_recording(recording: xr.Dataset, path: str | Path) -> Path:
 
 
 def find_recordings(folder: str | Path) -> list[Path]:
-    """Return the files of a folder, and of folders in it, that may be recordings.
+    """Return the files of a folder and its subfolders that may be recordings.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise DataError(f"No folder {folder}; expected recordings in it: see the path.")
+        raise DataError(f"No folder {folder}; expected recordings in it: check the path.")
     known = readers()
     found = [
         path
@@ -192,13 +192,13 @@ def find_recordings(folder: str | Path) -> list[Path]:
     if not found:
         raise DataError(
             f"No recording in {folder}; expected files ending in {', '.join(sorted(known))}: "
-            "see the path, or convert the files."
+            "check the path, or convert the files."
         )
     return found
 
 
 def _may_be_recording(reader: Reader, path: Path) -> bool:
-    """Ask a reader; a file that cannot be opened may be one, and is refused when it is read."""
+    """Call `is_recording` of a reader; a file that cannot be opened is refused on reading."""
     try:
         return getattr(reader, "is_recording", _always)(path)
     except Exception:
@@ -210,7 +210,7 @@ def read_recordings(
     mapping: Mapping[str, Any] | LabelMap | str | Path | None = None,
     study: bool = False,
 ) -> Iterator[tuple[Path, xr.Dataset | EmgfaceError]]:
-    """Read trials one by one; a bad one does not stop the others.
+    """Read trials one by one, continuing after an invalid one.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def read_recordings(
 
 
 def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
-    """Note channels that never change: a loose electrode, or a socket without a sensor."""
+    """Flag channels that never change: a loose electrode, or a socket without a sensor."""
     if "emg" not in recording or "channel" not in recording.coords:
         return recording
     flagged: dict[str, str] = {}
@@ -258,17 +258,17 @@ def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
 
 
 def _always(_: Path) -> bool:
-    """Accept every file of a format's suffix as a possible recording."""
+    """Accept every file with the suffix of a format as a possible recording."""
     return True
 
 
 def _none(_: Path) -> list[Path]:
-    """Companions of a file whose format has none."""
+    """Further files of a format that has none."""
     return []
 
 
 def _digest(files: Sequence[Path]) -> str:
-    """Digest of a file, or of several one after the other."""
+    """Digest of a file, or of the concatenation of several files."""
     digest = hashlib.sha256()
     for file in files:
         with file.open("rb") as stream:
@@ -281,10 +281,14 @@ def _unknown_format(path: Path) -> str:
     known = readers()
     if path.suffix.lower() in _UNNAMED:
         beside = path.with_suffix(".toml")
-        advice = f"open {beside.name}, which lies beside it" if beside.is_file() else "write one"
+        advice = (
+            (f"specify {beside.name}, which is in the same folder")
+            if beside.is_file()
+            else "write one"
+        )
         return (
-            f"{path.name} does not say what it holds, its rate and its units; expected the TOML "
-            f"sidecar that does: {advice} and open that."
+            f"{path.name} does not specify its contents, rate and units; expected a TOML "
+            f"sidecar that does: {advice} instead."
         ).replace("beside it and open that", "beside it")
     formats = ", ".join(f"{suffix} ({known[suffix].FORMAT})" for suffix in sorted(known))
     return (

@@ -1,4 +1,4 @@
-"""Where trials and repetitions begin and end: from events, or from the activity itself."""
+"""Start and end of trials and repetitions, from events or from the activity."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -96,7 +96,7 @@ def cut_trials(
                 raise SignalError(
                     f"the event {label!r} at {onset:.4g} s needs {start:.4g} to {stop:.4g} s and "
                     f"{name} lasts from {time[0]:.4g} to {time[-1]:.4g} s, expected it inside: "
-                    "shorten before and after, or leave the event out"
+                    "shorten before and after, or omit the event"
                 )
         instruction = str(label) or str(recording.attrs.get("instruction", ""))
         counts[instruction] = counts.get(instruction, 0) + 1
@@ -145,7 +145,7 @@ def find_repetitions(
     rate = sampling_rate(time)
     values = signal.transpose(..., name).values.reshape(-1, time.size).astype(float)
     if not np.isfinite(values).all():
-        raise SignalError("the signal has gaps, expected none: bridge them or cut them out")
+        raise SignalError("the signal has gaps, expected none: interpolate them or cut them out")
     if name == "time_marker":
         values = np.asarray(np.gradient(values, axis=1)) * rate
     scale = np.sqrt(np.mean(values**2, axis=1, keepdims=True))
@@ -174,7 +174,9 @@ def find_repetitions(
             kept.append([int(start), int(stop)])
     spans = [(a, b) for a, b in kept if b - a >= least_duration * rate]
     if not spans:
-        raise SignalError(f"no burst lasts {least_duration:g} s, expected repetitions: lower level")
+        raise SignalError(
+            f"no burst lasts {least_duration:g} s, expected repetitions: lower the level"
+        )
     return pd.DataFrame(
         {
             "onset": [float(time[a]) for a, _ in spans],

@@ -1,4 +1,4 @@
-"""Rigid motion of the head removed with the face markers.
+"""Removal of the rigid motion of the head by the face markers.
 
 Each frame is turned and shifted so that its face markers fit a reference configuration in the
 least-squares sense; what remains of the lip markers' motion is motion of the lips.
@@ -112,7 +112,7 @@ def in_head_frame(
 
 
 def _checked(position: xr.DataArray) -> xr.DataArray:
-    """Require names, dims and unit; order of dims as declared."""
+    """Check names, dims and unit, and return the declared order of dims."""
     if set(position.dims) != {"marker", "axis", "time_marker"}:
         raise MarkerError(
             f"positions have dims {tuple(position.dims)}, expected marker, axis, time_marker: "
@@ -163,14 +163,14 @@ def _check_frames(points: np.ndarray, present: np.ndarray, time: np.ndarray, rat
         else f"the {count[start]} face markers present lie on one line"
     )
     raise MarkerError(
-        f"{state} at t = {time[start]:.6g} s for {length / rate:.4g} s ({length} frames; lost: "
-        f"{', '.join(lost) or 'none'}), expected at least three that are not collinear: label the "
-        "markers there, or exclude the trial"
+        f"{state} at t = {time[start]:.6g} s for {length / rate:.4g} s ({length} frames; "
+        f"lost: {', '.join(lost) or 'none'}), expected at least three that are not "
+        "collinear: label the markers at this time, or exclude the trial"
     )
 
 
 def _aligned_mean(points: np.ndarray, present: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Mean of all frames after each was fitted to a first target."""
+    """Mean of all frames after a fit of each to a first target."""
     rotation, origin, goal = _fit(points, present, target)
     aligned = np.einsum("tij,tmj->tmi", rotation, points - origin[:, None]) + goal[:, None]
     seen = np.maximum(np.sum(present, axis=0), 1)[:, None]
@@ -179,21 +179,21 @@ def _aligned_mean(points: np.ndarray, present: np.ndarray, target: np.ndarray) -
 
 
 def _placed(own: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """A configuration turned and shifted onto a reference of another shape."""
+    """Rotate and shift a configuration onto a reference of another shape."""
     known = np.isfinite(own[:, 0])[None]
     rotation, origin, goal = _fit(own[None], known, reference)
     return (own - origin[0]) @ rotation[0].T + goal[0]
 
 
 def _given_reference(reference: xr.DataArray) -> np.ndarray:
-    """Check a given reference and return its positions in the order of FACE_MARKERS."""
+    """Check a reference and return its positions in the order of FACE_MARKERS."""
     dim = "face_marker" if "face_marker" in reference.dims else "marker"
     found = [str(name) for name in reference[dim].values] if dim in reference.coords else []
     missing = [name for name in FACE_MARKERS if name not in found]
     if missing:
         raise MarkerError(
             f"reference lacks the face markers {', '.join(missing)} (found "
-            f"{', '.join(found) or 'none'}), expected {', '.join(FACE_MARKERS)}: name them"
+            f"{', '.join(found) or 'none'}), expected {', '.join(FACE_MARKERS)}: rename them"
         )
     if reference.attrs.get("units") != "m":
         raise UnitsError(
@@ -203,7 +203,7 @@ def _given_reference(reference: xr.DataArray) -> np.ndarray:
     target = np.asarray(chosen, dtype=float)
     if not np.isfinite(target).all():
         raise MarkerError(
-            "reference holds positions that are not finite, expected six points: give them all"
+            "reference contains positions that are not finite, expected six points: specify all of them"
         )
     singular = np.linalg.svd(target - target.mean(axis=0), compute_uv=False)
     if not singular[1] > COLLINEAR * singular[0]:
@@ -235,7 +235,7 @@ def _fit(
 def _bridge(
     moved: np.ndarray, names: list[str], time: np.ndarray, rate: float, max_gap: float
 ) -> int:
-    """Interpolate dropouts of every marker in place; count the frames bridged."""
+    """Interpolate gaps of every marker in place, and count the interpolated frames."""
     bridged = 0
     for m, name in enumerate(names):
         lost = ~np.isfinite(moved[:, m, 0])
@@ -244,8 +244,8 @@ def _bridge(
         must = name in LIP_MARKERS
         if must and lost.all():
             raise MarkerError(
-                f"marker {name} is never seen, expected it in at least a part of the trial: label "
-                "it, or exclude the trial"
+                f"marker {name} is never visible, expected it in at least part of the trial: "
+                "label it, or exclude the trial"
             )
         edges = np.flatnonzero(np.diff(np.concatenate([[0], lost.astype(int), [0]])))
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
@@ -255,9 +255,10 @@ def _bridge(
                 continue
             if must and inside:
                 raise MarkerError(
-                    f"marker {name} is lost for {length:.4g} s ({stop - start} frames) from t = "
-                    f"{time[start]:.6g} s, expected gaps of at most {max_gap:g} s: raise "
-                    "head_frame.max_gap if that much may be interpolated, or exclude the trial"
+                    f"marker {name} is lost for {length:.4g} s ({stop - start} frames) from "
+                    f"t = {time[start]:.6g} s, expected gaps of at most {max_gap:g} s: "
+                    "increase head_frame.max_gap if a gap of this length may be "
+                    "interpolated, or exclude the trial"
                 )
             lost[start:stop] = False  # at an end nothing bridges it; a face marker stays lost
         if lost.any():

@@ -1,4 +1,4 @@
-"""What a folder holds, file by file: what was read and how good it is, or why it was refused."""
+"""Inventory of a folder: contents and findings of each file, or the reason of its refusal."""
 
 import json
 import re
@@ -17,17 +17,17 @@ from emgface.recordings.labels import note, read_toml
 from emgface.schema.rules import one_line
 
 TEXTS = (".md", ".json", ".tsv", ".pdf", ".rst", ".license", "")
-"""Endings of files that describe recordings and hold none; of those only ``*_motion.tsv`` does."""
+"""Suffixes of files that describe recordings; of these only ``*_motion.tsv`` contains signals."""
 BESIDE_HEADER = (".eeg", ".dat", ".vmrk")
-"""Endings of the files of a BrainVision recording, which is listed under its header."""
+"""Suffixes of the files of a BrainVision recording, which is listed under its header."""
 COLUMNS = ("file", "format", "channels", "emg_rate", "markers", "marker_rate", "units", "duration",
            "findings", "refusal")  # fmt: skip
 _MOST = 3
-"""Findings of one kind that are named."""
+"""Largest number of findings of one kind that are listed."""
 
 
 def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -> pd.DataFrame:
-    """Read and examine every file of a folder that may hold signals.
+    """Read and examine every file of a folder that may contain signals.
 
     Parameters
     ----------
@@ -53,14 +53,16 @@ def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -
     root = Path(folder)
     rows = [_row(path, root, found) for path, found in read_files(root, sidecars=sidecars)]
     if not rows:
-        raise DataError(f"{root} holds no file of signals; expected recordings: see the path.")
+        raise DataError(
+            f"{root} contains no file with signals; expected recordings: check the path."
+        )
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
 def read_files(
     folder: str | Path, *, sidecars: str | Path | None = None
 ) -> Iterator[tuple[Path, xr.Dataset | EmgfaceError]]:
-    """Read every file of a folder that may hold signals, one after the other.
+    """Read every file of a folder that may contain signals, one after the other.
 
     Parameters
     ----------
@@ -81,7 +83,7 @@ def read_files(
     """
     root = Path(folder)
     if not root.is_dir():
-        raise DataError(f"No folder {root}; expected recordings in it: see the path.")
+        raise DataError(f"No folder {root}; expected recordings in it: check the path.")
     told: dict[Path, str] = {}
     if sidecars is not None:
         told, bad = _sidecars(root, Path(sidecars))
@@ -119,12 +121,12 @@ def _files(root: Path) -> Iterator[Path]:
 
 
 def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, str], list[tuple[Path, EmgfaceError]]]:
-    """Text of each sidecar by the file that it describes, the file named by its full path.
+    """Text of each sidecar, by the full path of the file that it describes.
 
     Sidecars that cannot be read are returned with the reason.
     """
     if not folder.is_dir():
-        raise DataError(f"No folder {folder}; expected TOML sidecars in it: see the path.")
+        raise DataError(f"No folder {folder}; expected TOML sidecars in it: check the path.")
     found: dict[Path, str] = {}
     bad: list[tuple[Path, EmgfaceError]] = []
     for path in sorted(folder.glob("*.toml")):
@@ -184,7 +186,7 @@ def _measures(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def _findings(recording: xr.Dataset) -> str:
-    """Say what stands out, alike findings of several channels together."""
+    """Describe the findings, with equal findings of several channels combined."""
     table = check_recording(recording)
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in table[table["verdict"] != "ok"].to_dict("records"):
@@ -202,7 +204,7 @@ def _findings(recording: xr.Dataset) -> str:
             names = ", ".join(one.partition("|")[0] for one in found[:_MOST])
             more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
             told.append(f"{len(found)} {kind}s ({names}{more}): {first}")
-    return "; ".join(told) or "nothing stands out"
+    return "; ".join(told) or "no findings"
 
 
 def markdown(table: pd.DataFrame) -> str:

@@ -1,4 +1,4 @@
-"""From the labels of a file to the names of the study, with a record of what was left out."""
+"""Assignment of the labels of a file to the names of the study, with a record of omissions."""
 
 import json
 import tomllib
@@ -16,7 +16,7 @@ from emgface.schema.rules import hint, one_line
 
 
 class LabelMap(Parameters):
-    """What the labels of a recording mean.
+    """Meaning of the labels of a recording.
 
     Attributes
     ----------
@@ -93,11 +93,11 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigurationError(
-            f"Cannot read {path}: {error.strerror}; expected a TOML file: see its path."
+            f"Cannot read {path}: {error.strerror}; expected a TOML file: check its path."
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigurationError(
-            f"{path.name} is no TOML ({one_line(error)}); expected lines such as name = 'value': "
+            f"{path.name} is not valid TOML ({one_line(error)}); expected lines such as name = 'value': "
             "repair it."
         ) from error
 
@@ -153,14 +153,14 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
 
 
 def _demand(dim: str, chosen: dict[str, str], found: list[str], dropped: dict[str, str]) -> None:
-    """Refuse labels that the file lacks, and names that are given twice."""
+    """Refuse labels that the file lacks, and names that are assigned twice."""
     for label in chosen:
         if label in found:
             continue
         if label in dropped:
             raise SchemaError(
-                f"The {dim} {label!r} was left out ({dropped[label]}); expected a usable one: "
-                "name its unit in the table 'units' of the mapping, or map another."
+                f"The {dim} {label!r} was omitted ({dropped[label]}); expected a usable one: "
+                "specify its unit in the table 'units' of the mapping, or map another."
             )
         raise SchemaError(
             f"The file has no {dim} {label!r}{hint(label, found)}; found {listed(found)}: "
@@ -175,7 +175,7 @@ def _demand(dim: str, chosen: dict[str, str], found: list[str], dropped: dict[st
 
 
 def note(dataset: xr.Dataset, name: str) -> dict[str, str]:
-    """Return a JSON object held as attribute of a dataset.
+    """Return a JSON object stored as an attribute of a dataset.
 
     Parameters
     ----------

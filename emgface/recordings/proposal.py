@@ -1,4 +1,4 @@
-"""Proposals of what the labels of a file mean, for a person to confirm.
+"""Proposed meanings of the labels of a file, to be confirmed by the user.
 
 A proposal is a table; `mapping_text` writes it as the mapping file that
 `emgface.recordings.labels.read_label_map` reads, unresolved labels as comments.
@@ -71,7 +71,7 @@ def propose_mapping(
     side: Literal["L", "R"] | None = None,
     told: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
-    """Propose what each label of a file means.
+    """Propose the meaning of each label of a file.
 
     Parameters
     ----------
@@ -118,14 +118,14 @@ def propose_mapping(
         sure = claims & (table["certainty"] == "sure")
         loose = claims & ~sure if sure.sum() == 1 else claims
         others = ", ".join(repr(label) for label in table.loc[claims, "label"])
-        table.loc[loose, "reason"] = f"{others} all look like {name}"
+        table.loc[loose, "reason"] = f"{others} all match {name}"
         table.loc[loose, "certainty"] = "unresolved"
         table.loc[loose, "name"] = ""
     return table
 
 
 def missing_names(table: pd.DataFrame, kind: Literal["channel", "marker"] = "channel") -> list[str]:
-    """Return the names of a study that no label was proposed for.
+    """Return the names of a study for which no label was proposed.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def _one(label: str, kind: str, assumed: str | None = None) -> tuple[str, str, s
     names = CHANNELS if kind == "channel" else FACE_MARKERS + LIP_MARKERS
     exact = next((name for name in names if name.lower() == label.strip().lower()), None)
     if exact is not None:
-        return exact, "sure", "the name itself"
+        return exact, "sure", "exact name"
     words, side = _words(label, kind)
     text = " ".join(words)
     what, certainty = _known(text, _table(kind))
@@ -203,7 +203,7 @@ def _one(label: str, kind: str, assumed: str | None = None) -> tuple[str, str, s
         name = f"{what}_{side}"
     else:
         name = f"{what}_{'left' if side == 'L' else 'right'}"
-    reason = "words known" if certainty == "sure" else f"{text!r} is spelled like {what}"
+    reason = "words known" if certainty == "sure" else f"{text!r} resembles {what}"
     return name, certainty, reason
 
 
@@ -233,7 +233,7 @@ def _table(kind: str) -> Mapping[str, tuple[str, ...]]:
 
 
 def _known(text: str, known: Mapping[str, tuple[str, ...]]) -> tuple[str | None, str]:
-    """Return what a text names, and how certain it is."""
+    """Return the name that a text matches, and its certainty."""
     flat = {phrase: what for what, phrases in known.items() for phrase in phrases}
     if text in flat:
         return flat[text], "sure"

@@ -8,7 +8,7 @@ from emgface.signals.filters import sampling_rate
 
 
 def synchronise(recording: xr.Dataset, offset: float) -> xr.Dataset:
-    """Put the markers of a recording on the clock of its EMG, t_emg = offset + t_marker.
+    """Convert the times of the markers to the clock of the EMG, t_emg = offset + t_marker.
 
     Parameters
     ----------
@@ -29,24 +29,22 @@ def synchronise(recording: xr.Dataset, offset: float) -> xr.Dataset:
         If a part is absent, or the parts do not overlap.
     """
     if "emg" not in recording or "position" not in recording:
-        raise SignalError(
-            "the recording lacks EMG or markers, expected both to be put on one clock"
-        )
+        raise SignalError("the recording lacks EMG or markers, expected both for synchronisation")
     time = recording["time_marker"]
     moved = offset + time.values
     emg = recording["time_emg"].values
     if moved[-1] < emg[0] or moved[0] > emg[-1]:
         raise SignalError(
-            f"with an offset of {offset:.4g} s the markers last from {moved[0]:.4g} to "
+            f"with an offset of {offset:.4g} s the markers extend from {moved[0]:.4g} to "
             f"{moved[-1]:.4g} s and the EMG from {emg[0]:.4g} to {emg[-1]:.4g} s, expected an "
-            "overlap: see the sign of the offset, t_emg = offset + t_marker"
+            "overlap: check the sign of the offset, t_emg = offset + t_marker"
         )
     attrs = {**time.attrs, "clock_relation": f"t_emg = {offset:.9g} s + t_marker"}
     return recording.assign_coords(time_marker=("time_marker", moved, attrs))
 
 
 def cut(recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
-    """Take a span out of a recording.
+    """Cut an interval out of a recording.
 
     Parameters
     ----------
@@ -74,8 +72,9 @@ def cut(recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
         inside = np.flatnonzero((time >= start - room) & (time < stop + room))
         if inside.size < 2:
             raise SignalError(
-                f"the span {start:.4g} to {stop:.4g} s holds {inside.size} samples of {name}, which "
-                f"lasts from {time[0]:.4g} to {time[-1]:.4g} s, expected at least two"
+                f"the span {start:.4g} to {stop:.4g} s holds {inside.size} samples of "
+                f"{name}, which extends from {time[0]:.4g} to {time[-1]:.4g} s, expected at "
+                "least two"
             )
         recording = recording.isel({name: slice(int(inside[0]), int(inside[-1]) + 1)})
         kept = recording[name]

@@ -1,1 +1,1 @@
-"""The report of a study as one page that opens offline, with the moving face in it."""
+"""Report of a study as one offline page with the moving face."""

@@ -20,7 +20,7 @@ from emgface.signals.montage import COMPLETE
 
 @dataclass(frozen=True)
 class Inference:
-    """What the tests of a study say.
+    """Results of the tests of a study.
 
     Attributes
     ----------
@@ -41,12 +41,12 @@ class Inference:
 
 
 def is_empty(cube: xr.Dataset) -> bool:
-    """Whether a cube has no trial at all."""
+    """Return True for a cube without trials."""
     return any(cube.sizes[dim] == 0 for dim in TRIAL_DIMS)
 
 
 def verdict(cube: xr.Dataset) -> list[str]:
-    """Say in a few sentences what became of a study, the worst first.
+    """Summarise the outcome of a study in sentences, problems first.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def verdict(cube: xr.Dataset) -> list[str]:
     list of str
     """
     if is_empty(cube):
-        return ["This study holds no trial: there is nothing to report."]
+        return ["This study contains no trial; there is nothing to report."]
     found = counts(cube, by=()).iloc[0]
     total, ok = int(found["trials"]), int(found["ok"])
     lost = f"{int(found['failed'])} failed, {int(found['excluded'])} were excluded"
@@ -71,13 +71,16 @@ def verdict(cube: xr.Dataset) -> list[str]:
         ]
     rho = cube["rho"].values[np.isfinite(cube["rho"].values)]
     if not len(rho):
-        told.append("No marker has a defined rho: in every scored trial one side does not move.")
+        told.append(
+            "No marker has a defined rho, because in every scored trial the measured or the "
+            "simulated marker does not move."
+        )
         return told
     if len(rho) > 1 and float(np.ptp(rho)) < 1e-12:
         told.append(
-            f"rho is {rho[0]:.3g} everywhere: all {len(rho)} values are identical, so nothing "
-            "distinguishes strategies, and no test of a difference means anything. Real data does "
-            "not look like this; check what was compared."
+            f"rho is {rho[0]:.3g} everywhere: all {len(rho)} values are identical, so that "
+            "strategies cannot be distinguished and tests of differences are meaningless. "
+            "Measured data do not have this property; check the input."
         )
     montage = str(cube.attrs.get("montage", COMPLETE.sentence))
     if montage != COMPLETE.sentence:
@@ -85,22 +88,21 @@ def verdict(cube: xr.Dataset) -> list[str]:
     told += accuracy(cube)
     if cube.sizes["volunteer"] == 1:
         told.append(
-            "There is one volunteer: nothing can be said about other people, and no test is made."
+            "There is one volunteer; the results cannot be generalised to other people, and "
+            "no test is performed."
         )
     elif cube.sizes["volunteer"] < LEAST_VOLUNTEERS:
         told.append(
-            f"There are {cube.sizes['volunteer']} volunteers: no interval is given, which needs "
-            f"{LEAST_VOLUNTEERS} or more."
+            f"There are {cube.sizes['volunteer']} volunteers; intervals require "
+            f"{LEAST_VOLUNTEERS} or more and are not given."
         )
     if cube.sizes["strategy"] == 1:
-        told.append(
-            f"There is one strategy, {cube['strategy'].values[0]}: there is nothing to compare."
-        )
+        told.append(f"There is one strategy, {cube['strategy'].values[0]}; there is no comparison.")
     return told
 
 
 def accuracy(cube: xr.Dataset) -> list[str]:
-    """Say how large the estimated error of the time steps is beside the motion.
+    """State the estimated error of the time steps in comparison with the motion.
 
     Parameters
     ----------
@@ -126,15 +128,15 @@ def accuracy(cube: xr.Dataset) -> list[str]:
         else ""
     )
     return [
-        f"The estimated error of the time steps is {np.median(error[known]):.2g} mm in the median trial "
-        f"and {error[known].max():.2g} mm at most, beside a median motion of "
+        f"The estimated error of the time steps is {np.median(error[known]):.2g} mm in the "
+        f"median trial and {error[known].max():.2g} mm at most, with a median motion of "
         f"{np.nanmedian(motion):.2g} mm; it exceeds a tenth of the motion in "
         f"{_n(flagged, 'trial')}{', flagged as inaccurate' if flagged else ''}.{lost}"
     ]
 
 
 def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:
-    """Apply every test, as far as the study allows it.
+    """Apply all tests that the study allows.
 
     Parameters
     ----------
@@ -148,15 +150,19 @@ def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:
     Inference
     """
     if is_empty(cube) or not np.isfinite(cube["rho"].values).any():
-        return Inference(["There are no scores, so nothing is tested."])
+        return Inference(["There are no scores; no test is performed."])
     if cube.sizes["strategy"] < 2:
-        return Inference(["There is one strategy: a contrast needs two, so nothing is tested."])
+        return Inference(
+            ["There is one strategy; a contrast requires two, and no test is performed."]
+        )
     if cube.sizes["volunteer"] < 2:
-        return Inference(["There is one volunteer: the tests need several, so nothing is tested."])
+        return Inference(
+            ["There is one volunteer; the tests require several, and none is performed."]
+        )
     try:
         found = study_statistics(cube, seed=seed)
     except AnalysisError as error:
-        return Inference([f"The tests could not be made: {error}."])
+        return Inference([f"The tests could not be performed: {error}."])
     methods = tuple(
         (name.replace("_", " "), f"{each.attrs['method']}. {each.attrs['sentence']}")
         for name, each in found.items()
@@ -196,7 +202,7 @@ def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:
 
 
 def exclusions(results: Results) -> Table:
-    """List the trials without a score, by status and reason, and the files left out.
+    """List the trials without a score, by status and reason, and omitted files.
 
     Parameters
     ----------
@@ -219,13 +225,15 @@ def exclusions(results: Results) -> Table:
         undefined = listed[(listed["status"] == "ok") & (listed["n_undefined"] > 0)]
         for _, one in undefined.iterrows():
             label = " ".join(str(one[dim]) for dim in TRIAL_DIMS)
-            rows.append(("scored in part", 1, label, _why_undefined(cube, one)))
+            rows.append(("partly scored", 1, label, _why_undefined(cube, one)))
     if results.intake is not None:
         for path, error in results.intake.unreadable.items():
-            rows.append(("file left out", 0, path.name, str(error)))
+            rows.append(("file omitted", 0, path.name, str(error)))
     origin = origin_of(cube)
     columns = (Column("status"), Column("trials"), Column("which"), Column("reason"))
-    return Table(f"what is not in the scores, {recordings(origin)}", columns, tuple(rows), origin)
+    return Table(
+        f"trials and files without scores, {recordings(origin)}", columns, tuple(rows), origin
+    )
 
 
 def _why_undefined(cube: xr.Dataset, one: Any) -> str:
@@ -289,8 +297,8 @@ def cost(results: Results) -> Table | None:
     )  # fmt: skip
     origin = origin_of(cube)
     note = (
-        "Run time of the simulations alone; strategies that activate the same muscles share one. "
-        "lowered: trials in which sigma_max had to be lowered."
+        "Run time of the simulations only; strategies that activate the same muscles share "
+        "a simulation. lowered: trials for which sigma_max was lowered."
     )
     title = f"run time and numerical error, {recordings(origin)}"
     return Table(title, columns, tuple(rows), origin, note)

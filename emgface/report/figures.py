@@ -1,4 +1,4 @@
-"""The figures of a report as SVG that stands in the page."""
+"""Figures of a report as SVG elements."""
 
 import warnings
 from collections.abc import Callable
@@ -36,7 +36,7 @@ CHANNELS_SHOWN = ("OOS_L", "OOI_L", "RIS_L", "ZYG_L", "LLSAN_L", "DAO_L", "MEN_L
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure in the page.
+    """Figure of the page.
 
     Attributes
     ----------
@@ -65,8 +65,8 @@ def score_figures(results: Results) -> list[Drawn]:
         "rho": "3D correlation of simulated with measured markers, after Fig. 6 of Eskes et al. "
         "2017. Boxes span the quartiles, the line is the median, the dot the mean; whiskers reach "
         "the last value within 1.5 interquartile ranges, crosses lie beyond.",
-        "amplitude_ratio": "Size of the simulated movement over that of the measured one; 1 is the "
-        "same size. rho does not see it.",
+        "amplitude_ratio": "Amplitude of the simulated divided by that of the measured movement; "
+        "1 is the same amplitude. rho does not depend on it.",
         "rmse": "Root-mean-square distance of simulated from measured markers.",
     }
     drawn: list[Drawn] = []
@@ -85,11 +85,12 @@ def score_figures(results: Results) -> list[Drawn]:
 
 
 def baseline_figure(results: Results) -> list[Drawn]:
-    """Draw rho beside its baselines."""
+    """Draw rho with its baselines."""
     text = (
-        "Mean rho per instruction and strategy (large marks) and of each volunteer (small), beside "
-        "what scores without the EMG of the trial. Above all of rho, below 1 - rho on a logarithmic "
-        "axis. A strategy below the band knows less of a trial than the mean motion of other people."
+        "Mean rho per instruction and strategy (large symbols) and of each volunteer (small "
+        "symbols), compared with baselines that do not use the EMG of the trial. Above: "
+        "rho; below: 1 - rho on a logarithmic axis. A strategy below the band predicts a "
+        "trial less well than the mean motion of other people."
     )
     cube = results.base
     if not has_baselines(cube):
@@ -98,21 +99,21 @@ def baseline_figure(results: Results) -> list[Drawn]:
 
 
 def face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:
-    """Draw the faces farthest from rest."""
+    """Draw the faces at their largest displacements."""
     text = (
-        "Simulated faces at the instant in which their markers are farthest from where they began, "
-        "with the markers of the recording at that instant, after Fig. 4 of Eskes et al. 2017. One "
-        "trial stands for each instruction. "
+        "Simulated faces at the instant of the largest marker displacement, with the "
+        "markers of the recording at that instant, after Fig. 4 of Eskes et al. 2017. One trial "
+        "represents each instruction. "
     )
     return _drawn(results, "faces", "Faces", text, lambda: study_faces(faces, body))
 
 
 def choices_figure(results: Results, found: xr.Dataset) -> list[Drawn]:
-    """Draw what the varied choices change."""
+    """Draw the effects of the varied choices."""
     text = (
-        "Change of rho with every choice that was varied, the others at their reference, in each "
-        "strategy: mean over volunteers with its interval, open where no change is shown after "
-        "Holm's correction over all of them."
+        "Change of rho with every varied choice, the others at their reference, for each "
+        "strategy: mean over volunteers with its interval. Open symbols: not significant "
+        "after Holm's correction over all changes."
     )
     return _drawn(results, "choices", "Open choices", text, lambda: sensitivity_plot(found))
 
@@ -204,8 +205,8 @@ def _features(results: Results) -> list[Drawn]:
     if not found:
         return []
     text = (
-        f"Activation of every muscle under {strategy}, all samples of all trials of an "
-        "instruction, after Fig. 5 of Eskes et al. 2017. Whiskers span the 5th to 95th percentile."
+        f"Activation of every muscle with {strategy}, all samples of all trials of an instruction, after"
+        " Fig. 5 of Eskes et al. 2017. Whiskers span the 5th to 95th percentile."
     )
     return _drawn(results, "features", "Features per muscle", text, lambda: feature_boxes(found))
 
@@ -213,11 +214,11 @@ def _features(results: Results) -> list[Drawn]:
 def _drawn(
     results: Results, name: str, title: str, caption: str, draw: Callable[[], Any]
 ) -> list[Drawn]:
-    """Draw a figure; one that cannot be drawn is noted and does not take the page with it."""
+    """Draw a figure; a failure is noted, and the page is written without it."""
     try:
         figure = draw()
     except AnalysisError as error:
-        results.notes.append(f"The figure '{title}' is left out: {error}")
+        results.notes.append(f"The figure '{title}' is omitted: {error}")
         return []
     told = f"{figure.get_suptitle()}. {caption}"
     return [Drawn(name, title, caption, svg_of(figure, name, told))]

@@ -1,4 +1,4 @@
-"""The methods of a study in words, from its configuration, and the table of all parameters."""
+"""Methods paragraph of a study from its configuration, and table of all parameters."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ VOLUMES = {
 }
 TANGENTS = {
     "current": "as it is",
-    "passive": "as it is, muscles silent",
+    "passive": "current tangent without activation",
     "rest": "at rest",
 }
 INTEGRATORS = {
@@ -140,7 +140,7 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         f"{'and gravity' if s.gravity else 'and no gravity'}."
     ]
     policy = (
-        f"sigma_max began at {s.sigma_max / 1e3:g} kPa and was multiplied by "
+        f"sigma_max was initially {s.sigma_max / 1e3:g} kPa and was multiplied by "
         f"{s.sigma_max_policy.factor:g} after each simulation that failed"
     )
     if s.muscle_form == "lines":
@@ -148,16 +148,18 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     elif s.fibre_law == "blemker":
         told.append(f"Muscle fibres followed the law of Blemker et al. 2005; {policy}.")
     else:
-        told.append(f"Muscle fibres pulled alike at every length; {policy}.")
+        told.append(f"The active stress of muscle fibres did not depend on their length; {policy}.")
     own = [
-        ("skin of its own", s.skin != type(s.skin)()),
+        ("separate properties of the skin", s.skin != type(s.skin)()),
         (f"prestress ({s.prestress.method})", s.prestress != type(s.prestress)()),
         (f"support of {s.support:g} N/m behind the lips", s.support > 0),
         (s.contact.told, s.contact.method != "none"),
         (f"stiffening of active muscles by a factor of {s.stiffening:g}", s.stiffening > 1),
     ]
     if further := [text for text, used in own if used]:
-        told.append(f"The model had {', '.join(further)}; the table of parameters has the details.")
+        told.append(
+            f"The model had {', '.join(further)}; details are given in the table of parameters."
+        )
     told += [f"The tissue of {tissue}." for tissue in s.tissues]
     control = (
         f", chosen by an error of {1e3 * s.error_tolerance:g} mm at the lip markers and dividing "
@@ -177,10 +179,11 @@ def _scores(study: StudyConfiguration) -> list[str]:
         "none": "not stretched",
     }[a.scaling]
     sign = (
-        "The arbitrary sign of a component was set so that both pointed the same way where the "
-        f"cosine between them reached {a.clear_cosine:g}, and by the larger correlation elsewhere."
+        "The arbitrary sign of a component was chosen so that both pointed in the same "
+        f"direction where the absolute cosine between them reached {a.clear_cosine:g}, and "
+        "by the larger correlation elsewhere."
         if a.sign == "direction"
-        else "The arbitrary sign of a component was set by the larger of the two correlations."
+        else "The arbitrary sign of a component was chosen by the larger of the two correlations."
     )
     form = "with equal divisors" if study.score.form == "consistent" else "as printed"
     return [
@@ -189,11 +192,11 @@ def _scores(study: StudyConfiguration) -> list[str]:
         f"({'centred' if a.centred else 'uncentred'} singular value decomposition, Eqs 9-10).",
         sign,
         "Each marker was scored by the 3D correlation of Pitermann and Munhall (Eqs 11-13, "
-        f"{form}), beside the ratio of amplitudes and the root-mean-square distance.",
-        "The noise of a marker was estimated from third differences of its positions; a marker "
-        f"whose motion had less than {study.score.smallest_snr:g} times the variance of its noise "
-        "was not scored, and the attenuation by noise that is expected stands beside rho, which is "
-        "not corrected.",
+        f"{form}), the ratio of amplitudes and the root-mean-square distance.",
+        "The noise of a marker was estimated from third differences of its positions; a "
+        f"marker whose motion had less than {study.score.smallest_snr:g} times the variance "
+        "of its noise was not scored, and the expected attenuation by noise is reported "
+        "with rho, which is not corrected.",
     ]
 
 
@@ -205,10 +208,11 @@ def _comparison(cube: xr.Dataset) -> list[str]:
     return [
         "Strategies were compared by Fisher's z of the correlation, paired within trial and "
         f"marker: for {these}, by sign-flip permutation of the means of the volunteers; for "
-        "instructions in general, by a linear mixed model of the differences with crossed random "
-        "slopes of volunteer and instruction (restricted maximum likelihood, degrees of freedom "
-        f"after Satterthwaite). Intervals were given from {LEAST_VOLUNTEERS} volunteers on, of "
-        f"instructions in general from {LEAST_INSTRUCTIONS} instructions on."
+        "instructions in general, by a linear mixed model of the differences with crossed "
+        "random slopes of volunteer and instruction (restricted maximum likelihood, degrees "
+        f"of freedom after Satterthwaite). Intervals were given for {LEAST_VOLUNTEERS} or "
+        f"more volunteers and, for instructions in general, for {LEAST_INSTRUCTIONS} or more "
+        "instructions."
     ]
 
 

@@ -1,4 +1,4 @@
-"""The moving faces of a report: one trial per instruction, under every strategy."""
+"""Moving faces of a report: one trial per instruction, with every strategy."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -14,7 +14,7 @@ from emgface.report.results import FAILURES, Results, Trial, representative
 from emgface.report.skin import skin_motion
 
 LARGEST: Final = 9_000_000
-"""Characters of all encoded motions; above it every second frame is left out."""
+"""Limit of the characters of all motions, above which every second frame is omitted."""
 
 Say = Callable[[str, int, int], None]
 
@@ -22,7 +22,7 @@ Say = Callable[[str, int, int], None]
 def moving_faces(
     results: Results, say: Say | None = None
 ) -> tuple[xr.Dataset, Body, dict[str, Any]] | None:
-    """Simulate the skin in the trials that stand for their instructions.
+    """Simulate the skin in the trials that represent their instructions.
 
     Parameters
     ----------
@@ -62,13 +62,14 @@ def moving_faces(
             activation = trial.activation["activation"]
             moved = skin_motion(results.laboratory, activation, trial.motion, skin, label).dataset
         except FAILURES as error:
-            results.notes.append(f"The moving face of {label} is left out: {error}")
+            results.notes.append(f"The moving face of {label} is omitted: {error}")
             continue
         change = float(abs(trial.scores["rho"] - cell["rho"]).max())
         if change > 1e-6:
             results.notes.append(
-                f"{label} was computed again by this version of the package, its rho differs from "
-                f"the cube's by up to {change:.2g}: run the study again before using the report."
+                f"{label} was computed again by this version of the package; its rho differs "
+                f"from that of the cube by up to {change:.2g}: run the study again before "
+                "using the report."
             )
         shown.append((trial, moved))
     if not shown:
@@ -84,7 +85,7 @@ def _farthest(
     instructions: list[str],
     strategies: list[str],
 ) -> xr.Dataset:
-    """Faces at the frame in which the markers are farthest from where they began."""
+    """Faces at the frame of the largest marker displacement."""
     size = (len(instructions), len(strategies))
     position = np.full((*size, len(skin.node), 3), np.nan)
     n_markers = shown[0][1].sizes["marker"]
@@ -113,7 +114,7 @@ def _farthest(
 
 
 def _measured(trial: Trial, moved: xr.Dataset) -> NDArray[np.float64]:
-    """Aligned measured markers at the frames, NaN where there are none, (frame, marker, axis)."""
+    """Aligned measured markers at the frames (frame, marker, axis), NaN if there is none."""
     aligned = trial.aligned["position"].transpose("time", "marker", "axis")
     order = [str(name) for name in moved["marker"].values]
     wanted = np.searchsorted(aligned["time"].values, moved["time"].values - 1e-9)
@@ -168,7 +169,7 @@ def _with_frames(
 
 
 def _about(trial: Trial) -> str:
-    """Say in a sentence which motion is shown."""
+    """Describe the motion in a sentence."""
     rho = trial.scores["rho"].values
     median = f"{np.nanmedian(rho):.2f}" if np.isfinite(rho).any() else "undefined"
     label = " ".join(map(str, trial.place))

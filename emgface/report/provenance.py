@@ -17,11 +17,11 @@ from emgface.study.digest import file_digest
 from emgface.study.provenance import now
 
 WRITERS = ("numpy", "scipy", "xarray", "statsmodels", "matplotlib")
-"""Packages that the statistics and pictures of a report depend on."""
+"""Packages on which the statistics and pictures of a report depend."""
 
 
 def sources(results: Results) -> list[tuple[str, str]]:
-    """List what the cube is and came from, with digests, as it says itself.
+    """List the title and the sources of the cube, with digests, from its attributes.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ def sources(results: Results) -> list[tuple[str, str]]:
         source = str(results.laboratory.face.attrs.get("source", ""))
         now_read = results.laboratory.face_digest
         if "face_digest" in attrs and now_read != attrs["face_digest"]:
-            told.append(("digest of the face as it is now", f"{now_read}: it was changed since"))
+            told.append(("present digest of the face", f"{now_read}: it has been changed"))
         if source:
             told.append(("source of the face", source))
     return told + [("history", line) for line in str(attrs.get("history", "")).splitlines()]
 
 
 def environments(cube: xr.Dataset) -> list[tuple[str, list[tuple[str, str]]]]:
-    """List what computed the cube.
+    """List the environments that computed the cube.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ WORDS = {
 
 
 def mixture(cube: xr.Dataset) -> Table | None:
-    """List the trials by what computed them, where that is not the same for all.
+    """List the trials by environment, if there are several.
 
     Parameters
     ----------
@@ -121,29 +121,32 @@ def mixture(cube: xr.Dataset) -> Table | None:
     )  # fmt: skip
     columns = tuple(Column(name) for name in (*TRIAL_DIMS, "computed", "environments"))
     origin = origin_of(cube)
-    title = f"trials by what computed them, {recordings(origin)}"
-    note = "Two environments in one row: the study was resumed within the trial by another one."
+    title = f"trials by computing environment, {recordings(origin)}"
+    note = "Two environments in one row: the study was resumed in another environment within the trial."
     return Table(title, columns, rows, origin, note)
 
 
 def warning(cube: xr.Dataset) -> str:
-    """Say in a sentence that a cube is of mixed or unknown provenance; empty where it is not."""
+    """Sentence on a mixed or unknown provenance of a cube; empty if there is none."""
     found = environments(cube)
     if not found:
-        return "What computed this cube is not recorded: it was made by an older version."
+        return (
+            "The environment that computed this cube is not recorded, because an older version "
+            "wrote it."
+        )
     if len(found) == 1:
         return ""
     versions = {dict(rows).get("emgface", "") for _, rows in found}
     what = f"versions {' and '.join(sorted(versions))}" if len(versions) > 1 else "one version"
     return (
-        f"The trials of this cube were computed in {len(found)} different environments (emgface of "
-        f"{what}): see under provenance which ones, and run the study in a new folder to have all "
-        "of them alike."
+        f"The trials of this cube were computed in {len(found)} different environments "
+        f"(emgface of {what}); they are listed under provenance. Run the study in a new "
+        "folder to compute all trials in one environment."
     )
 
 
 def writer() -> list[tuple[str, str]]:
-    """List what writes a report now, which need not be what computed the cube."""
+    """List the environment that writes the report, which may differ from that of the cube."""
     told = [("written", now()), ("emgface", __version__), ("Python", platform.python_version())]
     for name in WRITERS:
         try:

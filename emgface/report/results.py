@@ -1,4 +1,4 @@
-"""What a finished study left behind: cube, configuration, times, and its trials again."""
+"""Results of a finished study: cube, configuration, run times and trials."""
 
 import json
 from dataclasses import dataclass, field
@@ -23,12 +23,12 @@ from emgface.study.variants import variants
 from sim.errors import SimulationError
 
 FAILURES = (EmgfaceError, AnalysisError, SimulationError, StoredFailure, OSError)
-"""What may go wrong with a part of a report and must not take the rest with it."""
+"""Errors of a part of a report that do not prevent the other parts."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The stored results of one trial."""
+    """Stored results of one trial."""
 
     place: Place
     strategy: str
@@ -40,7 +40,7 @@ class Trial:
 
     @property
     def label(self) -> str:
-        """Words for a reader."""
+        """Readable label."""
         return " ".join(map(str, (*self.place, self.strategy)))
 
 
@@ -74,11 +74,11 @@ class Results:
 
     @property
     def base(self) -> xr.Dataset:
-        """The cube with every further axis at its reference, the first label."""
+        """Cube with every further axis at its reference, the first label."""
         return reference_cube(self.cube)
 
     def trial(self, place: Place, strategy: str) -> Trial:
-        """Take the results of one trial from the store.
+        """Read the results of one trial from the store.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class Results:
         )
 
     def activation(self, recording: Recording, strategy: str) -> xr.Dataset:
-        """Take the activation of one recording from the store.
+        """Read the activation of one recording from the store.
 
         Raises
         ------
@@ -150,15 +150,15 @@ def open_results(folder: Path) -> Results:
     path = folder / "cube.nc"
     if not path.is_file():
         raise DataError(
-            f"{folder} holds no cube.nc, expected the folder of a finished study: name the folder "
-            "given to 'emgface study run --out', or run the study again to finish it"
+            f"{folder} contains no cube.nc, expected the folder of a finished study: specify "
+            "the folder of 'emgface study run --out', or run the study again to complete it"
         )
     results = Results(folder, read_netcdf(path, "cube"))
     text = results.cube.attrs.get("configuration")
     if text is None:
         results.notes.append(
-            "The cube does not carry the configuration of its study, so parameters and moving "
-            "faces are left out."
+            "The cube does not contain the configuration of its study; parameters and "
+            "moving faces are omitted."
         )
         return results
     try:
@@ -166,8 +166,9 @@ def open_results(folder: Path) -> Results:
         results.study = variants(whole)[0].study  # the reference, where choices were varied
     except (ValidationError, json.JSONDecodeError, ConfigurationError) as error:
         results.notes.append(
-            "The configuration in the cube is of another version of this package, so parameters "
-            f"and moving faces are left out ({' '.join(str(error).split())[:200]})."
+            "The configuration in the cube was written by another version of this package; "
+            "parameters and moving faces are omitted "
+            f"({' '.join(str(error).split())[:200]})."
         )
         return results
     if not (results.base["status"].values == "ok").any():
@@ -182,14 +183,14 @@ def open_results(folder: Path) -> Results:
         )
     except FAILURES as error:
         results.notes.append(
-            "Moving faces and pictures of trials are left out, since recordings or face cannot be "
-            f"read any more: {error}"
+            "Moving faces and pictures of trials are omitted, because the recordings or the "
+            f"face can no longer be read: {error}"
         )
     return results
 
 
 def representative(cube: xr.Dataset) -> dict[str, Place]:
-    """Choose per instruction the trial that stands for it.
+    """Choose the representative trial of each instruction.
 
     Parameters
     ----------

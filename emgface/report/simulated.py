@@ -3,43 +3,45 @@
 import xarray as xr
 
 CAN = (
-    "A study of simulated volunteers shows whether the chain from recording to score works as it is "
-    "written, how much scores depend on its choices, and how they fall where a named assumption of "
-    "the method does not hold."
+    "A study of simulated volunteers shows whether the chain from recording to score is "
+    "implemented as specified, how much the scores depend on its choices, and how they "
+    "decrease where a stated assumption of the method is violated."
 )
 CANNOT = (
-    "It cannot show how well the method predicts people. sEMG, motion and anatomy come from models "
-    "whose parameters were chosen, and what people do otherwise is in none of them. No score of this "
-    "report estimates a score with people, and no test of it speaks of people."
+    "It cannot show how well the method predicts the motion of people. sEMG, motion and "
+    "anatomy are computed by models with chosen parameters, which do not contain all "
+    "properties of people. Scores and tests in this report do not apply to people."
 )
 MATCHED = (
-    "In the matched world the volunteers obey the assumptions that the study makes: their motion comes "
-    "from the laws of the study's own face, force follows sEMG without delay, electrodes hear what the "
-    "mapping of Eqs 2-6 undoes. Scores near 1 are the least to be expected there."
+    "In the matched world, the volunteers satisfy the assumptions of the study: their "
+    "motion is computed with the laws of the study, force follows sEMG without delay, and "
+    "electrodes record the combinations of muscles that the mapping of Eqs 2-6 resolves. "
+    "Scores close to 1 are therefore expected."
 )
 REL_MATCHED = (
-    "The bursts are drawn from the table of relevant muscles that act_rel is told, and from nothing "
-    "else, so that act_rel knows the truth by construction: its lead over the other strategies is no "
-    "finding."
+    "The bursts are drawn only from the table of relevant muscles that act_rel uses. "
+    "act_rel therefore contains the true selection of muscles by construction, and its "
+    "advantage over the other strategies is not a finding."
 )
 OTHER = (
-    "These volunteers are of the {world}. Each difference from the assumptions of the study has a size "
-    "that was chosen, so that scores tell how much such differences cost, and not how large they are in "
-    "people."
+    "These volunteers belong to the {world}. The sizes of the differences from the "
+    "assumptions of the study were chosen. The scores show the effect of differences of "
+    "these sizes, not their sizes in people."
 )
 REL_OTHER = (
-    "The volunteers' movements still begin from the table of relevant muscles that act_rel is told, "
-    "even where persons leave muscles out, add some and weight them otherwise. act_rel keeps an "
-    "advantage that people need not give it."
+    "The volunteers' movements are still derived from the table of relevant muscles that "
+    "act_rel uses, although persons omit, add and weight muscles individually. act_rel "
+    "therefore has an advantage that it may not have in people."
 )
 UNLABELLED = (
-    "The recordings do not say how the volunteers differ from what the study assumes; scores may be "
-    "those of a matched world, in which the method is tested against itself."
+    "The recordings do not state how the volunteers differ from the assumptions of the "
+    "study; they may belong to a matched world, in which the method is tested against "
+    "itself."
 )
 
 
 def simulated_limits(cube: xr.Dataset) -> list[str]:
-    """Say what simulated recordings can and cannot show.
+    """Return the sentences on what simulated recordings can and cannot show.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The motion of the skin of a face in a trial."""
+"""Motion of the skin of a face in a trial."""
 
 from typing import Final
 
@@ -18,7 +18,7 @@ SKIN: Final = Stage("skin", (*MECHANICS, "emgface.pictures.body", "emgface.repor
 def skin_motion(
     laboratory: Laboratory, activation: xr.DataArray, motion: xr.Dataset, skin: Skin, label: str
 ) -> Result:
-    """Simulate a trial once more and keep the whole skin, at about 25 frames per second.
+    """Simulate a trial again and return the motion of the skin, at about 25 frames per second.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ from sim.threads import one_blas_thread
 
 @dataclass(frozen=True)
 class Page:
-    """A report that was written.
+    """Written report.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ def render(
 
 
 def cells(table: Table) -> dict[str, Any]:
-    """Take a table apart for the page: title, note, heads with alignment, rows of text."""
+    """Convert a table for the page: title, note, heads with alignment, rows of text."""
     heads = [
         {
             "text": column.head().replace("_", " "),

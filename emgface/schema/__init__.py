@@ -1,1 +1,1 @@
-"""What datasets must look like: declared in `data_schema/`, checked and converted at every border."""
+"""Declarations of datasets (`data_schema/`), checked on input and output of every stage."""

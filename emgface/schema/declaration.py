@@ -1,4 +1,4 @@
-"""What a file in data_schema declares, as typed models that refuse unknown entries."""
+"""Typed models of the declarations in data_schema, which refuse unknown entries."""
 
 from typing import Literal
 
@@ -65,7 +65,7 @@ class ArrayDeclaration(_Entry):
 
 
 class AttributeDeclaration(_Entry):
-    """One attribute of an object: type, allowed values or range, and what it means."""
+    """One attribute of an object: type, allowed values or range, and meaning."""
 
     dtype: Literal["string", "integer", "number", "any"]
     meaning: str
@@ -75,7 +75,7 @@ class AttributeDeclaration(_Entry):
 
 
 class StudyDeclaration(_Entry):
-    """What a study demands beyond the general object.
+    """Additional requirements of a study.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class StudyDeclaration(_Entry):
 
 
 class ObjectDeclaration(_Entry):
-    """One kind of dataset: the whole content of one file in data_schema.
+    """One kind of dataset: the content of one file in data_schema.
 
     Where ``further_dims``, dims that are not declared may stand before those of every variable.
     """

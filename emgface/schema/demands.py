@@ -1,4 +1,4 @@
-"""What a dataset must carry besides its arrays: attributes, and the demands of a study."""
+"""Checks of the attributes of a dataset and of the requirements of a study."""
 
 from collections.abc import Collection
 
@@ -10,7 +10,7 @@ from emgface.schema.declaration import AttributeDeclaration, ObjectDeclaration
 from emgface.schema.rules import hint, nearest
 
 Problem = tuple[bool, str]
-"""Whether it concerns a unit, and the sentence."""
+"""Problem: True if it concerns a unit, and the message."""
 
 
 def attribute_problems(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
@@ -30,7 +30,7 @@ def attribute_problems(dataset: xr.Dataset, declared: ObjectDeclaration) -> list
 
 
 def _attribute(value: object, wanted: AttributeDeclaration) -> str | None:
-    """Return what is wrong with the value of an attribute."""
+    """Return the problem of the value of an attribute."""
     types: dict[str, tuple[type, ...]] = {
         "string": (str,),
         "integer": (int, np.integer),
@@ -54,7 +54,7 @@ def _attribute(value: object, wanted: AttributeDeclaration) -> str | None:
 def study_problems(
     dataset: xr.Dataset, declared: ObjectDeclaration, told: str, partial: Collection[str] = ()
 ) -> list[Problem]:
-    """Find what a study demands and the dataset lacks, unless `told` names it already.
+    """Find the requirements of a study that the dataset lacks, except those in `told`.
 
     Coordinates in `partial` may lack names.
     """
@@ -66,11 +66,11 @@ def study_problems(
         if name in dataset.variables or name in dataset.attrs:
             continue
         if repr(name) not in told and not (name in declared.any_of and "none of" in told):
-            text = f"The variable {name!r} is missing; a study needs {demand.meaning}."
+            text = f"The variable {name!r} is missing; a study requires {demand.meaning}."
             if name in declared.attrs:
                 meaning = declared.attrs[name].meaning
                 text = (
-                    f"The attribute {name!r} is missing; a study needs it ({meaning}): set it on "
+                    f"The attribute {name!r} is missing; a study requires it ({meaning}): set it on "
                     "the dataset, or in the mapping of its labels."
                 )
             problems.append((False, text))
@@ -82,8 +82,10 @@ def study_problems(
         if missing:
             unknown = [name for name in found if name not in names]
             guess = {m: nearest(m, unknown, cutoff=0.75) for m in missing}
-            near = [f"{there!r} looks like {want!r}" for want, there in guess.items() if there]
+            near = [f"{there!r} may be {want!r}" for want, there in guess.items() if there]
             advice = listed(near, 3) if near else "map the labels of the file to these names"
-            text = f"{coord} lacks {listed(missing, 20)}; a study needs {demand.meaning}: {advice}."
+            text = (
+                f"{coord} lacks {listed(missing, 20)}; a study requires {demand.meaning}: {advice}."
+            )
             problems.append((False, text))
     return problems

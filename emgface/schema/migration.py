@@ -1,4 +1,4 @@
-"""Datasets of older versions of a declaration, brought to the present one."""
+"""Conversion of datasets of older versions of a declaration to the present one."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -11,13 +11,13 @@ Migration = Callable[[xr.Dataset], xr.Dataset]
 
 
 def _cube_1_to_2(cube: xr.Dataset) -> xr.Dataset:
-    """Version 2 knows trials that a person excluded, and says what its statuses mean."""
+    """Version 2 distinguishes excluded trials and describes its statuses."""
     status = cube["status"].assign_attrs(long_name="ok, missing, excluded, or failed")
     return cube.assign(status=status)
 
 
 def _trajectory_1_to_2(trajectory: xr.Dataset) -> xr.Dataset:
-    """Version 1 held the distance of the lips, whose sign cannot be told afterwards."""
+    """Version 1 contained the unsigned distance of the lips, which cannot be converted."""
     return trajectory.drop_vars("lip_opening", errors="ignore")
 
 
@@ -25,7 +25,7 @@ MIGRATIONS: Final[Mapping[tuple[str, int], Migration]] = {
     ("cube", 1): _cube_1_to_2,
     ("trajectory", 1): _trajectory_1_to_2,
 }
-"""For a kind and a version, what makes the next version of it."""
+"""Conversion to the next version, by kind and version."""
 
 
 def migrate(
@@ -35,7 +35,7 @@ def migrate(
     *,
     migrations: Mapping[tuple[str, int], Migration] = MIGRATIONS,
 ) -> xr.Dataset:
-    """Bring a dataset to a version of its declaration, one version after the other.
+    """Convert a dataset to a version of its declaration, one version after the other.
 
     Parameters
     ----------
@@ -68,15 +68,17 @@ def migrate(
         at = -1
     if at > version:
         raise SchemaError(
-            f"The {kind} follows version {found} of its schema, which this package does not know; "
-            f"expected version {version} or older: install a newer package, or write it again."
+            f"The {kind} follows version {found} of its schema, which this package does not "
+            f"support; expected version {version} or older: install a newer package, or "
+            "write it again."
         )
     result = dataset
     for step in range(max(at, 0), version):
         if at < 1 or (kind, step) not in migrations:
             raise SchemaError(
-                f"The {kind} follows version {found} of its schema, and no migration leads from it; "
-                f"expected version {version}: write it again with this version of the package."
+                f"The {kind} follows version {found} of its schema, which cannot be "
+                f"migrated; expected version {version}: write it again with this version of "
+                "the package."
             )
         result = migrations[kind, step](result)
     return result.assign_attrs(schema_version=version, migrated_from=at)

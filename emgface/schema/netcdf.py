@@ -1,4 +1,4 @@
-"""Datasets as netCDF files: written whole or not at all, read back identical."""
+"""Write and read datasets as netCDF files, without partial files or changes."""
 
 import json
 import math
@@ -17,11 +17,11 @@ from emgface.schema.validation import validate
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _JSON = "json_attributes"
-"""Attribute that names those of its owner which are JSON text."""
+"""Attribute that lists the attributes stored as JSON text."""
 _EXPANSION = 1100
-"""Most bytes in memory for each byte of a file; zeros deflate to about 1/1030."""
+"""Largest number of bytes in memory per byte of a file; zeros are compressed to about 1/1030."""
 _COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
-"""With check sums: a flipped bit is an error, not a value."""
+"""Encoding with checksums, so that a flipped bit is detected."""
 
 
 def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
@@ -109,7 +109,7 @@ def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
 
 
 def kind_of(path: str | Path) -> str:
-    """Return the kind of dataset that a netCDF file says it holds.
+    """Return the kind of dataset declared by a netCDF file.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def kind_of(path: str | Path) -> str:
 
 
 def open_netcdf(path: Path) -> netCDF4.Dataset:
-    """Open a netCDF file for reading, or say in one sentence why it is none.
+    """Open a netCDF file for reading, or raise an error that states the problem.
 
     Parameters
     ----------
@@ -149,13 +149,13 @@ def open_netcdf(path: Path) -> netCDF4.Dataset:
         If the file is absent, truncated or no netCDF.
     """
     if not path.is_file():
-        raise DataError(f"No file {path}; expected a netCDF file: see the spelling of the path.")
+        raise DataError(f"No file {path}; expected a netCDF file: check the path.")
     with path.open("rb") as stream:
         start = stream.read(8)
     if start != _HDF5 and not start.startswith(b"CDF"):
         raise DataError(
-            f"{path.name} is no netCDF file, it begins with {start[:8]!r}; expected a file "
-            "written by this package: give the right file, or its own suffix."
+            f"{path.name} is not a netCDF file, it begins with {start[:8]!r}; expected a "
+            "file written by this package: specify the correct file, or correct its suffix."
         )
     try:
         return netCDF4.Dataset(path)
@@ -172,13 +172,13 @@ def _check_sizes(path: Path, opened: netCDF4.Dataset) -> None:
         if math.prod(variable.shape) * size > room:
             raise DataError(
                 f"{path.name}: {name!r} has the shape {variable.shape} in a file of "
-                f"{path.stat().st_size} bytes; expected arrays that fit: it is damaged, copy or "
-                "write it again."
+                f"{path.stat().st_size} bytes; expected arrays no larger than the file: it "
+                "is damaged, copy or write it again."
             )
 
 
 def _check_texts(path: Path) -> None:
-    """Refuse a file with a text longer than the file, for which the HDF5 library makes room."""
+    """Refuse a file with a text longer than the file, for which HDF5 would allocate memory."""
     longest = path.stat().st_size
     lengths: list[np.ndarray] = []
 
@@ -209,7 +209,7 @@ def _damaged(path: Path) -> str:
 
 
 def _packed(attrs: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return attributes as numbers and text: anything else as JSON, and its name noted."""
+    """Return attributes as numbers and text; others are encoded as JSON and listed."""
     packed: dict[str, Any] = {}
     as_json: list[str] = []
     for name, value in attrs.items():
@@ -225,7 +225,7 @@ def _packed(attrs: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _unpacked(attrs: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return attributes as they were before `_packed`."""
+    """Return attributes decoded from `_packed`."""
     plain = {
         str(name): value.tolist() if isinstance(value, np.generic | np.ndarray) else value
         for name, value in attrs.items()

@@ -1,4 +1,4 @@
-"""The rules an array is held to, each answering with a sentence when it is broken."""
+"""Rules for arrays, each of which returns a sentence if it is violated."""
 
 import difflib
 import re
@@ -11,17 +11,17 @@ from emgface.errors import listed
 from emgface.schema.declaration import ArrayDeclaration
 
 Rule = Callable[[xr.DataArray], str | None]
-"""Takes an array; returns None, or one sentence: what was found, expected, what to try."""
+"""Rule: returns None, or a sentence on what was found, expected and what to try."""
 
 SLACK = 1e-9
-"""Part of a range by which rounding may exceed it."""
+"""Fraction of a range by which rounding may exceed it."""
 
 _KINDS = {"float64": "f", "number": "iuf", "string": "UTO"}
 _WANTED = {"float64": "64-bit floats", "number": "numbers", "string": "strings"}
 
 
 def nearest(name: str, valid: Iterable[str], cutoff: float = 0.6) -> str | None:
-    """Return the valid name most like `name`, or None where none is like it."""
+    """Return the valid name most similar to `name`, or None."""
     valid = [str(v) for v in valid]
     folded = {v.lower(): v for v in valid}
     found = difflib.get_close_matches(name.lower(), list(folded), n=1, cutoff=cutoff)
@@ -34,13 +34,13 @@ def one_line(error: Exception) -> str:
 
 
 def hint(name: str, valid: Iterable[str]) -> str:
-    """Return the end of a sentence that names the nearest valid name, if any."""
+    """Return the end of a sentence with the nearest valid name, if any."""
     near = nearest(name, valid)
     return f" (did you mean {near!r}?)" if near else ""
 
 
 def _where(array: xr.DataArray, mask: np.ndarray) -> str:
-    """Name the first place where `mask` holds, by coordinate where there is one."""
+    """Describe the first position where `mask` is True, by coordinate if there is one."""
     if array.ndim == 0:
         return ""
     first = np.unravel_index(int(np.argmax(mask)), mask.shape)
@@ -53,17 +53,17 @@ def _where(array: xr.DataArray, mask: np.ndarray) -> str:
 
 
 def type_rule(declared: ArrayDeclaration) -> Rule:
-    """Values have the declared kind; integers may be of any width that holds them."""
+    """Values have the declared kind; integers may have any sufficient width."""
 
     def rule(array: xr.DataArray) -> str | None:
         dtype = array.dtype
         kind = "T" if dtype.kind == "T" else dtype.kind
         if declared.dtype.startswith("int"):
             if kind not in "iu":
-                return f"holds {dtype}; expected integers: convert with .astype('int32')"
+                return f"contains {dtype}; expected integers: convert with .astype('int32')"
             held = np.iinfo(declared.dtype)
             if array.size and (array.max() > held.max or array.min() < held.min):
-                return f"holds integers beyond {declared.dtype}: renumber from 0"
+                return f"contains integers beyond {declared.dtype}: renumber from 0"
             return None
         fits = kind in _KINDS[declared.dtype]
         if fits and declared.dtype == "float64" and dtype.itemsize != 8:
@@ -73,7 +73,7 @@ def type_rule(declared: ArrayDeclaration) -> Rule:
         if fits:
             return None
         to = "str" if declared.dtype == "string" else "float64"
-        return f"holds {dtype}; expected {_WANTED[declared.dtype]}: convert with .astype({to!r})"
+        return f"contains {dtype}; expected {_WANTED[declared.dtype]}: convert with .astype({to!r})"
 
     return rule
 
@@ -119,7 +119,7 @@ def range_rule(declared: ArrayDeclaration) -> Rule:
             if low is not None and high is not None
             else (f"at least {low:g}" if low is not None else f"at most {high:g}")
         )
-        advice = f": see whether the values really are in{unit}" if unit else ""
+        advice = f": check whether the values really are in{unit}" if unit else ""
         return f"is {worst:.6g}{unit}{_where(array, bad)}; expected {expected}{unit}{advice}"
 
     return rule
@@ -133,7 +133,7 @@ def names_rule(declared: ArrayDeclaration) -> Rule:
         found = [str(v) for v in array.values.ravel()]
         unknown = [v for v in found if v not in names]
         if unknown:
-            return f"holds {unknown[0]!r}{hint(unknown[0], names)}; expected {listed(names)}"
+            return f"contains {unknown[0]!r}{hint(unknown[0], names)}; expected {listed(names)}"
         if declared.complete and tuple(found) != tuple(names):
             return f"is {listed(found)}; expected {listed(names)} in this order: use .sel(...)"
         return None
@@ -148,7 +148,7 @@ def pattern_rule(declared: ArrayDeclaration) -> Rule:
     def rule(array: xr.DataArray) -> str | None:
         for value in np.unique(array.values.astype(str)):
             if not pattern.fullmatch(str(value)):
-                return f"holds {str(value)!r}; expected {declared.pattern}"
+                return f"contains {str(value)!r}; expected {declared.pattern}"
         return None
 
     return rule
@@ -159,7 +159,7 @@ def unique_rule(array: xr.DataArray) -> str | None:
     values, counts = np.unique(array.values.astype(str), return_counts=True)
     if (counts <= 1).all():
         return None
-    return f"holds {str(values[counts > 1][0])!r} more than once; expected each once: rename one"
+    return f"contains {str(values[counts > 1][0])!r} more than once; expected each once: rename one"
 
 
 def increasing_rule(array: xr.DataArray) -> str | None:
@@ -212,7 +212,7 @@ def index_rule(declared: ArrayDeclaration, size: int) -> Rule:
 
 
 def rules_of(declared: ArrayDeclaration) -> Iterator[tuple[str, Rule]]:
-    """Yield the rules that need nothing but the array, the most basic first."""
+    """Yield the rules that require only the array, the most basic first."""
     if declared.dtype != "string":
         yield "finite", finite_rule(declared)
     if declared.range:

@@ -1,4 +1,4 @@
-"""Units at the border: known spellings, and their conversion to SI.
+"""Units of input data: known spellings, and their conversion to SI.
 
 Inside the package every array is in SI; only readers of foreign files convert.
 """
@@ -16,10 +16,10 @@ DIVISORS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6},
     "s": {"s": 1.0, "ms": 1e3, "us": 1e6},
 }
-"""SI unit to the units that convert to it, each with the divisor."""
+"""Convertible units of each SI unit, with the divisor."""
 
 QUANTITIES = {"voltage": "V", "length": "m", "time": "s"}
-"""The quantities that cross the border, and their SI units."""
+"""Quantities of input data, and their SI units."""
 
 _WORDS = {
     "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV",
@@ -64,7 +64,7 @@ def spelling(unit: str) -> str:
 
 
 def quantity_of(unit: str) -> str | None:
-    """Name the quantity that a unit measures.
+    """Return the quantity measured by a unit.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def quantity_of(unit: str) -> str | None:
 
 
 def to_si(array: xr.DataArray, quantity: str) -> xr.DataArray:
-    """Convert an array from the unit it names to SI.
+    """Convert an array from the unit in its attributes to SI.
 
     Parameters
     ----------
@@ -120,14 +120,14 @@ def to_si(array: xr.DataArray, quantity: str) -> xr.DataArray:
     unit = array.attrs.get("units")
     if not isinstance(unit, str) or not unit.strip():
         raise UnitsError(
-            f"{label} carries no unit; expected {' or '.join(accepted)}: name the unit in the "
+            f"{label} has no unit; expected {' or '.join(accepted)}: specify the unit in the "
             "source or in its sidecar."
         )
     divisor = accepted.get(spelling(unit))
     if divisor is None:
         raise UnitsError(
-            f"{label} is in {unit!r}, which is no {quantity}; expected {' or '.join(accepted)}: "
-            "name the unit that the values are in."
+            f"{label} is in {unit!r}, which is not a unit of {quantity}; expected "
+            f"{' or '.join(accepted)}: specify the unit that the values are in."
         )
     values = array.astype("float64")
     converted = values if divisor == 1.0 else values / divisor

@@ -90,7 +90,7 @@ def declaration(kind: str) -> ObjectDeclaration:
     path = schema_folder() / f"{kind}.json"
     if kind not in kinds():
         raise SchemaError(
-            f"No kind of dataset is called {kind!r}{hint(kind, kinds())}; "
+            f"Unknown kind of dataset {kind!r}{hint(kind, kinds())}; "
             f"expected one of {', '.join(kinds())}."
         )
     return ObjectDeclaration.model_validate(json.loads(path.read_text(encoding="utf-8")))
@@ -161,7 +161,7 @@ def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]
     """Refuse a dataset that says it is another kind."""
     found = dataset.attrs.get("schema", declared.kind)
     if found != declared.kind:
-        text = f"The dataset is a {found}; expected a {declared.kind}: give the other file."
+        text = f"The dataset is of kind {found!r}, expected {declared.kind!r}: specify the other file."
         return [(False, text)]
     return []
 
@@ -178,16 +178,16 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem
         near = nearest(name, absent, cutoff=0.75 if declared.extra_variables else 0.6)
         if near:
             text = (
-                f"Variable {name!r} is unknown to a {declared.kind}; expected {near!r}: rename it."
+                f"Variable {name!r} is not defined for kind {declared.kind!r}; expected {near!r}: rename it."
             )
         elif not declared.extra_variables:
             text = (
-                f"Variable {name!r} is unknown to a {declared.kind}{hint(name, arrays)}; "
-                f"expected only {', '.join(declared.variables)}: rename or drop it."
+                f"Variable {name!r} is not defined for kind {declared.kind!r}{hint(name, arrays)}; "
+                f"expected only {', '.join(declared.variables)}: rename or remove it."
             )
         elif dataset[name].dtype.kind in "iuf" and not dataset[name].attrs.get("units"):
             problems.append(
-                (True, f"{name} carries no unit; expected the attribute units: set it.")
+                (True, f"{name} has no unit; expected the attribute units: set it.")
             )
             continue
         else:
@@ -195,8 +195,8 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem
         problems.append((False, text))
     if declared.any_of and not any(name in dataset for name in declared.any_of):
         text = (
-            f"The {declared.kind} holds none of {', '.join(declared.any_of)}; expected at least "
-            "one: see whether the reader found the signals."
+            f"The {declared.kind} contains none of {', '.join(declared.any_of)}; expected at least "
+            "one: check whether the reader found the signals."
         )
         problems.append((False, text))
     return problems
@@ -254,7 +254,7 @@ def _units_rule(declared: ArrayDeclaration) -> Rule:
         found = array.attrs.get("units")
         if found == declared.units:
             return None
-        state = f"is in {found!r}" if found else "carries no unit"
+        state = f"is in {found!r}" if found else "has no unit"
         return f"{state}; expected {declared.units!r}: convert it to SI and set the attribute units"
 
     return rule

@@ -1,4 +1,4 @@
-"""From a recording to the activations of the face model's twenty muscles.
+"""Activations of the twenty muscles of the face model from a recording.
 
 The order of the stages follows `mapping_stage`:
 
@@ -158,9 +158,8 @@ def feature_before_normalisation(
     if silent and chain.normalisation.silent == "error":
         raise SignalError(
             f"{'channels' if len(silent) > 1 else 'channel'} {', '.join(silent)} "
-            f"{'hold' if len(silent) > 1 else 'holds'} one value "
-            "throughout, so Eq. 8 would be 0/0: check the electrode, or choose silent = 'zero' "
-            "for activation 0"
+            f"{'hold' if len(silent) > 1 else 'holds'} one value throughout, so that Eq. 8 "
+            "would be 0/0: check the electrode, or choose silent = 'zero' for activation 0"
         )
     # The filter leaves rounding noise of a constant, which Eq. 8 would stretch to 0-1.
     filtered = filtered.where(~filtered["channel"].isin(silent), 0.0)
@@ -174,7 +173,7 @@ def feature_before_normalisation(
 
 
 def emg_of(recording: xr.Dataset) -> xr.DataArray:
-    """Take the sEMG of a recording, in volts.
+    """Return the sEMG of a recording, in volts.
 
     Parameters
     ----------
@@ -195,7 +194,7 @@ def emg_of(recording: xr.Dataset) -> xr.DataArray:
     """
     if "emg" not in recording or "channel" not in recording["emg"].coords:
         raise SchemaError(
-            f"recording holds {', '.join(map(str, recording.data_vars)) or 'no variable'}, expected"
+            f"recording contains {', '.join(map(str, recording.data_vars)) or 'no variable'}, expected"
             " emg (channel, time_emg) with named channels: check the reader's mapping"
         )
     units = recording["emg"].attrs.get("units")
@@ -242,7 +241,7 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
         volunteers.append(str(recording.attrs.get("volunteer", "")))
     if low is None or high is None:
         raise SignalError(
-            "no recording given to take minimum and maximum over, expected at least one: list the "
+            "no recording specified for the minimum and maximum, expected at least one: list the "
             "session's trials or the reference recordings"
         )
     if len(set(volunteers)) > 1:
@@ -262,7 +261,7 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
 
 
 def _joined(extreme: Callable[[Any, Any], Any], a: xr.DataArray, b: xr.DataArray) -> xr.DataArray:
-    """Extreme of two recordings; a row that one of them lacks is that of the other."""
+    """Extreme of two recordings; a row missing in one is that of the other."""
     first, second = xr.align(a, b, join="outer", copy=False)
     return first.copy(data=extreme(first.values, second.values))
 
@@ -299,26 +298,26 @@ def _extent_for(
     session: xr.Dataset | None,
     reference: xr.Dataset | None,
 ) -> xr.Dataset | None:
-    """Choose the range that the chain's reach asks for, and check that it fits."""
+    """Return the range required by the reach of the chain, and check that it matches."""
     reach: Literal["trial", "session", "reference"] = chain.normalisation.reach
     if reach == "trial":
         return None
     extent = session if reach == "session" else reference
     if extent is None:
         raise ConfigurationError(
-            f"normalisation over the {reach} needs its minimum and maximum, found none: compute "
+            f"normalisation over the {reach} requires its minimum and maximum, found none: compute "
             f"them with feature_range and pass them as {reach}="
         )
     if extent.attrs.get("parameters") != _feature_parameters(chain):
         raise ConfigurationError(
-            f"range of the {reach} was computed with other filter, feature or mapping parameters "
-            "than this chain's: compute it again with feature_range"
+            f"range of the {reach} was computed with filter, feature or mapping parameters "
+            "that differ from those of this chain: compute it again with feature_range"
         )
     dim = "muscle" if "muscle" in feature.dims else "channel"
     lacking = sorted(set(feature[dim].values.tolist()) - set(extent[dim].values.tolist()))
     if lacking:
         raise ConfigurationError(
-            f"range of the {reach} holds no {dim} {', '.join(lacking)}, expected all of the trial's: "
+            f"range of the {reach} contains no {dim} {', '.join(lacking)}, expected all of the trial's: "
             f"record the {reach} with the same channels"
         )
     volunteer = str(recording.attrs.get("volunteer", ""))
@@ -336,7 +335,7 @@ def _feature_parameters(chain: SignalChain) -> str:
 
 
 def _common_interval(activation: xr.DataArray, recording: xr.Dataset) -> tuple[float, float]:
-    """Interval over which activation and, where recorded, markers exist."""
+    """Interval in which activation and, if recorded, markers exist."""
     start, stop = float(activation["time"][0]), float(activation["time"][-1])
     if "time_marker" in recording.coords:
         time = np.asarray(recording["time_marker"], dtype=float)

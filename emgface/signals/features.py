@@ -1,4 +1,4 @@
-"""From filtered signals to features: what a muscle does, as a slowly varying number.
+"""Amplitude features of filtered signals.
 
 The sliding windows hop by one sample. A window of N samples starting at sample t is labelled with
 its start, centre or end; the feature's time runs from the first full window to the last.
@@ -26,7 +26,7 @@ def feature_of(
     *,
     phase: Literal["zero", "causal"] = "zero",
 ) -> xr.DataArray:
-    """Compute the feature that the parameters name.
+    """Compute the feature specified by the parameters.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def baseline_rms(signal: xr.DataArray, interval: tuple[float, float]) -> xr.Data
         if value == 0.0:
             raise SignalError(
                 f"{dim} {name} is exactly zero over the baseline from {start:g} to {stop:g} s, "
-                "expected some noise: give a threshold in volts instead of threshold_baseline"
+                "expected some noise: specify a threshold in volts instead of threshold_baseline"
             )
     return xr.DataArray(rms, dims=dim, coords={dim: signal[dim]}, attrs={"units": "V"})
 
@@ -269,7 +269,7 @@ def _slide(
     n = round(window * rate)
     if n < least:
         raise SignalError(
-            f"window of {window:g} s holds {n} samples at {rate:g} Hz, expected at least {least}: "
+            f"window of {window:g} s contains {n} samples at {rate:g} Hz, expected at least {least}: "
             "choose a longer window"
         )
     if n > time.size:

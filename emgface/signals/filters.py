@@ -1,4 +1,4 @@
-"""From raw to filtered signals.
+"""Band-pass filters of raw signals.
 
 A signal is a DataArray of two dims, one of them time in seconds and uniformly sampled, the other
 naming the rows (channel, muscle, marker). Every check names the row and the instant it failed at.
@@ -16,8 +16,8 @@ from emgface.signals.parameters import FilterParameters
 
 TIME_EMG = "time_emg"
 HELD: Final = 0.9
-"""Part of half the sampling rate at which a narrowed pass-band ends: anti-aliasing filters of
-recorders fall off above it."""
+"""Fraction of half the sampling rate at which a narrowed pass-band ends; anti-aliasing filters of
+recorders attenuate above it."""
 
 
 def sampling_rate(time: np.ndarray | xr.DataArray) -> float:
@@ -130,9 +130,9 @@ def check_gaps(signal: xr.DataArray, time_dim: str = TIME_EMG) -> None:
         gap = first_gap(row)
         if gap is not None:
             raise SignalError(
-                f"{dim} {name} has a gap of {gap[1] / rate:.4g} s ({gap[1]} samples without a "
-                f"finite value) at t = {time[gap[0]]:.6g} s, expected a continuous signal: cut the "
-                "trial there or leave it out"
+                f"{dim} {name} has a gap of {gap[1] / rate:.4g} s ({gap[1]} samples without "
+                f"a finite value) at t = {time[gap[0]]:.6g} s, expected a continuous signal: "
+                "cut the trial there or omit it"
             )
 
 
@@ -199,9 +199,9 @@ def bandpass(signal: xr.DataArray, parameters: FilterParameters) -> xr.DataArray
     low, high = pass_band(parameters, rate)
     if high < parameters.high:
         warnings.warn(
-            f"the pass-band ends at {high:g} Hz instead of {parameters.high:g} Hz, because the "
-            f"recording is sampled at {rate:g} Hz: amplitudes are smaller than those of faster "
-            "recordings and should not be compared with them",
+            f"the pass-band ends at {high:g} Hz instead of {parameters.high:g} Hz, because "
+            f"the recording is sampled at {rate:g} Hz: amplitudes are smaller than those of "
+            "recordings with a higher rate and should not be compared with them",
             FeatureWarning,
             stacklevel=2,
         )
@@ -263,9 +263,10 @@ def pass_band(parameters: FilterParameters, rate: float) -> tuple[float, float]:
     high = parameters.high if parameters.high < nyquist else HELD * nyquist
     if high < parameters.high and high < 2.0 * low:
         raise SignalError(
-            f"the sampling rate of {rate:g} Hz holds nothing above {nyquist:g} Hz, expected "
-            f"at least an octave of the pass-band from {low:g} to {parameters.high:g} Hz: record "
-            f"faster than {4.0 * low / HELD:g} Hz or choose another band"
+            f"the sampling rate of {rate:g} Hz contains nothing above {nyquist:g} Hz, "
+            f"expected at least an octave of the pass-band from {low:g} to "
+            f"{parameters.high:g} Hz: use a rate above {4.0 * low / HELD:g} Hz or choose "
+            "another band"
         )
     return low, high
 
@@ -303,7 +304,7 @@ def labelled_feature(
     rate: float,
     attrs: dict[str, Any],
 ) -> xr.DataArray:
-    """Put values computed from a signal under its row names and a new time.
+    """Return values computed from a signal with its row names and a new time.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""From seven measured to ten modelled muscles per side.
+"""Mapping of seven measured to ten modelled muscles per side.
 
 Source: Eskes et al. 2017, Eqs 2-6. The other muscles (ZYG, RIS, LLSAN, DAO, MEN) are taken as
 measured.
@@ -25,7 +25,7 @@ WEIGHTS: Final[dict[str, dict[str, float]]] = {
     "DAO": {"DAO": 1.0},
     "MEN": {"MEN": 1.0},
 }
-"""Weight of each measured muscle in each modelled one, with OOM as the text has it."""
+"""Weight of each measured muscle in each modelled one, with OOM as in the text."""
 
 OOM_AS_PRINTED: Final = {"OOS": 0.05, "OOI": 0.15}
 """Eq. 3 as printed: 0.10 (OOP + OOI), with OOP = 0.50 (OOS + OOI) inserted."""
@@ -59,7 +59,7 @@ def mapping_matrix(oom: Literal["text", "as_printed"] = "text") -> xr.DataArray:
 
 
 def sources_of(muscle: str) -> tuple[str, ...]:
-    """Return the channels that a muscle is computed from.
+    """Return the channels from which a muscle is computed.
 
     Parameters
     ----------

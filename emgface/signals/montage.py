@@ -1,4 +1,4 @@
-"""Channels of the study that a recording holds, and the treatment of those that it lacks."""
+"""Channels of the study in a recording, and treatment of missing ones."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class MontageParameters(Parameters):
 
 @dataclass(frozen=True)
 class Montage:
-    """What becomes of each of the fourteen channels.
+    """Treatment of each of the fourteen channels.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Montage:
 
     @property
     def sentence(self) -> str:
-        """Say in words which channels were recorded and what became of the others."""
+        """Describe the recorded channels and the treatment of the others."""
         if len(self.recorded) == len(CHANNELS):
             told = [f"all {len(CHANNELS)} channels were recorded"]
         else:
@@ -83,7 +83,7 @@ class Montage:
         return "; ".join(told)
 
     def demand(self, wanted: Iterable[str], strategy: str) -> None:
-        """Refuse a strategy that needs a muscle whose channels have no chosen treatment.
+        """Refuse a strategy that requires a muscle whose missing channels have no treatment.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ COMPLETE: Final = Montage(CHANNELS)
 
 
 def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montage:
-    """Decide what becomes of every channel of the study.
+    """Determine the treatment of every channel of the study.
 
     Parameters
     ----------

@@ -56,14 +56,14 @@ def normalise(
     if len(resting) == len(rows) or (resting and parameters.resting == "error"):
         raise SignalError(
             f"no step of {dim} {', '.join(resting)} reaches the Willison threshold over the "
-            f"{parameters.reach}, so Eq. 8 is 0/0: lower the threshold (in volts), or give it as a "
-            "multiple of the baseline"
+            f"{parameters.reach}, so that Eq. 8 is 0/0: lower the threshold (in volts), or "
+            "specify it as a multiple of the baseline"
         )
     if silent and parameters.silent == "error":
         raise SignalError(
-            f"feature of {dim} {', '.join(silent)} is constant over the {parameters.reach}, so "
-            "Eq. 8 is 0/0: check electrode and threshold, or choose silent = 'zero' for "
-            "activation 0"
+            f"feature of {dim} {', '.join(silent)} is constant over the {parameters.reach}, "
+            "so that Eq. 8 is 0/0: check electrode and threshold, or choose silent = 'zero' "
+            "for activation 0"
         )
     scale = np.where(flat, 1.0, high - low)
     values = np.where(flat[:, None], 0.0, (g.values - low[:, None]) / scale[:, None])
@@ -74,7 +74,7 @@ def normalise(
             raise ActivationError(
                 f"activation of {dim} {rows[k]} is {values[k, j]:.3g} at t = "
                 f"{float(g['time'][j]):.6g} s, outside 0-1: the trial exceeds the range of the "
-                f"{parameters.reach}; take a stronger reference, or choose outside = 'clip'"
+                f"{parameters.reach}; use a reference of greater effort, or choose outside = 'clip'"
             )
         values = np.clip(values, 0.0, 1.0)
     result = g.copy(data=values)

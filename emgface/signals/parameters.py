@@ -1,4 +1,4 @@
-"""Every named choice between a recording and an activation, with default, unit and source.
+"""Parameters from recording to activation, with default, unit and source.
 
 Where the publication is silent or contradicts itself, the choice is a parameter here. A study file
 holds one `SignalChain`.
@@ -32,7 +32,7 @@ class FilterParameters(Parameters):
         "Design order of the Butterworth band-pass.",
         unit="1",
         source=f"{ESKES}, Methods",
-        note="a band-pass of design order n has 2 n poles, passed twice when phase is 'zero'",
+        note="a band-pass of design order n has 2 n poles and is applied twice if phase is 'zero'",
         ge=1,
         le=12,
     )
@@ -63,13 +63,13 @@ class FeatureParameters(Parameters):
 
     kind: Literal["wamp", "rms", "mav", "envelope"] = choice(
         "wamp",
-        "Willison amplitude, root mean square, mean absolute value, or linear envelope with the "
-        "neural transfer function of Buchanan.",
+        "Amplitude feature: Willison amplitude, root mean square, mean absolute value, or "
+        "linear envelope with the neural transfer function of Buchanan.",
         source=f"{ESKES}, Methods and Eq. 7; {BUCHANAN}",
     )
     window: float = parameter(
         0.2,
-        "Length of the sliding window of wamp, rms and mav; hop one sample.",
+        "Length of the sliding window of wamp, rms and mav, which is moved by one sample.",
         unit="s",
         source=f"{ESKES}, Methods",
         note="rounded to whole samples (0.2 s at 2048 Hz is 409.6); the rounding is recorded",
@@ -77,16 +77,17 @@ class FeatureParameters(Parameters):
     )
     label: Literal["centre", "start", "end"] = choice(
         "centre",
-        "Instant of the window at which its feature is placed.",
+        "Instant of the window to which its feature is assigned.",
         source=f"{ESKES}, Eq. 7 prints 'start'",
-        note="'start' looks one window ahead, 'end' uses the past only, 'centre' has no lag",
+        note="with 'start', the feature uses later samples; with 'end', earlier samples only; "
+        "'centre' has no lag",
     )
     threshold: float | None = parameter(
         10e-6,
         "Threshold s_lim of the Willison amplitude.",
         unit="V",
         source=f"{ESKES}, Methods",
-        note="printed as 10 mV, some 1000 times a facial sEMG amplitude; 10 uV is plausible",
+        note="printed as 10 mV, about 1000 times the amplitude of facial sEMG; 10 uV is plausible",
         gt=0,
     )
     threshold_baseline: float | None = parameter(
@@ -106,7 +107,8 @@ class FeatureParameters(Parameters):
         ">=",
         "Comparison of |s(t+n-1) - s(t+n)| with the threshold.",
         source=f"{ESKES}, Eq. 7",
-        note="other implementations use '>'; they differ where steps equal the threshold exactly",
+        note="other implementations use '>'; the results differ where a difference equals the "
+        "threshold exactly",
     )
     envelope_cutoff: float = parameter(
         6.0,
@@ -164,12 +166,12 @@ class FeatureParameters(Parameters):
     def _consistent(self) -> "FeatureParameters":
         if (self.threshold is None) == (self.threshold_baseline is None):
             raise ValueError(
-                "exactly one of threshold [V] and threshold_baseline [1] is needed: remove one"
+                "exactly one of threshold [V] and threshold_baseline [1] is required: remove one"
             )
         interval = (self.baseline_start, self.baseline_stop)
         if self.threshold_baseline is not None and None in interval:
             raise ValueError(
-                "threshold_baseline needs a rest interval: give baseline_start and baseline_stop"
+                "threshold_baseline requires a rest interval: specify baseline_start and baseline_stop"
             )
         if interval[0] is not None and interval[1] is not None and interval[0] >= interval[1]:
             raise ValueError(
@@ -180,13 +182,13 @@ class FeatureParameters(Parameters):
 
 
 class MappingParameters(Parameters):
-    """From seven measured to ten modelled muscles per side (Eqs 2-6)."""
+    """Mapping of seven measured to ten modelled muscles per side (Eqs 2-6)."""
 
     mapping_stage: Literal["signal", "feature", "activation"] = choice(
         "signal",
         "Quantity that Eqs 2-6 combine: filtered signals, features, or normalised features.",
         source=f"{ESKES}, Eqs 2-6 are printed for the signals s",
-        note="Eq. 8 removes any factor applied before it, so at 'feature' LAO equals LLSAN, DLI "
+        note="Eq. 8 removes any factor applied before it, so that at 'feature' LAO equals LLSAN, DLI "
         "equals DAO and OOM equals OOP; at 'activation' the factors keep their meaning",
     )
     oom: Literal["text", "as_printed"] = choice(
@@ -201,38 +203,38 @@ class NormalisationParameters(Parameters):
 
     reach: Literal["trial", "session", "reference"] = choice(
         "trial",
-        "Data over which minimum and maximum are taken: the trial, all trials of the volunteer, "
+        "Data for the minimum and maximum: the trial, all trials of the volunteer, "
         "or a maximum-effort recording.",
         source=f"{ESKES}, Eq. 8 (over the time index of each trial)",
-        note="'trial' stretches the noise of a silent muscle to 0-1",
+        note="'trial' amplifies the noise of an inactive muscle to 0-1",
     )
     silent: Literal["error", "zero"] = choice(
         "error",
-        "What to do with a channel that holds one value, or a feature that is constant above "
-        "zero, where Eq. 8 is 0/0.",
+        "Treatment of a channel with a constant value, or of a feature that is constant "
+        "above zero, for which Eq. 8 is 0/0.",
         note="'zero' gives activation 0 and records the names",
     )
     resting: Literal["zero", "error"] = choice(
         "zero",
-        "What to do with a muscle of which no step reaches the Willison threshold, where Eq. 8 is "
-        "0/0 as well.",
-        note="a muscle at rest is no failure; at mapping_stage 'signal' OOM, a fifth of OOP, is "
-        "the first to fall below the threshold; the names are recorded, and it is an error if "
-        "nothing reaches the threshold",
+        "Treatment of a muscle whose signal never reaches the Willison threshold, for which "
+        "Eq. 8 is also 0/0.",
+        note="a muscle at rest is not an error; at mapping_stage 'signal' OOM, a fifth of OOP, "
+        "is the first to fall below the threshold; the names are recorded, and it is an "
+        "error if no muscle reaches the threshold",
     )
     outside: Literal["error", "clip"] = choice(
         "error",
-        "What to do where a trial exceeds the session's or the reference's range.",
+        "Treatment of values outside the range of the session or the reference.",
         note="'clip' limits to 0-1 and records the fraction of clipped samples",
     )
 
 
 class StrategyParameters(Parameters):
-    """Which muscles of the model are activated."""
+    """Selection of the muscles that are activated."""
 
     name: StrategyName = choice(
         "act_all",
-        "Strategy used where a call or a study names none.",
+        "Strategy used where a call or a study specifies none.",
         source=f"{ESKES}, Methods, Table 1 and Discussion (act_threshold)",
     )
     n: int = parameter(
@@ -240,7 +242,8 @@ class StrategyParameters(Parameters):
         "Number of muscles per side that act_3 selects.",
         unit="1",
         source=f"{ESKES}, Methods",
-        note="largest variance of the bilateral mean; ties in the order of emgface.muscles",
+        note="those with the largest variance of the bilateral mean; ties are resolved by the "
+        "order of emgface.muscles",
         ge=1,
         le=10,
     )
@@ -260,7 +263,7 @@ class HeadFrameParameters(Parameters):
 
     max_gap: float = parameter(
         0.1,
-        "Longest dropout of a marker that is interpolated.",
+        "Longest gap of a marker that is interpolated.",
         unit="s",
         source=OWN,
         note="10 frames at 100 frames per second",
@@ -268,8 +271,8 @@ class HeadFrameParameters(Parameters):
     )
     own_reference: Literal["first", "mean"] = choice(
         "first",
-        "Configuration taken as reference where none is given: the first frame with most face "
-        "markers, or the mean of all frames aligned to it.",
+        "Reference configuration if none is specified: the first frame with the largest "
+        "number of face markers, or the mean of all frames aligned to it.",
     )
 
 
@@ -281,7 +284,7 @@ class ResamplingParameters(Parameters):
         "Number of equal simulation steps per instruction.",
         unit="1",
         source=f"{ESKES}, Discussion",
-        note="gives steps + 1 samples, the first at the start of the simulation",
+        note="results in steps + 1 samples, the first at the start of the simulation",
         ge=1,
     )
     period: float | None = parameter(
@@ -296,12 +299,12 @@ class ResamplingParameters(Parameters):
     @model_validator(mode="after")
     def _consistent(self) -> "ResamplingParameters":
         if (self.steps is None) == (self.period is None):
-            raise ValueError("exactly one of steps [1] and period [s] is needed: remove one")
+            raise ValueError("exactly one of steps [1] and period [s] is required: remove one")
         return self
 
 
 class SignalChain(Parameters):
-    """All choices from recording to activation, as a study file holds them."""
+    """All parameters from recording to activation, as in a study file."""
 
     filter: FilterParameters = Field(default=FilterParameters(), description="Band-pass.")
     feature: FeatureParameters = Field(default=FeatureParameters(), description="Feature.")

@@ -1,4 +1,4 @@
-"""From one sampling to another: features and positions at the times of the simulation.
+"""Resampling of features and positions at the times of the simulation.
 
 Source: Eskes et al. 2017, Synchronisation; each instruction is 160 steps.
 """
@@ -15,7 +15,7 @@ from emgface.signals.parameters import ResamplingParameters
 
 
 def simulation_times(start: float, stop: float, parameters: ResamplingParameters) -> np.ndarray:
-    """Instants at which a simulation reads its activation.
+    """Sampling times of the activation of a simulation.
 
     Parameters
     ----------
@@ -91,7 +91,8 @@ def resample(
     values = np.asarray(moved, dtype=float)
     if not np.isfinite(values).all():
         raise SignalError(
-            "data to resample hold values that are not finite, expected none: bridge the gaps first"
+            "the data to resample contain values that are not finite, expected none: "
+            "interpolate the gaps first"
         )
     slack = 1e-9 / rate + 1e-12 * np.abs(old).max()
     if times[0] < old[0] - slack or times[-1] > old[-1] + slack:
@@ -150,7 +151,7 @@ def _decimate(
     *,
     reflect: bool,
 ) -> np.ndarray:
-    """Weighted means of the samples within half_width of each wanted instant."""
+    """Weighted means of the samples within half_width of each new instant."""
     n = values.shape[-1]
     reach = int(np.ceil(half_width * rate)) + 1
     if reflect:

@@ -1,4 +1,4 @@
-"""Which muscles of the model are activated: act_all, act_3, act_rel, act_threshold.
+"""Strategies that select the activated muscles: act_all, act_3, act_rel, act_threshold.
 
 Source: Eskes et al. 2017, Methods, Table 1; act_threshold follows a proposal of its Discussion.
 """
@@ -61,7 +61,7 @@ def bilateral_variance(feature: xr.DataArray) -> xr.DataArray:
 
 
 def needed_muscles(strategy: str, instruction: str | None) -> tuple[str, ...]:
-    """Return the muscles without which a strategy cannot select.
+    """Return the muscles required by the selection of a strategy.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def needed_muscles(strategy: str, instruction: str | None) -> tuple[str, ...]:
     if instruction not in RELEVANT:
         raise ConfigurationError(
             f"instruction {instruction!r} has no row in the table of relevant muscles, "
-            f"expected one of {', '.join(INSTRUCTIONS)}: name it, or use another strategy"
+            f"expected one of {', '.join(INSTRUCTIONS)}: specify one of these, or use another strategy"
         )
     return tuple(name for name in MODELLED if name in RELEVANT[instruction])
 
@@ -134,9 +134,10 @@ def select_muscles(
     names = tuple(name for name in wanted if name in present)
     if not names:
         raise SchemaError(
-            f"{strategy} of instruction {instruction!r} activates {', '.join(wanted)}, of which the "
-            f"montage holds none (it holds {', '.join(sorted(present)) or 'no muscle'}): use another "
-            "strategy, or record these muscles"
+            f"{strategy} of instruction {instruction!r} activates {', '.join(wanted)}, of "
+            "which the montage contains none (it contains "
+            f"{', '.join(sorted(present)) or 'no muscle'}): use another strategy, or record "
+            "these muscles"
         )
     if strategy == "act_3":
         variance = bilateral_variance(feature).values

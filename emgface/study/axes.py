@@ -1,4 +1,4 @@
-"""Choices that a study varies, each an axis of its cube."""
+"""Choices varied by a study, each an axis of its cube."""
 
 from pathlib import Path, PurePosixPath
 from typing import Literal
@@ -15,26 +15,27 @@ CUBE_NAMES = {
     *MARKER_DIMS, *PER_MARKER, *PER_TRIAL, *VARIABLES,
     "status", "reason", "marker_reason", "skill_reason",
 }  # fmt: skip
-"""Names that a cube has already."""
+"""Names used in a cube."""
 
 
 class Axis(Parameters):
-    """A choice that is varied: its levels become a dim of the cube, the first the reference."""
+    """Choice that is varied: its levels are a dimension of the cube, the first the reference."""
 
     parameters: tuple[str, ...] = choice(
         (),
-        "What is varied, with its table, as 'signals.mapping.mapping_stage'; several vary "
-        "together.",
+        "Parameters to vary, with their tables, such as 'signals.mapping.mapping_stage'; "
+        "several are varied together.",
     )
     levels: tuple[Value | tuple[Value, ...], ...] = choice(
         (),
-        "Values, the reference first; lists of one value for each of several parameters.",
-        note="in the unit of the parameter; the first of several labels the dim",
+        "Values, the reference first; for several parameters, lists of one value for each.",
+        note="in the unit of the parameter; with several parameters, the values of the first "
+        "label the dimension",
     )
     name: str | None = choice(
         None,
-        "Name of the dim; the last part of the first parameter when absent, with its table "
-        "where the cube has that name already.",
+        "Name of the dimension; default: the last part of the first parameter, with its "
+        "table if the cube already has that name.",
     )
 
     @property
@@ -66,7 +67,7 @@ class Axis(Parameters):
 
 
 def absolute_paths(axes: tuple[Axis, ...], base: Path) -> tuple[Axis, ...]:
-    """Take the faces that an axis names relative to the folder of the study file."""
+    """Resolve the faces of an axis relative to the folder of the study file."""
     made: list[Axis] = []
     for axis in axes:
         paths = {k for k, name in enumerate(axis.parameters) if name == "face.path"}

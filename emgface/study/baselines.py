@@ -1,4 +1,4 @@
-"""Baselines, ceilings and individual measures of a study, from motions that are stored already.
+"""Baselines, ceilings and individual measures of a study, from stored motions.
 
 Two stages: the typical motion of each volunteer at each instruction, and what every trial of it is
 to be compared with. No motion is simulated for them.
@@ -43,7 +43,7 @@ Person = tuple[str, str]
 
 @dataclass(frozen=True)
 class _Recorded:
-    """One recorded trial: its lips, and its simulated motions by strategy."""
+    """One recorded trial: lip positions, and simulated motions by strategy."""
 
     recording: Recording
     measured: xr.Dataset
@@ -51,7 +51,7 @@ class _Recorded:
 
     @property
     def pace(self) -> float:
-        """Recorded seconds per simulated second."""
+        """Recorded time per simulated time [1]."""
         return float(next(iter(self.motions.values())).dataset.attrs["recorded_pace"])
 
     def digests(self, label: str) -> dict[str, str]:
@@ -68,7 +68,7 @@ def add_baselines(
     extents: Mapping[str, Result],
     observer: Observer,
 ) -> xr.Dataset:
-    """Put into a cube what its scores are to be compared with.
+    """Add the baselines of its scores to a cube.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _recorded(
     results: Sequence[Trial],
     extents: Mapping[str, Result],
 ) -> dict[tuple[str, str, int], _Recorded]:
-    """Take the motions of all scored trials from the store, with what was measured meanwhile."""
+    """Read the motions of all scored trials and the corresponding measured motions."""
     recordings = {(*trial.place, trial.strategy): trial.recording for trial in planned}
     motions: dict[tuple[str, str, int], dict[str, Result]] = defaultdict(dict)
     for trial in results:
@@ -185,7 +185,7 @@ def _baselines(
     others: Mapping[Person, Result],
     elsewhere: Mapping[str, Mapping[int, _Recorded]],
 ) -> Result:
-    """What the trials of one volunteer and instruction are to be compared with."""
+    """Baselines of the trials of one volunteer and instruction."""
     inputs = {"face": laboratory.face_digest}
     inputs |= {f"typical {' '.join(other)}": result.digest for other, result in others.items()}
     for instruction, trials in {person[1]: of, **elsewhere}.items():
@@ -211,7 +211,7 @@ def _compared(
     others: Sequence[xr.Dataset],
     elsewhere: Mapping[str, Mapping[int, _Recorded]],
 ) -> xr.Dataset:
-    """Score every trial of one volunteer and instruction against all that is not its own motion."""
+    """Score every trial of one volunteer and instruction against its baselines."""
     alignment, form = laboratory.alignment, laboratory.study.score.form
     least, count = laboratory.study.score.smallest_motion, len(LIP_MARKERS)
     result = _empty(person, list(of), list(laboratory.study.strategy_names))
@@ -291,7 +291,7 @@ def _empty(person: Person, repetitions: list[int], strategies: list[str]) -> xr.
 
 
 def _collected(cube: xr.Dataset, found: Sequence[xr.Dataset]) -> dict[str, xr.DataArray]:
-    """Put the values of all volunteers and instructions in one array per variable."""
+    """Combine the values of all volunteers and instructions in one array per variable."""
     collected: dict[str, xr.DataArray] = {}
     for name, (dims, _, _) in VARIABLES.items():
         if name == "skill":

@@ -1,4 +1,4 @@
-"""How measured and simulated motion are compared, as named choices."""
+"""Parameters of the comparison of measured and simulated motion."""
 
 from typing import Any, Literal
 
@@ -15,12 +15,12 @@ class AlignmentParameters(Parameters):
 
     scaling: Literal["length", "search", "none"] = choice(
         "length",
-        "Stretch of measured time: to the simulated duration, searched besides, or none.",
+        "Scaling of the measured time: to the simulated duration, in addition searched, or none.",
         source=f"{ESKES}, Synchronisation",
     )
     scale_range: tuple[float, float] = parameter(
         (0.8, 1.25),
-        "Least and greatest factor of the search, and of a scale that is not flagged.",
+        "Smallest and largest factor of the search; scales outside this range are flagged.",
         unit="1",
         source=OWN,
     )
@@ -29,7 +29,7 @@ class AlignmentParameters(Parameters):
     )
     max_shift: float | None = parameter(
         None,
-        "Greatest shift in either direction; bounded by least_overlap when absent.",
+        "Largest shift in either direction; default: bounded by least_overlap.",
         unit="s",
         source=OWN,
         ge=0,
@@ -44,7 +44,8 @@ class AlignmentParameters(Parameters):
     )
     least_gain: float = parameter(
         0.2,
-        "Fraction of unexplained variance a larger shift or a stretch must remove.",
+        "Fraction of the unexplained variance that a larger shift or a scaling must remove "
+        "to be chosen.",
         unit="1",
         source=OWN,
         ge=0,
@@ -52,8 +53,7 @@ class AlignmentParameters(Parameters):
     )
     cutoff: float = parameter(
         10.0,
-        "Low-pass edge of the coefficient vectors while they are matched; 0 takes them as they "
-        "are.",
+        "Low-pass edge of the coefficient vectors for matching; 0 is no filter.",
         unit="Hz",
         source=OWN,
         note="the positions that are scored are not filtered",
@@ -61,15 +61,15 @@ class AlignmentParameters(Parameters):
     )
     sign: Literal["direction", "correlation"] = choice(
         "direction",
-        "What decides the arbitrary sign of a principal component: the direction of the two "
-        "components where it is clear, or the larger correlation maximum.",
+        "Rule for the arbitrary sign of a principal component: the direction of the two "
+        "components where it is clear, or the larger maximum of the correlation.",
         source="the paper does not say",
-        note="by correlation, left-right-left may match its mirror image",
+        note="with 'correlation', left-right-left may match its mirror image",
     )
     clear_cosine: float = parameter(
         CLEAR_COSINE,
-        "Cosine of the two components beyond which their direction decides their sign; the "
-        "correlation does below.",
+        "Absolute cosine of the two components above which their direction determines the "
+        "sign; below, the correlation determines it.",
         unit="1",
         source=OWN,
         note="95 % point between random directions in six dimensions",
@@ -78,13 +78,13 @@ class AlignmentParameters(Parameters):
     )
     centred: bool = choice(
         True,
-        "Whether positions are centred before the singular value decomposition.",
+        "Centre positions before the singular value decomposition.",
         source="the paper does not say",
         note="uncentred, the first component is the mean posture",
     )
     subsample: bool = choice(
         True,
-        "Whether the shift is refined between samples.",
+        "Refine the shift between samples.",
     )
 
     def arguments(self) -> dict[str, Any]:
@@ -102,21 +102,21 @@ class AlignmentParameters(Parameters):
 
 
 class ScoreParameters(Parameters):
-    """The 3D correlation (Eqs 11-13)."""
+    """Parameters of the 3D correlation (Eqs 11-13)."""
 
     form: Literal["consistent", "as_printed"] = choice(
         "consistent",
-        "Divisors: the same in numerator and standard deviations, so that rho(v, v) = 1, or n and "
-        "n - 1 as printed.",
+        "Divisors of covariance and standard deviations: equal, so that rho(v, v) = 1, or n "
+        "and n - 1 as printed.",
         source=f"{ESKES}, Eqs 12-13",
     )
     reference: Literal["mean", "first", "origin"] = choice(
         "mean",
-        "What positions are counted from in the root-mean-square error.",
+        "Origin of the positions in the root-mean-square error.",
     )
     smallest_motion: float = parameter(
         SMALLEST_MOTION,
-        "Root-mean-square displacement below which a marker does not move and has no rho.",
+        "Root-mean-square displacement below which a marker is regarded as not moving and has no rho.",
         unit="m",
         source=OWN,
         note="for simulated markers, which have no noise; above the tolerance of the solver",
@@ -124,8 +124,8 @@ class ScoreParameters(Parameters):
     )
     smallest_snr: float = parameter(
         SMALLEST_SNR,
-        "Variance of a measured marker's motion over that of its noise below which it does not "
-        "move and has no rho.",
+        "Variance of the motion of a measured marker divided by that of its noise, below "
+        "which it has no rho.",
         unit="1",
         source=OWN,
         note="at 1, noise alone lowers a correlation to 0.71 of itself",

@@ -1,4 +1,4 @@
-"""A study as one frozen, checked configuration."""
+"""Configuration of a study, frozen and checked."""
 
 from pathlib import Path
 from typing import Literal
@@ -17,13 +17,13 @@ from emgface.study.comparison import AlignmentParameters, ScoreParameters
 from emgface.study.exclusions import Exclusion
 
 STUDY_VERSION = 1
-"""Version of the form of a study file."""
+"""Version of the format of a study file."""
 TRUE_STRATEGY = "true"
-"""Name under which trials driven by the true activation stand in the cube."""
+"""Strategy name in the cube of trials driven by the true activation."""
 
 
 class RecordingsConfiguration(Parameters):
-    """Where the recordings are and which of them take part."""
+    """Folder and selection of the recordings."""
 
     folder: Path = choice(
         Path("recordings"),
@@ -31,7 +31,7 @@ class RecordingsConfiguration(Parameters):
     )
     mapping: Path | None = choice(
         None,
-        "TOML file that maps labels of foreign files to names; relative to this file.",
+        "TOML file that maps the labels of other formats to names; relative to this file.",
     )
     reference_folder: Path | None = choice(
         None,
@@ -39,19 +39,19 @@ class RecordingsConfiguration(Parameters):
     )
     volunteers: tuple[str, ...] | None = choice(
         None,
-        "Volunteers that take part; all when absent.",
+        "Volunteers to include; default: all.",
     )
     instructions: tuple[str, ...] = choice(
-        tuple(INSTRUCTIONS), "Instructions that take part.", source=f"{ESKES}, Methods"
+        tuple(INSTRUCTIONS), "Instructions to include.", source=f"{ESKES}, Methods"
     )
     repetitions: tuple[int, ...] | None = choice(
         None,
-        "Repetitions that take part; all when absent.",
+        "Repetitions to include; default: all.",
     )
     exclusions: Path | None = choice(
         None,
-        "TOML file of trials that are excluded, with reasons, as 'emgface data check --exclude' "
-        "writes it; relative to this file.",
+        "TOML file of excluded trials with reasons, as written by 'emgface data check "
+        "--exclude'; relative to this file.",
     )
 
     @field_validator("instructions")
@@ -67,11 +67,11 @@ class RecordingsConfiguration(Parameters):
 
 
 class TemplateParameters(Parameters):
-    """The parametric lower face, generated."""
+    """Parameters of the generated lower face."""
 
     resolution: Resolution = parameter(
         "medium",
-        "Number of elements: coarse (576), medium (2448), fine (6480) or about how many.",
+        "Number of elements: coarse (576), medium (2448), fine (6480), or an approximate number.",
         unit="1",
         source=OWN,
     )
@@ -81,7 +81,7 @@ class TemplateParameters(Parameters):
     )
     seed: int | None = parameter(
         None,
-        "Seed that draws a random person of the group; the means of the group when absent.",
+        "Seed for drawing a random person of the group; default: the means of the group.",
         unit="1",
         source=OWN,
         ge=0,
@@ -98,31 +98,31 @@ class TemplateParameters(Parameters):
 
 
 class FaceConfiguration(Parameters):
-    """Which face model is simulated: a file or the template, which is the default."""
+    """Face model to simulate: a file or the template, which is the default."""
 
     path: Path | None = choice(
         None,
-        "Face model as written by 'emgface face import' or 'emgface face build'; relative to this "
-        "file. Without path, the template is generated.",
+        "Face model written by 'emgface face import' or 'emgface face build'; relative to "
+        "this file. Without a path, the template is generated.",
     )
     template: TemplateParameters | None = Field(
-        default=None, description="The parametric lower face; in place of path."
+        default=None, description="Parameters of the generated face, instead of path."
     )
 
     @model_validator(mode="after")
     def _one_source(self) -> "FaceConfiguration":
         if self.path is not None and self.template is not None:
             raise ValueError(
-                "path and template are given, expected one source of the face: delete the other"
+                "both path and template are specified, expected one source of the face: remove the other"
             )
         return self
 
 
 class StudyConfiguration(Parameters):
-    """All choices of a study, as study.toml holds them."""
+    """All parameters of a study, as in study.toml."""
 
     schema_version: int = parameter(
-        STUDY_VERSION, "Version of the form of this file.", unit="1", source=OWN
+        STUDY_VERSION, "Version of the format of this file.", unit="1", source=OWN
     )
     name: str = choice(
         "study",
@@ -130,24 +130,26 @@ class StudyConfiguration(Parameters):
     )
     strategies: tuple[StrategyName, ...] = choice(
         ("act_all", "act_3", "act_rel"),
-        "Activation strategies that are compared.",
+        "Activation strategies to compare.",
         source=f"{ESKES}, Methods",
     )
     activation_source: Literal["estimated", "true"] = choice(
         "estimated",
-        "Activation from sEMG, or the true one that simulated recordings carry.",
-        note="'true' tests the chain behind the activation; its only strategy is 'true'",
+        "Source of the activation: estimated from sEMG, or the true activation of simulated recordings.",
+        note="'true' tests the steps after the activation; its only strategy is 'true'",
     )
     seed: int = parameter(
-        0, "Seed of everything drawn at random (simulated volunteers).", unit="1", source=OWN, ge=0
+        0, "Seed of all random numbers (simulated volunteers).", unit="1", source=OWN, ge=0
     )
     recordings: RecordingsConfiguration = Field(
-        default=RecordingsConfiguration(), description="Recordings that take part."
+        default=RecordingsConfiguration(), description="Recordings to include."
     )
     face: FaceConfiguration = Field(default=FaceConfiguration(), description="Face model.")
-    signals: SignalChain = Field(default=SignalChain(), description="From recording to activation.")
+    signals: SignalChain = Field(
+        default=SignalChain(), description="Parameters from recording to activation."
+    )
     simulation: SimulationParameters = Field(
-        default=SimulationParameters(), description="Mechanics of the face."
+        default=SimulationParameters(), description="Parameters of the simulation."
     )
     alignment: AlignmentParameters = Field(
         default=AlignmentParameters(), description="Synchronisation, Eqs 9-10."
@@ -155,16 +157,15 @@ class StudyConfiguration(Parameters):
     score: ScoreParameters = Field(default=ScoreParameters(), description="Scores, Eqs 11-13.")
     axis_design: Design = choice(
         "one_at_a_time",
-        "Which combinations of the levels of several axes are run: one off its reference at a "
-        "time, or all.",
+        "Combinations of the levels of several axes: one axis at a time differs from its "
+        "reference, or all combinations.",
     )
     axis: tuple[Axis, ...] = Field(
         default=(),
-        description="Choices that are varied, to see what they change; one table each. Each is a "
-        "dim of the cube.",
+        description="Choices to vary, one table each. Each is a dimension of the cube.",
     )
     exclude: tuple[Exclusion, ...] = Field(
-        default=(), description="Trials that are excluded; one table each. They stay in the cube."
+        default=(), description="Trials to exclude, one table each. They remain in the cube."
     )
 
     @field_validator("schema_version")
@@ -172,8 +173,8 @@ class StudyConfiguration(Parameters):
     def _present(cls, version: int) -> int:
         if version != STUDY_VERSION:
             raise ValueError(
-                f"the study file follows version {version} of its form, expected version "
-                f"{STUDY_VERSION}: write it again with 'emgface study template'"
+                f"the study file has version {version} of its format, expected version {STUDY_VERSION}:"
+                f" write it again with 'emgface study template'"
             )
         return version
 
@@ -181,7 +182,7 @@ class StudyConfiguration(Parameters):
     @classmethod
     def _some(cls, values: tuple[str, ...]) -> tuple[str, ...]:
         if not values or len(set(values)) < len(values):
-            raise ValueError("strategies must name at least one strategy, and each only once")
+            raise ValueError("strategies must contain at least one strategy, and each only once")
         return values
 
     @property

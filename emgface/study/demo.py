@@ -1,4 +1,4 @@
-"""The study of the demonstration: two simulated volunteers on the generated template face."""
+"""Study of the demonstration: two simulated volunteers on the generated template face."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ RESOLUTION = "coarse"
 
 
 def demo_volunteers() -> VolunteerParameters:
-    """Volunteers of the demonstration: faces of their own, in the mismatched world."""
+    """Volunteers of the demonstration: individual faces, in the mismatched world."""
     return VolunteerParameters(resolution=RESOLUTION)
 
 

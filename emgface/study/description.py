@@ -1,4 +1,4 @@
-"""What a cube says of itself: title, source, history, recordings, and what computed it."""
+"""Description of a cube in its attributes: title, source, history, recordings, environments."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ REFERENCES: Final = (
 
 
 def merged_environments(cubes: Iterable[xr.Dataset]) -> dict[str, Any]:
-    """Join the environments that cubes name, by digest.
+    """Combine the environments of cubes, by digest.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def merged_environments(cubes: Iterable[xr.Dataset]) -> dict[str, Any]:
 
 
 def with_recordings(cube: xr.Dataset, recordings: Sequence[Recording]) -> xr.Dataset:
-    """Let a cube name the file and the digest of every recording.
+    """Add the file and the digest of every recording to a cube.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def with_recordings(cube: xr.Dataset, recordings: Sequence[Recording]) -> xr.Dat
 
 
 def montages(recordings: Sequence[Recording], parameters: MontageParameters) -> str:
-    """Say which channels the recordings hold, and what became of the others.
+    """Describe the recorded channels and the treatment of the others.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def described(
     environments: Mapping[str, Any],
     montage: str,
 ) -> xr.Dataset:
-    """Let a cube say what it is, what it came from and what computed it.
+    """Add title, sources, history and environments to a cube.
 
     Parameters
     ----------

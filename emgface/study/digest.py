@@ -1,4 +1,4 @@
-"""Digests of parameters, datasets, files and source text, by which results are known."""
+"""Digests of parameters, datasets, files and source text, which identify results."""
 
 import hashlib
 import importlib.util
@@ -14,11 +14,11 @@ import xarray as xr
 from emgface.errors import StoreError
 
 DIGEST_LENGTH: Final = 32
-"""Hexadecimal digits that are kept: 128 bits."""
+"""Number of hexadecimal digits of a digest: 128 bits."""
 
 
 def canonical_json(value: Any) -> str:
-    """One text per value: keys sorted, no blanks, NaN refused.
+    """Canonical text of a value: sorted keys, no blanks, NaN refused.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def _plain(attrs: Mapping[Any, Any]) -> dict[str, Any]:
 
 @cache
 def code_version(modules: tuple[str, ...]) -> str:
-    """Digest of the source text of modules; a package counts with all modules below it.
+    """Digest of the source text of modules, for a package including all its modules.
 
     Raises
     ------

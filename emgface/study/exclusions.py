@@ -1,4 +1,4 @@
-"""Trials that a person takes out of a study, with the reason, which stays in the cube."""
+"""Trials excluded from a study, with reasons, which are stored in the cube."""
 
 import json
 import tomllib
@@ -16,22 +16,22 @@ Place = tuple[str, str, int]
 
 
 class Exclusion(Parameters):
-    """Trials that are left out: those of a volunteer, an instruction, a repetition, or all three."""
+    """Excluded trials, selected by volunteer, instruction, repetition, or all three."""
 
     volunteer: str | None = choice(
         None,
-        "Volunteer whose trials are excluded; every one when absent.",
+        "Volunteer whose trials are excluded; default: every volunteer.",
     )
     instruction: str | None = choice(
         None,
-        "Instruction that is excluded; every one when absent.",
+        "Instruction that is excluded; default: every instruction.",
     )
     repetition: int | None = parameter(
-        None, "Repetition that is excluded; every one when absent.", unit="1", source=OWN, ge=1
+        None, "Repetition that is excluded; default: every repetition.", unit="1", source=OWN, ge=1
     )
     reason: str = choice(
         "",
-        "Why, in a sentence; it stays in the cube. Must be given.",
+        "Reason, as a sentence, which is stored in the cube. Required.",
     )
 
     @field_validator("instruction")
@@ -45,13 +45,13 @@ class Exclusion(Parameters):
 
     @property
     def label(self) -> str:
-        """Which trials, in words."""
+        """Description of the trials."""
         named = {"volunteer": self.volunteer, "instruction": self.instruction}
         named |= {"repetition": None if self.repetition is None else str(self.repetition)}
         return ", ".join(f"{name} {value}" for name, value in named.items() if value is not None)
 
     def covers(self, place: Place) -> bool:
-        """Tell whether a trial is among those excluded."""
+        """Return True if a trial is among those excluded."""
         wanted = (self.volunteer, self.instruction, self.repetition)
         return all(want in (None, have) for want, have in zip(wanted, place, strict=True))
 
@@ -61,7 +61,7 @@ class _ExclusionFile(Parameters):
 
 
 def check_exclusions(exclusions: Sequence[Exclusion], *, where: str) -> tuple[Exclusion, ...]:
-    """Refuse exclusions that name no trial or no reason.
+    """Refuse exclusions without a trial or a reason.
 
     Parameters
     ----------
@@ -84,13 +84,13 @@ def check_exclusions(exclusions: Sequence[Exclusion], *, where: str) -> tuple[Ex
         what = exclusion.label or "every trial"
         if not exclusion.label:
             raise ConfigurationError(
-                f"{where}: exclusion {number} names no volunteer, instruction or repetition, "
+                f"{where}: exclusion {number} specifies no volunteer, instruction or repetition, "
                 "expected at least one: it would exclude every trial"
             )
         if not exclusion.reason.strip():
             raise ConfigurationError(
-                f"{where}: the exclusion of {what} gives no reason, expected a sentence: it stays "
-                "in the cube"
+                f"{where}: the exclusion of {what} has no reason, expected a sentence, which "
+                "is stored in the cube"
             )
     return tuple(exclusions)
 
@@ -127,7 +127,7 @@ def read_exclusions(path: Path) -> tuple[Exclusion, ...]:
 
 
 def reason_to_exclude(place: Place, exclusions: Iterable[Exclusion]) -> str:
-    """Return why a trial is excluded, empty where it is not.
+    """Return the reason for the exclusion of a trial; empty if it is not excluded.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The face that a study simulates."""
+"""Face model of a study."""
 
 import xarray as xr
 

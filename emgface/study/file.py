@@ -1,4 +1,4 @@
-"""study.toml: read, checked, its paths made absolute."""
+"""Read and check study.toml, and resolve its paths."""
 
 import tomllib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Measured lip positions while a simulation lasts."""
+"""Measured lip positions during a simulation."""
 
 import numpy as np
 import xarray as xr
@@ -18,7 +18,7 @@ def measured_during(
     face: xr.Dataset,
     head_frame: HeadFrameParameters,
 ) -> xr.Dataset:
-    """Measured lip positions in the frame of the face, while the simulation lasts.
+    """Compute measured lip positions in the frame of the face during the simulation.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def measured_during(
     if covered.sum() < 2:
         when = f"from {frames[0]:.4g} to {frames[-1]:.4g} s" if frames.size else "at no instant"
         raise MarkerError(
-            f"all lip markers were seen {when}, the motion was simulated for {times[0]:.4g} to "
-            f"{times[-1]:.4g} s of the recording: expected the recording that the activation came "
-            "from, with its markers"
+            f"all lip markers are visible {when}, the motion was simulated for "
+            f"{times[0]:.4g} to {times[-1]:.4g} s of the recording: expected the recording "
+            "from which the activation was computed, with its markers"
         )
     coords = {"time": ("time", simulated, {"units": "s"})}
 

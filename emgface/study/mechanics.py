@@ -1,4 +1,4 @@
-"""Code that a simulated motion depends on, named once for every stage that stores one."""
+"""Code on which a simulated motion depends, for all stages that store one."""
 
 from typing import Final
 
@@ -26,4 +26,4 @@ MECHANICS: Final = (
     "emgface.schema.migration",
     "emgface.schema.validation",
 )
-"""The mechanics, the recipe of the scene, and all that they import."""
+"""Modules of the mechanics and of the scene, and their imports."""

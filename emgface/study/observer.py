@@ -1,30 +1,30 @@
-"""Who is told how a long run is getting on; the command line shows it, a test may record it."""
+"""Observers of the progress of a long run."""
 
 from typing import Protocol
 
 
 class Observer(Protocol):
-    """Is told of the progress of a run."""
+    """Interface of observers of a run."""
 
     def begin(self, total: int) -> None:
-        """Learn how many trials there are."""
+        """Receive the number of trials."""
         ...
 
     def working(self, label: str) -> None:
-        """Learn which trial is being computed."""
+        """Receive the label of the trial being computed."""
         ...
 
     def finished(self, label: str, status: str) -> None:
-        """Learn how a trial ended."""
+        """Receive the status of a trial."""
         ...
 
     def message(self, text: str) -> None:
-        """Receive one sentence for the reader."""
+        """Receive a message."""
         ...
 
 
 class Silent:
-    """Tells no one."""
+    """Observer that does nothing."""
 
     def begin(self, total: int) -> None:
         """Ignore."""

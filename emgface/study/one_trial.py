@@ -1,4 +1,4 @@
-"""One trial through all stages; its failure is a result."""
+"""Computation of all stages of one trial, with failures as results."""
 
 from typing import Any
 
@@ -15,11 +15,11 @@ from emgface.study.table import PlannedTrial
 from sim.errors import SimulationError
 
 EXPECTED = (EmgfaceError, AnalysisError, SimulationError)
-"""Failures of one trial that do not stop the others."""
+"""Errors of one trial that do not stop the others."""
 
 
 def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None = None) -> Trial:
-    """Take one trial through all stages.
+    """Compute all stages of one trial.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
 
 
 def _provenance(stages: list[Result]) -> dict[str, Any]:
-    """Date of the last of some results, and what computed them."""
+    """Date of the last of several results, and their environments."""
     return {
         "computed": max((stage.computed for stage in stages), default=""),
         "environments": tuple(

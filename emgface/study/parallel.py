@@ -26,7 +26,7 @@ def in_processes(
     begin: Callable[..., None],
     arguments: tuple[Any, ...],
 ) -> Iterator[tuple[int, Done]]:
-    """Do jobs in several processes and yield what they give as they finish.
+    """Run jobs in several processes and yield their results as they finish.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def in_processes(
 
 @contextmanager
 def single_threaded_children() -> Iterator[None]:
-    """Let processes started in the block use one thread each."""
+    """Restrict processes started in the block to one thread each."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
@@ -92,7 +92,7 @@ def _begin(begin: Callable[..., None], arguments: tuple[Any, ...]) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent is gone, killed without a chance to stop its workers."""
+    """End this process if its parent has been killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

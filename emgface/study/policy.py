@@ -1,4 +1,4 @@
-"""What happens to sigma_max when a trial cannot be simulated with it.
+"""Policy of sigma_max for trials that cannot be simulated with it.
 
 The published rule is to start at 300 kPa and to lower by 10 % each time an element inverts. The
 solver does not tune its own inputs: it raises, and the rule is applied here.

@@ -1,4 +1,4 @@
-"""Record of what computed a result: packages, numerical libraries, machine and code."""
+"""Record of the environment of a result: packages, numerical libraries, machine and code."""
 
 import os
 import platform
@@ -17,18 +17,18 @@ PACKAGES: Final = (
     "numpy", "scipy", "numba", "llvmlite", "xarray", "netCDF4", "pandas", "statsmodels",
     "pypardiso", "mkl", "ipctk",
 )  # fmt: skip
-"""Packages whose versions may change a result, the package itself apart."""
+"""Packages whose versions may change a result, in addition to this package."""
 SETTINGS: Final = (
     "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS",
     "NUMBA_THREADING_LAYER", "MKL_CBWR", "MKL_THREADING_LAYER",
 )  # fmt: skip
-"""Environment variables that numerical libraries listen to."""
+"""Environment variables that affect numerical libraries."""
 CODE: Final = ("analysis", "emgface", "sim")
 
 
 @cache
 def environment() -> str:
-    """Describe what computes in this process.
+    """Describe the environment of this process.
 
     Returns
     -------
@@ -60,14 +60,14 @@ def environment() -> str:
 
 
 def _blas() -> str:
-    """Library of linear algebra that numpy was built with."""
+    """Linear algebra library of numpy."""
     built: Any = np.show_config(mode="dicts")
     found = (built or {}).get("Build Dependencies", {}).get("blas", {})
     return f"{found.get('name', 'unknown')} {found.get('version', '')}".strip()
 
 
 def _processor() -> str:
-    """Name of the processor, as far as the system tells it."""
+    """Name of the processor, if the system provides it."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
         for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():

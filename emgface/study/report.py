@@ -1,4 +1,4 @@
-"""The tables of a study, printed and written."""
+"""Output of the tables of a study."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from emgface.study.store import write_text
 
 @dataclass(frozen=True)
 class Report:
-    """Tables of a cube and where they were written.
+    """Tables of a cube and their folder.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A study from configuration to cube: every trial through every stage, none lost, all resumable."""
+"""Execution of a study, from configuration to cube, with resumption."""
 
 import json
 import time
@@ -34,7 +34,7 @@ from sim.threads import one_blas_thread
 
 @dataclass(frozen=True, repr=False)
 class StudyResult(Described):
-    """What a study gave.
+    """Results of a study.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class StudyResult(Described):
         }
 
     def computed(self) -> list[Event]:
-        """Return the events of results that were not in the store, or damaged there."""
+        """Return the events of results that were absent or damaged in the store."""
         return [event for event in self.events if event.outcome != "reused"]
 
 
@@ -84,7 +84,7 @@ def run_study(
     workers: int = 1,
     observer: Observer | None = None,
 ) -> StudyResult:
-    """Run a study, computing only what is not stored yet.
+    """Run a study, computing only results that are not stored.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def run_study(
     observer = observer or Silent()
     intake = take_in(study.recordings, study.exclude)
     for error in intake.unreadable.values():
-        observer.message(f"Left out: {error}")
+        observer.message(f"Omitted: {error}")
     for exclusion in study.exclude:
         if not any(exclusion.covers(recording.place) for recording in intake.recordings):
             observer.message(f"The exclusion of {exclusion.label} matches no recording.")
@@ -146,11 +146,11 @@ def run_study(
         log.write(store.events)
     if muted:
         observer.message(
-            f"In {len(muted)} of {len(intake.recordings)} recordings the feature of some "
-            "muscle is zero or saturated throughout; the attribute 'warnings' of the results in "
-            f"{store.folder / 'activation'} names them."
+            f"In {len(muted)} of {len(intake.recordings)} recordings the feature of at least "
+            "one muscle is zero or saturated throughout; it is listed in the attribute "
+            f"'warnings' of the results in {store.folder / 'activation'} ."
         )
-    assert reference is not None, "a study has at least its own variant"
+    assert reference is not None, "a study has at least one variant"
     cube = cubes[made[0].labels]
     if study.axis:
         cube = combine_cubes(cubes, {axis.dim: axis.labels() for axis in study.axis})
@@ -182,7 +182,7 @@ def _run_trials(
     observer: Observer,
     told: str,
 ) -> list[Trial]:
-    """Take every trial through all stages; where it is asked for, with one sigma_max a volunteer."""
+    """Compute all trials, with one sigma_max per volunteer if requested."""
     results = _through_stages(laboratory, trials, extents, workers, observer, told)
     if laboratory.study.simulation.sigma_max_policy.scope == "trial":
         return results
@@ -190,8 +190,8 @@ def _run_trials(
     while again := sigma_max_to_share(done.values()):
         for volunteer, lowest in again.items():
             observer.message(
-                f"{told}{volunteer}: a trial needed sigma_max = {lowest / 1e3:.4g} kPa, which holds "
-                "for all of its trials; those with more are simulated again"
+                f"{told}{volunteer}: a trial required sigma_max = {lowest / 1e3:.4g} kPa, which holds "
+                "for all trials of the volunteer; trials with a higher value are simulated again"
             )
             higher = [
                 trial
@@ -207,7 +207,7 @@ def _run_trials(
 
 
 def sigma_max_to_share(results: Iterable[Trial]) -> dict[str, float]:
-    """Volunteers whose trials ran with different sigma_max, and the smallest of each [Pa].
+    """Volunteers with different sigma_max among their trials, and the smallest of each [Pa].
 
     Trials that failed with every value do not count: theirs is the policy's minimum.
     """
@@ -262,7 +262,7 @@ def _cube(
 
 
 def feature_extents(laboratory: Laboratory, intake: Intake) -> dict[str, Result]:
-    """Range of the features per volunteer, where Eq. 8 reaches beyond the trial."""
+    """Range of the features per volunteer, if Eq. 8 does not use the range of the trial."""
     reach = laboratory.study.signals.normalisation.reach
     if reach == "trial" or laboratory.study.activation_source == "true":
         return {}
@@ -290,7 +290,7 @@ def _origin(intake: Intake) -> Origin:
 
 
 class _TimesLog:
-    """What was computed when, one JSON object per line, added to at every run."""
+    """Log of computed results: one JSON object per line, extended by every run."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -1,4 +1,4 @@
-"""The stages of one trial, each a stored result: activation, motion, aligned position, scores."""
+"""Stages of one trial, each a stored result: activation, motion, aligned position, scores."""
 
 import time
 import warnings
@@ -95,7 +95,7 @@ class StoredFailure(Exception):
 
 @dataclass
 class Laboratory:
-    """What the trials of a study share: store, face, configuration.
+    """Data common to the trials of a study: store, face, configuration.
 
     Attributes
     ----------
@@ -123,12 +123,12 @@ class Laboratory:
 
     @property
     def alignment(self) -> dict[str, Any]:
-        """Options of `analysis.align.align`, the same for whatever is laid beside a recording."""
+        """Options of `analysis.align.align`, equal for all motions compared with a recording."""
         limits = self.study.score.model_dump(include={"smallest_motion", "smallest_snr"})
         return {**self.study.alignment.arguments(), **limits}
 
     def lowered(self, sigma_max: float) -> "Laboratory":
-        """Return the same laboratory with another sigma_max [Pa] to start from."""
+        """Return the same laboratory with another initial sigma_max [Pa]."""
         simulation = self.study.simulation.model_copy(update={"sigma_max": sigma_max})
         study = self.study.model_copy(update={"simulation": simulation})
         return Laboratory(self.store, self.face, study, self.report)
@@ -151,7 +151,7 @@ class Laboratory:
     def activation(
         self, recording: Recording, strategy: str, extent: Result | None = None
     ) -> Result:
-        """Return the activation of all muscles during a recording, under a strategy.
+        """Return the activation of all muscles during a recording, with a strategy.
 
         Raises
         ------
@@ -288,7 +288,7 @@ class Laboratory:
 
 
 def _noting_warnings(compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Keep what features warned of with the result: a study would print it hundreds of times."""
+    """Store the warnings of features with the result instead of printing them for every trial."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FeatureWarning)
         dataset = compute()
@@ -300,7 +300,7 @@ def _noting_warnings(compute: Callable[[], xr.Dataset]) -> xr.Dataset:
 
 
 def activation_digest(activation: xr.DataArray) -> str:
-    """Digest of muscles, times and values alone: equal activations share a simulation."""
+    """Digest of muscles, times and values only, so that equal activations share a simulation."""
     bare = xr.Dataset(
         {"activation": (("muscle", "time"), activation.transpose("muscle", "time").values)},
         coords={"muscle": activation["muscle"].values, "time": activation["time"].values},
@@ -309,7 +309,7 @@ def activation_digest(activation: xr.DataArray) -> str:
 
 
 def steps_of(motion: xr.Dataset) -> float:
-    """Time steps that a motion took, rejected ones included where they were counted."""
+    """Number of time steps of a motion, including rejected ones if they were counted."""
     if "steps" in motion:
         return float(np.nansum(motion["steps"].values))
     return float(motion.sizes["time"] - 1)

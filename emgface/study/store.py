@@ -1,4 +1,4 @@
-"""Results of stages, kept as netCDF under a digest of all they depend on.
+"""Store of stage results as netCDF files, identified by a digest of their inputs.
 
 A result lies in ``<folder>/<stage>/<digest>.nc`` with ``<digest>.json`` beside it, which says in
 plain words what it came from, when it was computed and by what. The digest covers the stage's
@@ -29,7 +29,7 @@ Outcome = Literal["computed", "reused", "recomputed"]
 
 @dataclass(frozen=True)
 class Stage:
-    """A step of the study whose results are kept.
+    """Stage of the study whose results are stored.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Event:
-    """What happened to one result: computed, reused, or recomputed because it was damaged."""
+    """Event of one result: computed, reused, or recomputed because it was damaged."""
 
     stage: str
     digest: str
@@ -56,7 +56,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Result:
-    """A stored dataset, its digest (the input of later stages) and how it came about.
+    """Stored dataset, its digest (the input of later stages) and its event.
 
     `computed` is the UTC date of its computation and `environment` what computed it, as
     `emgface.study.provenance.environment` tells; empty where the store does not know.
@@ -72,7 +72,7 @@ class Result:
 
 @dataclass
 class Store:
-    """A folder of stage results.
+    """Folder of stage results.
 
     Attributes
     ----------
@@ -93,14 +93,14 @@ class Store:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StoreError(
-                f"the folder {self.folder} cannot be created ({error.strerror}): "
-                "choose a folder you may write to"
+                f"the folder {self.folder} cannot be created ({error.strerror}): specify a "
+                "writable folder"
             ) from error
 
     def key(
         self, stage: Stage, inputs: Mapping[str, str], parameters: Mapping[str, Any]
     ) -> dict[str, Any]:
-        """All that a result depends on, as plain data."""
+        """All inputs of a result, as plain data."""
         return {
             "stage": stage.name,
             "inputs": dict(inputs),
@@ -121,7 +121,7 @@ class Store:
         *,
         label: str = "",
     ) -> Result:
-        """Return the stored result, computing and storing it when absent or damaged.
+        """Return the stored result, computing it if it is absent or damaged.
 
         Parameters
         ----------
@@ -159,7 +159,9 @@ class Store:
                 self._log(stage, path, label, "reused", started)
                 return Result(dataset, path.stem, "reused", path, *_made(path))
         if damage:
-            self.report(f"Stored result {path.name} of stage {stage.name} {damage}; computing it.")
+            self.report(
+                f"Stored result {path.name} of stage {stage.name} {damage}; it is computed again."
+            )
         computed = compute()
         self._write(computed, path, key, label, time.perf_counter() - started)
         dataset = _load(path)  # what a later run will read, to the last attribute
@@ -172,25 +174,25 @@ class Store:
         self.events.append(Event(stage.name, path.stem, label, outcome, seconds))
 
     def _damage(self, path: Path, key: Mapping[str, Any]) -> str | None:
-        """Why the stored file cannot serve: None when it can, empty when it is just absent."""
+        """Problem of the stored file: None if it is valid, empty if it is absent."""
         index = path.with_suffix(".json")
         if not path.exists() and not index.exists():
             return ""
         if not path.exists():
-            return "is missing beside its index"
+            return "is missing, but its index exists"
         if not index.exists():
-            return "has no index beside it, so its origin is unknown"
+            return "has no index, so that its origin is unknown"
         try:
             known = json.loads(index.read_text(encoding="utf-8"))
             digest, size, recorded = known["sha256"], known["bytes"], known["key"]
         except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError):
             return "has an index that cannot be read"
         if recorded != key:
-            return "was made from something else"
+            return "was computed from other inputs"
         if path.stat().st_size != size:
-            return f"has {path.stat().st_size} bytes where {size} were written"
+            return f"has {path.stat().st_size} bytes, but {size} were written"
         if file_digest(path) != digest:
-            return "differs from what was written"
+            return "differs from the written result"
         return None
 
     def _write(
@@ -211,7 +213,7 @@ class Store:
 
 
 def _made(path: Path) -> tuple[str, str]:
-    """When and by what a stored result was computed, as its index tells."""
+    """Date and environment of a stored result, from its index."""
     index = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
     by = index.get("environment")
     return str(index.get("written", "")), "" if by is None else canonical_json(by)
@@ -226,7 +228,7 @@ def _load(path: Path) -> xr.Dataset:
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset in one piece: a reader finds the old file or the whole new one.
+    """Write a dataset atomically: a reader finds the old or the complete new file.
 
     Raises
     ------
@@ -237,7 +239,7 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a text file in one piece.
+    """Write a text file atomically.
 
     Raises
     ------

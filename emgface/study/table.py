@@ -1,4 +1,4 @@
-"""The run table: every trial a study consists of, and those that a complete design would have."""
+"""Run table: all trials of a study, including those missing from a complete design."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording that takes part.
+    """Recording included in a study.
 
     Attributes
     ----------
@@ -45,13 +45,13 @@ class Recording:
 
     @property
     def label(self) -> str:
-        """Words for a reader."""
+        """Readable label."""
         return " ".join(map(str, self.place))
 
 
 @dataclass(frozen=True)
 class PlannedTrial:
-    """One cell of the cube: a recording, or none, under one strategy."""
+    """One cell of the cube: a recording, or none, with one strategy."""
 
     place: Place
     strategy: str
@@ -59,13 +59,13 @@ class PlannedTrial:
 
     @property
     def label(self) -> str:
-        """Words for a reader."""
+        """Readable label."""
         return " ".join(map(str, (*self.place, self.strategy)))
 
 
 @dataclass(frozen=True)
 class Intake:
-    """What a folder of recordings gave.
+    """Usable and unreadable recordings of a folder.
 
     Attributes
     ----------
@@ -80,12 +80,12 @@ class Intake:
 
     @property
     def origin(self) -> str:
-        """Whether persons or a computer moved; the same for all."""
+        """Origin of the recordings, measured or simulated, equal for all."""
         return str(self.recordings[0].dataset.attrs["origin"])
 
     @property
     def world(self) -> str:
-        """Name of the world that simulated volunteers are of; empty for persons."""
+        """World of simulated volunteers; empty for measured recordings."""
         return str(self.recordings[0].dataset.attrs.get("world", ""))
 
     def of(self, volunteer: str) -> tuple[Recording, ...]:
@@ -95,7 +95,7 @@ class Intake:
 
 
 def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion] = ()) -> Intake:
-    """Read the recordings a configuration selects, in the order of the design.
+    """Read the recordings selected by a configuration, in the order of the design.
 
     A recording that names its trial but lacks something the study needs keeps its place, with the
     error; its trials fail, the others go on.
@@ -152,20 +152,20 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
     if not found:
         raise DataError(
             f"none of {n_files} recordings in {configuration.folder} is of the selected "
-            "volunteers, instructions and repetitions: widen the selection"
+            "volunteers, instructions and repetitions: extend the selection"
         )
     origins = {str(r.dataset.attrs["origin"]) for r in found.values()}
     if len(origins) > 1:
         raise DataError(
-            f"{configuration.folder} holds measured and simulated recordings, which cannot share "
-            "a cube: make a study of each"
+            f"{configuration.folder} contains measured and simulated recordings, which "
+            "cannot share a cube: run a study of each"
         )
     worlds = {str(r.dataset.attrs.get("world", "")) for r in found.values()}
     if len(worlds) > 1:
         raise DataError(
-            f"{configuration.folder} holds volunteers of several worlds "
-            f"({', '.join(sorted(world or 'without a name' for world in worlds))}), which cannot share "
-            "a cube: make a study of each"
+            f"{configuration.folder} contains volunteers of several worlds "
+            f"({', '.join(sorted(world or 'without a name' for world in worlds))}), which "
+            "cannot share a cube: run a study of each"
         )
     order = list(INSTRUCTIONS)
     places = sorted(found, key=lambda p: (p[0], order.index(p[1]), p[2]))
@@ -191,7 +191,7 @@ def take_in_references(configuration: RecordingsConfiguration) -> dict[str, list
     """
     if configuration.reference_folder is None:
         raise DataError(
-            "normalisation over a reference needs maximum-effort recordings: set "
+            "normalisation over a reference requires maximum-effort recordings: set "
             "recordings.reference_folder"
         )
     grouped: dict[str, list[xr.Dataset]] = {}
@@ -202,7 +202,7 @@ def take_in_references(configuration: RecordingsConfiguration) -> dict[str, list
             raise given
         volunteer = str(given.attrs.get("volunteer", ""))
         if not volunteer:
-            raise DataError(f"{path.name} does not say whose it is: set its attribute volunteer")
+            raise DataError(f"{path.name} has no attribute volunteer: set it")
         grouped.setdefault(volunteer, []).append(given)
     return grouped
 

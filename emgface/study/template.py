@@ -1,4 +1,4 @@
-"""A commented study.toml, generated from the descriptions of the parameters themselves."""
+"""Commented study.toml, generated from the descriptions of the parameters."""
 
 import json
 import textwrap
@@ -11,7 +11,7 @@ from emgface.study.configuration import StudyConfiguration
 
 
 def study_template(study: StudyConfiguration | None = None) -> str:
-    """Text of a study file that holds every parameter with its description.
+    """Text of a study file with all parameters and their descriptions.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def study_template(study: StudyConfiguration | None = None) -> str:
     """
     head = (
         "# A study: every parameter with its default, unit and source.\n"
-        "# Lines may be deleted where the default is wanted.\n"
+        "# Lines with defaults may be removed.\n"
     )
     return head + "\n".join(_table(study or StudyConfiguration(), "")) + "\n"
 
@@ -61,14 +61,14 @@ def _table(model: BaseModel, name: str) -> list[str]:
 
 
 def _row(model: BaseModel, key: str) -> Any:
-    """Defaults of one row of an array of tables, None where the field is no such array."""
+    """Defaults of one row of an array of tables; None for other fields."""
     annotation = type(model).model_fields[key].annotation
     first = (*get_args(annotation), None)[0] if get_origin(annotation) is tuple else None
     return first() if isinstance(first, type) and issubclass(first, BaseModel) else None
 
 
 def _nested(model: BaseModel, key: str) -> Any:
-    """Table under a name: its value, or the defaults of one that may be left out."""
+    """Table of a name: its value, or the defaults of an optional one."""
     if isinstance(value := getattr(model, key), BaseModel):
         return value
     if _row(model, key) is not None:

@@ -1,4 +1,4 @@
-"""The activation that produced a simulated recording."""
+"""True activation of a simulated recording."""
 
 import xarray as xr
 
@@ -9,7 +9,7 @@ from emgface.signals.resampling import resample, simulation_times
 
 
 def true_activation_of(recording: xr.Dataset, resampling: ResamplingParameters) -> xr.Dataset:
-    """Take the activation that produced a simulated recording.
+    """Return the true activation of a simulated recording.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def true_activation_of(recording: xr.Dataset, resampling: ResamplingParameters) 
     """
     if "true_activation" not in recording:
         raise ConfigurationError(
-            "activation_source = 'true' needs recordings that carry true_activation, found a "
-            f"{recording.attrs.get('origin', '')} one without it: use 'estimated'"
+            "activation_source = 'true' requires recordings with true_activation, found a "
+            f"{recording.attrs.get('origin', '')} one without: use 'estimated'"
         )
     truth = recording["true_activation"].rename(time_true="time")
     time, frames = truth["time"].values, recording["time_marker"].values

@@ -1,4 +1,4 @@
-"""The trials of a study in several processes, all on the same store."""
+"""Execution of trials in several processes with a common store."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from emgface.study.table import PlannedTrial, load_recording
 
 @dataclass(frozen=True)
 class Done:
-    """What a worker gives back: the trial's result, what was stored, whom to tell what."""
+    """Output of a worker: result of the trial, stored results and messages."""
 
     outcome: Trial
     events: list[Event]
@@ -61,7 +61,7 @@ def in_parallel(
 
 _laboratory: Laboratory | None = None
 _messages: list[str] = []
-"""The laboratory of a worker process, and what it has to say."""
+"""Laboratory of a worker process, and its messages."""
 
 
 def _begin(study: StudyConfiguration, folder: Path) -> None:
@@ -71,7 +71,7 @@ def _begin(study: StudyConfiguration, folder: Path) -> None:
 
 
 def _without_data(trial: PlannedTrial) -> PlannedTrial:
-    """Leave the samples of a usable recording behind: a worker reads the file itself."""
+    """Remove the samples of a usable recording, because a worker reads the file itself."""
     recording = trial.recording
     if recording is None or recording.error is not None or recording.excluded:
         return trial
@@ -79,7 +79,7 @@ def _without_data(trial: PlannedTrial) -> PlannedTrial:
 
 
 def _work(job: tuple[PlannedTrial, Result | None]) -> Done:
-    assert _laboratory is not None, "every worker begins with its laboratory"
+    assert _laboratory is not None, "the laboratory of a worker is not set"
     trial, extent = job
     recording = trial.recording
     if recording is not None and recording.error is None and not recording.excluded:

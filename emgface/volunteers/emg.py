@@ -90,7 +90,7 @@ def band_limited_noise(
     """
     if sampling_rate <= 2.0 * BAND[1]:
         raise SignalError(
-            f"a sampling rate of {sampling_rate:g} Hz cannot hold sEMG up to {BAND[1]:g} Hz: "
+            f"a sampling rate of {sampling_rate:g} Hz cannot represent sEMG up to {BAND[1]:g} Hz: "
             f"choose more than {2 * BAND[1]:g} Hz"
         )
     frequency = np.fft.rfftfreq(n_samples, 1.0 / sampling_rate)
@@ -98,7 +98,7 @@ def band_limited_noise(
     if n_samples < sampling_rate / BAND[0]:
         raise SignalError(
             f"{n_samples} samples at {sampling_rate:g} Hz are shorter than one period of "
-            f"{BAND[0]:g} Hz: make the trial longer"
+            f"{BAND[0]:g} Hz: use a longer trial"
         )
     density = np.where(inside, power_spectrum(frequency), 0.0)
     shape = (n_signals, frequency.size)

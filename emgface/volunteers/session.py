@@ -204,8 +204,9 @@ def simulate_session(
     """
     if settings.world.pick_up == "volume" and conduction is None:
         raise ConfigurationError(
-            "the world picks up EMG through the tissue and there are no ways of the muscles to the "
-            "electrodes: give conduction, or a world with pick_up = 'mapping'"
+            "the pick-up of this world is through the tissue, but the distances of the "
+            "muscles to the electrodes are missing: specify conduction, or a world with "
+            "pick_up = 'mapping'"
         )
     events = session_events(instruction, len(motions), settings)
     onsets = [float(onset) for onset in events["onset"]]

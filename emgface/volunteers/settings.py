@@ -17,19 +17,19 @@ class VolunteerParameters(Parameters):
 
     world: World = Field(
         default=MISMATCHED,
-        description="How the volunteers differ from what a study assumes of them.",
+        description="Differences between the volunteers and the assumptions of a study.",
     )
     emg: Literal["motor_units", "noise"] = choice(
         "motor_units",
         "Source of the EMG: action potentials of motor units, or amplitude-modulated noise.",
-        note="with motor units the amplitude is not quite proportional to the activation",
+        note="with motor units, the amplitude is approximately proportional to the activation",
     )
     resolution: Resolution = parameter(
         "medium",
-        "Number of elements of the faces drawn: coarse, medium, fine or about how many.",
+        "Number of elements of the random faces: coarse, medium, fine, or an approximate number.",
         unit="1",
         source=OWN,
-        note="finer than the study's, lest a study be judged by its own errors",
+        note="finer than that of the study, so that the errors of both differ",
     )
     preset: str = choice(
         "adult",
@@ -44,11 +44,11 @@ class VolunteerParameters(Parameters):
     )  # fmt: skip
     duration: float = parameter(
         1.8, "Length of a trial.", unit="s", source=OWN, gt=0.2, le=60.0,
-        note="160 steps of 10 ms and half a window of 200 ms at either end",
+        note="160 steps of 10 ms and half a window of 200 ms at each end",
     )  # fmt: skip
     rest: float = parameter(
-        2.0, "Rest before, between and after repetitions, at least.", unit="s",
-        source=f"{ESKES}, Methods", ge=0.25, le=60.0, note="rounded up to quarters of a second",
+        2.0, "Shortest rest before, between and after repetitions.", unit="s",
+        source=f"{ESKES}, Methods", ge=0.25, le=60.0, note="rounded up to multiples of 0.25 s",
     )  # fmt: skip
     sampling_rate: float = parameter(
         2048.0, "Sampling rate of the EMG.", unit="Hz", source=f"{ESKES}, Methods", gt=1000.0
@@ -58,20 +58,24 @@ class VolunteerParameters(Parameters):
     )
     cameras: Literal["three", "direct"] = choice(
         "three",
-        "Markers seen by three calibrated cameras and triangulated, or positions with noise added.",
+        "Markers triangulated from three calibrated cameras, or positions with added noise.",
         source=f"{ESKES}, Methods",
     )
     pixel_noise: float = parameter(
-        0.1, "Standard deviation of a marker in an image.", unit="pixel", source=OWN, ge=0
+        0.1,
+        "Standard deviation of the position of a marker in an image.",
+        unit="pixel",
+        source=OWN,
+        ge=0,
     )
     occlusions: float = parameter(
-        0.05, "Times per second that a marker is lost, for 20 to 80 ms.", unit="1/s", source=OWN,
+        0.05, "Number of losses of a marker per second, each of 20 to 80 ms.", unit="1/s", source=OWN,
         ge=0,
     )  # fmt: skip
     cross_talk: float | None = parameter(
         None,
-        "Share of a neighbour's amplitude where world.pick_up = 'mapping'; drawn for each volunteer "
-        "when absent.",
+        "Fraction of the amplitude of neighbouring channels if world.pick_up = 'mapping'; "
+        "default: random for each volunteer.",
         unit="1",
         source=OWN,
         ge=0,
@@ -85,7 +89,7 @@ class VolunteerParameters(Parameters):
     )
     artefact_probability: float = parameter(
         0.1,
-        "Probability of a movement artefact in a channel at a repetition.",
+        "Probability of a movement artefact per channel and repetition.",
         unit="1",
         source=OWN,
         ge=0,
@@ -93,7 +97,7 @@ class VolunteerParameters(Parameters):
     )
     artefact_amplitude: float = parameter(
         100e-6,
-        "Median peak of movement artefacts, which lie below the band of muscles.",
+        "Median peak of movement artefacts, whose frequencies are below the pass-band.",
         unit="V",
         source=f"{OWN}; {VAN_BOXTEL} for the band",
         ge=0,
@@ -103,12 +107,12 @@ class VolunteerParameters(Parameters):
         "Probability that an electrode pair fails during a session.",
         unit="1",
         source=OWN,
-        note="a trial with a failed pair cannot be used by a study; it serves tests of the checks",
+        note="a trial with a failed pair cannot be used in a study; it serves to test the checks",
         ge=0,
         le=1,
     )
 
     keep_sessions: bool = choice(
         False,
-        "Also write each session uncut, with the rests, and its events as BIDS writes them.",
+        "Also write each uncut session, with rests, and its events in the format of BIDS.",
     )

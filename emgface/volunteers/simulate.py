@@ -276,7 +276,7 @@ def _begin(setup: _Setup) -> None:
 
 
 def _work(place: _Place) -> tuple[list[Path], list[str]]:
-    assert _recorder is not None, "every worker begins with its recorder"
+    assert _recorder is not None, "the recorder of a worker is not set"
     _notes.texts.clear()
     paths = _recorder.record(place)
     return paths, list(_notes.texts)

@@ -30,10 +30,11 @@ class World(Parameters):
 
     elements: float = parameter(
         1.5,
-        "Number of elements of a volunteer's face over that of `resolution`; 1 is the same mesh.",
+        "Number of elements of a volunteer's face divided by that of `resolution`; 1 is the same mesh.",
         unit="1",
         source=OWN,
-        note="the rings of a coarse mesh change, its rays stay; a face read from a file keeps its mesh",
+        note="the number of rings of a coarse mesh changes, that of its rays does not; a face "
+        "from a file keeps its mesh",
         ge=0.75,
         le=10,
     )
@@ -46,20 +47,21 @@ class World(Parameters):
         4.0,
         "Factor on the bulk modulus of the tissue.",
         unit="1",
-        note="soft tissue is closer to incompressible than the study's 25 kPa make it",
+        note="soft tissue is less compressible than with the 25 kPa of the study",
     )
     fibre_law: Literal["study", "other"] = choice(
         "other",
-        "Law of the muscle fibres: that of the study, or the other one. Where the study has Blemker's, "
-        "the other is an active stress alike at every length.",
+        "Law of the muscle fibres: that of the study, or the other one. If the study uses "
+        "that of Blemker, the other law has an active stress independent of the fibre "
+        "length.",
     )
     course_shift: float = parameter(
         4e-3,
-        "Standard deviation, along the skin, of the origin and the insertion of each muscle.",
+        "Standard deviation, along the skin, of the positions of origin and insertion of each muscle.",
         unit="m",
         source=OWN,
-        note="drawn for each volunteer, alike on both sides, in faces that are drawn; orbicularis oris "
-        "changes its inner edge instead",
+        note="random for each volunteer, equal on both sides, for random faces; the inner edge "
+        "of orbicularis oris is changed instead",
         ge=0,
         le=0.01,
     )
@@ -68,17 +70,18 @@ class World(Parameters):
         "Standard deviation of the logarithm of each muscle's strength.",
         unit="1",
         source=OWN,
-        note="the force at an activation; the EMG does not know of it",
+        note="factor on the force at a given activation; the EMG does not depend on it",
         ge=0,
         le=1,
     )
     delay: Range = parameter(
         (0.03, 0.05),
-        "Electromechanical delay from the excitation that the EMG shows to the onset of activation: "
-        "range from which each volunteer's is drawn.",
+        "Electromechanical delay from the excitation to the onset of activation: range from "
+        "which the value of each volunteer is drawn.",
         unit="s",
         source=CAVANAGH,
-        note=f"electrical stimulation of the lips gave 15 ms to the force of a single twitch ({ITO})",
+        note="with electrical stimulation of the lips, the force of a single twitch followed "
+        f"after 15 ms ({ITO})",
     )
     activation_time: float = parameter(
         0.015, "Time constant of the rise of activation.", unit="s", source=THELEN, ge=0, le=0.2
@@ -97,8 +100,8 @@ class World(Parameters):
     )
     left_out: float = parameter(
         0.15,
-        "Probability that a person leaves a muscle of the table out of an instruction (a fifth of its "
-        "level is left), the strongest one excepted.",
+        "Probability that a person omits a muscle of the table from an instruction (a fifth "
+        "of its level remains), except the strongest one.",
         unit="1",
         source=OWN,
         ge=0,
@@ -106,7 +109,7 @@ class World(Parameters):
     )
     joining: float = parameter(
         0.3,
-        "Probability that a muscle that is not in the table contracts along.",
+        "Probability that a muscle that is not in the table is co-activated.",
         unit="1",
         source=f"{OWN}; {SCHUMANN}",
         ge=0,
@@ -117,7 +120,7 @@ class World(Parameters):
     )
     muscle_timing: float = parameter(
         0.04,
-        "Standard deviation of each muscle's onset against that of the instruction.",
+        "Standard deviation of the onset of each muscle relative to that of the instruction.",
         unit="s",
         source=OWN,
         ge=0,
@@ -125,17 +128,19 @@ class World(Parameters):
     )
     pick_up: Literal["mapping", "volume"] = choice(
         "volume",
-        "What electrodes hear: the muscles that Eqs 2-6 assume under them, with scaled copies of "
-        "neighbouring channels; or every muscle, filtered by the tissue between.",
+        "Sources recorded by the electrodes: the muscles assumed by Eqs 2-6, with scaled "
+        "copies of neighbouring channels; or every muscle, filtered by the tissue between "
+        "muscle and electrode.",
         source=f"{LINDSTROM} (tissue filter)",
     )
     snr: Range | None = parameter(
         (14.0, 20.0),
-        "Power of a channel in the pass-band while active over that at rest: range from which each "
-        "channel's ratio is drawn; absent: the amplifier's noise alone.",
+        "Ratio of the power of a channel in the pass-band during activity to that at rest: "
+        "range from which the value of each channel is drawn; default: noise of the "
+        "amplifier only.",
         unit="dB",
-        source=f"{OWN}: surface EMG of facial muscles as laboratories record it",
-        note="measured as `emgface.volunteers.noise.signal_to_noise` does",
+        source=f"{OWN}: typical surface EMG of facial muscles",
+        note="defined by `emgface.volunteers.noise.signal_to_noise`",
     )
     amplitude: float = positive(
         0.25,
@@ -148,7 +153,9 @@ class World(Parameters):
     @classmethod
     def _ordered(cls, value: Range | None) -> Range | None:
         if value is not None and not 0.0 <= value[0] <= value[1]:
-            raise ValueError(f"{value} is no range: expected two numbers >= 0 in rising order")
+            raise ValueError(
+                f"{value} is not a range: expected two numbers >= 0 in ascending order"
+            )
         return value
 
     @field_validator("snr")
@@ -156,8 +163,9 @@ class World(Parameters):
     def _above_the_noise(cls, value: Range | None) -> Range | None:
         if value is not None and value[0] < 1.0:
             raise ValueError(
-                f"{value[0]:g} dB is too low: what is measured while active is signal and noise, so "
-                "that a ratio near 0 dB leaves no signal; expected at least 1 dB"
+                f"{value[0]:g} dB is too low, expected at least 1 dB: the power during "
+                "activity includes the noise, so that there is no signal at a ratio near 0 "
+                "dB"
             )
         return value
 
@@ -180,7 +188,7 @@ class World(Parameters):
         if not off:
             return "mismatched world"
         if len(off) < len(on):
-            return f"mismatched world but for {', '.join(off)}"
+            return f"mismatched world except {', '.join(off)}"
         return f"world mismatched in {', '.join(on)}"
 
     def without(self, *kinds: str) -> "World":

@@ -104,9 +104,10 @@ class _Dents:
         near = int(self._tissue.nodes[np.argmin((away**2).sum(axis=1))])
         name, shell = self._pair.pairing.name, self._shell.name
         raise ContactFailure(
-            f"pairing {name!r} starts tangled: shell {shell!r} would have to give way by more than "
-            f"{DEEPEST * 1e3:g} mm near node {near}, expected surfaces that start apart or nearly so: "
-            "move the shell, or turn its triangles to be seen counter-clockwise from the tissue",
+            f"pairing {name!r} starts intersecting: shell {shell!r} would have to be offset "
+            f"by more than {DEEPEST * 1e3:g} mm near node {near}, expected surfaces that "
+            "start apart or nearly so: move the shell, or orient its triangles "
+            "counter-clockwise as seen from the tissue",
             surface=name,
             node=near,
         )
@@ -199,8 +200,8 @@ def _require_apart(pair: CollisionPair, X: Array) -> None:
 def _refuse(pair: CollisionPair, some: Any, others: Any, how: str) -> None:
     here, there = (pair.node[list(part)].tolist() for part in (some, others))
     raise ContactFailure(
-        f"pairing {pair.pairing.name!r} starts tangled: nodes {here} and {there} {how} at rest, "
-        "expected surfaces of the mesh that start apart: part them by a small gap",
+        f"pairing {pair.pairing.name!r} starts intersecting: nodes {here} and {there} {how} at rest, "
+        "expected surfaces of the mesh that start apart: separate them by a small gap",
         surface=pair.pairing.name,
         node=here[0],
     )

@@ -28,8 +28,8 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
     Raises
     ------
     ContactFailure
-        The array has another shape or type, a triangle names a node twice, two triangles have the same
-        nodes, or two run along an edge in the same direction.
+        The array has another shape or type, a triangle contains a node twice, two triangles have the
+        same nodes, or two run along an edge in the same direction.
     """
     array = np.asarray(triangles)
     whole = array.dtype.kind in "iu" and array.ndim == 2 and array.shape[1:] == (3,)
@@ -45,8 +45,8 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
     if twice.any():
         bad = int(np.argmax(twice))
         raise ContactFailure(
-            f"triangle {bad} of surface {name!r} names a node twice ({array[bad].tolist()}): leave the "
-            "degenerate triangle out",
+            f"triangle {bad} of surface {name!r} contains a node twice "
+            f"({array[bad].tolist()}): remove the degenerate triangle",
             surface=name,
             triangle=bad,
         )
@@ -55,7 +55,7 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
         bad, other = repeated
         raise ContactFailure(
             f"triangle {bad} of surface {name!r} has the nodes of triangle "
-            f"{other} ({array[bad].tolist()}): leave the duplicate out",
+            f"{other} ({array[bad].tolist()}): remove the duplicate",
             surface=name,
             triangle=bad,
         )
@@ -65,9 +65,9 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
         bad, other = repeated
         a, b = sides[bad].tolist()
         raise ContactFailure(
-            f"triangles {other // 3} and {bad // 3} of surface {name!r} run along edge {a}-{b} in the "
-            "same direction, expected opposite ones: reverse one of them, or part a surface that "
-            "branches",
+            f"triangles {other // 3} and {bad // 3} of surface {name!r} run along edge "
+            f"{a}-{b} in the same direction, expected opposite ones: reverse one of them, or "
+            "divide a surface that branches",
             surface=name,
             triangle=bad // 3,
             edge=(a, b),
@@ -88,7 +88,7 @@ def require_nodes(triangles: Index, name: str, n: int, of: str) -> None:
         bad = int(np.argmax(outside.any(axis=1)))
         node = int(triangles[bad][outside[bad]][0])
         raise ContactFailure(
-            f"triangle {bad} of surface {name!r} names node {node}, expected 0..{n - 1} of {of}",
+            f"triangle {bad} of surface {name!r} refers to node {node}, expected 0..{n - 1} of {of}",
             surface=name,
             triangle=bad,
             node=node,
@@ -112,7 +112,7 @@ def require_area(triangles: Index, name: str, x: Array) -> None:
         raise ContactFailure(
             f"triangle {bad} of surface {name!r} has no area "
             f"({0.5 * double[bad]:.3g} m^2 with nodes {triangles[bad].tolist()}): "
-            "leave it out or part its nodes",
+            "remove it or separate its nodes",
             surface=name,
             triangle=bad,
         )

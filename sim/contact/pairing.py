@@ -40,7 +40,7 @@ class Pairing:
         if all(isinstance(surface, RigidShell) for surface in self.surfaces):
             raise SceneError(
                 f"pairing {self.name!r} has rigid shells only, expected at least one NodeSurface: "
-                "shells have no unknowns that a contact could push"
+                "shells have no unknowns on which contact forces could act"
             )
 
     @property
@@ -83,7 +83,7 @@ class Pairing:
             if (counts > 1).any():
                 nodes = found[np.argmax(counts > 1)].tolist()
                 raise ContactFailure(
-                    f"triangle with nodes {nodes} belongs to both surfaces of pairing {self.name!r}: "
-                    "leave it to one of them",
+                    f"triangle with nodes {nodes} belongs to both surfaces of pairing "
+                    f"{self.name!r}: remove it from one of them",
                     surface=self.name,
                 )

@@ -141,8 +141,9 @@ class RowPlaces:
             vertex, *face = self._rows.nodes[lost[0]].tolist()
             name = self._names[int(self._rows.pairing[lost[0]])]
             raise ContactFailure(
-                f"node {vertex} and the face of nodes {face} of pairing {name!r} touch, but lie farther "
-                f"apart at rest than the reach of {self._reach:g} m: give the contact a larger reach",
+                f"node {vertex} and the face of nodes {face} of pairing {name!r} are in "
+                f"contact, but their distance at rest exceeds the reach of {self._reach:g} "
+                "m: increase the reach of the contact",
                 surface=name,
                 node=vertex,
             )

@@ -178,7 +178,7 @@ class ContactEquation:
                 return x, acting, solve
             acting, last = multipliers.at(self.displacement(x)), np.inf
         if miss > ROUGHLY:
-            raise NotConverged((), self._until, f"contact did not settle, {miss:.2g} m are left")
+            raise NotConverged((), self._until, f"contact did not converge, {miss:.2g} m are left")
         assert solve is not None  # the loop ran
         return x, acting, solve
 

@@ -88,7 +88,9 @@ class LinearContact:
                 break
             multipliers = self._multipliers_of(multipliers.rows.joined(missed), multipliers)
         else:
-            raise NotConverged((), self._state.t + h, "contact finds new rows in every round")
+            raise NotConverged(
+                (), self._state.t + h, "new contact constraints appear in every iteration"
+            )
         out_of = near
         if self._moves < 1.0:
             out_of = near.joined(self._through(multipliers.rows, q, near))

@@ -14,7 +14,7 @@ def _acceleration(system: System, state: State, control: Control, work: Workspac
     """dw/dt = M^-1 (R'f - D w - b) with the inertial forces b."""
     if system.constraints:
         raise SceneError(
-            "an explicit integrator cannot hold constraints: use an implicit one or a soft term"
+            "an explicit integrator does not support constraints: use an implicit one or a soft term"
         )
     system.require_passable("an explicit integrator")
     system.require_no_contact("an explicit integrator")

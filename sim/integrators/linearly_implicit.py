@@ -162,8 +162,9 @@ def linear_step(
     except InvertedElement as inverted:
         if not found.definite:
             inverted.add_note(
-                "the matrix of this step was not positive definite: the equilibrium has lost its "
-                "stability, so that whether and when this happens depends on rounding"
+                "the matrix of this step was not positive definite: the equilibrium has "
+                "lost its stability, so that the occurrence and the time of this depend on "
+                "rounding"
             )
         raise
     remembered = {**system.remember(pose.q), **(touched.memory if touched else {})}

@@ -219,7 +219,7 @@ def minimise(
         try:
             more = work.factorise(A, potential.shift)
         except NotPositiveDefinite as error:
-            reason = "the matrix stays indefinite, however it is shifted"
+            reason = "the matrix remains indefinite for any shift"
             raise NotConverged(tuple(residuals), until, reason) from error
         work.factor_of = key
         factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0

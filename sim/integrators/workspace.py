@@ -391,7 +391,7 @@ class Workspace:
         """Solver of the system with the conditions of the scene, analysed at the first use."""
         if self._saddle is None:
             if self._system.constraints is None:
-                raise SceneError("the scene has no constraints, expected some to solve with")
+                raise SceneError("the scene has no constraints, expected at least one")
             self._saddle = Saddle(self._system.point_pattern, self._system.constraints)
         return self._saddle
 

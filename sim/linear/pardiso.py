@@ -258,7 +258,7 @@ class Pardiso:
 
     def _require_factor(self) -> None:
         if not self._factorised:
-            raise SingularSystem("no factor at hand: the last factorisation failed")
+            raise SingularSystem("there is no factor: the last factorisation failed")
 
 
 class PardisoLDLt(Pardiso):

@@ -99,7 +99,7 @@ class LineMuscles:
                 raise SceneError(f"line muscle {name} has no fibre")
         if found - set(range(len(self.names))):
             raise SceneError(
-                f"a line fibre names muscle {max(found)}, expected 0..{len(self.names) - 1}"
+                f"a line fibre refers to muscle {max(found)}, expected 0..{len(self.names) - 1}"
             )
         if isinstance(self.law, Sequence) and len(self.law) != len(self.names):
             raise SceneError(f"{len(self.law)} line laws for {len(self.names)} muscles")
@@ -152,8 +152,9 @@ class _Strands:
         if not (length > 0.0).all():
             bad = int(self.fibre[np.argmin(length > 0.0)])
             raise SceneError(
-                f"line fibre {bad} of muscle {term.names[term.fibres[bad].muscle]} has two successive "
-                "points at the same place, expected segments of some length"
+                f"line fibre {bad} of muscle {term.names[term.fibres[bad].muscle]} has two "
+                "successive points at the same position, expected segments of positive "
+                "length"
             )
         laws = term.laws()
         coupled = np.array(
@@ -285,7 +286,9 @@ def _placed(fibre: LineFibre, mesh: Mesh, tolerance: float) -> tuple[Index, Arra
         return found.nodes, found.weights
     nodes = fibre.points.astype(np.int64)
     if nodes.min() < 0 or nodes.max() >= mesh.n_nodes:
-        raise SceneError(f"a line fibre names node {nodes.max()}, expected 0..{mesh.n_nodes - 1}")
+        raise SceneError(
+            f"a line fibre refers to node {nodes.max()}, expected 0..{mesh.n_nodes - 1}"
+        )
     return nodes[:, None], np.ones((len(nodes), 1))
 
 

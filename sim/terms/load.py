@@ -45,7 +45,7 @@ class NodeLoad:
         """Add the forces up per node once."""
         nodes, n = np.asarray(self.nodes, dtype=np.int64), layout.mesh.n_nodes
         if nodes.size and not (nodes.min() >= 0 and nodes.max() < n):
-            raise SceneError(f"NodeLoad names node {int(nodes.max())}, expected 0..{n - 1}")
+            raise SceneError(f"NodeLoad refers to node {int(nodes.max())}, expected 0..{n - 1}")
         total = np.zeros((n, 3))
         np.add.at(total, nodes, self.force)
         return CompiledNodeLoad(total, layout.mesh.X)

@@ -50,8 +50,8 @@ class Material:
                 object.__setattr__(self, "bulk", QuadraticBulk())
         elif self.bulk is not None:
             raise SceneError(
-                f"Material: {type(self.law).__name__} answers for the volume itself, expected no bulk "
-                "law beside it: give bulk=None"
+                f"Material: {type(self.law).__name__} determines the volume change itself, "
+                "expected no separate bulk law: use bulk=None"
             )
 
     @property

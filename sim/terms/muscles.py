@@ -45,7 +45,7 @@ class Muscles:
         k = len(self.element)
         if self.muscle.shape != (k,) or self.direction.shape != (k, 3):
             raise SceneError(
-                f"muscle rows disagree: {k} elements, {self.muscle.shape} muscles, "
+                f"the sizes of the muscle arrays differ: {k} elements, {self.muscle.shape} muscles, "
                 f"{self.direction.shape} directions, expected ({k},) and ({k}, 3)"
             )
         empty = np.setdiff1d(np.arange(len(self.names)), self.muscle)
@@ -63,7 +63,8 @@ class Muscles:
         if self.weight is not None:
             if self.weight.shape != (k,):
                 raise SceneError(
-                    f"muscle rows disagree: {k} elements, {self.weight.shape} weights, expected ({k},)"
+                    f"the sizes of the muscle arrays differ: {k} elements, "
+                    f"{self.weight.shape} weights, expected ({k},)"
                 )
             if not (np.isfinite(self.weight) & (self.weight >= 0.0)).all():
                 row = int(np.argmin(np.isfinite(self.weight) & (self.weight >= 0.0)))
@@ -123,7 +124,9 @@ class FibreTable:
         """
         n = n_elements
         if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):
-            raise SceneError(f"a muscle names element {muscles.element.max()}, expected 0..{n - 1}")
+            raise SceneError(
+                f"a muscle refers to element {muscles.element.max()}, expected 0..{n - 1}"
+            )
         order, start = grouped(np.asarray(muscles.element, dtype=np.int64), n)
         scene_index = np.array([scene_muscles.index(name) for name in muscles.names])
         direction = muscles.direction[order]

@@ -58,11 +58,12 @@ class Stiffening:
         for what, rows in (("muscles", self.muscle), ("weights", self.weight)):
             if rows is not None and rows.shape != (k,):
                 raise SceneError(
-                    f"stiffening rows disagree: {k} elements, {rows.shape} {what}, expected ({k},)"
+                    f"the sizes of the stiffening arrays differ: {k} elements, {rows.shape} "
+                    f"{what}, expected ({k},)"
                 )
         if k and (self.muscle.min() < 0 or self.muscle.max() >= len(self.names)):
             raise SceneError(
-                f"stiffening names muscle {self.muscle.max()}, expected 0..{len(self.names) - 1}"
+                f"stiffening refers to muscle {self.muscle.max()}, expected 0..{len(self.names) - 1}"
             )
         if not 1.0 <= self.factor < np.inf:
             raise SceneError(f"Stiffening: factor = {self.factor!r}, expected a number >= 1")
@@ -85,12 +86,12 @@ class CompiledStiffening:
             term.element.min() >= 0 and term.element.max() < mesh.n_elements
         ):
             raise SceneError(
-                f"stiffening names element {term.element.max()}, expected 0..{mesh.n_elements - 1}"
+                f"stiffening refers to element {term.element.max()}, expected 0..{mesh.n_elements - 1}"
             )
         unknown = [name for name in term.names if name not in layout.muscles]
         if unknown:
             raise SceneError(
-                f"stiffening names muscle {unknown[0]!r}, which no term of the scene has: expected "
+                f"stiffening refers to muscle {unknown[0]!r}, which no term of the scene has: expected "
                 f"some of {', '.join(layout.muscles)}"
             )
         scene_index = np.array([layout.muscles.index(name) for name in term.names], dtype=np.int64)
@@ -103,8 +104,8 @@ class CompiledStiffening:
         used = [m for i, m in enumerate(term.tissue.materials) if i in region[chosen]]
         if any(material.relaxation is not None for material in used):
             raise SceneError(
-                "the tissue that stiffens is viscoelastic, expected elastic materials: give the term "
-                "a tissue without relaxation, and what it adds is elastic"
+                "the tissue that stiffens is viscoelastic, expected elastic materials: pass "
+                "a tissue without relaxation to the term, whose addition is then elastic"
             )
         self._solid = CompiledSolid(term.tissue, layout, region, chosen)
         self._factor = term.factor

@@ -48,8 +48,8 @@ class Support:
         """Check rows and ranges."""
         if self.normal.shape != (len(self.nodes), 3):
             raise SceneError(
-                f"support rows disagree: {len(self.nodes)} nodes, normals {self.normal.shape}, expected "
-                f"({len(self.nodes)}, 3)"
+                f"the sizes of the support arrays differ: {len(self.nodes)} nodes, normals "
+                f"{self.normal.shape}, expected ({len(self.nodes)}, 3)"
             )
         if not np.allclose(np.linalg.norm(self.normal, axis=1), 1.0, rtol=0, atol=1e-9):
             raise SceneError("a normal of a support has no unit length: normalise it")
@@ -73,7 +73,7 @@ class CompiledSupport:
         nodes = np.asarray(term.nodes, dtype=np.int64)
         n = layout.mesh.n_nodes
         if nodes.size and (nodes.min() < 0 or nodes.max() >= n):
-            raise SceneError(f"a support names node {nodes.max()}, expected 0..{n - 1}")
+            raise SceneError(f"a support refers to node {nodes.max()}, expected 0..{n - 1}")
         self._nodes, self._normal = nodes, term.normal
         self._stiffness, self._gap = term.stiffness, term.gap
         self._X = layout.mesh.X[nodes]

@@ -147,7 +147,7 @@ def test_cube_with_baselines_keeps_its_scores_and_says_why_there_is_no_skill() -
     why = found["skill_reason"]
     assert set(why.values[0, 0, 0]) == {"no other volunteer"}
     assert why.values[0, 0, 1].tolist() == ["no other repetition"] * 3
-    assert why.values[0, 1, 0].tolist() == ["no room above the template"] * 3
+    assert why.values[0, 1, 0].tolist() == ["ceiling not above the template"] * 3
     lost = data["status"] != "ok"
     assert set(why.values[lost.values]) == {"rho is undefined"}
     assert ((why == "") == np.isfinite(found["skill"])).all()
@@ -169,7 +169,7 @@ def test_skill_compares_the_same_markers() -> None:
 
 def test_unknown_baselines_are_refused() -> None:
     data = cube()
-    with pytest.raises(CubeError, match="'?best'? is no baseline"):
+    with pytest.raises(CubeError, match="'?best'? is not a baseline"):
         with_baselines(data, {"best": data["rho"]})
     with pytest.raises(CubeError, match="template_rho has dims"):
         with_baselines(data, {"template_rho": data["rho"]})

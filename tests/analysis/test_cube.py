@@ -29,7 +29,7 @@ def test_every_combination_has_a_status() -> None:
         trial = given_in.get(label)
         if trial is None:
             assert str(cell["status"].values) == "missing"
-            assert str(cell["reason"].values) == "no result was handed in"
+            assert str(cell["reason"].values) == "no result was passed"
         elif trial.scores is None:
             assert str(cell["status"].values) == "failed:Inverted"
             assert str(cell["reason"].values).startswith("element ")
@@ -154,7 +154,7 @@ def test_cube_meets_the_schema(root) -> None:
 
 
 def test_duplicate_trial() -> None:
-    with pytest.raises(CubeError, match="v1/A/1/act_all is given twice"):
+    with pytest.raises(CubeError, match="v1/A/1/act_all is passed twice"):
         build_cube([results()[0], results()[0]])
 
 

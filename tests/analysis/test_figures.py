@@ -43,9 +43,9 @@ def test_values_not_shown_are_counted() -> None:
     """act_all: one marker undefined and three trials of three markers failed."""
     legend = box_plots(cube()).legends[0]
     assert [text.get_text() for text in legend.get_texts()] == [
-        "act_all (n = 14, not shown 10)",
-        "act_3 (n = 21, not shown 3)",
-        "act_rel (n = 21, not shown 3)",
+        "act_all (n = 14, not drawn 10)",
+        "act_3 (n = 21, not drawn 3)",
+        "act_rel (n = 21, not drawn 3)",
     ]
 
 

@@ -29,5 +29,7 @@ def test_same_as_the_test_on_the_rest() -> None:
 def test_one_volunteer_makes_the_effect() -> None:
     found = leave_one_volunteer_out(compare(of_differences([-0.1, -0.1, -0.1, 1.5])))
     assert float(found["sign_changes"][0]) == 1
-    assert "most changed without v4; the sign changes without 1" in found.attrs["sentence"]
+    assert (
+        "with the largest change without v4; the sign changes without 1" in found.attrs["sentence"]
+    )
     assert float(found["smallest_p"][0]) == pytest.approx(0.25)

@@ -230,8 +230,8 @@ def test_each_scope_is_said_and_is_its_own() -> None:
         mixed_model(compare(cube)),
         mixed_model(compare(cube), scope="these instructions"),
     )
-    assert general.attrs["sentence"].endswith("of volunteers and instructions in general.")
-    assert these.attrs["sentence"].endswith("of volunteers in general, these 6 instructions.")
+    assert general.attrs["sentence"].endswith("Scope: volunteers and instructions in general.")
+    assert these.attrs["sentence"].endswith("Scope: volunteers in general, these 6 instructions.")
     np.testing.assert_allclose(general["estimate"], these["estimate"], rtol=1e-6)
     assert (general["standard_error"] > these["standard_error"]).all()
     assert np.isnan(these["variance"].sel(random="instruction x strategy")).all()
@@ -242,8 +242,11 @@ def test_each_scope_is_said_and_is_its_own() -> None:
 @pytest.mark.parametrize(
     ("sizes", "words"),
     [
-        ({"volunteers": 4, "instructions": 6}, "the model needs 5 or more volunteers"),
-        ({"volunteers": 6, "instructions": 3}, "3 of them say nothing of instructions in general"),
+        ({"volunteers": 4, "instructions": 6}, "the model requires 5 or more volunteers"),
+        (
+            {"volunteers": 6, "instructions": 3},
+            "3 instructions do not allow a statement about instructions in general",
+        ),
     ],
 )
 def test_too_few_give_no_interval_and_no_p(sizes: dict, words: str) -> None:
@@ -264,7 +267,7 @@ def test_one_instruction_leaves_the_paired_t_test() -> None:
 def test_too_many_lost_pairs_are_said() -> None:
     table = np.full((5, 5), np.nan)
     table[np.arange(5), np.arange(5)] = [0.1, 0.4, -0.2, 0.3, 0.5]
-    assert "too many pairs are lost" in fit_differences(table, "instructions")
+    assert "too many pairs are missing" in fit_differences(table, "instructions")
 
 
 def test_a_strategy_without_scores_is_left_out() -> None:

@@ -41,10 +41,10 @@ def test_without_an_effect_power_is_size() -> None:
 def test_volunteers_needed() -> None:
     found = simulated_power(0.5, 0.6, volunteers=(20, 6, 12))
     assert float(found["volunteers_needed"]) == 20
-    assert "would need 20 volunteers" in found.attrs["sentence"]
+    assert "requires 20 volunteers" in found.attrs["sentence"]
     never = simulated_power(0.01, 0.6, volunteers=(6, 12))
     assert np.isnan(float(never["volunteers_needed"]))
-    assert "needs more than 12" in never.attrs["sentence"]
+    assert "requires more than 12" in never.attrs["sentence"]
 
 
 @pytest.mark.parametrize("test", ["sign_flip", "t"])
@@ -65,14 +65,14 @@ def test_power_of_a_cube() -> None:
     # More spread, less power; and a larger study has more of it.
     assert (found["power"].diff("spread") <= 0).all()
     assert (found["power"].diff("volunteers") >= 0).all()
-    assert "to show a difference of +0.40 in z with power 0.8" in str(found["sentence"].values[0])
+    assert "to detect a difference of +0.40 in z with power 0.8" in str(found["sentence"].values[0])
 
 
 def test_nothing_to_plan_with() -> None:
     for values in ([0.4], [0.4, 0.4, 0.4]):
         found = power(compare(of_differences(values)), simulations=10)
         assert np.isnan(found["power"]).all()
-        assert "no variation to plan with" in found.attrs["sentence"]
+        assert "no variation, which planning requires" in found.attrs["sentence"]
 
 
 @pytest.mark.parametrize(

@@ -57,9 +57,11 @@ def test_planted_axis_is_found() -> None:
     assert (found["p_holm"][6:] > 0.05).all()
     np.testing.assert_allclose(found["reach"][0], 0.3, atol=1e-9)
     text = found.attrs["summary"]
-    assert text.startswith("rho is shown to move, after Holm over 9 tests, with mapping_stage")
-    assert "phase" not in text.partition("In all volunteers")[0].partition("A change with")[0]
-    assert "does not say that there is none" in text
+    assert text.startswith(
+        "rho changes significantly, after Holm's correction over 9 tests, with mapping_stage"
+    )
+    assert "phase" not in text.partition("Of the same sign")[0].partition("The other")[0]
+    assert "are not significant, but may exist" in text
     assert found.attrs["reference"] == "mapping_stage = signal, phase = zero"
 
 
@@ -105,7 +107,7 @@ def test_too_few_volunteers_for_a_test_of_choices() -> None:
     found = sensitivity(one_strategy_moved(volunteers=4))
     assert np.isnan(found["p"]).all() and np.isnan(found["interval"]).all()
     assert np.isfinite(found["estimate"]).all()
-    assert found.attrs["summary"].startswith("Nothing is tested: 4 volunteers with pairs")
+    assert found.attrs["summary"].startswith("No test is performed: 4 volunteers with pairs")
 
 
 def test_a_choice_without_any_effect_is_said_to_change_nothing() -> None:
@@ -114,7 +116,7 @@ def test_a_choice_without_any_effect_is_said_to_change_nothing() -> None:
     rho = xr.where(cube["strategy"] == "act_3", same, cube["rho"], keep_attrs=True)
     found = sensitivity(cube.assign(rho=rho.transpose(*cube["rho"].dims).assign_attrs(units="1")))
     assert list(found["p"].values == 1.0) == [False, True, False]
-    assert "1 of the tests find no change in any volunteer" in found.attrs["summary"]
+    assert "1 of the tests show no change in any volunteer" in found.attrs["summary"]
 
 
 def test_raw_change_by_hand() -> None:

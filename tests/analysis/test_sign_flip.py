@@ -142,12 +142,12 @@ def test_missing_trials_are_told_from_failed_ones() -> None:
     cube["rho"].loc[at] = np.nan
     found = sign_flip(compare(cube))
     assert list(found["lost_missing"].values) == [0, 6, 6]
-    assert "6 of 72 pairs are not in it (6 missing)" in str(found["sentence"].values[1])
+    assert "6 of 72 pairs are missing (6 missing)" in str(found["sentence"].values[1])
     assert list(found["verdict"].values[:, 2]) == ["met", "doubtful", "doubtful"]
     cube["status"].loc[at] = "excluded"
     found = sign_flip(compare(cube))
     assert list(found["lost_excluded"].values) == [0, 6, 6]
-    assert "6 of 72 pairs are not in it (6 excluded)" in str(found["sentence"].values[1])
+    assert "6 of 72 pairs are missing (6 excluded)" in str(found["sentence"].values[1])
 
 
 def test_fisher_z_is_clipped_and_counted() -> None:

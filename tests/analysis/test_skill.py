@@ -102,17 +102,17 @@ def test_a_cube_without_baselines_is_refused() -> None:
         baseline_plot(bare)
     assert comparison(bare) == ([], {})
     alone, tables = comparison(with_baselines(bare, {}))
-    assert "nothing says what rho is worth" in alone[0] and tables == {}
+    assert "rho cannot be compared with baselines" in alone[0] and tables == {}
 
 
 @pytest.mark.parametrize(
     ("template", "said"),
-    [(0.97, "does not say that the EMG was needed"), (0.6, "0.30 of it is about this person")],
+    [(0.97, "not that the EMG contributed"), (0.6, "of the template by 0.30")],
 )
 def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: str) -> None:
     told, _ = comparison(study(template_rho=template, ceiling=0.99))
     text = " ".join(told)
-    assert "A rho of 0.90 leaves 44 % of the size" in text and said in text
+    assert "With a rho of 0.90, 44 % of the amplitude" in text and said in text
     assert f"scores {template:.2f} (template)" in text and "0.99 (ceiling)" in text
     assert "wrong instruction scores 0.30 on average, and 0.50" in text
     assert "95 % interval" in text and "(6 volunteers)" in text
@@ -121,10 +121,10 @@ def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: 
 def test_what_is_lacking_is_said() -> None:
     told = " ".join(comparison(study(2))[0])
     assert "the motion of another volunteer" in told and "A template of one or two" in told
-    assert "no interval: it needs" in told
+    assert "no interval, which requires" in told
     once = study(repeat_rho=np.nan, ceiling=np.nan, shuffled_rho=np.nan, within_rho=np.nan)
     told = " ".join(comparison(once)[0])
-    assert "No instruction was repeated" in told and "skill" not in told.split("unknown.")[1]
+    assert "No instruction was repeated" in told and "skill" not in told.split("are undefined.")[1]
     alone = study(1, template_rho=np.nan, ceiling=np.nan)
     assert "no other volunteer" in " ".join(comparison(alone)[0])
 

@@ -68,7 +68,7 @@ def test_every_method_answers_every_cube(name: str, case: str) -> None:
     assert found["interval"].dims == ("contrast", "bound")
     if case == "one strategy":
         assert found.sizes["contrast"] == 0
-        assert "needs two strategies" in found.attrs["sentence"]
+        assert "requires two strategies" in found.attrs["sentence"]
         return
     assert found.sizes["contrast"] == (1 if name == "friedman" else len(cube["strategy"]) // 2 * 3
                                        if len(cube["strategy"]) > 2 else 1)  # fmt: skip
@@ -91,7 +91,7 @@ def test_every_method_answers_every_cube(name: str, case: str) -> None:
 @pytest.mark.parametrize("variable", ["amplitude_ratio", "rmse"])
 def test_other_variables_are_tested_as_they_are(variable: str) -> None:
     found = study_statistics(simulated_scores(1), variable=variable, draws=100)
-    assert all(each.attrs["scale"] == "as it is" for each in found.values())
+    assert all(each.attrs["scale"] == "raw scale" for each in found.values())
     units = simulated_scores(1)[variable].attrs["units"]
     assert found["mixed_model"]["estimate"].attrs["units"] == units
     assert found["mixed_model"]["standard_error"].attrs["units"] == units
@@ -109,7 +109,7 @@ def test_no_interval_is_printed_of_fewer_than_five_volunteers(volunteers: int) -
         assert np.isnan(row[5:7]).all(), row
     planned = power(compare(cube), effect=0.4, volunteers=(6,), simulations=10)
     assert np.isnan(planned["standard_deviation"].sel(spread=["lower", "upper"])).all()
-    assert "no interval: it needs 5 or more volunteers" in planned.attrs["sentence"]
+    assert "no interval, which requires 5 or more volunteers" in planned.attrs["sentence"]
 
 
 def test_every_result_says_of_which_instructions_it_speaks() -> None:
@@ -128,7 +128,7 @@ def test_what_is_not_shown_comes_with_what_would_have_been() -> None:
     found = study_statistics(simulated_scores(7), draws=100)
     text = conclusions(found)[0]
     size = 1.793 * float(found["sign_flip"]["standard_deviation"][0])
-    said = float(text.split("times in five is ")[1].split(" in z")[0])
+    said = float(text.split("with a power of 0.8 is ")[1].split(" in z")[0])
     assert said == pytest.approx(size, rel=0.06)
 
 
@@ -146,23 +146,23 @@ def test_a_planted_difference_is_found_and_none_is_invented() -> None:
     assert "act_3 - act_all: rho is higher with the first" in told[0]
     assert "simulated recordings" in told[0]
     assert "act_rel - act_all: rho is higher with the first" in told[1]
-    assert "no difference in rho is shown" in told[2]
-    assert "in general it is higher with the first by the mixed model" in told[0]
-    assert "in general none is shown" in told[2]
+    assert "no significant difference in rho" in told[2]
+    assert "in general, it is higher with the first strategy (mixed model" in told[0]
+    assert "in general, the difference is not significant" in told[2]
     assert (found["mixed_model"]["p_holm"].values[:2] < 0.05).all()
     assert (found["bootstrap"]["interval"].values[:2] > 0).all()
     assert "equivalent within" in str(found["equivalence"]["sentence"].values[2])
     none = conclusions(study_statistics(simulated_scores(7), draws=100))
-    assert all("no difference in rho is shown" in text for text in none)
+    assert all("no significant difference in rho" in text for text in none)
 
 
 def test_too_few_volunteers_are_said_to_be() -> None:
     told = conclusions(study_statistics(simulated_scores(3, volunteers=4), draws=100))
-    assert all("too few for any p below 0.12" in text for text in told)
+    assert all("p cannot fall below 0.12" in text for text in told)
     one = conclusions(study_statistics(simulated_scores(3, volunteers=1), draws=100))
-    assert all("nothing is tested" in text for text in one)
+    assert all("no test is performed" in text for text in one)
     single = conclusions(study_statistics(CUBES["one strategy"], draws=100))
-    assert single == ["There is nothing to compare: a contrast needs two strategies."]
+    assert single == ["There is no comparison: a contrast requires two strategies."]
 
 
 def test_table_lists_every_test() -> None:

@@ -37,7 +37,7 @@ def test_all_trials_are_listed() -> None:
     statuses = [row[4] for row in table.rows]
     assert statuses.count("failed:Inverted") == 3
     assert statuses.count("missing") == 2
-    assert "no result was handed in" in table.text()
+    assert "no result was passed" in table.text()
 
 
 def test_every_table_says_simulated() -> None:

@@ -203,7 +203,9 @@ def test_every_scene_of_the_cost_table_has_the_part_that_it_names(coarse):
     made = cost.scenes(coarse)
     counts = {name: len(scene.terms) for name, (scene, _) in made.items()}
     alone = counts["tissue alone"]
-    assert counts["the same again"] == counts["+ muscles, active, stiffening 1 (off)"] == alone
+    assert (
+        counts["the same scene again"] == counts["+ muscles, active, stiffening 1 (off)"] == alone
+    )
     for name in ("+ gravity", "+ element volume", "+ nodal volume", "+ line muscles, active"):
         assert counts[name] == alone + 1, name
     assert made["+ hard volume"][0].constraints
@@ -231,5 +233,5 @@ def test_a_fresh_process_tells_its_phases_and_its_memory():
     assert list(seconds) == list(start.PHASES)
     assert min(seconds.values()) > 0.0
     assert 1e8 < peak < 1e9  # an interpreter with numba needs a tenth of a gigabyte
-    with pytest.raises(DataError, match="fresh process failed: .*nowhere"):
+    with pytest.raises(DataError, match="new process failed: .*nowhere"):
         start.first_result(Path("nowhere.nc"), "pointwise")

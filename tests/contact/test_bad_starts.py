@@ -30,7 +30,7 @@ def refused(method, mesh, pairing, *terms, reductions=()):
         return system_of(mesh, contact_of(method, (pairing,)), *terms, reductions=reductions), None
     except sim.ContactFailure as error:
         assert error.surface == pairing.name and error.node is not None
-        for word in (f"{pairing.name!r} starts tangled", "node", "expected", ": "):
+        for word in (f"{pairing.name!r} starts intersecting", "node", "expected", ": "):
             assert word in str(error)
         return None, error
 
@@ -185,7 +185,9 @@ def test_surfaces_that_do_not_fit_the_mesh_are_refused_with_their_place(method):
     whole = sim.boundary_surface(mesh, "skin")
     bad = {
         "triangle 0 of surface 'lip' has no area": flat,
-        "names node 7, expected 0..4 of the mesh": sim.NodeSurface(np.array([[0, 1, 7]]), "lip"),
+        "refers to node 7, expected 0..4 of the mesh": sim.NodeSurface(
+            np.array([[0, 1, 7]]), "lip"
+        ),
         "inside out": sim.NodeSurface(whole.triangles[:, ::-1], "lip"),
     }
     for text, surface in bad.items():

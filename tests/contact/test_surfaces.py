@@ -43,12 +43,12 @@ def test_shells_follow_their_motion_and_refuse_what_is_none():
 
 
 BAD = {
-    "names a node twice": np.vstack([TETRAHEDRON, [1, 1, 2]]),
+    "contains a node twice": np.vstack([TETRAHEDRON, [1, 1, 2]]),
     "has the nodes of triangle 1": np.vstack([TETRAHEDRON, [3, 0, 1]]),
     "in the same direction": np.vstack([TETRAHEDRON[:3], [0, 2, 3]]),
     "expected whole numbers": TETRAHEDRON.astype(float),
     "have shape": TETRAHEDRON[:0],
-    "names node 4, expected 0..3": np.vstack([TETRAHEDRON[:3], [2, 0, 4]]),
+    "refers to node 4, expected 0..3": np.vstack([TETRAHEDRON[:3], [2, 0, 4]]),
     "inside out": TETRAHEDRON[:, ::-1],
 }
 

@@ -101,7 +101,7 @@ def test_arrays_of_matlab_are_read(tmp_path: Path, save: Callable[[Path], None])
             "40 samples|3 instants|3 samp",
         ),
         ('"rec.emg"', '"position"', "shape .2, 3, 10.; expected dims time, channel"),
-        ('columns_variable = "names"', 'columns_variable = "rec.emg"', "holds no text|labels"),
+        ('columns_variable = "names"', 'columns_variable = "rec.emg"', "contains no text|labels"),
     ],
 )
 def test_a_sidecar_that_does_not_fit_is_refused(
@@ -126,9 +126,11 @@ def test_truncated_files_are_refused(tmp_path: Path, save: Callable[[Path], None
 
 
 def test_arrays_and_tables_are_told_apart(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="a.mat needs variable"):
+    with pytest.raises(ConfigurationError, match="a.mat requires variable"):
         read_recording(sidecar(tmp_path, 'file = "a.mat"\nrate = 5\nunit = "V"'))
-    with pytest.raises(ConfigurationError, match="a.csv holds no variables; expected one of .mat"):
+    with pytest.raises(
+        ConfigurationError, match="a.csv contains no variables; expected one of .mat"
+    ):
         read_recording(sidecar(tmp_path, 'file = "a.csv"\nvariable = "x"\nrate = 5\nunit = "V"'))
     with pytest.raises(ConfigurationError, match="dims are time and channel, or time, marker"):
         bad = 'file = "a.mat"\nvariable = "x"\ndims = ["time"]\nrate = 5\nunit = "V"'
@@ -137,10 +139,10 @@ def test_arrays_and_tables_are_told_apart(tmp_path: Path) -> None:
 
 def test_a_file_that_needs_a_sidecar_says_so(tmp_path: Path) -> None:
     save_v5(tmp_path / "a.mat")
-    with pytest.raises(DataError, match="a.mat does not say what it holds.*write one and open tha"):
+    with pytest.raises(DataError, match="a.mat does not specify its contents.*write one inst"):
         read_recording(tmp_path / "a.mat")
     (tmp_path / "a.toml").write_text('schema = "recording"')
-    with pytest.raises(DataError, match="open a.toml, which lies beside it"):
+    with pytest.raises(DataError, match="specify a.toml, which is in the same folder"):
         read_recording(tmp_path / "a.mat")
 
 
@@ -161,11 +163,11 @@ def test_a_table_without_labels_and_with_text(tmp_path: Path) -> None:
     trial = read_recording(sidecar(tmp_path, named + '[emg.channels]\nzyg = "ZYG_L"'))
     np.testing.assert_array_equal(trial["emg"], [[1.5e-3, 2.5e-3]])
     assert note(trial, "dropped") == {
-        "mark": "not in the mapping; holds text", "skin": "not in the mapping",
+        "mark": "not in the mapping; contains text", "skin": "not in the mapping",
     }  # fmt: skip
-    with pytest.raises(DataError, match="column 'mark' holds 'go'; expected a number"):
+    with pytest.raises(DataError, match="column 'mark' contains 'go'; expected a number"):
         read_recording(sidecar(tmp_path, named))
-    with pytest.raises(DataError, match="a.txt has 3 columns and trial.toml names 1"):
+    with pytest.raises(DataError, match="a.txt has 3 columns, and trial.toml lists 1"):
         read_recording(sidecar(tmp_path, head + 'columns = ["zyg"]'))
 
 

@@ -55,7 +55,7 @@ def test_counts_become_volts(tmp_path: Path, kind: str, order: str) -> None:
     np.testing.assert_allclose(trial["emg"].values[0], stored[0] * 0.5 / 1e6, rtol=1e-15)
     np.testing.assert_allclose(trial["emg"].values[1], stored[1] * 0.001 / 1e3, rtol=1e-15)
     np.testing.assert_allclose(trial["time_emg"], np.arange(200) / 2000.0, rtol=1e-15)
-    assert note(trial, "dropped") == {"Temp": "in 'C', no voltage"}
+    assert note(trial, "dropped") == {"Temp": "in 'C', not a voltage"}
 
 
 def test_an_old_header_is_in_the_code_page_of_windows(tmp_path: Path) -> None:
@@ -86,11 +86,11 @@ def test_it_is_one_recording_of_a_folder_whose_digest_covers_the_samples(tmp_pat
     ("changes", "match"),
     [
         ({"markers": "Mk1=New Segment,,1,1,0\nMk2=New Segment,,80,1,0"}, "paused.*sample 80"),
-        ({"common": "SegmentationType=MARKERBASED"}, "holds MARKERBASED data"),
-        ({"common": "DataType=FREQUENCYDOMAIN"}, "holds FREQUENCYDOMAIN data"),
-        ({"common": "DataPoints=300"}, "announces 300"),
+        ({"common": "SegmentationType=MARKERBASED"}, "contains MARKERBASED data"),
+        ({"common": "DataType=FREQUENCYDOMAIN"}, "contains FREQUENCYDOMAIN data"),
+        ({"common": "DataPoints=300"}, "declares 300"),
         ({"interval": "0"}, "SamplingInterval = '0'"),
-        ({"channels": "Ch1=A,,1,V\nCh3=C,,1,V"}, "describes no channel 2"),
+        ({"channels": "Ch1=A,,1,V\nCh3=C,,1,V"}, "does not describe channel 2"),
         ({"channels": CHANNELS.replace("0.5", "half")}, "resolution is 'half'"),
         ({"order": "SIDEWAYS"}, "SIDEWAYS; expected BINARY"),
     ],
@@ -109,7 +109,7 @@ def test_truncated_and_missing_files(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="truncated or damaged"):
         read_recording(path)
     (tmp_path / "a.eeg").unlink()
-    with pytest.raises(DataError, match="not beside it"):
+    with pytest.raises(DataError, match="not in its folder"):
         read_recording(path)
-    with pytest.raises(UnitsError, match="no voltage"):
+    with pytest.raises(UnitsError, match="not a unit of voltage"):
         read_recording(make(tmp_path), mapping={"units": {"emg": "kg"}})

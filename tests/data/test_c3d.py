@@ -90,7 +90,7 @@ def test_the_provenance_tells_what_became_of_each_label(tmp_path: Path) -> None:
     assert note(trial, "original_names")["rhinion"] == "P6"
     assert note(trial, "original_units") == {"emg": "mV", "position": "mm"}
     assert note(trial, "dropped") == {
-        "Force.Fz": "in 'N', no voltage",
+        "Force.Fz": "in 'N', not a voltage",
         "Empty": "not in the mapping; constant at 0.0005 V",
     }
     assert "flagged" not in trial.attrs
@@ -124,7 +124,7 @@ def test_a_mapping_may_be_a_toml_file(tmp_path: Path) -> None:
         ({"channels": {"E99": "OOS_L"}}, "has no channel 'E99' .did you mean 'E9'"),
         ({"markers": {"Q": "nasion"}}, "has no marker 'Q'; found P1, P2"),
         ({"channels": {"E1": "OOS_L", "E2": "OOS_L"}}, "Two labels are mapped to .* 'OOS_L'"),
-        ({"channels": {"Force.Fz": "OOS_L"}}, "'Force.Fz' was left out .in 'N', no voltage"),
+        ({"channels": {"Force.Fz": "OOS_L"}}, "'Force.Fz' was omitted .in 'N', not a voltage"),
     ],
 )
 def test_a_mapping_that_does_not_fit_is_refused(
@@ -144,7 +144,7 @@ def test_an_unknown_entry_of_a_mapping_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("unit", ["", "inch"])
 def test_points_need_a_length(tmp_path: Path, unit: str) -> None:
     points, _ = make_c3d(tmp_path / "trial.c3d", point_unit=[unit])
-    with pytest.raises(UnitsError, match="^trial.c3d: position (carries no unit|is in 'inch')"):
+    with pytest.raises(UnitsError, match="^trial.c3d: position (has no unit|is in 'inch')"):
         read_recording(tmp_path / "trial.c3d")
     trial = read_recording(tmp_path / "trial.c3d", mapping={"units": {"position": "cm"}})
     np.testing.assert_allclose(
@@ -154,7 +154,7 @@ def test_points_need_a_length(tmp_path: Path, unit: str) -> None:
 
 def test_channels_need_a_unit(tmp_path: Path) -> None:
     _, analogs = make_c3d(tmp_path / "trial.c3d", analog_units=[""] * 16)
-    with pytest.raises(UnitsError, match="None of the 16 analog channels carries a unit"):
+    with pytest.raises(UnitsError, match="None of the 16 analog channels has a unit"):
         read_recording(tmp_path / "trial.c3d")
     mapping = study_mapping() | {"units": {"emg": "uV"}}
     trial = read_recording(tmp_path / "trial.c3d", mapping=mapping, study=True)
@@ -174,7 +174,7 @@ def test_points_that_are_no_positions_are_left_out(tmp_path: Path) -> None:
     make_c3d(tmp_path / "trial.c3d", point_extra={"ANGLES": ["P2"]})
     trial = read_recording(tmp_path / "trial.c3d")
     assert "P2" not in trial["marker"].values and trial.sizes["marker"] == 15
-    assert note(trial, "dropped")["P2"] == "POINT:ANGLES lists it, so it is no position"
+    assert note(trial, "dropped")["P2"] == "POINT:ANGLES lists it, so it is not a position"
 
 
 def test_a_point_with_negative_residual_was_not_seen(tmp_path: Path) -> None:
@@ -207,7 +207,7 @@ def test_a_truncated_file_is_refused(tmp_path: Path, part: float) -> None:
     make_c3d(path)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(len(whole) * part)])
-    with pytest.raises(DataError, match=r"^trial.c3d (cannot be read as C3D|announces 20 frames)"):
+    with pytest.raises(DataError, match=r"^trial.c3d (cannot be read as C3D|declares 20 frames)"):
         read_recording(path)
 
 
@@ -275,5 +275,5 @@ def test_the_real_file_is_mapped_and_written(real_path: Path, tmp_path: Path) ->
 def test_the_real_file_cut_short_is_refused(real_path: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.c3d"
     cut.write_bytes(real_path.read_bytes()[:1_000_000])
-    with pytest.raises(DataError, match="cut.c3d announces 580 frames and holds 255"):
+    with pytest.raises(DataError, match="cut.c3d declares 580 frames but contains 255"):
         read_recording(cut)

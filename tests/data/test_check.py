@@ -53,7 +53,7 @@ def test_a_gap_in_emg_is_an_error(clean: xr.Dataset) -> None:
     table = check_recording(clean)
     assert problems(table) == [
         "channel ZYG_L: 33 of 512 samples are NaN, the longest gap 0.01562 s: cut the trial or "
-        "leave the channel out."
+        "omit the channel."
     ]
     assert row(table, "ZYG_L")["finite"] == (512 - 33) / 512
     assert row(table, "ZYG_L")["longest_gap"] == 32 / 2048
@@ -63,7 +63,9 @@ def test_a_gap_in_emg_is_an_error(clean: xr.Dataset) -> None:
 def test_a_constant_channel_is_an_error(clean: xr.Dataset, value: float) -> None:
     clean["emg"].values[1] = value
     table = check_recording(clean)
-    assert problems(table) == [f"channel OOI_L: constant at {value:g} V: see electrode and cable."]
+    assert problems(table) == [
+        f"channel OOI_L: constant at {value:g} V: check electrode and cable."
+    ]
     assert row(table, "OOI_L")["constant"]
     assert not row(table, "OOS_L")["constant"]
 
@@ -73,8 +75,8 @@ def test_a_channel_of_nothing_but_nan_is_an_error(clean: xr.Dataset) -> None:
     clean["position"].values[0] = np.nan
     table = check_recording(clean)
     assert problems(table) == [
-        "channel OOI_L: was never seen: every sample is NaN.",
-        "marker forehead_left: was never seen: every sample is NaN.",
+        "channel OOI_L: is never visible: every sample is NaN.",
+        "marker forehead_left: is never visible: every sample is NaN.",
     ]
     assert row(table, "OOI_L")["finite"] == 0.0
     assert np.isnan(row(table, "OOI_L")["rms"])
@@ -93,7 +95,7 @@ def test_a_gap_of_a_marker_counts_by_its_length(
 
 def test_a_marker_that_never_moves_is_an_error(clean: xr.Dataset) -> None:
     clean["position"].values[5] = clean["position"].values[5, :, :1]
-    assert problems(check_recording(clean))[0].startswith("marker rhinion: never moves at all")
+    assert problems(check_recording(clean))[0].startswith("marker rhinion: does not move")
 
 
 def test_an_irregular_clock_is_an_error(clean: xr.Dataset) -> None:
@@ -109,7 +111,7 @@ def test_one_sample_is_no_signal(clean: xr.Dataset) -> None:
     assert len(problems(table)) == 14 and "has 1 samples" in problems(table)[0]
 
 
-@pytest.mark.parametrize(("factor", "text"), [(1e3, "far above EMG"), (1e-4, "only: see electr")])
+@pytest.mark.parametrize(("factor", "text"), [(1e3, "far above EMG"), (1e-4, "only: check electr")])
 def test_a_level_that_is_no_surface_emg_is_a_warning(
     clean: xr.Dataset, factor: float, text: str
 ) -> None:
@@ -138,7 +140,7 @@ def test_a_study_lists_what_is_missing(clean: xr.Dataset) -> None:
     assert problems(check_recording(short)) == []
     table = check_recording(short, study=True)
     assert problems(table) == [
-        "channel OOS_L: missing from the recording: it looks like 'OOS_left'.",
+        "channel OOS_L: missing from the recording: it may be 'OOS_left'.",
         "channel MEN_R: missing from the recording: map a label of the file to it.",
         "marker lower_lateral_right: missing from the recording: map a label of the file to it.",
     ]

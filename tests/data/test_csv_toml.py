@@ -117,7 +117,9 @@ def comma_table(folder: Path, *cells: str, **changes: str) -> Path:
 def test_a_number_with_a_sign_between_thousands_is_refused(tmp_path: Path, cell: str) -> None:
     """Read as 1.234 it would be wrong by a factor of a thousand."""
     path = comma_table(tmp_path, "0,5", "2", cell)
-    with pytest.raises(DataError, match=r"row 4, column 'E1' holds .*without a sign between"):
+    with pytest.raises(
+        DataError, match=r"row 4, column 'E1' contains .*without a thousands separator"
+    ):
         read_recording(path)
 
 
@@ -131,7 +133,7 @@ def test_thousands_are_refused_with_a_decimal_point_too(tmp_path: Path) -> None:
     (tmp_path / "emg.csv").write_text("E1;E2\n1.5;2\n1,234;3\n")
     path = sidecar(tmp_path, emg_clock='rate = 2048\ndelimiter = ";"', channels="",
                    position="", position_clock="")  # fmt: skip
-    with pytest.raises(DataError, match=r"row 3, column 'E1' holds '1,234'"):
+    with pytest.raises(DataError, match=r"row 3, column 'E1' contains '1,234'"):
         read_recording(path)
 
 
@@ -139,7 +141,7 @@ def test_the_row_named_counts_lines_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "emg.csv").write_text("made by x\n\n1.5\n1_000\n")
     clock = 'rate = 2048\nskip_rows = 2\ncolumns = ["E1"]'
     path = sidecar(tmp_path, emg_clock=clock, channels="", position="", position_clock="")
-    with pytest.raises(DataError, match=r"row 4, column 'E1' holds '1_000'"):
+    with pytest.raises(DataError, match=r"row 4, column 'E1' contains '1_000'"):
         read_recording(path)
 
 
@@ -192,15 +194,15 @@ def test_a_delimiter_at_the_end_of_lines_makes_no_channel(tmp_path: Path) -> Non
 
 CHANGES: list[tuple[dict[str, str], type[EmgfaceError], str]] = [
     ({"emg": '[emg]\nfile = "emg.csv"\nunit = "furlong"'}, UnitsError, "emg is in 'furlong'"),
-    ({"emg": '[emg]\nfile = "emg.csv"\nunit = "mm"'}, UnitsError, "which is no voltage"),
-    ({"emg": '[emg]\nfile = "egm.csv"\nunit = "mV"'}, DataError, "names egm.csv, which is not"),
-    ({"emg_clock": ""}, ConfigurationError, "emg.csv needs either rate, in Hz, or time"),
+    ({"emg": '[emg]\nfile = "emg.csv"\nunit = "mm"'}, UnitsError, "which is not a unit of voltage"),
+    ({"emg": '[emg]\nfile = "egm.csv"\nunit = "mV"'}, DataError, "specifies egm.csv, which is not"),
+    ({"emg_clock": ""}, ConfigurationError, "emg.csv requires either rate, in Hz, or time"),
     ({"emg_clock": "rate = 0"}, ConfigurationError, "'emg.rate' = 0: .* greater than 0"),
     ({"emg_clock": "rat = 2048"}, ConfigurationError, "unknown parameter 'emg.rat'"),
     ({"emg_clock": 'time = "T"'}, DataError, "emg.csv has no column 'T'"),
     ({"who": 'voluntear = "V02"'}, ConfigurationError, "'voluntear', did you mean 'volunteer'"),
-    ({"schema": ""}, DataError, "trial.toml does not say schema = \"recording\""),
-    ({"who": "volunteer = V02"}, ConfigurationError, "trial.toml is no TOML"),
+    ({"schema": ""}, DataError, "trial.toml does not contain schema = \"recording\""),
+    ({"who": "volunteer = V02"}, ConfigurationError, "trial.toml is not valid TOML"),
     ({"channels": '[emg.channels]\n"EMG 99" = "OOS_L"'}, DataError, "no channel 'EMG 99' .did"),
 ]  # fmt: skip
 
@@ -220,17 +222,17 @@ def test_a_cell_that_is_no_number_is_located(tmp_path: Path) -> None:
     spoilt = emg.astype(object)
     spoilt.loc[6, "EMG 2"] = "bad"
     spoilt.to_csv(tmp_path / "emg.csv", index=False)
-    with pytest.raises(DataError, match="emg.csv, row 8, column 'EMG 2' holds 'bad'"):
+    with pytest.raises(DataError, match="emg.csv, row 8, column 'EMG 2' contains 'bad'"):
         read_recording(sidecar(tmp_path))
 
 
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        ("", "emg.csv is no table"),
+        ("", "emg.csv is not a table"),
         ("EMG 1,EMG 2\n", "emg.csv has no row of numbers"),
-        ("EMG 1,EMG 2\n1,2\n1,2,3\n", "emg.csv is no table"),
-        ("EMG 1,EMG 2\n1,2,3\n4,5,6\n", "emg.csv is no table"),
+        ("EMG 1,EMG 2\n1,2\n1,2,3\n", "emg.csv is not a table"),
+        ("EMG 1,EMG 2\n1,2,3\n4,5,6\n", "emg.csv is not a table"),
     ],
 )
 def test_a_broken_table_is_refused(tmp_path: Path, content: str, text: str) -> None:
@@ -245,7 +247,5 @@ def test_only_sidecars_count_as_recordings(tmp_path: Path) -> None:
     path = sidecar(tmp_path)
     (tmp_path / "study.toml").write_text('name = "study"\n')
     assert find_recordings(tmp_path) == [path]
-    with pytest.raises(
-        DataError, match="emg.csv does not say what it holds, its rate and its units"
-    ):
+    with pytest.raises(DataError, match="emg.csv does not specify its contents, rate and units"):
         read_recording(tmp_path / "emg.csv")

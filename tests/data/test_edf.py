@@ -72,7 +72,7 @@ def test_files_of_edfio_are_read(tmp_path: Path, kind: str) -> None:
     step = 2e-3 / (2**16 - 1 if kind == "edf" else 2**24 - 1)
     assert np.abs(trial["emg"].values - values / 1e3).max() <= 0.5001 * step
     assert note(trial, "dropped") == {
-        "Temp": "in 'degC', no voltage",
+        "Temp": "in 'degC', not a voltage",
         "Slow": "sampled at 50 Hz, the others at 100 Hz",
     }
     assert trial.attrs["device"] == "TMSi Porti"
@@ -90,24 +90,24 @@ def test_every_truncation_is_refused(tmp_path: Path, counts: np.ndarray) -> None
 @pytest.mark.parametrize(
     ("header", "text"),
     [
-        ({"records": "99999999"}, "announces 99999999 records and holds 3; expected all"),
-        ({"records": "2"}, "announces 2 records and holds 3"),
-        ({"records": "0"}, "announces 0 records"),
+        ({"records": "99999999"}, "declares 99999999 records but contains 3; expected all"),
+        ({"records": "2"}, "declares 2 records but contains 3"),
+        ({"records": "0"}, "declares 0 records"),
         ({"records": "3e2"}, "the number of records is '3e2     '; expected an integer"),
-        ({"signals": "9999"}, "announces 9999 signals"),
+        ({"signals": "9999"}, "declares 9999 signals"),
         ({"signals": "0  E"}, "the number of signals is '0  E'; expected an integer"),
         ({"samples": "99999999"}, "expected all of them"),
-        ({"samples": "-5"}, "announces 3 records of -10 samples"),
+        ({"samples": "-5"}, "declares 3 records of -10 samples"),
         ({"seconds": "0"}, "a record lasts '0       ' s; expected"),
         ({"seconds": "-1"}, "a record lasts"),
         ({"seconds": "x"}, "a record lasts"),
-        ({"length": "512"}, "announces 2 signals and a header of 512 bytes"),
+        ({"length": "512"}, "declares 2 signals and a header of 512 bytes"),
         ({"version": "7"}, "begins with b'7 "),
         ({"reserved": "EDF+D"}, "has pauses between its records"),
         ({"physical": ("5", "5")}, "channel 'E1': counts|cannot be read"),
         ({"physical": ("nan", "5")}, "channel 'E1': counts|cannot be read"),
         ({"digital": ("7", "7")}, "channel 'E1': counts|cannot be read"),
-        ({"digital": ("9", "-9")}, "channel 'E1': counts 9 to -9 stand for"),
+        ({"digital": ("9", "-9")}, "channel 'E1': counts 9 to -9 correspond to"),
     ],
 )
 def test_a_header_that_contradicts_the_file_is_refused(
@@ -124,7 +124,7 @@ def test_a_recorder_stopped_hard_leaves_whole_records(tmp_path: Path, counts: np
     (tmp_path / "a.edf").write_bytes(packed(counts, records="-1"))
     np.testing.assert_array_equal(read_recording(tmp_path / "a.edf")["emg"], expected)
     (tmp_path / "a.edf").write_bytes(packed(counts, records="-1")[:-2])
-    with pytest.raises(DataError, match="announces whole records and holds 2.99; expected all"):
+    with pytest.raises(DataError, match="declares whole records but contains 2.99; expected all"):
         read_recording(tmp_path / "a.edf")
 
 
@@ -142,7 +142,7 @@ def test_pauses_in_the_timekeeping_are_refused(tmp_path: Path) -> None:
 
 def test_channels_need_a_unit(tmp_path: Path, counts: np.ndarray) -> None:
     (tmp_path / "a.edf").write_bytes(packed(counts, unit=""))
-    with pytest.raises(UnitsError, match="^a.edf: None of the 2 analog channels carries a unit"):
+    with pytest.raises(UnitsError, match="^a.edf: None of the 2 analog channels has a unit"):
         read_recording(tmp_path / "a.edf")
     trial = read_recording(tmp_path / "a.edf", mapping={"units": {"emg": "mV"}})
     expected = (-1000 + (counts.reshape(2, -1) + 32768) * 2000 / 65535) / 1e3

@@ -46,7 +46,7 @@ def test_markers_are_put_on_the_clock_of_the_emg() -> None:
     assert moved["time_marker"].attrs["units"] == "s"
     assert "0.35 s" in moved["time_marker"].attrs["clock_relation"]
     validate(moved, "recording")
-    with pytest.raises(SignalError, match="expected an overlap: see the sign"):
+    with pytest.raises(SignalError, match="expected an overlap: check the sign"):
         synchronise(given, offset=25.0)
     with pytest.raises(SignalError, match="lacks EMG or markers"):
         synchronise(given.drop_vars(["emg", "channel", "time_emg"]), offset=0.0)
@@ -56,7 +56,7 @@ def test_spans_are_cut_at_the_samples() -> None:
     piece = cut(long(), 2.0, 3.0)
     assert (piece.sizes["time_emg"], piece.sizes["time_marker"]) == (1001, 101)
     assert piece["emg"].values[0, 0] == 2e-6 and piece["time_emg"].values[0] == 0.0
-    with pytest.raises(SignalError, match="holds 0 samples of time_emg"):
+    with pytest.raises(SignalError, match="contains 0 samples of time_emg"):
         cut(long(), 30.0, 31.0)
 
 

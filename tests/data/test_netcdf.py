@@ -90,7 +90,7 @@ def test_a_damaged_block_is_refused(trial: xr.Dataset, tmp_path: Path) -> None:
 def test_a_foreign_file_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "trial.nc"
     path.write_bytes(content)
-    with pytest.raises(DataError, match=r"^trial.nc is no netCDF file, it begins with b'"):
+    with pytest.raises(DataError, match=r"^trial.nc is not a netCDF file, it begins with b'"):
         read_netcdf(path, "recording")
 
 
@@ -135,7 +135,7 @@ def test_an_interrupted_write_leaves_the_old_file_alone(
 
 def test_a_folder_that_cannot_be_made_is_named(trial: xr.Dataset, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("not a folder")
-    with pytest.raises(DataError, match="Cannot write .*trial.nc: .*; expected a folder"):
+    with pytest.raises(DataError, match="Cannot write .*trial.nc: .*; expected a writable folder"):
         write_netcdf(trial, tmp_path / "file" / "trial.nc", "recording")
 
 

@@ -57,7 +57,7 @@ def test_either_part_may_be_absent_and_nothing_may_stand_out() -> None:
     for part in (trial[["emg"]], trial[["position"]]):
         figure = overview_figure(part.assign_attrs(origin="measured", source="a.c3d"))
         assert texts(figure)[0].startswith("a.c3d (measured): ")
-        assert "Nothing stands out." in texts(figure)
+        assert "No findings." in texts(figure)
         figure.canvas.draw()
 
 
@@ -65,4 +65,4 @@ def test_rows_beyond_the_page_are_counted() -> None:
     many = xr.concat([recording(noise(14))["emg"] for _ in range(3)], "channel")
     many = many.assign_coords(channel=[f"c{i}" for i in range(42)])
     figure = overview_figure(xr.Dataset({"emg": many}, attrs={"origin": "simulated"}))
-    assert "18 more not drawn" in texts(figure)
+    assert "18 more are not drawn" in texts(figure)

@@ -95,13 +95,13 @@ def test_wide_and_narrow_channels_may_be_mixed(tmp_path: Path) -> None:
     trial = read_recording(make_poly5(tmp_path / "a.poly5", given))
     assert list(trial["channel"].values) == ["E1", "E2"]
     np.testing.assert_array_equal(trial["emg"].values[1], given[2][2].astype(float) / 1e6)
-    assert note(trial, "dropped") == {"Dig": "in 'Bit', no voltage"}
+    assert note(trial, "dropped") == {"Dig": "in 'Bit', not a voltage"}
 
 
 def test_a_mapping_names_muscles_and_unit(tmp_path: Path) -> None:
     given = [(label, b"", values) for label, _, values in signals()]
     path = make_poly5(tmp_path / "a.poly5", given)
-    with pytest.raises(UnitsError, match="^a.poly5: None of the 3 analog channels carries a unit"):
+    with pytest.raises(UnitsError, match="^a.poly5: None of the 3 analog channels has a unit"):
         read_recording(path)
     mapping: dict[str, Any] = {"units": {"emg": "uV"}, "channels": {"E2": "ZYG_L"}}
     trial = read_recording(path, mapping=mapping)
@@ -158,10 +158,12 @@ def test_missing_blocks_lost_halves_and_empty_ranges_are_refused(tmp_path: Path)
         read_recording(path)
     path = make_poly5(tmp_path / "a.poly5", signals(40, 1))
     path.write_bytes(path.read_bytes().replace(b"(Hi)", b"(Ho)"))
-    with pytest.raises(DataError, match="'.Lo. E1' and then '.Ho. E1'; expected its second half"):
+    with pytest.raises(
+        DataError, match="'.Lo. E1' followed by '.Ho. E1'; expected its second half"
+    ):
         read_recording(path)
     path = make_poly5(tmp_path / "a.poly5", signals(40, 1), ranges=(0, 1, 5, 5))
-    with pytest.raises(DataError, match="channel 'E1': the range 5 to 5 stands for 0 to 1"):
+    with pytest.raises(DataError, match="channel 'E1': the range 5 to 5 corresponds to 0 to 1"):
         read_recording(path)
 
 
@@ -169,7 +171,7 @@ def test_the_real_file_holds_ventilator_signals(shared: Path) -> None:
     path = shared / "recordings" / "resurfemg-poly5" / "vent_data_synth_pocc.Poly5"
     if not path.is_file():
         pytest.skip("the Poly5 file is not there")
-    with pytest.raises(DataError, match="neither EMG nor markers .P: in 'cmH2O', no voltage"):
+    with pytest.raises(DataError, match="neither EMG nor markers .P: in 'cmH2O', not a voltage"):
         read_recording(path)
     trial = read_recording(path, mapping={"units": {"emg": "mV"}})
     assert dict(trial.sizes) == {"channel": 3, "time_emg": 42000}

@@ -81,8 +81,8 @@ def test_all_names_of_the_study_are_proposed_from_themselves_and_from_their_word
 def test_no_name_is_given_twice() -> None:
     table = propose_mapping(["zyg left", "left zygomaticus", "MEN L", "mentallis left"])
     assert table["name"].to_list() == ["", "", "MEN_L", ""]
-    assert "all look like ZYG_L" in table["reason"][0]
-    assert "all look like MEN_L" in table["reason"][3]
+    assert "all match ZYG_L" in table["reason"][0]
+    assert "all match MEN_L" in table["reason"][3]
 
 
 def test_the_proposal_is_a_mapping_file(tmp_path: Path) -> None:

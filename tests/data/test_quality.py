@@ -132,7 +132,7 @@ def faults() -> dict[str, tuple[np.ndarray, str]]:
         "artefact": (whole + 1e-4 * swing, "lies below 15 Hz: movement artefact"),
         "drift": (whole + 2e-3 * time / 8, "drifts by 1.8"),
         "stuck": (stuck, "stays at one value for 0.147 s: dropout"),
-        "saturated": (railed, "on the rails: saturated"),
+        "saturated": (railed, "at the limits of the amplifier: saturated"),
         "baseline": (whole + 40e-6 * np.random.default_rng(2).normal(size=time.size), "baseline 2"),
     }
 
@@ -200,7 +200,7 @@ def test_noise_and_leaps_of_markers_are_measured() -> None:
     table = check_recording(recording(noise(), values))
     (sentence,) = problems(table, "warning")
     assert (
-        sentence.startswith("marker upper_paramedian_right: moves at up to") and "leaps" in sentence
+        sentence.startswith("marker upper_paramedian_right: moves at up to") and "jumps" in sentence
     )
 
 
@@ -236,7 +236,7 @@ def test_a_mirrored_face_is_told() -> None:
     (row,) = swapped_markers(positions(values)).to_dict("records")
     assert (row["first"], row["second"]) == ("left", "right")
     text = problems(check_recording(recording(noise(), values)), "warning")
-    assert any("axes are a mirror image" in sentence for sentence in text)
+    assert any("axes are mirrored" in sentence for sentence in text)
 
 
 def test_faces_of_many_shapes_are_not_suspected() -> None:
@@ -269,7 +269,7 @@ def test_exchanged_sides_are_found_in_movements_to_one_side() -> None:
     wrong = swapped_sides(sided(-1.0))
     assert wrong["swapped"].all()
     text = problems(check_recording(sided(-1.0)), "warning")
-    assert sum("see whether left and right are exchanged" in sentence for sentence in text) == 4
+    assert sum("check whether left and right are exchanged" in sentence for sentence in text) == 4
 
 
 def test_equal_sides_tell_nothing() -> None:

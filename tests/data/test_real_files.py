@@ -17,8 +17,8 @@ READ = {
 }
 """Files that are read as they are, with what they hold."""
 REFUSED = {
-    "pyomeca/markers.trc": "announces 652 frames and holds 93",
-    "resurfemg-poly5/vent_data_synth_pocc.Poly5": "holds neither EMG nor markers",
+    "pyomeca/markers.trc": "declares 652 frames but contains 93",
+    "resurfemg-poly5/vent_data_synth_pocc.Poly5": "contains neither EMG nor markers",
     f"{BIDS}/emg_CustomBipolarFace/sub-01/emg/sub-01_task-talking_emg.edf": "is in 'uV', and in 'V'",
     f"{BIDS}/emg_Multimodal/sub-01/emg/sub-01_task-pullstand_emg.edf": "expected an integer",
     f"{BIDS}/emg_Multimodal/sub-01/eeg/sub-01_task-pullstand_eeg.edf": "expected an integer",
@@ -50,7 +50,7 @@ def test_no_file_gives_anything_but_a_recording_or_a_sentence(shared: Path) -> N
                 read_recording(path)
             told = str(caught.value)
             assert path.name in told
-            text = REFUSED.get(name, "does not say what it holds, its rate and its units")
+            text = REFUSED.get(name, "does not specify its contents, rate and units")
             assert text in told, told
     assert seen >= 12
 

@@ -48,14 +48,14 @@ def test_both_dialects_are_read(tmp_path: Path, mark: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("50.00", "0", "says DataRate '0'; expected a number above 0"),
+        ("50.00", "0", "has DataRate '0'; expected a number above 0"),
         ("50.00", "60.00", "frame 4 is at 0.06 s; expected 0.05 s at 60 Hz"),
-        ("\t4\t3\tmm", "\t999999999\t3\tmm", "announces 999999999 frames and holds 4"),
-        ("\t4\t3\tmm", "\t1e400\t3\tmm", "says NumFrames '1e400'"),
+        ("\t4\t3\tmm", "\t999999999\t3\tmm", "declares 999999999 frames but contains 4"),
+        ("\t4\t3\tmm", "\t1e400\t3\tmm", "has NumFrames '1e400'"),
         ("\t4\t3\tmm", "\t4\t2\tmm", "frame 1, has 11 columns; expected 8 for 2 markers"),
-        ("NumMarkers", "Markers", "names no NumMarkers"),
-        ("\n3\t0.04", "\n4\t0.04", "goes from frame 2 to frame 4"),
-        ("104.25", "1O4.25", "frame 2, column 7 holds '1O4.25'"),
+        ("NumMarkers", "Markers", "specifies no NumMarkers"),
+        ("\n3\t0.04", "\n4\t0.04", "continues from frame 2 to frame 4"),
+        ("104.25", "1O4.25", "frame 2, column 7 contains '1O4.25'"),
         ("PathFileType", "Path", "begins with 'Path"),
     ],
 )
@@ -78,7 +78,9 @@ def test_every_truncation_before_the_last_number_is_refused(tmp_path: Path) -> N
 
 def test_the_unit_is_a_length(tmp_path: Path) -> None:
     (tmp_path / "a.trc").write_text(content(unit="px"))
-    with pytest.raises(UnitsError, match="^a.trc: position is in 'px', which is no length"):
+    with pytest.raises(
+        UnitsError, match="^a.trc: position is in 'px', which is not a unit of length"
+    ):
         read_recording(tmp_path / "a.trc")
     trial = read_recording(tmp_path / "a.trc", mapping={"units": {"position": "cm"}})
     assert trial["position"].values[0, 0, 0] == 0.0025
@@ -88,7 +90,7 @@ def test_the_real_file_was_cut_and_says_so(shared: Path, tmp_path: Path) -> None
     path = shared / "recordings" / "pyomeca" / "markers.trc"
     if not path.is_file():
         pytest.skip("the TRC file is not there")
-    with pytest.raises(DataError, match="markers.trc announces 652 frames and holds 93"):
+    with pytest.raises(DataError, match="markers.trc declares 652 frames but contains 93"):
         read_recording(path)
     text = path.read_text()
     (tmp_path / "repaired.trc").write_text(text.replace("100,100,652,", "100,100,93,", 1))

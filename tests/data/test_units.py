@@ -42,18 +42,20 @@ def test_known_units_become_si(unit: str, quantity: str, expected: float, si: st
 @pytest.mark.parametrize("unit", ["MV", "furlong", "N", "mm2", "mS", "Mm"])
 def test_an_unknown_unit_is_refused(unit: str) -> None:
     assert quantity_of(unit) is None
-    with pytest.raises(UnitsError, match=f"emg is in '{unit}', which is no voltage; expected V or"):
+    with pytest.raises(
+        UnitsError, match=f"emg is in '{unit}', which is not a unit of voltage; expected V or"
+    ):
         to_si(array([1.0], units=unit), "voltage")
 
 
 def test_a_unit_of_another_quantity_is_refused() -> None:
-    with pytest.raises(UnitsError, match="emg is in 'mm', which is no voltage"):
+    with pytest.raises(UnitsError, match="emg is in 'mm', which is not a unit of voltage"):
         to_si(array([1.0], units="mm"), "voltage")
 
 
 @pytest.mark.parametrize("attrs", [{}, {"units": ""}, {"units": "  "}])
 def test_a_missing_unit_is_refused(attrs: dict[str, str]) -> None:
-    with pytest.raises(UnitsError, match="emg carries no unit; expected V or mV"):
+    with pytest.raises(UnitsError, match="emg has no unit; expected V or mV"):
         to_si(array([1.0], **attrs), "voltage")
 
 

@@ -95,13 +95,14 @@ def test_a_stream_of_another_type_with_channels_of_emg(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("make_streams", "match"),
     [
-        (lambda: [emg_stream(footer=501)], "announces 501 samples and holds 500"),
+        (lambda: [emg_stream(footer=501)], "declares 501 samples but contains 500"),
         (lambda: [emg_stream(gap=3.0)], "was interrupted 1 times"),
         (lambda: [emg_stream(), emg_stream().replace(b"\x01\x00\x00\x00", b"\x05\x00\x00\x00")],
-         "holds 2 streams of EMG"),
+         "contains 2 streams of EMG"),
         (lambda: [stream(1, "Audio", 10.0, 0.0, np.zeros((20, 1)), [])], "neither EMG nor markers"),
-        (lambda: [mocap_stream().replace(b"PositionZ", b"PositionQ")], "no marker with three"),
-        (lambda: [], "whole chunks"),
+        (lambda: [mocap_stream().replace(b"PositionZ", b"PositionQ")],
+            "does not describe a marker with three"),
+        (lambda: [], "complete chunks"),
     ],
 )  # fmt: skip
 def test_what_is_not_a_whole_recording_is_refused(tmp_path: Path, make_streams, match: str) -> None:

@@ -91,7 +91,7 @@ def test_repeated_absent_and_empty_lists(tmp_path: Path) -> None:
         read_nodes(write(tmp_path, "a.node", FIRST, FIRST))
     with pytest.raises(FaceError, match="cannot be read"):
         read_nodes(tmp_path / "absent.node")
-    with pytest.raises(FaceError, match="holds no nodes"):
+    with pytest.raises(FaceError, match="contains no nodes"):
         read_nodes(write(tmp_path, "b.node", ""))
     (tmp_path / "c.node").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(FaceError, match="not a text file"):

@@ -224,7 +224,7 @@ def test_absent_file_is_named_with_the_places_searched(models: Path, tmp_path: P
     root = checkout(models, tmp_path)
     refmodel = root / "src/artisynth/models/face/geometry/refmodel"
     (refmodel / "muscles.node").unlink()
-    with pytest.raises(FaceError, match=r"muscles\.node .*not found, looked in .*refmodel"):
+    with pytest.raises(FaceError, match=r"muscles\.node .*not found in .*refmodel"):
         import_artisynth(root)
     with pytest.raises(FaceError, match="no folder"):
         import_artisynth(tmp_path / "absent")

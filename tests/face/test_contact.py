@@ -58,9 +58,12 @@ def test_a_scene_has_contact_only_where_it_is_declared(face: xr.Dataset) -> None
         ({"contact": {"between": []}}, "expected 'lips', 'teeth' or both"),
         ({"contact": {"between": ["lips", "lips"]}}, "expected 'lips', 'teeth' or both"),
         ({"contact": {"friction": -0.1}}, "contact.friction"),
-        ({"contact": {"method": "barrier"}, "solver": "linearly_implicit"}, "needs an iteration"),
+        (
+            {"contact": {"method": "barrier"}, "solver": "linearly_implicit"},
+            "requires an iteration",
+        ),
         ({"contact": {"method": "constraint"}, "solver": "sdirk2"}, "or method = 'barrier'"),
-        ({"contact": {"method": "barrier"}, "support": 10.0}, "stands for the teeth"),
+        ({"contact": {"method": "barrier"}, "support": 10.0}, "represents the teeth"),
     ],
 )
 def test_what_does_not_go_together_is_said(values: dict[str, object], message: str) -> None:

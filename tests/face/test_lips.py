@@ -34,11 +34,11 @@ def test_closed_tetrahedron() -> None:
     ("triangles", "message"),
     [
         (TETRAHEDRON[1:], "not closed: 3 edges .* between points 0 and 1"),
-        (TETRAHEDRON[:, ::-1], "looks inwards"),
+        (TETRAHEDRON[:, ::-1], "is oriented inwards"),
         (np.concatenate([TETRAHEDRON[:3], TETRAHEDRON[3:, ::-1]]), "not closed: 3 edges"),
         (np.concatenate([TETRAHEDRON, TETRAHEDRON[:1]]), "a triangle twice"),
         (np.concatenate([TETRAHEDRON, [[0, 0, 1]]]), "triangle 4 has no area"),
-        (TETRAHEDRON[:0], "it has no triangles"),
+        (TETRAHEDRON[:0], "no triangles"),
     ],
 )
 def test_open_surfaces_are_refused(triangles: np.ndarray, message: str) -> None:
@@ -129,7 +129,7 @@ def test_damaged_surfaces_are_located(tmp_path: Path) -> None:
         ("v 0 0 0\nv 1 0\n", "line 2: found 'v 1 0', expected three numbers"),
         ("v 0 0 0\nf 1 2 3 4\n", "line 2: .*expected three vertices"),
         ("v 0 0 0\nf 1 1 2\n", "line 2: .*expected vertices from 1 to 1"),
-        ("v 0 0 0\n", "holds no faces"),
+        ("v 0 0 0\n", "contains no faces"),
     ):
         path.write_text(text)
         with pytest.raises(FaceError, match=message):

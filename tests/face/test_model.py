@@ -115,7 +115,7 @@ def test_marker_nodes(small_face: xr.Dataset, variable: str, dim: str) -> None:
         check_face(outside)
     on_bone = small_face.copy(deep=True)
     on_bone[variable][1] = 3
-    with pytest.raises(FaceError, match=f"{dim} {label} sits on node 4, which is fixed"):
+    with pytest.raises(FaceError, match=f"{dim} {label} is at node 4, which is fixed"):
         check_face(on_bone)
 
 

@@ -158,17 +158,17 @@ def test_reference_that_is_too_weak():
 
 def test_ranges_that_do_not_fit():
     chain = chain_of(normalisation={"reach": "session"})
-    with pytest.raises(ConfigurationError, match="needs its minimum and maximum, found none"):
+    with pytest.raises(ConfigurationError, match="requires its minimum and maximum, found none"):
         activation_of(recording_of(), chain)
     other = feature_range([recording_of()], chain_of(feature={"kind": "rms"}))
-    with pytest.raises(ConfigurationError, match="other filter, feature or mapping parameters"):
+    with pytest.raises(ConfigurationError, match="mapping parameters that differ"):
         activation_of(recording_of(), chain, session=other)
     foreign = feature_range([recording_of(volunteer="V2")], chain)
     with pytest.raises(ConfigurationError, match="of volunteer 'V2', the recording of 'V1'"):
         activation_of(recording_of(), chain, session=foreign)
     with pytest.raises(ConfigurationError, match="several volunteers"):
         feature_range([recording_of(), recording_of(volunteer="V2")], chain)
-    with pytest.raises(SignalError, match="no recording given"):
+    with pytest.raises(SignalError, match="no recording specified"):
         feature_range([], chain)
 
 
@@ -185,7 +185,7 @@ def test_interval_is_that_of_emg_and_markers_together():
 def test_constant_channel():
     recording = recording_of()
     recording["emg"].loc["RIS_R"] = 0.3
-    with pytest.raises(SignalError, match="channel RIS_R holds one value throughout"):
+    with pytest.raises(SignalError, match="channel RIS_R contains one value throughout"):
         activation_of(recording, SignalChain())
     tolerant = chain_of(normalisation={"silent": "zero"}, feature={"kind": "rms"})
     result = activation_of(recording, tolerant)

@@ -119,7 +119,9 @@ def test_equation_8_is_0_over_0_for_a_constant_feature():
         dims=("muscle", "time"),
         coords={"muscle": ["a", "b"], "time": [0.0, 1.0]},
     )
-    with pytest.raises(SignalError, match="muscle a is constant over the trial, so Eq. 8 is 0/0"):
+    with pytest.raises(
+        SignalError, match="muscle a is constant over the trial, so that Eq. 8 is 0/0"
+    ):
         normalise(g, None, NormalisationParameters())
     tolerant = normalise(g, None, NormalisationParameters(silent="zero"))
     np.testing.assert_array_equal(tolerant.values, [[0.0, 0.0], [0.0, 1.0]])

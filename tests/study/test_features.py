@@ -235,7 +235,7 @@ def test_recording_shorter_than_the_window(kind):
 
 def test_window_of_one_sample_has_no_step():
     signal = signal_of(np.ones(100))
-    with pytest.raises(SignalError, match="holds 1 samples"):
+    with pytest.raises(SignalError, match="contains 1 samples"):
         willison_amplitude(signal, window=1 / RATE)
 
 

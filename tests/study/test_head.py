@@ -202,7 +202,7 @@ def test_dropout_at_an_end_stays_and_the_rest_is_kept(frames):
 def test_marker_that_is_never_seen():
     moved = head_motion(still_face_moving_lips())
     moved[:, 7] = np.nan
-    with pytest.raises(MarkerError, match="upper_lateral_left is never seen"):
+    with pytest.raises(MarkerError, match="upper_lateral_left is never visible"):
         in_head_frame(positions_of(moved), PARAMETERS, reference())
 
 

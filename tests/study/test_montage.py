@@ -89,7 +89,7 @@ def test_strategies_choose_among_what_is_there():
     relevant = activation(recording, "act_rel", **choices)
     assert relevant.attrs["selected"] == "DAO MEN"
     assert relevant["activation"].sel(muscle="MEN_R").max() == 0  # one side is left out
-    with pytest.raises(SchemaError, match="activates LLSAN, of which the montage holds none"):
+    with pytest.raises(SchemaError, match="activates LLSAN, of which the montage contains none"):
         activation(recording.assign_attrs(instruction="B"), "act_rel", **choices)
     with pytest.raises(SchemaError, match="at least one of OOS_L"):
         activation(recording.assign_coords(channel=list("abcd")), "act_3", **choices)
@@ -110,5 +110,5 @@ def test_a_session_may_lack_a_channel_in_some_trials_and_not_in_all():
         both["maximum"].sel(muscle="MEN_R"), alone["maximum"].sel(muscle="MEN_R")
     )
     less = feature_range([partial], chain)
-    with pytest.raises(ConfigurationError, match="range of the session holds no muscle MEN_R"):
+    with pytest.raises(ConfigurationError, match="range of the session contains no muscle MEN_R"):
         activation_of(whole, chain, session=less)

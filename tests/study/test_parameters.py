@@ -68,7 +68,7 @@ def test_unknown_name_gets_the_nearest_valid_one():
         (FilterParameters, {"low": float("nan")}, "finite number"),
         (FeatureParameters, {"C1": -1.0}, "'C1' = -1.0: input should be greater than -1"),
         (FeatureParameters, {"A": 0.5}, "'A' = 0.5"),
-        (FeatureParameters, {"threshold_baseline": 3.0}, "needs a rest interval"),
+        (FeatureParameters, {"threshold_baseline": 3.0}, "requires a rest interval"),
         (FeatureParameters, {"threshold": None}, "exactly one of threshold"),
         (
             FeatureParameters,

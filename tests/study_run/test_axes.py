@@ -89,7 +89,7 @@ def test_the_template_writes_axes_back(tmp_path: Path) -> None:
         ("parameters = ['simulation.sigma_max']\nlevels = [1e5, -1]", "sigma_max = -1.0: "),
         ("parameters = ['simulation.sigma_max']\nlevels = [1e5, 1e5]", "a level twice"),
         ("parameters = ['simulation.sigma_max']\nlevels = [1e5, [1, 2]]", "a level of 2 values"),
-        ("name = 'marker'\nparameters = ['simulation.step']\nlevels = [1, 2]", "names nothing else"),
+        ("name = 'marker'\nparameters = ['simulation.step']\nlevels = [1, 2]", "not used in the cube"),
     ],
 )  # fmt: skip
 def test_axes_that_cannot_be_varied(tmp_path: Path, text: str, complaint: str) -> None:
@@ -142,7 +142,7 @@ def test_cube_has_the_axes_as_dims(varied: Path) -> None:
 def test_report_shows_what_choices_change(varied: Path) -> None:
     text = render(open_results(varied), faces=False)
     assert 'id="figure-choices"' in text and "as_printed" in text
-    assert "There is one strategy, act_rel: there is nothing to compare." in text
+    assert "There is one strategy, act_rel: there is no comparison." in text
 
 
 def test_resuming_reuses_what_choices_share(varied: Path, laboratory: Path) -> None:

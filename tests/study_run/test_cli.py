@@ -278,7 +278,7 @@ def test_a_file_that_is_not_there(tmp_path) -> None:
     one_sentence(run("data", "check", tmp_path / "no.nc"), "DataError", r"no\.nc")
     one_sentence(run("face", "check", tmp_path / "no.nc"), "FaceError", r"no\.nc")
     for folder in (tmp_path, tmp_path / "absent"):
-        one_sentence(run("report", folder), "DataError", r"holds no cube\.nc", "study run --out")
+        one_sentence(run("report", folder), "DataError", r"contains no cube\.nc", "study run --out")
     one_sentence(
         run("study", "run", tmp_path / "no.toml", "--out", tmp_path / "o"), "ConfigurationError"
     )
@@ -369,7 +369,7 @@ def test_an_interruption_is_said_and_exits_130(laboratory, tmp_path, monkeypatch
     study = study_file(laboratory, tmp_path)
     result = run("study", "run", study, "--out", tmp_path / "out", "--workers", 1)
     assert result.exit_code == 130
-    assert "run the same command to continue" in result.stderr
+    assert "run the same command again" in result.stderr
 
 
 def test_debug_shows_the_traceback(tmp_path, monkeypatch) -> None:

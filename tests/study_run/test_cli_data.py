@@ -270,7 +270,7 @@ def test_a_file_that_cannot_be_converted_does_not_stop_the_others(laboratory, tm
     (folder / "S00_broken.nc").write_bytes(b"nothing")
     result = run("data", "convert", folder, "--out", tmp_path / "out")
     assert result.exit_code == 2 and "2 of 3 recordings were converted" in result.stderr
-    assert "S00_broken.nc is no netCDF file" in result.stderr
+    assert "S00_broken.nc is not a netCDF file" in result.stderr
     assert len(list((tmp_path / "out").glob("*.nc"))) == 2
     wrong = run("data", "convert", folder / "S01_B_1.nc", "--out", tmp_path / "o", "--notch", 5000)
     assert wrong.exit_code == 2 and "SignalError: a notch of 2 Hz at 5000 Hz" in wrong.stderr

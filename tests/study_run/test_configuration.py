@@ -86,7 +86,10 @@ def test_the_template_writes_the_values_of_a_study() -> None:
         ("[simulation]\nincompressibility = 'nodal'\n", "bulk_potential = 'quadratic'"),
         ("[alignment]\nscale_range = [1.1, 1.2]\n", "does not span 1"),
         ("[recordings]\ninstructions = ['A', 'G']\n", "instruction G is unknown.*A, B, C, D, E, F"),
-        ("[face]\npath = 'a.nc'\n[face.template]\n", "path and template are given, expected one"),
+        (
+            "[face]\npath = 'a.nc'\n[face.template]\n",
+            "both path and template are specified, expected one",
+        ),
         ("[face.template]\npreset = 'elf'\n", "face.template.preset.*'elf'.*older_woman"),
         ("[face.template]\nresolution = 'huge'\n", "face.template.resolution.*'huge'.*coarse"),
         ("[face.template]\nresolution = 12\n", "face.template.resolution.*400 to 200000"),

@@ -66,8 +66,8 @@ def test_exclusions_are_written_and_read_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('[[exclude]]\nvolunteer = "V1"\n', "volunteer V1 gives no reason"),
-        ('[[exclude]]\nreason = "x"\n', "names no volunteer.*every trial"),
+        ('[[exclude]]\nvolunteer = "V1"\n', "volunteer V1 has no reason"),
+        ('[[exclude]]\nreason = "x"\n', "specifies no volunteer.*every trial"),
         ('[[exclude]]\ninstruction = "Z"\nreason = "x"\n', "'Z' is unknown"),
         ('[[exclude]]\nvolunter = "V1"\nreason = "x"\n', "volunter"),
         ("[[exclude", "not valid TOML"),

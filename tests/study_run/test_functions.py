@@ -104,7 +104,7 @@ def test_what_is_wrong_is_said(file, laboratory, tmp_path, slab):
         ef.simulate(file, slab, sigmamax=1e5)
     with pytest.raises(ConfigurationError, match="unknown parameter 'mormalisation'"):
         ef.activate(file, mormalisation={})
-    with pytest.raises(SchemaError, match="holds emg.*expected activation"):
+    with pytest.raises(SchemaError, match="contains emg.*expected activation"):
         ef.simulate(ef.read(file).drop_vars("true_activation"), slab)
     with pytest.raises(DataError, match="is a recording; expected a activation"):
         ef.simulate(file, slab)

@@ -94,7 +94,7 @@ def test_a_missed_accuracy_weakens_no_muscle() -> None:
         calls.append(parameters.sigma_max)
         raise ToleranceMissed(2e-5, 1e-5, 1e-5, 0.1)
 
-    with pytest.raises(ToleranceMissed, match="less accuracy"):
+    with pytest.raises(ToleranceMissed, match="lower accuracy"):
         lower_sigma_max(inaccurate, PARAMETERS)
     assert calls == [300e3]
 

@@ -97,7 +97,7 @@ def test_resumed_by_another_version_is_said_per_trial(
     assert table is not None and len(table.rows) == 2
     page = text_of(render(results, faces=False))
     assert "2 different environments (emgface of versions" in page
-    assert "Trials by what computed them".lower() in page.lower()
+    assert "Trials by computing environment".lower() in page.lower()
 
 
 def test_report_tells_what_computed_the_cube_and_what_wrote_the_page(
@@ -107,7 +107,7 @@ def test_report_tells_what_computed_the_cube_and_what_wrote_the_page(
     monkeypatch.setattr(shown, "__version__", "7.7")
     results = open_results(made.path.parent)
     page = text_of(render(results, faces=False))
-    computed, written = page.split("What computed the cube")[1].split("What wrote this report")
+    computed, written = page.split("Environment of the cube")[1].split("Environment of this report")
     assert f"emgface {__version__}" in computed and "7.7" not in computed
     assert "emgface 7.7" in written
     digest = made.cube["recording_digest"].sel(instruction="B").item()

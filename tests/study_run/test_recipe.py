@@ -213,7 +213,7 @@ def test_a_face_with_tense_skin_settles_in_tension(slab) -> None:
 
 def test_what_prestress_needs_is_said() -> None:
     nodal = {"incompressibility": "nodal", "bulk_potential": "quadratic"}
-    with pytest.raises(ValueError, match=r"skin.kappa does not go with .* = 'hard'"):
+    with pytest.raises(ValueError, match=r"skin.kappa cannot be combined with .* = 'hard'"):
         SimulationParameters(**nodal | {"incompressibility": "hard"}, skin={"kappa": 1e5})
-    with pytest.raises(ValueError, match=r"'stretch' does not go with .* = 'nodal'"):
+    with pytest.raises(ValueError, match=r"'stretch' cannot be combined with .* = 'nodal'"):
         SimulationParameters(**nodal, prestress={"method": "stretch"})

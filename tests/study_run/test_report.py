@@ -159,7 +159,7 @@ def test_planted_difference_is_found_and_none_is_claimed_without() -> None:
     assert any("rho is higher with the first" in one for one in moved.conclusions)
     still = contents.inference(scores())
     assert not any("is higher" in one or "is lower" in one for one in still.conclusions)
-    assert all("which does not show that there is none" in one for one in still.conclusions)
+    assert all("a difference may exist" in one for one in still.conclusions)
 
 
 def alone(cube: xr.Dataset, folder: Path) -> str:
@@ -170,8 +170,8 @@ def alone(cube: xr.Dataset, folder: Path) -> str:
 
 def test_empty_cube(tmp_path: Path) -> None:
     text = alone(scores().isel(volunteer=[]), tmp_path)
-    assert "This study holds no trial: there is nothing to report." in text
-    assert "nothing is tested" in text and "No simulation was scored" in text
+    assert "This study contains no trial; there is nothing to report." in text
+    assert "no test is performed" in text and "No simulation was scored" in text
 
 
 def test_all_trials_failed(tmp_path: Path) -> None:
@@ -189,14 +189,14 @@ def test_all_trials_failed(tmp_path: Path) -> None:
 
 def test_one_strategy_and_one_volunteer(tmp_path: Path) -> None:
     cube = scores(volunteers=2).isel(strategy=[0])
-    assert "There is one strategy, act_all: there is nothing to compare." in contents.verdict(cube)
+    assert "There is one strategy, act_all: there is no comparison." in contents.verdict(cube)
     assert contents.inference(cube).table is None
     two = contents.verdict(scores(volunteers=2))
-    assert "There are 2 volunteers: no interval is given, which needs 5 or more." in two
+    assert "There are 2 volunteers; intervals require 5 or more." in two
     one = scores(volunteers=1)
     assert any("There is one volunteer" in sentence for sentence in contents.verdict(one))
     assert contents.inference(one).conclusions == [
-        "There is one volunteer: the tests need several, so nothing is tested."
+        "There is one volunteer; the tests require several, and none is performed."
     ]
 
 
@@ -205,15 +205,15 @@ def test_simulated_worlds_are_named_and_their_limits_said(tmp_path: Path) -> Non
     matched = matched.assign_coords(strategy=["act_all", "act_3", "act_rel"])
     text = alone(matched, tmp_path)
     assert "simulated recordings, matched world" in text
-    assert "act_rel knows the truth by construction" in text
-    assert "No score of this report estimates a score with people" in text
+    assert "the true selection of muscles by construction" in text
+    assert "Scores and tests in this report do not apply to people" in text
     other = simulated_limits(matched.assign_attrs(world="world mismatched in delay"))
     assert any("world mismatched in delay" in sentence for sentence in other)
-    assert any("act_rel keeps an advantage" in sentence for sentence in other)
+    assert any("an advantage that it may not have in people" in sentence for sentence in other)
     two = matched.isel(strategy=[0, 1])
     assert not any("act_rel" in sentence for sentence in simulated_limits(two))
     unlabelled = simulated_limits(scores())
-    assert any("do not say how the volunteers differ" in sentence for sentence in unlabelled)
+    assert any("do not state how the volunteers differ" in sentence for sentence in unlabelled)
     assert simulated_limits(matched.assign_attrs(origin="measured")) == []
     titles = [table.title for table in report_tables(matched).values()]
     assert titles and all("simulated recordings, matched world" in title for title in titles)
@@ -235,11 +235,14 @@ def test_what_cannot_be_read_any_more_is_said(page: Path, tmp_path: Path) -> Non
     cube.attrs["configuration"] = json.dumps(configuration)
     write_netcdf(cube, tmp_path / "cube.nc", "cube")
     results = open_results(tmp_path)
-    assert results.laboratory is None and "recordings or face cannot be read" in results.notes[0]
+    assert (
+        results.laboratory is None
+        and "recordings or the face can no longer be read" in results.notes[0]
+    )
     cube.attrs["configuration"] = '{"speed": 3}'
     write_netcdf(cube, tmp_path / "cube.nc", "cube")
-    assert "of another version of this package" in open_results(tmp_path).notes[0]
-    with pytest.raises(DataError, match="holds no cube.nc"):
+    assert "by another version of this package" in open_results(tmp_path).notes[0]
+    with pytest.raises(DataError, match="contains no cube.nc"):
         open_results(tmp_path / "gone")
 
 
@@ -270,7 +273,7 @@ def test_exclusions_name_markers_without_rho() -> None:
     table = contents.exclusions(Results(Path(), cube))
     assert table.rows == (
         (
-            "scored in part",
+            "partly scored",
             1,
             "v1 i1 1 act_all",
             "1 of 3 markers have no rho: measured does not move",

@@ -55,7 +55,7 @@ def test_the_warning_names_times_and_size_and_is_silent_where_nothing_changes() 
     assert "lost stability between 0.05 and 0.123 s" in told
     assert "depends on rounding at the level of 0.12 mm" in told
     motion.attrs["rounding_sensitivity"] = np.inf
-    assert "fails from a start moved by 1e-14 m" in stability_warning(motion)
+    assert "fails from a start displaced by 1e-14 m" in stability_warning(motion)
 
 
 def test_the_summary_of_a_study_names_scored_trials_that_rounding_decides(tmp_path: Path) -> None:

@@ -105,13 +105,13 @@ def index_of_another_result(path: Path) -> None:
 @pytest.mark.parametrize(
     ("harm", "said"),
     [
-        (truncate, "bytes where"),
-        (flip_a_byte, "differs from what was written"),
-        (put_another_dataset, "bytes where"),
+        (truncate, "were written"),
+        (flip_a_byte, "differs from the written result"),
+        (put_another_dataset, "were written"),
         (lose_the_index, "no index"),
-        (lose_the_file, "missing beside its index"),
+        (lose_the_file, "is missing, but its index exists"),
         (garble_the_index, "index that cannot be read"),
-        (index_of_another_result, "made from something else"),
+        (index_of_another_result, "computed from other inputs"),
     ],
 )
 def test_a_damaged_result_is_said_and_computed_anew(tmp_path: Path, harm, said: str) -> None:

@@ -198,10 +198,10 @@ def test_the_methods_of_a_report_tell_of_every_tissue() -> None:
         ('[[tissues]]\nmuscles = ["OOP"]', "muscle OOP is unknown"),
         ('[[tissues]]\nrelaxing = [0.6, 0.5]\ntimes = [1.0, 2.0]', "1 - sum of g"),
         ('[[tissues]]\nrelaxing = [0.6]', "1 fractions g for 0"),
-        ('[[tissues]]\nlaw = "co_rotational"\nkappa = 1e5', "answers for the volume itself"),
+        ('[[tissues]]\nlaw = "co_rotational"\nkappa = 1e5', "determines the volume change itself"),
         (
             'incompressibility = "nodal"\nbulk_potential = "quadratic"\n[[tissues]]\nlaw = "linear"',
-            "'linear' or 'co_rotational' does not go with .* 'nodal'",
+            "'linear' or 'co_rotational' cannot be combined with .* 'nodal'",
         ),
         ("stiffening = 3.0\n[[tissues]]\nrelaxing = [0.6]\ntimes = [1.0]", "cannot stiffen"),
     ],
@@ -214,7 +214,7 @@ def test_impossible_tissues_are_refused(text, said) -> None:
 @pytest.mark.parametrize(
     ("tissue", "said"),
     [
-        ({"elements": (10**6,)}, "names element 1000000"),
+        ({"elements": (10**6,)}, "refers to element 1000000"),
         (
             {"elements": (1,), "layers": ("outer",), "muscles": ("MEN_L",)},
             "no element is in layers",

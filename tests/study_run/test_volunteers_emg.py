@@ -231,7 +231,7 @@ def test_amplitudes_of_a_volunteer_are_tens_to_hundreds_of_microvolts() -> None:
 
 
 def test_a_sampling_rate_below_the_band_is_refused() -> None:
-    with pytest.raises(SignalError, match="1000 Hz cannot hold.*500 Hz"):
+    with pytest.raises(SignalError, match="1000 Hz cannot represent.*500 Hz"):
         band_limited_noise(1, 1000, 1000.0, np.random.default_rng(0))
     with pytest.raises(SignalError, match="shorter than one period"):
         band_limited_noise(1, 100, RATE, np.random.default_rng(0))

@@ -68,7 +68,7 @@ def test_a_world_is_named_by_what_is_mismatched() -> None:
     assert world_of("matched").label == "matched world"
     assert world_of("mismatched").label == "mismatched world"
     assert world_of("delay+noise").label == "world mismatched in delay, noise"
-    assert MISMATCHED.without("mesh").label == "mismatched world but for mesh"
+    assert MISMATCHED.without("mesh").label == "mismatched world except mesh"
     for kind in KINDS:
         assert world_of(kind).kinds == (kind,)
         assert set(MISMATCHED.without(kind).kinds) == set(KINDS) - {kind}
@@ -278,7 +278,7 @@ def test_cross_talk_is_filtered_and_no_scaled_copy() -> None:
 def test_a_world_that_picks_up_through_tissue_needs_the_ways() -> None:
     _, face = still_lips()
     own = settings(mismatched_in(["pick-up"]))
-    with pytest.raises(ConfigurationError, match="give conduction"):
+    with pytest.raises(ConfigurationError, match="specify conduction"):
         simulate_session(
             PERSON, "D", [trial_activation(PERSON, "D", 1, own)], [motion(0)], face, own
         )

@@ -114,13 +114,13 @@ def test_settings(text: str, name: str, value: float) -> None:
 @pytest.mark.parametrize(
     ("texts", "message"),
     [
-        (["mouth_width"], "is no setting, expected name=value"),
+        (["mouth_width"], "is not a setting, expected name=value"),
         (["mouth=52mm"], "unknown measure 'mouth'"),
         (["mouth_width=wide"], "mouth_width is 'wide', expected a number"),
         (["mouth_width=52"], "the unit of mouth_width is '', expected one of m, cm, mm, um"),
         (["mouth_width=52s"], "the unit of mouth_width is 's'"),
         (["width_asymmetry=5mm"], "the unit of width_asymmetry is 'mm', expected no unit"),
-        (["droop=1mm", "droop=2mm"], "droop is given twice"),
+        (["droop=1mm", "droop=2mm"], "droop is specified twice"),
     ],
 )
 def test_bad_settings(texts: list[str], message: str) -> None:

@@ -129,7 +129,7 @@ def test_lines_that_cannot_act_are_refused_by_name():
         line_force(mesh, (sim.LineFibre(0, np.array([[0.01] * 3, [0.03] * 3])),))
     with pytest.raises(sim.MeshError, match="point 0 to embed is not finite"):
         sim.embed(mesh, np.full((1, 3), np.nan))
-    with pytest.raises(sim.SceneError, match=r"names node 99, expected 0\.\.26"):
+    with pytest.raises(sim.SceneError, match=r"refers to node 99, expected 0\.\.26"):
         line_force(mesh, (sim.LineFibre(0, np.array([0, 99])),))
     with pytest.raises(sim.SceneError, match="muscle line has two successive points"):
         line_force(mesh, (sim.LineFibre(0, np.array([3, 3])),))
@@ -141,7 +141,7 @@ def test_lines_that_cannot_act_are_refused_by_name():
         sim.LineFibre(0, np.array([0, 1]), share=-1)
     with pytest.raises(sim.SceneError, match="line muscle b has no fibre"):
         sim.LineMuscles(("a", "b"), (line,))
-    with pytest.raises(sim.SceneError, match="names muscle 1"):
+    with pytest.raises(sim.SceneError, match="refers to muscle 1"):
         sim.LineMuscles(("a",), (line, sim.LineFibre(1, np.array([0, 1]))))
     with pytest.raises(sim.SceneError, match="2 line laws for 1"):
         sim.LineMuscles(("a",), (line,), (sim.Peck(), sim.Peck()))

@@ -135,7 +135,7 @@ def test_broken_meshes_and_scenes_are_refused_by_name():
     nodes = cube.blocks[0].nodes
     with pytest.raises(sim.MeshError, match="element 0 .*inverted"):
         sim.mesh_from_arrays(cube.X, hex8=nodes[:, [4, 5, 6, 7, 0, 1, 2, 3]])
-    with pytest.raises(sim.MeshError, match="names node 8"):
+    with pytest.raises(sim.MeshError, match="refers to node 8"):
         sim.mesh_from_arrays(cube.X, hex8=nodes + 1)
     with pytest.raises(sim.MeshError, match="belong to no element"):
         sim.mesh_from_arrays(np.vstack([cube.X, [[1.0, 1.0, 1.0]]]), hex8=nodes)

@@ -211,12 +211,12 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
         sim.read_state(tmp_path / "none.nc")
     path = tmp_path / "text.nc"
     path.write_text("no netCDF")
-    with pytest.raises(sim.SceneError, match="holds no state"):
+    with pytest.raises(sim.SceneError, match="contains no state"):
         sim.read_state(path)
     system = block()
     data, _ = sim.simulate(system, drive(system, 0.05), duration=0.01)
     data.to_netcdf(tmp_path / "motion.nc")
-    with pytest.raises(sim.SceneError, match="holds no state"):
+    with pytest.raises(sim.SceneError, match="contains no state"):
         sim.read_state(tmp_path / "motion.nc")
 
 

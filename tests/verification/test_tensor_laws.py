@@ -282,7 +282,7 @@ def test_unusable_axes_are_refused(axes, said):
 
 
 def test_two_laws_for_one_volume_are_refused():
-    with pytest.raises(sim.SceneError, match="answers for the volume itself"):
+    with pytest.raises(sim.SceneError, match="determines the volume change itself"):
         sim.Material(sim.CoRotational(), sim.QuadraticBulk())
     assert sim.Material(sim.CoRotational()).bulk is None
     assert sim.Material(sim.Fung()).bulk == sim.QuadraticBulk()

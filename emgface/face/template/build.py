@@ -101,8 +101,8 @@ def template_face(
     if isinstance(measures, Measures):
         if seed is not None:
             raise FaceError(
-                "both a full set of measures and a seed are given, expected one of them: pass a "
-                "mapping to replace single measures of a volunteer"
+                "both a full set of measures and a seed are specified, expected one of "
+                "them: pass a mapping to replace single measures of a volunteer"
             )
         own = measures
     else:
@@ -121,8 +121,8 @@ def template_face(
         if any(measure in str(error) for measure in asdict(own)):
             raise
         raise FaceError(
-            f"{least_usual(own)} makes no sound face beside the other measures ({error}): bring it "
-            "nearer to the mean"
+            f"{least_usual(own)} does not yield a valid face with the other measures "
+            f"({error}): choose a value closer to the mean"
         ) from error
 
 

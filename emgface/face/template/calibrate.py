@@ -113,15 +113,15 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
             told[name] += 0.7 * difference
     if best is None:
         raise FaceError(
-            f"{least_usual(measures)} makes no face beside the other measures: bring it nearer to the "
-            "mean"
+            f"{least_usual(measures)} does not yield a face with the other measures: choose "
+            "a value closer to the mean"
         )
     size, miss, surfaces = best
     if size <= LARGEST_MISS:
         return surfaces
     worst = max(miss, key=lambda name: abs(miss[name]))
     raise FaceError(
-        f"{worst} of {getattr(measures, worst) / MM:.1f} mm cannot be reached beside the other "
-        f"measures (nearest {(getattr(measures, worst) - miss[worst]) / MM:.1f} mm): bring it nearer "
-        "to the mean or change its neighbours"
+        f"{worst} of {getattr(measures, worst) / MM:.1f} mm cannot be reached with the other "
+        f"measures (closest {(getattr(measures, worst) - miss[worst]) / MM:.1f} mm): choose "
+        "a value closer to the mean or change related measures"
     )

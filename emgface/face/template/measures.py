@@ -186,13 +186,17 @@ def parse_measures(settings: list[str]) -> dict[str, float]:
     for setting in settings:
         name, equals, text = (part.strip() for part in setting.partition("="))
         if not equals:
-            raise FaceError(f"{setting!r} is no setting, expected name=value as mouth_width=52mm")
+            raise FaceError(
+                f"{setting!r} is not a setting, expected name=value, for example mouth_width=52mm"
+            )
         bounds(name)
         if name in values:
-            raise FaceError(f"{name} is given twice, expected once")
+            raise FaceError(f"{name} is specified twice, expected once")
         found = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)", text)
         if found is None:
-            raise FaceError(f"{name} is {text!r}, expected a number with its unit as 52mm")
+            raise FaceError(
+                f"{name} is {text!r}, expected a number with its unit, for example 52mm"
+            )
         number, unit = float(found[1]), spelling(found[2])
         divisors = {"": 1.0} if name in _WITHOUT_UNIT else DIVISORS["m"]
         if unit not in divisors:

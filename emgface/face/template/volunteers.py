@@ -44,7 +44,7 @@ _AT_EIGHT: Final[Mapping[str, tuple[float, float]]] = {
 }
 
 PRESETS: Final[Mapping[str, str]] = {
-    "adult": "half way between the means of men and women",
+    "adult": "midway between the means of men and women",
     "woman": "means of women",
     "man": "means of men",
     "older_woman": (
@@ -139,8 +139,8 @@ def random_measures(
         except FaceError as error:
             why = str(error)
     raise FaceError(
-        f"no possible person in {_ATTEMPTS} draws with spread {spread:g} (the last: {why}): expected "
-        "a smaller spread"
+        f"no possible person was drawn in {_ATTEMPTS} attempts with spread {spread:g} (the "
+        f"last: {why}): expected a smaller spread"
     )
 
 

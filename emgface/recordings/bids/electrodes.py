@@ -1,4 +1,4 @@
-"""Where the electrodes lie: ``*_electrodes.tsv`` and ``*_coordsystem.json`` of a BIDS dataset."""
+"""Positions of the electrodes: ``*_electrodes.tsv`` and ``*_coordsystem.json`` of a BIDS dataset."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,12 +11,12 @@ from emgface.errors import DataError
 from emgface.recordings.bids.sidecars import read_json, read_tsv, sidecar_path
 
 LINKS: Final = ("signal_electrode", "reference", "target_muscle")
-"""Columns of ``*_channels.tsv`` that are kept for each channel."""
+"""Columns of ``*_channels.tsv`` that are read for each channel."""
 AXES: Final = ("x", "y", "z")
 
 
 def read_electrodes(path: Path, channels: pd.DataFrame) -> str | None:
-    """Read what a dataset tells of the electrodes of an EMG file.
+    """Read the electrodes of an EMG file from a dataset.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _positions(table: Path) -> dict[str, list[float | None]]:
 def electrode_tables(
     attribute: str, names: Sequence[str], original: Mapping[str, str]
 ) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], dict[str, Any]]:
-    """Return the rows that tell of the electrodes of a recording.
+    """Return the rows that describe the electrodes of a recording.
 
     Parameters
     ----------
@@ -131,5 +131,5 @@ def electrode_tables(
     except (json.JSONDecodeError, AttributeError, TypeError, ValueError) as error:
         raise DataError(
             f"The attribute 'electrodes' is {attribute[:60]!r}; expected a JSON object with "
-            "channels, positions and system: drop it, or read the recording again."
+            "channels, positions and system: remove it, or read the recording again."
         ) from error

@@ -6,11 +6,11 @@ from pathlib import Path
 from emgface.errors import DataError
 
 LABEL = re.compile(r"[0-9A-Za-z+]+")
-"""What may follow the key and the hyphen of an entity."""
+"""Allowed values of an entity, after its key and hyphen."""
 ORDER = ("sub", "ses", "task", "tracksys", "acq", "run", "recording")
 """Entities of EMG and motion files, in the order of the specification."""
 TRIAL = ("sub", "ses", "task", "acq", "run")
-"""Entities that EMG and motion of one trial share."""
+"""Entities that are equal for EMG and motion of one trial."""
 
 
 def entities(path: Path) -> dict[str, str]:

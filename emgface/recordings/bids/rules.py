@@ -1,4 +1,4 @@
-"""Rules of the specification that a dataset of EMG and motion is held to.
+"""Rules of the specification by which a dataset of EMG and motion is checked.
 
 Source: BIDS specification 1.11, schema: rules/sidecars/{emg,motion}, rules/tabular_data/{emg,motion},
 rules/files/raw/{emg,motion}, and the pages on electromyography and motion.
@@ -62,7 +62,7 @@ def bids_problems(root: str | Path) -> list[str]:
     """
     root = Path(root)
     if not root.is_dir():
-        raise DataError(f"No folder {root}; expected a BIDS dataset: see the path.")
+        raise DataError(f"No folder {root}; expected a BIDS dataset: check the path.")
     return [*_dataset(root), *(problem for kind in _SIGNALS for problem in _kind(root, kind))]
 
 
@@ -117,7 +117,7 @@ def _kind(root: Path, kind: str) -> Iterator[str]:
 
 
 def _name(path: Path, root: Path, kind: str) -> Iterator[str]:
-    """Problems of the name and place of a file."""
+    """Problems of the name and folder of a file."""
     found = entities(path)
     keys = list(found)
     if keys != [key for key in ORDER if key in found]:
@@ -132,7 +132,7 @@ def _name(path: Path, root: Path, kind: str) -> Iterator[str]:
     folders = [f"sub-{found.get('sub')}"]
     folders += [f"ses-{found['ses']}"] if "ses" in found else []
     if path.parent.relative_to(root).parts != (*folders, kind):
-        yield f"{path.name} lies in {path.parent.relative_to(root)}, not in {'/'.join(folders)}/{kind}"
+        yield f"{path.name} is in {path.parent.relative_to(root)}, not in {'/'.join(folders)}/{kind}"
 
 
 def _keys(path: Path, required: tuple[str, ...]) -> Iterator[str]:
@@ -147,7 +147,7 @@ def _values(path: Path, kind: str) -> Iterator[str]:
     content: Mapping[str, Any] = read_json(path)
     rate = content.get("SamplingFrequency")
     if not _positive(rate) and not (kind == "motion" and rate == "n/a"):
-        yield f"{path.name} says SamplingFrequency {json.dumps(rate)}; expected a number above 0"
+        yield f"{path.name} has SamplingFrequency {json.dumps(rate)}; expected a number above 0"
     if kind == "motion":
         return
     if content.get("EMGPlacementScheme") == "Other" and not content.get(
@@ -156,10 +156,10 @@ def _values(path: Path, kind: str) -> Iterator[str]:
         yield f"{path.name} lacks the key 'EMGPlacementSchemeDescription', needed for 'Other'"
     line = content.get("PowerLineFrequency")
     if line != "n/a" and not _positive(line):
-        yield f"{path.name} says PowerLineFrequency {json.dumps(line)}; expected a number or 'n/a'"
+        yield f"{path.name} has PowerLineFrequency {json.dumps(line)}; expected a number or 'n/a'"
     filters = content.get("SoftwareFilters")
     if filters != "n/a" and not isinstance(filters, dict):
-        yield f"{path.name} says SoftwareFilters {json.dumps(filters)}; expected an object or 'n/a'"
+        yield f"{path.name} has SoftwareFilters {json.dumps(filters)}; expected an object or 'n/a'"
 
 
 def _positive(value: object) -> bool:

@@ -1,4 +1,4 @@
-"""The tables and JSON files beside the signals of a BIDS dataset."""
+"""Tables and JSON files that describe the signals of a BIDS dataset."""
 
 import json
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from emgface.schema.units import spelling
 
 
 class EmgSidecars(NamedTuple):
-    """What lies beside an EMG file.
+    """Contents of the table and the JSON file of an EMG file.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class EmgSidecars(NamedTuple):
         listed = [str(name) for name in self.channels["name"]]
         if len(listed) != len(labels):
             raise DataError(
-                f"{self.path.name} holds {len(labels)} channels and the channels.tsv beside it "
+                f"{self.path.name} contains {len(labels)} channels, and its channels.tsv "
                 f"lists {len(listed)}; expected one row each: repair the table."
             )
         # The table stands in the order of the file; only where it does not, labels decide.
@@ -61,7 +61,7 @@ class EmgSidecars(NamedTuple):
         return listed
 
     def type_of(self, label: str) -> str:
-        """Return the type of a channel, EMG where the table names none.
+        """Return the type of a channel, EMG if the table specifies none.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class EmgSidecars(NamedTuple):
         return str(rows["type"].iloc[0])
 
     def units(self, labels: Sequence[str], own: Sequence[str]) -> list[str]:
-        """Return the unit of each channel, from the file or else from the table.
+        """Return the unit of each channel from the file, or otherwise from the table.
 
         Parameters
         ----------
@@ -105,32 +105,32 @@ class EmgSidecars(NamedTuple):
             told = "" if told == "n/a" else told
             if unit and told and spelling(unit) != spelling(told):
                 raise UnitsError(
-                    f"{self.path.name}: channel {label!r} is in {unit!r}, and in {told!r} by the "
-                    "channels.tsv beside it; expected one unit: repair the table, or name the "
-                    "right one as emg in the table 'units' of the mapping."
+                    f"{self.path.name}: channel {label!r} is in {unit!r}, and in {told!r} in "
+                    "its channels.tsv; expected one unit: repair the table, or specify the "
+                    "correct one as emg in the table 'units' of the mapping."
                 )
             result.append(unit or told)
         return result
 
     @property
     def duration(self) -> float | None:
-        """Duration of the recording [s], where it is told."""
+        """Duration of the recording [s], if it is specified."""
         value = self.description.get("RecordingDuration")
         return float(value) if isinstance(value, (int, float)) and value > 0 else None
 
     @property
     def origin(self) -> str:
-        """Whether a person or a computer moved."""
+        """Origin of the recording: measured or simulated."""
         return "simulated" if self.description.get("Origin") == "simulated" else "measured"
 
     @property
     def world(self) -> dict[str, str]:
-        """Attribute that names the world of simulated volunteers, where it is told."""
+        """Attribute with the world of simulated volunteers, if it is specified."""
         return world(self.description)
 
     @property
     def device(self) -> str:
-        """Manufacturer and model, where they are told."""
+        """Manufacturer and model, if they are specified."""
         return device(self.description)
 
     @property
@@ -140,7 +140,7 @@ class EmgSidecars(NamedTuple):
 
 
 def world(description: dict[str, Any]) -> dict[str, str]:
-    """Return the attribute that names the world of simulated volunteers, empty where none is told."""
+    """Return the attribute with the world of simulated volunteers, empty if none is specified."""
     told = description.get("World")
     return {"world": str(told)} if told else {}
 
@@ -163,7 +163,7 @@ def device(description: dict[str, Any]) -> str:
 
 
 def emg_sidecars(path: Path) -> EmgSidecars | None:
-    """Read the table and the JSON file beside an EMG file.
+    """Read the table and the JSON file of an EMG file.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def emg_sidecars(path: Path) -> EmgSidecars | None:
 
 
 def sidecar_path(path: Path, ending: str) -> Path | None:
-    """Return the file that describes another, nearest first, by the inheritance principle.
+    """Return the file that describes another one, by the inheritance principle.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def read_tsv(path: Path) -> pd.DataFrame:
         )
     except (OSError, ValueError, pd.errors.ParserError) as error:
         raise DataError(
-            f"{path.name} is no table ({' '.join(str(error).split())}); expected columns separated "
+            f"{path.name} is not a table ({' '.join(str(error).split())}); expected columns separated "
             "by tabs below a row of names, in UTF-8: repair it."
         ) from error
     if path.name.endswith("channels.tsv") and "name" not in table.columns:
@@ -255,7 +255,7 @@ def read_tsv(path: Path) -> pd.DataFrame:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON file that holds an object.
+    """Read a JSON file that contains an object.
 
     Parameters
     ----------
@@ -280,12 +280,14 @@ def read_json(path: Path) -> dict[str, Any]:
             "values: repair it."
         ) from error
     if not isinstance(content, dict):
-        raise DataError(f"{path.name} holds no JSON object; expected keys and values: repair it.")
+        raise DataError(
+            f"{path.name} contains no JSON object; expected keys and values: repair it."
+        )
     return content
 
 
 def start_times(path: Path) -> dict[str, datetime]:
-    """Return when the files of a volunteer began, from ``*_scans.tsv``.
+    """Return the start times of the files of a volunteer, from ``*_scans.tsv``.
 
     Parameters
     ----------

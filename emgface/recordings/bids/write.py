@@ -1,4 +1,4 @@
-"""Recordings to a BIDS dataset: EMG as BDF, markers as motion.tsv, and the tables beside them."""
+"""Write recordings to a BIDS dataset: EMG as BDF, markers as motion.tsv, and their tables."""
 
 import json
 import math
@@ -33,7 +33,7 @@ from emgface.schema.validation import validate
 from emgface.signals.filters import check_gaps, sampling_rate
 
 COUNTS: Final = 2**23 - 1
-"""Largest count of BDF, used both ways, so that zero volts are zero counts."""
+"""Largest count of BDF, used for both signs, so that zero volts are zero counts."""
 TRACKING: Final = "markers"
 """Label of the tracking system."""
 _START: Final = datetime(1970, 1, 1)
@@ -55,7 +55,7 @@ def write_bids(
     emg: Mapping[str, Any] | None = None,
     motion: Mapping[str, Any] | None = None,
 ) -> list[Path]:
-    """Write one trial into a BIDS dataset, which is begun if need be.
+    """Write one trial into a BIDS dataset, which is created if it does not exist.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def _write_emg(
 def _write_electrodes(
     recording: xr.Dataset, labels: Sequence[str], folder: Path, given: dict[str, str]
 ) -> list[tuple[str, ...]]:
-    """Write where the electrodes lie, and return the electrodes and muscle of each channel."""
+    """Write the positions of the electrodes; return the electrodes and the muscle of each channel."""
     told, original = str(recording.attrs["electrodes"]), note(recording, "original_names")
     links, places, system = electrode_tables(told, labels, original)
     if places:
@@ -273,20 +273,21 @@ def _record(rate: float) -> tuple[int, int]:
     ratio = Fraction(rate).limit_denominator(_LONGEST_RECORD)
     if abs(float(ratio) - rate) > 1e-9 * rate:
         raise DataError(
-            f"EMG is sampled at {rate!r} Hz, which no record of up to {_LONGEST_RECORD} s holds in "
-            "whole samples; expected a rational rate: resample, or write netCDF."
+            f"EMG is sampled at {rate!r} Hz, for which no record of up to {_LONGEST_RECORD} "
+            "s has a whole number of samples; expected a rational rate: resample, or write "
+            "netCDF."
         )
     return ratio.numerator, ratio.denominator
 
 
 def _short_labels(labels: Sequence[str]) -> list[str]:
-    """Labels of at most 16 ASCII characters; the table beside holds the whole ones."""
+    """Labels of at most 16 ASCII characters; the table contains the complete ones."""
     plain = [label.encode("ascii", "replace").decode()[:16] for label in labels]
     return plain if len(set(plain)) == len(plain) else [f"EMG{i + 1}" for i in range(len(labels))]
 
 
 def _begin(root: Path, name: str, recording: xr.Dataset) -> None:
-    """Write the files that every dataset has, once."""
+    """Write the files common to a dataset, if they do not exist."""
     simulated = recording.attrs["origin"] == "simulated"
     description = root / "dataset_description.json"
     if not description.is_file():
@@ -309,7 +310,7 @@ def _begin(root: Path, name: str, recording: xr.Dataset) -> None:
 
 
 def _complete(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
-    """Add rows to a table, in place of those with the same first cell; sort by it."""
+    """Add rows to a table, replacing those with the same first cell, and sort by this cell."""
     held: dict[str, tuple[str, ...]] = {}
     names = list(columns)
     if path.is_file():

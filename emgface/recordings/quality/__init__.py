@@ -1,4 +1,4 @@
-"""Measures of how far a recording can be trusted, beyond being complete.
+"""Measures of the quality of a recording.
 
 `emgface.recordings.check.check_recording` joins them to its table; each may be used alone.
 """

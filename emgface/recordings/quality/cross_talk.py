@@ -1,4 +1,4 @@
-"""How much neighbouring channels hear of each other."""
+"""Cross-talk between neighbouring channels."""
 
 from collections.abc import Iterable
 
@@ -14,13 +14,13 @@ from emgface.signals.filters import TIME_EMG, sampling_rate
 
 COLUMNS = ("channel", "neighbour", "correlation", "lag", "common", "share")
 STRONG_HUM = 0.1
-"""Share of a channel's power that is mains hum, above which it is removed before comparing."""
+"""Fraction of mains hum in the power of a channel above which it is removed before comparison."""
 LARGEST_LAG = 0.01
 """Largest delay between two electrodes [s]: 40 mm at 4 m/s."""
 
 
 def neighbours() -> list[tuple[str, str]]:
-    """Return the pairs of channels whose electrodes lie next to each other on the face.
+    """Return the pairs of channels with neighbouring electrodes.
 
     Returns
     -------
@@ -32,7 +32,7 @@ def neighbours() -> list[tuple[str, str]]:
 
 
 def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None) -> pd.DataFrame:
-    """Measure what pairs of channels have in common.
+    """Measure the common part of pairs of channels.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
 
 
 def _without_hum(emg: xr.DataArray, values: np.ndarray, rate: float) -> np.ndarray:
-    """Remove strong hum, which all channels share without hearing each other."""
+    """Remove strong hum, which channels share without cross-talk."""
     hum = mains_hum(values, rate)
     if hum.share < STRONG_HUM or hum.frequency >= 0.5 * rate:
         return values

@@ -11,15 +11,15 @@ from emgface.recordings.quality.hum import LEAST_DURATION, mains_hum, power_dens
 from emgface.signals.filters import TIME_EMG, sampling_rate
 
 ARTEFACT = (2.0, 15.0)
-"""Band of movement artefacts [Hz]; below it electrodes drift, above it muscles are heard."""
+"""Band of movement artefacts [Hz], between the drift of electrodes and the band of muscles."""
 MUSCLE = (15.0, 500.0)
 """Band of surface EMG [Hz] (Eskes et al. 2017; van Boxtel 2001, Psychophysiology 38:22-34)."""
 WINDOW = 0.1
 """Window of the moving root mean square [s]."""
 BLOCK = 0.5
-"""Length of the means whose spread is the drift [s]."""
+"""Length of the windows whose means define the drift [s]."""
 LEAST_RATE = 2.0 * MUSCLE[0] / 0.45
-"""Sampling rate [Hz] from which at least an octave of that band can be heard."""
+"""Sampling rate [Hz] above which a recording contains at least an octave of this band."""
 COLUMNS = (
     "hum", "hum_frequency", "hum_rms", "hum_chance", "artefact", "drift", "stuck", "saturated",
     "baseline", "snr", "median_frequency",
@@ -88,7 +88,7 @@ def _measures(values: np.ndarray, rate: float) -> dict[str, float]:
 
 
 def can_be_judged(values: np.ndarray, rate: float) -> bool:
-    """Decide whether a channel is finite, changing, long enough and sampled fast enough.
+    """Test if a channel is finite, varying, long enough and sampled at a sufficient rate.
 
     Parameters
     ----------

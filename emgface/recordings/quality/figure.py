@@ -1,4 +1,4 @@
-"""One page that shows a recording at a glance: signals, spectra, markers, and what stands out."""
+"""Overview page of a recording: signals, spectra, markers and findings."""
 
 import textwrap
 
@@ -21,7 +21,7 @@ _MOST_ROWS = 24
 _POINTS = 2000
 _MOST_FINDINGS = 14
 _WEAKEST, _STRONGEST = 0.25, 1.25
-"""Rows of a strength between these, in that of the usual row, share its scale."""
+"""Range of amplitudes, relative to the typical row, that are drawn at the same scale."""
 
 
 def overview_figure(recording: xr.Dataset, table: pd.DataFrame | None = None) -> Figure:
@@ -83,13 +83,13 @@ def _rows(axes: Axes, names: list[str], verdicts: dict[str, str], total: int) ->
     axes.spines[["top", "right"]].set_visible(False)
     if total > len(names):
         axes.text(
-            1.0, 0.0, f"{total - len(names)} more not drawn", transform=axes.transAxes,
+            1.0, 0.0, f"{total - len(names)} more are not drawn", transform=axes.transAxes,
             ha="right", va="bottom", fontsize=7,
         )  # fmt: skip
 
 
 def _envelope(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest value of each piece, so that no spike is lost in drawing."""
+    """Minimum and maximum of each segment, so that spikes remain visible."""
     if values.size <= 2 * _POINTS:
         return time, values
     size = values.size // _POINTS
@@ -99,7 +99,7 @@ def _envelope(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def scale_factor(strength: float, unit: float) -> float:
-    """Return the factor by which a row is drawn, so that rows of any strength can be seen.
+    """Return the factor by which a row is scaled to be visible.
 
     Parameters
     ----------
@@ -187,8 +187,8 @@ def _markers(axes: Axes, position: xr.DataArray, table: pd.DataFrame) -> None:
     _rows(axes, names, verdicts, position.sizes["marker"])
     axes.set_xlabel("time [s]", fontsize=8)
     axes.set_title(
-        f"markers: distance from the mean place, one row is {unit * 1e3 / 0.85:.3g} mm high; "
-        "ticks: lost", fontsize=9,
+        f"markers: distance from the mean position, one row is {unit * 1e3 / 0.85:.3g} mm high; "
+        "ticks: marker lost", fontsize=9,
     )  # fmt: skip
 
 
@@ -207,7 +207,7 @@ def _words(axes: Axes, table: pd.DataFrame) -> None:
     if len(ranked) > _MOST_FINDINGS:
         lines.append((f"and {len(ranked) - _MOST_FINDINGS} more, see the table", "ok"))
     if not ranked:
-        lines.append(("Nothing stands out.", "ok"))
+        lines.append(("No findings.", "ok"))
     for i, (line, verdict) in enumerate(lines):
         axes.text(
             0.0, 1.0 - i / 24, line, transform=axes.transAxes, va="top", fontsize=7.5,

@@ -1,4 +1,4 @@
-"""Which measures a person should look at, in words."""
+"""Findings in the quality measures, as sentences."""
 
 from collections.abc import Mapping
 
@@ -13,29 +13,29 @@ from emgface.recordings.quality.markers import LAYOUT, marker_quality, swapped_m
 from emgface.recordings.quality.sides import swapped_sides
 
 MUCH_HUM = 0.1
-"""Share of power in the lines of the mains."""
+"""Fraction of the power in the lines of the mains."""
 LOUD_HUM = 5e-6
-"""Root mean square [V] of hum below which it disturbs no surface EMG, however silent the muscle."""
+"""Root mean square [V] of hum below which it does not affect surface EMG."""
 UNLIKELY = 1e-4
-"""Probability of a line by chance below which it is taken for hum."""
+"""Probability of a line by chance below which it is regarded as hum."""
 MUCH_ARTEFACT = 0.5
-"""Share of power below the band of muscles."""
+"""Fraction of the power below the band of muscles."""
 MUCH_DRIFT = 1e-3
 """Drift [V], ten times a strong surface EMG."""
 LONG_STUCK = 0.05
-"""Seconds at one value: a transmitter that lost its link."""
+"""Time at one value [s], as when a transmitter loses its connection."""
 MUCH_SATURATION = 0.001
-"""Share of samples on the rails."""
+"""Fraction of samples at the limits of the amplifier."""
 LOUD_BASELINE = 20e-6
 """Root mean square at rest [V]."""
 MUCH_CROSS_TALK = 0.25
-"""Amplitude with which an electrode hears its neighbour's muscle; equal ones correlate at 0.5."""
+"""Relative amplitude of a neighbour's muscle at an electrode; equal channels correlate at 0.5."""
 MUCH_NOISE = 1e-3
 """Noise of a marker [m]."""
 TOO_FAST = 1.5
-"""Speed [m/s] that no marker on a face reaches."""
+"""Speed [m/s] above which a face marker is suspect."""
 TOO_FAST_ELSEWHERE = 15.0
-"""Speed [m/s] that no other marker on a body reaches in a laboratory."""
+"""Speed [m/s] above which any other marker on the body is suspect."""
 
 Finding = tuple[str, str, str]
 """Kind (channel or marker), name, sentence."""
@@ -44,7 +44,7 @@ Finding = tuple[str, str, str]
 def findings(
     recording: xr.Dataset,
 ) -> tuple[dict[tuple[str, str], dict[str, float]], list[Finding]]:
-    """Measure the quality of a recording and say what stands out.
+    """Measure the quality of a recording and return the findings.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def findings(
                     row["cross_talk"] = float(np.fmax(share, row["cross_talk"]))
                 if share > MUCH_CROSS_TALK:
                     text = f"shares {common:.0%} of its power with {b} (r = {r:.2f}, "
-                    text += f"cross-talk {share:.0%}): see the distance of the electrodes"
+                    text += f"cross-talk {share:.0%}): check the distance of the electrodes"
                     found.append(("channel", a, text))
         if "position" in recording:
             for name, row in _rows(marker_quality(recording["position"])):
@@ -83,8 +83,8 @@ def findings(
             found += _exchanged(swapped_markers(recording["position"]))
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
-                text = f"follows the mouth corner of the other side (r = {r:.2f} with {right}): "
-                found.append(("channel", left, text + "see whether left and right are exchanged"))
+                text = f"correlates with the mouth corner of the other side (r = {r:.2f} with {right}): "
+                found.append(("channel", left, text + "check whether left and right are exchanged"))
     except SignalError:
         pass  # a clock that is not uniform, which the check of clocks tells for every row
     return measures, found
@@ -104,27 +104,34 @@ def _channel(row: Mapping[str, float]) -> list[str]:
     if row["hum"] > MUCH_HUM and row["hum_rms"] > LOUD_HUM and sure:
         found.append(
             f"{row['hum']:.0%} of its power is mains hum of {row['hum_frequency']:g} Hz, "
-            f"{row['hum_rms'] * 1e6:.3g} uV: see ground and leads, or use a notch"
+            f"{row['hum_rms'] * 1e6:.3g} uV: check ground and leads, or use a notch"
         )
     if row["artefact"] > MUCH_ARTEFACT:
         found.append(f"{row['artefact']:.0%} of its power lies below 15 Hz: movement artefact")
     if row["drift"] > MUCH_DRIFT:
-        found.append(f"drifts by {row['drift'] * 1e3:.3g} mV: see skin and electrode")
+        found.append(f"drifts by {row['drift'] * 1e3:.3g} mV: check skin and electrode")
     if row["stuck"] > LONG_STUCK:
         found.append(f"stays at one value for {row['stuck']:.3g} s: dropout")
     if row["saturated"] > MUCH_SATURATION:
-        found.append(f"{row['saturated']:.1%} of samples on the rails: saturated, lower the gain")
+        found.append(
+            f"{row['saturated']:.1%} of samples at the limits of the amplifier: saturated, lower "
+            "the gain"
+        )
     if row["baseline"] > LOUD_BASELINE:
-        found.append(f"baseline {row['baseline'] * 1e6:.3g} uV: noisy, or the muscle never rests")
+        found.append(
+            f"baseline {row['baseline'] * 1e6:.3g} uV: high noise, or the muscle is never at rest"
+        )
     return found
 
 
 def _marker(name: str, row: Mapping[str, float]) -> list[str]:
     found: list[str] = []
     if row["noise"] > MUCH_NOISE:
-        found.append(f"noise of {row['noise'] * 1e3:.3g} mm: see calibration and light")
+        found.append(f"noise of {row['noise'] * 1e3:.3g} mm: check calibration and light")
     if row["largest_speed"] > (TOO_FAST if name in LAYOUT else TOO_FAST_ELSEWHERE):
-        found.append(f"moves at up to {row['largest_speed']:.3g} m/s: leaps, or a wrong match")
+        found.append(
+            f"moves at up to {row['largest_speed']:.3g} m/s: jumps, or a mismatch between cameras"
+        )
     return found
 
 
@@ -132,11 +139,11 @@ def _exchanged(table: pd.DataFrame) -> list[Finding]:
     found: list[Finding] = []
     for first, second, time, ratio in table.itertuples(index=False):
         if first == "left":
-            text = "left and right of all markers are exchanged, or the axes are a mirror image"
+            text = "left and right of all markers are exchanged, or the axes are mirrored"
             found.append(("marker", "", text))
         elif np.isnan(time):
-            text = f"lies where {second} is expected (misfit {ratio:.0%} when exchanged)"
+            text = f"is at the position expected for {second} (misfit {ratio:.0%} when exchanged)"
             found.append(("marker", first, text))
         else:
-            found.append(("marker", first, f"changes places with {second} at {time:.4g} s"))
+            found.append(("marker", first, f"is exchanged with {second} at {time:.4g} s"))
     return found

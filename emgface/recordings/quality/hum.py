@@ -1,4 +1,4 @@
-"""Mains hum in a signal, and a notch that removes it where it must be removed."""
+"""Measurement of mains hum in a signal, and its removal by a notch filter."""
 
 from typing import NamedTuple
 
@@ -16,10 +16,10 @@ BAND = (10.0, 500.0)
 WANDER = 0.2
 """Deviation of the mains from their frequency [Hz]."""
 ENOUGH = 20.0
-"""Duration [s] from which the averaged spectrum is sure by itself."""
+"""Duration [s] above which the averaged spectrum suffices for a decision."""
 _FINER = 8
 LEAST_DURATION = 1.0
-"""Shortest signal [s] whose spectrum is judged."""
+"""Shortest signal [s] whose spectrum is analysed."""
 
 
 class Hum(NamedTuple):
@@ -71,7 +71,7 @@ def _detrended(values: np.ndarray) -> np.ndarray:
 
 
 def mains_hum(values: np.ndarray, rate: float) -> Hum:
-    """Measure mains hum: what rises above the spectrum beside 50 or 60 Hz and their harmonics.
+    """Measure mains hum as lines above the spectrum around 50 or 60 Hz and their harmonics.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def mains_hum(values: np.ndarray, rate: float) -> Hum:
 
 
 def _chance(values: np.ndarray, rate: float, lines: np.ndarray) -> float:
-    """Probability that the strongest of some lines is so strong by chance.
+    """Probability that the strongest of several lines reaches its power by chance.
 
     Over the mean of m lines of the same spectrum beside it, the power of a line of noise follows the
     F distribution of 2 and 2 m degrees of freedom: ``P(F > x) = (1 + x/m)^-m``; times the number of

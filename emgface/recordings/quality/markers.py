@@ -1,4 +1,4 @@
-"""Measures of each marker, and markers whose names were exchanged."""
+"""Measures of each marker, and detection of exchanged markers."""
 
 from collections.abc import Sequence
 
@@ -18,16 +18,16 @@ LAYOUT = {
     "lower_lateral_left": (-0.6, 0.3, -0.32), "lower_lateral_right": (0.6, 0.3, -0.32),
     "lower_paramedian_left": (-0.22, 0.42, -0.42), "lower_paramedian_right": (0.22, 0.42, -0.42),
 }  # fmt: skip
-"""Rough places in halves of the mouth's width, in the axes of the face (x right)."""
+"""Approximate positions in halves of the mouth width, in the axes of the face (x right)."""
 
 FEWEST = 6
-"""Markers of the layout that are needed to judge names."""
+"""Least number of markers of the layout for the detection of exchanged names."""
 BETTER = 0.75
 """Misfit of exchanged names over that of the given ones, below which they are suspected."""
 OPPOSITE = -0.7
-"""Cosine between the ways from one marker to another, below which they are opposite."""
+"""Cosine between the vectors from one marker to another below which they are opposite."""
 NEAREST = 0.003
-"""Distance [m] that a marker must leap before an exchange within a trial is suspected."""
+"""Jump of a marker [m] above which an exchange within a trial is suspected."""
 
 
 def marker_quality(position: xr.DataArray) -> pd.DataFrame:
@@ -145,7 +145,7 @@ def _throughout(values: np.ndarray, names: Sequence[str]) -> list[_Row]:
 
 
 def _reversed(points: np.ndarray, layout: np.ndarray, i: int, j: int) -> bool:
-    """Tell whether the way from one marker to another is opposite to that of the layout."""
+    """Test if the vector from one marker to another is opposite to that of the layout."""
     others = [k for k in range(len(points)) if k not in (i, j)]
     turn = _turn(points[others], layout[others])
     given, expected = turn @ (points[i] - points[j]), layout[i] - layout[j]
@@ -153,14 +153,14 @@ def _reversed(points: np.ndarray, layout: np.ndarray, i: int, j: int) -> bool:
 
 
 def _turn(points: np.ndarray, layout: np.ndarray) -> np.ndarray:
-    """Rotation that lays points on the layout best."""
+    """Rotation that fits points to the layout in the least-squares sense."""
     a, b = points - points.mean(axis=0), layout - layout.mean(axis=0)
     u, _, vt = np.linalg.svd(b.T @ a)
     return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
 
 
 def _misfit(points: np.ndarray, layout: np.ndarray) -> float:
-    """Root mean square distance after the best shift, turn and scale, without reflection."""
+    """Root mean square distance after the best translation, rotation and scaling."""
     a, b = points - points.mean(axis=0), layout - layout.mean(axis=0)
     u, s, vt = np.linalg.svd(a.T @ b)
     s[-1] *= np.sign(np.linalg.det(u @ vt))

@@ -1,4 +1,4 @@
-"""Whether left and right were exchanged between electrodes and markers."""
+"""Detection of an exchange of left and right between electrodes and markers."""
 
 import numpy as np
 import pandas as pd
@@ -14,11 +14,11 @@ PULLING = ("ZYG", "RIS", "LLSAN", "DAO")
 """Muscles that move the mouth corner of their own side."""
 CORNERS = ("corner_left", "corner_right")
 DECISIVE = 0.5
-"""Correlation beyond which the sign is believed."""
+"""Absolute correlation above which its sign is used."""
 LEAST_APART = 1e-3
-"""Difference between the ways of the corners [m] from which a movement is to one side."""
+"""Difference between the displacements of the corners [m] above which a movement is lateral."""
 SHARE_APART = 0.3
-"""The same as a part of the way."""
+"""The same, as a fraction of the displacement."""
 SMOOTHING = 0.2
 """Window of the envelope and of the motion [s]."""
 
@@ -81,7 +81,7 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
 
 
 def _ways(position: xr.DataArray) -> np.ndarray | None:
-    """Distance of each corner from its place of rest, seen from the skull markers if there."""
+    """Distance of each corner from its rest position, relative to the skull markers if present."""
     steady = [m for m in position["marker"].values if str(m) in FACE_MARKERS]
     corners = position.sel(marker=list(CORNERS)).transpose("marker", "axis", "time_marker").values
     if len(steady) >= 3:

@@ -1,4 +1,4 @@
-"""Arrays in MATLAB and HDF5 files, by the name of their variable."""
+"""Read arrays of MATLAB and HDF5 files by the name of their variable."""
 
 import struct
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from emgface.recordings.readers._parsers import (
 from emgface.schema.rules import hint, one_line
 
 SUFFIXES = (".mat", ".h5", ".hdf5")
-"""Files that hold arrays."""
+"""Suffixes of files with arrays."""
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MATLAB = b"MATLAB 7.3"
@@ -49,14 +49,14 @@ def read_array(path: Path, name: str) -> np.ndarray:
     array = np.asarray(value)
     if array.dtype.kind not in "iufb" or array.size == 0:
         raise DataError(
-            f"{path.name}: {name!r} holds {array.dtype} of shape {array.shape}; expected real "
-            "numbers: name another variable."
+            f"{path.name}: {name!r} contains {array.dtype} of shape {array.shape}; expected "
+            "real numbers: specify another variable."
         )
     return array.astype(np.float64)
 
 
 def read_texts(path: Path, name: str) -> list[str]:
-    """Return a variable that holds texts: a cell array of names, or rows of characters.
+    """Return a variable of texts: a cell array of names, or rows of characters.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def read_texts(path: Path, name: str) -> list[str]:
     """
     texts = list(_texts(_value(path, name, texts=True)))
     if not texts:
-        raise DataError(f"{path.name}: {name!r} holds no text; expected a cell array of names.")
+        raise DataError(f"{path.name}: {name!r} contains no text; expected a cell array of names.")
     return texts
 
 
@@ -92,7 +92,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _value(path: Path, name: str, *, texts: bool = False) -> Any:
-    """Parse the file in the child process, by what it holds, whatever its suffix says."""
+    """Parse the file in the child process by its content, irrespective of its suffix."""
     if not path.is_file():
         raise DataError(f"No file {path}; expected a MATLAB or HDF5 file: check its path.")
     with path.open("rb") as stream:
@@ -130,8 +130,8 @@ def _check_elements(path: Path) -> None:
         at += 8 + struct.unpack_from(f"{order}I", data, at + 4)[0]
     if at != len(data) or at == 128:
         raise DataError(
-            f"{path.name} has {len(data)} bytes and its variables {at}; expected a whole MATLAB "
-            "file: it is truncated or damaged, save it again."
+            f"{path.name} has {len(data)} bytes, and its variables {at}; expected a complete MATLAB file"
+            ": it is truncated or damaged, save it again."
         )
 
 

@@ -1,4 +1,4 @@
-"""The parts that every reader of a foreign format assembles into a recording."""
+"""Assembly of a recording from the parts that a reader returns."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from emgface.schema.units import quantity_of, spelling, to_si
 
 
 class Part(NamedTuple):
-    """EMG or markers of a file, with the record of what became of its labels.
+    """EMG or markers of a file, with the record of its labels.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ def emg_array(values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit:
     Raises
     ------
     UnitsError
-        If the unit is absent or no voltage.
+        If the unit is absent or not a voltage.
     """
     coords = {"channel": list(labels), "time_emg": ("time_emg", time, {"units": "s"})}
     array = xr.DataArray(values, coords, ("channel", "time_emg"), "emg", {"units": unit})
@@ -135,12 +135,12 @@ def voltages(
         if unit is not None or quantity_of(own) == "voltage":
             keep.append(i)
         else:
-            dropped[label] = f"in {own!r}, no voltage" if own.strip() else "carries no unit"
+            dropped[label] = f"in {own!r}, not a voltage" if own.strip() else "has no unit"
     if not keep:
         if not any(own.strip() for own in found):
             raise UnitsError(
-                f"None of the {len(labels)} analog channels carries a unit; expected V, mV or uV: "
-                "name it as emg in the table 'units' of the mapping."
+                f"None of the {len(labels)} analog channels has a unit; expected V, mV or uV: "
+                "specify it as emg in the table 'units' of the mapping."
             )
         return Part(None, {}, dropped, names)
     by_unit: dict[str, list[int]] = {}
@@ -158,7 +158,7 @@ def voltages(
 def assemble_parts(
     parts: Sequence[Part], *, origin: str = "measured", device: str = ""
 ) -> xr.Dataset:
-    """Unite parts and their records, see `assemble`.
+    """Combine parts and their records, see `assemble`.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def assemble(
     dropped: Mapping[str, str],
     origin: str = "measured",
 ) -> xr.Dataset:
-    """Unite EMG and positions, with the record of what the file held.
+    """Combine EMG and positions, with the record of the contents of the file.
 
     Parameters
     ----------
@@ -225,8 +225,8 @@ def assemble(
     if not parts:
         reasons = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:3])
         raise DataError(
-            f"The file holds neither EMG nor markers{f' ({reasons})' if reasons else ''}; "
-            "expected at least one of them: see whether it is the right file."
+            f"The file contains neither EMG nor markers{f' ({reasons})' if reasons else ''}; "
+            "expected at least one of them: check whether it is the right file."
         )
     united = xr.merge(parts)
     notes = {
@@ -241,7 +241,7 @@ def assemble(
 
 
 def unique_labels(labels: Sequence[str], stem: str) -> tuple[list[str], dict[str, str]]:
-    """Return labels stripped, named where empty, and numbered where repeated.
+    """Return stripped labels, with names for empty and numbers for repeated ones.
 
     Parameters
     ----------

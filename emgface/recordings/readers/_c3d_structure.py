@@ -1,4 +1,4 @@
-"""Whether the sections of a C3D file fit together, before its parser trusts them.
+"""Consistency check of the sections of a C3D file, before it is parsed.
 
 The parser is compiled code that takes counts and offsets as they come: a damaged one makes it
 allocate without bound, or crash. Source: C3D.org, The C3D file format user guide, 2008: header of
@@ -28,7 +28,7 @@ class _Record(NamedTuple):
 
 
 def check_structure(path: Path) -> None:
-    """Refuse a C3D file whose sections do not fit together.
+    """Refuse a C3D file with inconsistent sections.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ def check_structure(path: Path) -> None:
         raise _error(path, f"has {len(data)} bytes and begins with {data[:2]!r}", "a header")
     start = (data[0] - 1) * _BLOCK
     if start + 4 > len(data) or data[start + 3] not in _ORDERS:
-        raise _error(path, "names no processor", "a parameter section")
+        raise _error(path, "specifies no processor", "a parameter section")
     order = _ORDERS[data[start + 3]]
     end = start + data[start + 2] * _BLOCK
     if not start < end <= len(data):
-        raise _error(path, f"ends its parameters at byte {end} of {len(data)}", "all of them")
+        raise _error(path, f"has parameters up to byte {end} of {len(data)}", "all of them")
     groups: dict[int, str] = {}
     held: dict[tuple[str, str], _Record] = {}
     for record in _records(path, data, start + 4, end, order):
@@ -64,7 +64,7 @@ def check_structure(path: Path) -> None:
 
 
 def _records(path: Path, data: bytes, at: int, end: int, order: str) -> Iterator[_Record]:
-    """Follow the chain of groups and parameters."""
+    """Yield the linked list of groups and parameters."""
     while True:
         if at + 2 > end:
             raise _error(path, "has parameters without an end", "a chain of records")

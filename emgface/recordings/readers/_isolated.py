@@ -25,9 +25,9 @@ T = TypeVar("T")
 
 _LENGTH = struct.Struct("<Q")
 _MEMORY, _MEMORY_PER_BYTE = 2 << 30, 64
-"""Bytes that a parser may add to its address space, and further ones for each byte of the file."""
+"""Limit of the address space of a parser [byte], and addition per byte of the file."""
 _SECONDS, _SECONDS_PER_BYTE = 60.0, 2e-6
-"""Longest time that a parser may take, and further time for each byte of the file."""
+"""Limit of the run time of a parser [s], and addition per byte of the file."""
 _START = "from emgface.recordings.readers._isolated import serve; serve()"
 
 
@@ -89,11 +89,11 @@ def isolated(path: Path, function: Callable[P, T], /, *arguments: P.args, **opti
 
 _LOCK = threading.Lock()
 _children: dict[int, "subprocess.Popen[bytes]"] = {}
-"""The child of each process, by the process that started it: a fork does not inherit it."""
+"""Child process by the process that started it, because a fork does not inherit it."""
 
 
 def _running() -> "subprocess.Popen[bytes]":
-    """Return the child process of this process, started where there is none."""
+    """Return the child process of this process, which is started if there is none."""
     own = os.getpid()
     child = _children.get(own)
     if child is None or child.poll() is not None:
@@ -169,7 +169,7 @@ def serve() -> None:
 
 
 def _limit_memory(size: int) -> None:
-    """Bound the address space, where the platform can."""
+    """Limit the address space, if the platform supports it."""
     try:
         import resource
 

@@ -1,4 +1,4 @@
-"""Contents of binary files as plain arrays and texts, by the compiled parsers of their formats.
+"""Read the contents of binary files as arrays and texts by compiled parsers.
 
 The functions run in the child process of `emgface.recordings.readers._isolated`, which is why this
 module imports nothing but what a parser needs.
@@ -12,15 +12,15 @@ import numpy as np
 from emgface.errors import DataError
 
 EXPANSION = 1100
-"""Most values for each byte of a file; zeros deflate to about 1/1030, and bytes are the smallest."""
+"""Largest number of values per byte of a file; zeros are compressed to about 1/1030."""
 
 
 class AbsentVariable(LookupError):
-    """A file holds no variable of a name: ``args`` are the name and the names that it holds."""
+    """A file has no variable of a name; ``args`` are the name and the existing names."""
 
 
 class NotAnArray(LookupError):
-    """A name is that of a group: ``args`` are the name and its members."""
+    """A name refers to a group; ``args`` are the name and its members."""
 
 
 def parse_c3d(path: Path) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def parse_matlab(path: Path, name: str) -> Any:
 
 
 def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
-    """Return a data set of an HDF5 file, its dims as MATLAB has them where MATLAB wrote it.
+    """Return a data set of an HDF5 file, with the order of dims of MATLAB if it wrote the file.
 
     Raises
     ------
@@ -184,11 +184,11 @@ def parse_contents(path: Path) -> dict[str, Any]:
 
 
 def _require_room(path: Path, name: str, shape: tuple[int, ...]) -> None:
-    """Refuse an array that its file cannot hold."""
+    """Refuse an array that is larger than its file can contain."""
     if np.prod(np.array(shape, float)) > EXPANSION * path.stat().st_size:
         raise DataError(
             f"{path.name}: {name!r} has the shape {shape} in a file of {path.stat().st_size} "
-            "bytes; expected an array that fits: it is damaged."
+            "bytes; expected an array no larger than the file: it is damaged."
         )
 
 

@@ -1,4 +1,4 @@
-"""How the tables and arrays that a sidecar names are read."""
+"""Read the tables and arrays specified by a sidecar."""
 
 import codecs
 import gzip
@@ -28,13 +28,13 @@ _EXACT = {
     decimal: re.compile(rf"\s*[+-]?(\d+(\{decimal}\d*)?|\{decimal}\d+)([eE][+-]?\d+)?\s*", re.ASCII)
     for decimal in ".,"
 }
-"""Spelling of a number by its decimal sign: no sign between thousands, no other digits."""
+"""Format of a number by its decimal sign, without thousands separators."""
 _MISSING = frozenset({"", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL"})
 """Cells without a value."""
 
 
 class Table(Parameters):
-    """How one CSV file is read.
+    """Description of one CSV file.
 
     Attributes
     ----------
@@ -85,19 +85,19 @@ class Table(Parameters):
     def _clocked(self) -> "Table":
         if (self.rate is None) == (self.time is None):
             raise ValueError(
-                f"{self.file} needs either rate, in Hz, or time, the column of instants"
+                f"{self.file} requires either rate, in Hz, or time, the column of the sampling times"
             )
         held = Path(self.file).suffix.lower() in ARRAYS
         if held != (self.variable is not None):
             raise ValueError(
-                f"{self.file} needs variable, the name of the array in it"
+                f"{self.file} requires variable, the name of the array in the file"
                 if held
-                else f"{self.file} holds no variables; expected one of {', '.join(ARRAYS)}"
+                else f"{self.file} contains no variables; expected one of {', '.join(ARRAYS)}"
             )
         if self.delimiter == self.decimal:
             raise ValueError(
-                f"delimiter and decimal are both {self.decimal!r}, so that numbers cannot be told "
-                "from cells: expected delimiter = ';' or decimal = '.'"
+                f"delimiter and decimal are both {self.decimal!r}, so that numbers cannot be "
+                "distinguished from cells: expected delimiter = ';' or decimal = '.'"
             )
         try:
             codecs.lookup(self.encoding)
@@ -112,13 +112,13 @@ class Table(Parameters):
 
 
 class EmgTable(Table):
-    """The CSV file of EMG, and the names of its columns."""
+    """Description of the CSV file of EMG, with the names of its columns."""
 
     channels: dict[str, str] | None = None
 
 
 class PositionTable(Table):
-    """The CSV file of markers: names, and the endings of a marker's three columns."""
+    """Description of the CSV file of markers, with the suffixes of the columns of a marker."""
 
     markers: dict[str, str] | None = None
     axes: tuple[str, str, str] = ("_x", "_y", "_z")
@@ -127,7 +127,7 @@ class PositionTable(Table):
 def load_table(
     sidecar: Path, table: Table, wanted: Mapping[str, str] | None
 ) -> tuple[pd.DataFrame, np.ndarray, dict[str, str]]:
-    """Return the numbers that a table of a sidecar describes.
+    """Return the numbers described by a table of a sidecar.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def load_table(
             if frame[name].dtype.kind in "iuf":
                 continue
             if wanted is not None and name not in wanted and name != table.time:
-                dropped[str(name)] = "not in the mapping; holds text"
+                dropped[str(name)] = "not in the mapping; contains text"
                 frame = frame.drop(columns=name)
             else:
                 _refuse_text(path, str(name), frame[name].to_numpy(), sidecar, table)
@@ -174,7 +174,7 @@ def load_table(
         if instants is not None and instants.size != len(frame):
             raise DataError(
                 f"{path.name}: {table.time!r} has {instants.size} instants and {table.variable!r} "
-                f"{len(frame)} samples; expected as many: see 'dims' in {sidecar.name}."
+                f"{len(frame)} samples; expected the same number: check 'dims' in {sidecar.name}."
             )
     if (table.step, table.zero) != (1.0, 0.0):
         frame = table.step * (frame - table.zero)
@@ -194,7 +194,7 @@ def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     if values.ndim != len(table.dims):
         raise DataError(
             f"{path.name}: {table.variable!r} has the shape {values.shape}; expected dims "
-            f"{', '.join(table.dims)}: see 'dims' in {sidecar.name}."
+            f"{', '.join(table.dims)}: check 'dims' in {sidecar.name}."
         )
     order = [d for d in ("time", "channel", "marker", "axis") if d in table.dims]
     values = values.transpose([table.dims.index(d) for d in order])
@@ -205,7 +205,7 @@ def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     if len(labels) != count or values.shape[2:] not in ((), (3,)):
         raise DataError(
             f"{path.name}: {table.variable!r} has {values.shape[1:]} columns for {len(labels)} "
-            f"labels; expected one each, and 3 axes: see 'dims' and 'columns' in {sidecar.name}."
+            f"labels; expected one each, and 3 axes: check 'dims' and 'columns' in {sidecar.name}."
         )
     if values.ndim == 3:
         endings = table.axes if isinstance(table, PositionTable) else ("_x", "_y", "_z")
@@ -215,7 +215,7 @@ def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
 
 
 def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
-    """Return the columns of a text file; one whose every cell is a number holds numbers.
+    """Return the columns of a text file; a column of numbers is converted.
 
     With a decimal comma the cells are read as text and converted here, because pandas would read
     1.234, which is then a number with a sign between thousands, as 1.234.
@@ -232,17 +232,17 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
             )  # fmt: skip
     except FileNotFoundError as error:
         raise DataError(
-            f"{sidecar.name} names {table.file}, which is not beside it; expected a CSV file: "
-            "check the entry 'file'."
+            f"{sidecar.name} specifies {table.file}, which is not in the same folder; "
+            "expected a CSV file: check the entry 'file'."
         ) from error
     except UnicodeError as error:
         raise DataError(
-            f"{path.name} is no text in {table.encoding} ({one_line(error)}); expected another "
+            f"{path.name} is not text in {table.encoding} ({one_line(error)}); expected another "
             f"encoding, such as 'latin-1' or 'utf-16': set 'encoding' in {sidecar.name}."
         ) from error
     except (OSError, EOFError, ValueError, zlib.error, *_UNREADABLE) as error:
         raise DataError(
-            f"{path.name} is no table ({one_line(error)}); expected a row of labels and rows of "
+            f"{path.name} is not a table ({one_line(error)}); expected a row of labels and rows of "
             f"numbers separated by {table.delimiter!r}: check 'delimiter' and 'encoding' in "
             f"{sidecar.name}."
         ) from error
@@ -262,8 +262,9 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     if table.columns:
         if len(table.columns) != frame.shape[1]:
             raise DataError(
-                f"{path.name} has {frame.shape[1]} columns and {sidecar.name} names "
-                f"{len(table.columns)}; expected as many: see 'columns' and 'delimiter'."
+                f"{path.name} has {frame.shape[1]} columns, and {sidecar.name} lists "
+                f"{len(table.columns)}; expected the same number: check 'columns' and "
+                "'delimiter'."
             )
         frame.columns = list(table.columns)
     return frame
@@ -272,19 +273,19 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
 def _column_of_time(
     sidecar: Path, path: Path, table: Table, frame: pd.DataFrame
 ) -> np.ndarray | None:
-    """Take the column of instants out of a table, if it has one."""
+    """Separate the column of sampling times from a table, if it has one."""
     if table.time is None:
         return None
     if table.time not in frame.columns:
         raise DataError(
             f"{path.name} has no column {table.time!r}{hint(table.time, frame.columns)}; found "
-            f"{listed(frame.columns)}: see 'time' in {sidecar.name}."
+            f"{listed(frame.columns)}: check 'time' in {sidecar.name}."
         )
     return frame.pop(table.time).to_numpy()
 
 
 def _encoding(path: Path, table: Table) -> str:
-    """Encoding that the byte order mark of a file tells, else that of the sidecar."""
+    """Encoding by the byte order mark of a file, or otherwise that of the sidecar."""
     opened = gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
     with opened as stream:
         start = stream.read(4)
@@ -292,7 +293,7 @@ def _encoding(path: Path, table: Table) -> str:
 
 
 def _with_points(column: pd.Series) -> pd.Series:
-    """Convert a column of texts with decimal commas, or leave it where a cell is no number."""
+    """Convert a column of texts with decimal commas, unless a cell is not a number."""
     cells = column.fillna("").str.strip()
     empty = cells.isin(_MISSING)
     if not (cells.str.fullmatch(_EXACT[","]) | empty).all():
@@ -301,7 +302,7 @@ def _with_points(column: pd.Series) -> pd.Series:
 
 
 def _refuse_text(path: Path, name: str, cells: np.ndarray, sidecar: Path, table: Table) -> None:
-    """Refuse a column that holds text, and name the first cell that is no number."""
+    """Refuse a column with text, and report the first cell that is not a number."""
     exact = _EXACT[table.decimal]
     for row, cell in enumerate(cells):
         text = "" if pd.isna(cell) else str(cell).strip()
@@ -310,9 +311,10 @@ def _refuse_text(path: Path, name: str, cells: np.ndarray, sidecar: Path, table:
         # The first row holds the labels, and people count rows from 1.
         first = table.skip_rows + (1 if table.columns else 2)
         raise DataError(
-            f"{path.name}, row {row + first}, column {name!r} holds {cell!r}; expected a number "
-            f"or an empty cell, without a sign between thousands: repair it, or check 'delimiter' "
-            f"({table.delimiter!r}) and 'decimal' ({table.decimal!r}) in {sidecar.name}."
+            f"{path.name}, row {row + first}, column {name!r} contains {cell!r}; expected a "
+            "number without a thousands separator, or an empty cell: repair it, or check "
+            f"'delimiter' ({table.delimiter!r}) and 'decimal' ({table.decimal!r}) in "
+            f"{sidecar.name}."
         )
 
 
@@ -357,7 +359,7 @@ def by_marker(
     if not labels:
         raise DataError(
             f"{table.file} has no marker with columns ending in {', '.join(table.axes)}; found "
-            f"{listed(columns)}: see 'axes' in the sidecar."
+            f"{listed(columns)}: check 'axes' in the sidecar."
         )
     used = {label + ending for label in labels for ending in table.axes}
     dropped = {c: "no column for each axis of a marker" for c in columns if c not in used}

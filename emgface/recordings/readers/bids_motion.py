@@ -1,4 +1,4 @@
-"""Marker positions of a BIDS dataset: ``*_motion.tsv`` with the tables beside it."""
+"""Marker positions of a BIDS dataset: ``*_motion.tsv`` with its tables."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,7 +28,7 @@ _ENDING = "_motion.tsv"
 
 
 def is_recording(path: Path) -> bool:
-    """Tell whether a table is a motion file that is not read with its EMG.
+    """Return True for a motion file that is not read together with its EMG.
 
     Parameters
     ----------
@@ -67,8 +67,9 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """
     if not path.name.endswith(_ENDING):
         raise DataError(
-            f"{path.name} is a table that does not say what it holds; expected a file called "
-            "*_motion.tsv of a BIDS dataset: write a TOML sidecar for it and open that."
+            f"{path.name} is a table that does not specify its contents; expected a file "
+            "called *_motion.tsv of a BIDS dataset: write a TOML sidecar for it and specify "
+            "that instead."
         )
     part, description = _load(path, units)
     origin = "simulated" if description.get("Origin") == "simulated" else "measured"
@@ -104,7 +105,7 @@ def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:
         part = part._replace(
             data=part.data.assign_coords(time_marker=("time_marker", shifted, time.attrs))
         )
-    others = {path.name: "a further tracking system, open it alone" for path in found[1:]}
+    others = {path.name: "another tracking system, read it separately" for path in found[1:]}
     return [part._replace(dropped={**part.dropped, **others})]
 
 
@@ -128,8 +129,8 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
     table, sidecar = sidecar_path(path, "channels.tsv"), sidecar_path(path, "motion.json")
     if table is None or sidecar is None:
         raise DataError(
-            f"{path.name} has no channels.tsv and motion.json beside it; expected both: a motion "
-            "file has no names and no rate of its own."
+            f"{path.name} has no channels.tsv and motion.json in its folder; expected both: "
+            "a motion file contains neither names nor a rate."
         )
     channels, description = read_tsv(table), read_json(sidecar)
     missing = [c for c in ("component", "type", "tracked_point", "units") if c not in channels]
@@ -141,7 +142,7 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
     rate = description.get("SamplingFrequencyEffective", description.get("SamplingFrequency"))
     if not isinstance(rate, (int, float)) or not 0 < rate < 1e6:
         raise DataError(
-            f"{sidecar.name} says SamplingFrequency {rate!r}; expected a rate above 0 Hz: set it."
+            f"{sidecar.name} has SamplingFrequency {rate!r}; expected a rate above 0 Hz: set it."
         )
     values = _values(path, len(channels))
     announced = description.get("RecordingDuration")
@@ -153,7 +154,7 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
         for _, row in channels.drop(positions.index).iterrows()
     }
     if short:
-        dropped[path.name] = f"holds {held:g} s of the {announced:g} s that it announces"
+        dropped[path.name] = f"contains {held:g} s of the {announced:g} s that it declares"
     points: list[str] = []
     columns: list[list[int]] = []
     for point, rows in positions.groupby("tracked_point", sort=False):
@@ -169,8 +170,8 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
     found = list(dict.fromkeys(used))
     if len(found) > 1 and "position" not in units:
         raise DataError(
-            f"{table.name} names the units {', '.join(found)} for positions; expected one: repair "
-            "it, or name the unit in the table 'units' of the mapping."
+            f"{table.name} lists the units {', '.join(found)} for positions; expected one: repair "
+            "it, or specify the unit in the table 'units' of the mapping."
         )
     labels, names = unique_labels(points, "marker")
     time = np.arange(values.shape[0]) / float(rate)
@@ -192,10 +193,10 @@ def _values(path: Path, count: int) -> np.ndarray:
     if values.shape[1] != count:
         raise DataError(
             f"{path.name} has {values.shape[1]} columns and its channels.tsv {count} rows; "
-            "expected one row for each column: it is truncated, or the table is another's."
+            "expected one row for each column: it is truncated, or the table belongs to another file."
         )
     with path.open("rb") as stream:
         last = stream.read().rsplit(b"\n", 1)[-1]
     if last and last.count(b"\t") != count - 1:
-        raise DataError(f"{path.name} ends within a row; expected whole rows: copy it again.")
+        raise DataError(f"{path.name} ends within a row; expected complete rows: copy it again.")
     return values

@@ -1,4 +1,4 @@
-"""BrainVision recordings: a header (.vhdr), samples beside it, and markers (.vmrk).
+"""BrainVision recordings: header (.vhdr), samples and markers (.vmrk).
 
 Source: Brain Products, BrainVision Core Data Format 1.0. Segmented and averaged recordings, and
 samples written as text, are refused.
@@ -20,7 +20,7 @@ FORMAT = "BrainVision"
 
 _FORMATS = {"INT_16": "i2", "UINT_16": "u2", "INT_32": "i4", "IEEE_FLOAT_32": "f4"}
 _UNIT = "\u00b5V"
-"""Unit of a channel that names none, as the format demands."""
+"""Default unit of a channel, specified by the format."""
 
 
 class _Channel(NamedTuple):
@@ -30,7 +30,7 @@ class _Channel(NamedTuple):
 
 
 def companions(path: Path) -> list[Path]:
-    """Return the files of a recording beside its header.
+    """Return the files of a recording other than its header.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
 
 
 def _sections(path: Path) -> dict[str, dict[str, str]]:
-    """Entries of a header or marker file by section; free text of comments is left out."""
+    """Entries of a header or marker file by section, without comments."""
     data = path.read_bytes()
     first = data[:100].splitlines()[0] if data else b""
     if b"Data Exchange" not in first or b"\x00" in data:
@@ -99,8 +99,9 @@ def _sections(path: Path) -> dict[str, dict[str, str]]:
     except UnicodeDecodeError as error:
         if marked:
             raise DataError(
-                f"{path.name} says that it is UTF-8 and is not (byte {error.start}); expected text "
-                "in the encoding that it names: it is damaged, export it again."
+                f"{path.name} declares the encoding UTF-8 but is not encoded so (byte "
+                f"{error.start}); expected text in the declared encoding: it is damaged, "
+                "export it again."
             ) from None
         text = data.decode("cp1252", "replace")
     found: dict[str, dict[str, str]] = {}
@@ -124,7 +125,7 @@ def _number(path: Path, entries: Mapping[str, str], name: str) -> float:
             raise ValueError
     except ValueError:
         raise DataError(
-            f"{path.name} says {name} = {text!r}; expected a number above 0: the header is "
+            f"{path.name} has {name} = {text!r}; expected a number above 0: the header is "
             "damaged, export the recording again."
         ) from None
     return value
@@ -135,7 +136,7 @@ def _channel(path: Path, entries: Mapping[str, str], number: int) -> _Channel:
     told = entries.get(f"Ch{number}")
     if told is None:
         raise DataError(
-            f"{path.name} describes no channel {number}; expected an entry 'Ch{number}' in "
+            f"{path.name} does not describe channel {number}; expected an entry 'Ch{number}' in "
             "[Channel Infos]: the header is damaged, export the recording again."
         )
     label, _, resolution, unit, *_ = [*told.split(","), "", "", "", ""][:5]
@@ -152,17 +153,17 @@ def _channel(path: Path, entries: Mapping[str, str], number: int) -> _Channel:
 
 
 def _beside(path: Path, name: str) -> Path | None:
-    """File that the header names, beside it; ``$b`` stands for the name of the header."""
+    """File specified by the header, in its folder; ``$b`` is the name of the header."""
     name = name.replace("$b", path.stem)
     return path.parent / Path(name.replace("\\", "/")).name if name else None
 
 
 def _require_continuous(path: Path, common: Mapping[str, str]) -> None:
-    """Refuse a recording that holds other than one run of samples in time."""
+    """Refuse a recording that is not one continuous sequence of samples."""
     kind, domain = common.get("SegmentationType", ""), common.get("DataType", "TIMEDOMAIN")
     if kind not in ("", "NOTSEGMENTED") or domain != "TIMEDOMAIN" or "AveragedSegments" in common:
         raise DataError(
-            f"{path.name} holds {kind or domain} data; expected one continuous recording: export "
+            f"{path.name} contains {kind or domain} data; expected one continuous recording: export "
             "the raw data."
         )
     markers = _beside(path, common.get("MarkerFile", ""))
@@ -173,7 +174,7 @@ def _require_continuous(path: Path, common: Mapping[str, str]) -> None:
         if cells[0] == "New Segment" and len(cells) > 2 and cells[2].strip() not in ("0", "1"):
             raise DataError(
                 f"{path.name} was paused: a new segment begins at sample {cells[2]}; expected a "
-                "continuous recording: export each part as a file of its own."
+                "continuous recording: export each part as a separate file."
             )
 
 
@@ -195,8 +196,9 @@ def _samples(
     file = _beside(path, common.get("DataFile", ""))
     if file is None or not file.is_file():
         raise DataError(
-            f"{path.name} names the samples {common.get('DataFile', '')!r}, which are not beside "
-            "it; expected that file: copy it, or correct DataFile after renaming."
+            f"{path.name} refers to the samples {common.get('DataFile', '')!r}, which are "
+            "not in its folder; expected that file: copy it, or correct DataFile after "
+            "renaming."
         )
     big = binary.get("UseBigEndianOrder", "NO").upper() == "YES"
     data, dtype = file.read_bytes(), np.dtype((">" if big else "<") + _FORMATS[kind])
@@ -205,7 +207,7 @@ def _samples(
     held = len(data) / width
     if held != int(held) or held < 1 or (announced is not None and announced != f"{held:.0f}"):
         raise DataError(
-            f"{file.name} holds {held:.6g} samples of {count} channels and {path.name} announces "
+            f"{file.name} contains {held:.6g} samples of {count} channels and {path.name} declares "
             f"{announced or 'a whole number'}; expected all of them: it is truncated or damaged, "
             "copy it again."
         )

@@ -24,7 +24,7 @@ SUFFIXES = (".c3d",)
 FORMAT = "C3D"
 
 _NO_POSITION = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
-"""Parameters of POINT that list points which are no positions."""
+"""Parameters of POINT that list points which are not positions."""
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
@@ -59,9 +59,9 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
 
 
 def _open(path: Path) -> dict[str, Any]:
-    """Read the file, and refuse one that holds fewer frames than it announces."""
+    """Read the file, and refuse one with fewer frames than declared."""
     if not path.is_file():
-        raise DataError(f"No file {path}; expected a C3D file: see the spelling of the path.")
+        raise DataError(f"No file {path}; expected a C3D file: check the path.")
     check_structure(path)
     try:
         content = isolated(path, parse_c3d, path)
@@ -76,14 +76,14 @@ def _open(path: Path) -> dict[str, Any]:
     announced, found = _announced_frames(path, content), content["points"].shape[2]
     if announced is not None and found < announced:
         raise DataError(
-            f"{path.name} announces {announced} frames and holds {found}; expected all of them: "
+            f"{path.name} declares {announced} frames but contains {found}; expected all of them: "
             "it is truncated, copy or export it again."
         )
     return content
 
 
 def _announced_frames(path: Path, content: Mapping[str, Any]) -> int | None:
-    """Frames from TRIAL:ACTUAL_START_FIELD and _END_FIELD, else from the header."""
+    """Frames from TRIAL:ACTUAL_START_FIELD and _END_FIELD, or otherwise from the header."""
     trial = content["parameters"].get("TRIAL", {})
     fields = [
         [int(v) % 65536 for v in trial[name]]
@@ -104,7 +104,7 @@ def _announced_frames(path: Path, content: Mapping[str, Any]) -> int | None:
 
 
 def _strings(group: Any, name: str) -> list[str]:
-    """Strings of a parameter and of its continuations: more than 255 go on in NAME2, NAME3 ..."""
+    """Strings of a parameter and of its continuations NAME2, NAME3 ... beyond 255."""
     found = [str(v) for v in group.get(name, [])]
     number = 2
     while f"{name}{number}" in group:
@@ -117,14 +117,14 @@ def _rate(group: Any, what: str) -> float:
     values = np.atleast_1d(group.get("RATE", []))
     if values.size == 0 or not values[0] > 0:
         raise DataError(
-            f"The file names no sampling rate of its {what}; expected {what}:RATE above 0 Hz: "
-            "set it where the file was made."
+            f"The file specifies no sampling rate of its {what}; expected {what}:RATE above 0 Hz: "
+            "set it in the program that wrote the file."
         )
     return float(values[0])
 
 
 def _points(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
-    """Markers: positions where a marker was seen, NaN elsewhere."""
+    """Marker positions, NaN where a marker is not visible."""
     values = content["points"][:3]
     group = content["parameters"]["POINT"]
     count, frames = values.shape[1:]
@@ -134,7 +134,7 @@ def _points(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     labels, changed = unique_labels(given + [""] * (count - len(given)), "marker")
     other = {label: kind for kind in _NO_POSITION for label in _strings(group, kind)}
     dropped = {
-        label: f"POINT:{other[label]} lists it, so it is no position"
+        label: f"POINT:{other[label]} lists it, so it is not a position"
         for label in labels
         if label in other
     }

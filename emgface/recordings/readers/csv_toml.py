@@ -1,4 +1,4 @@
-"""Tables and arrays: CSV, MATLAB or HDF5 files, and a TOML sidecar that says what they hold.
+"""Tables and arrays (CSV, MATLAB, HDF5) described by a TOML sidecar.
 
 The sidecar is the file to open::
 
@@ -50,7 +50,7 @@ FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"
 
 
 class Sidecar(Parameters):
-    """The whole sidecar."""
+    """Contents of a sidecar."""
 
     # 'schema' would hide a method of the base class.
     kind: Literal["recording"] = Field(alias="schema")
@@ -64,7 +64,7 @@ class Sidecar(Parameters):
 
 
 def is_recording(path: Path) -> bool:
-    """Tell whether a TOML file is the sidecar of a recording.
+    """Return True for the sidecar of a recording.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def is_recording(path: Path) -> bool:
 
 
 def companions(path: Path) -> list[Path]:
-    """Return the files that a sidecar names.
+    """Return the files specified by a sidecar.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def companions(path: Path) -> list[Path]:
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read the tables that a sidecar names.
+    """Read the tables specified by a sidecar.
 
     Parameters
     ----------
@@ -160,11 +160,11 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
 
 
 def _with_tables(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Refuse a TOML file that is no sidecar, before its entries are judged one by one."""
+    """Refuse a TOML file that is not a sidecar, before its entries are checked."""
     if content.get("schema") != "recording":
         raise DataError(
-            f'{path.name} does not say schema = "recording"; expected the sidecar of a '
-            "recording: give that file, or add the line."
+            f'{path.name} does not contain schema = "recording"; expected the sidecar of a '
+            "recording: specify that file, or add the line."
         )
     if guesses := content.get("unconfirmed"):
         raise DataError(

@@ -1,4 +1,4 @@
-"""EDF, EDF+ and BDF files, through edfio; beside the tables of a BIDS dataset also what these say.
+"""EDF, EDF+ and BDF files, read by edfio, with the tables of a BIDS dataset.
 
 A file called ``*_emg.edf`` or ``*_emg.bdf`` with a ``*_channels.tsv`` is a trial of a BIDS dataset:
 the types and names of its channels, its duration and its markers (`bids_motion.py`) are read
@@ -38,7 +38,7 @@ class _Content(NamedTuple):
 
 
 def is_recording(path: Path) -> bool:
-    """Tell whether an EDF file may be a recording: not where BIDS says it is no EMG.
+    """Return False for an EDF file that is not EMG according to BIDS.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read the channels that are voltages, of the rate that most of them have.
+    """Read the voltage channels with the most frequent sampling rate.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def _of_one_rate(
     sidecars: EmgSidecars | None,
     forced: bool,
 ) -> tuple[list[int], dict[str, str]]:
-    """Choose the channels that share the rate of most voltages; say why others are left out."""
+    """Choose the voltage channels with the most frequent rate; give reasons for omissions."""
     dropped: dict[str, str] = {}
     kept: list[int] = []
     for i, label in enumerate(labels):
@@ -129,7 +129,7 @@ def _of_one_rate(
             dropped[label] = f"of type {kind}, not EMG"
         else:
             kept.append(i)
-    # Channels that are no voltage have no say in the rate, unless the unit is given for all.
+    # Channels that are not a voltage have no say in the rate, unless the unit is given for all.
     voters = [i for i in kept if forced or quantity_of(units[i]) == "voltage"] or kept
     rates = [content.rates[i] for i in voters]
     if not rates:
@@ -139,12 +139,12 @@ def _of_one_rate(
         if content.rates[i] != common and i in voters:
             dropped[labels[i]] = f"sampled at {content.rates[i]:g} Hz, the others at {common:g} Hz"
         elif content.rates[i] != common:
-            dropped[labels[i]] = f"in {units[i]!r}, no voltage"
+            dropped[labels[i]] = f"in {units[i]!r}, not a voltage"
     return [i for i in kept if content.rates[i] == common], dropped
 
 
 def _load(path: Path) -> _Content:
-    """Read the file, and refuse one whose header and length do not agree."""
+    """Read the file, and refuse one whose header and length are inconsistent."""
     data = _whole(path)
     bdf = data[:1] == b"\xff"
     try:
@@ -173,20 +173,21 @@ def _load(path: Path) -> _Content:
     if not continuous:
         raise DataError(
             f"{path.name} has pauses between its records; expected a continuous recording: "
-            "export each part as a file of its own."
+            "export each part as a separate file."
         )
     for label, limits in zip(content.labels, ranges, strict=True):
         low, high, least, most = limits
         if not np.isfinite(limits).all() or low == high or least >= most:
             raise DataError(
-                f"{path.name}, channel {label!r}: counts {least:g} to {most:g} stand for {low:g} "
-                f"to {high:g}; expected two ranges: the header is damaged, export it again."
+                f"{path.name}, channel {label!r}: counts {least:g} to {most:g} correspond to "
+                f"{low:g} to {high:g}; expected two ranges: the header is damaged, export it "
+                "again."
             )
     return content
 
 
 def _whole(path: Path) -> bytes:
-    """Return the content of a file whose length is the one that its header announces."""
+    """Return the content of a file whose length agrees with its header."""
     data = path.read_bytes()
     bdf = data[:8] == b"\xffBIOSEMI"
     if not bdf and data[:8].strip() != b"0":
@@ -199,7 +200,7 @@ def _whole(path: Path) -> bytes:
     header, records, signals = (_integer(path, data, what, *at) for what, at in fields.items())
     if signals < 1 or header != _HEADER * (signals + 1) or len(data) < header:
         raise DataError(
-            f"{path.name} has {len(data)} bytes and announces {signals} signals and a header of "
+            f"{path.name} has {len(data)} bytes and declares {signals} signals and a header of "
             f"{header} bytes; expected {_HEADER} for each signal and {_HEADER} more: it is "
             "truncated or damaged, copy or export it again."
         )
@@ -221,14 +222,14 @@ def _whole(path: Path) -> bytes:
     record = (3 if bdf else 2) * sum(counts)
     if min(counts) < 0 or record == 0 or records < -1 or records == 0:
         raise DataError(
-            f"{path.name} announces {records} records of {sum(counts)} samples; expected at least "
+            f"{path.name} declares {records} records of {sum(counts)} samples; expected at least "
             "one of each: the recording is empty or damaged."
         )
     held = (len(data) - header) / record
     # A recorder that was stopped hard leaves -1; then only whole records tell nothing was lost.
     if held != (int(held) if records == -1 else records) or held < 1:
         raise DataError(
-            f"{path.name} announces {'whole' if records == -1 else records} records and holds "
+            f"{path.name} declares {'whole' if records == -1 else records} records but contains "
             f"{held:.6g}; expected all of them: it is truncated or damaged, copy it again."
         )
     return data[:236] + b"%-8d" % int(held) + data[244:]
@@ -249,7 +250,7 @@ def _integer(path: Path, data: bytes, what: str, start: int, length: int) -> int
 
 
 def _device(opened: "edfio.Edf | edfio.Bdf") -> str:
-    """Return the equipment code of an EDF+ header; plain EDF holds free text there."""
+    """Return the equipment code of an EDF+ header; in EDF this field is free text."""
     try:
         code = opened.recording.equipment_code
     except (ValueError, IndexError, KeyError):

@@ -1,4 +1,4 @@
-"""The package's own format: netCDF as `emgface.recordings.dataset.write_recording` writes it."""
+"""NetCDF files written by `emgface.recordings.dataset.write_recording`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +13,7 @@ FORMAT = "netCDF of this package"
 
 
 def is_recording(path: Path) -> bool:
-    """Tell whether a netCDF file may be a recording; a damaged one may.
+    """Return False for a netCDF file of another kind; a damaged one may be a recording.
 
     Parameters
     ----------

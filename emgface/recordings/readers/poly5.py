@@ -1,4 +1,4 @@
-"""TMSi Poly5 files (also .S00), as Porti, Refa and SAGA amplifiers write them.
+"""TMSi Poly5 files (also .S00) of Porti, Refa and SAGA amplifiers.
 
 A header, one description of 136 bytes for each 16-bit signal, and blocks of 86 bytes and samples.
 A channel of 32-bit floats occupies two signals, named ``(Lo) x`` and ``(Hi) x``; a signal without
@@ -21,7 +21,7 @@ FORMAT = "TMSi Poly5"
 
 _MAGIC = b"POLY SAMPLE FILE"
 _VERSIONS = {203: 31, 204: 32}
-"""Version to the length of the text that the file begins with."""
+"""Length of the initial text of the file, by version."""
 _HEADER = struct.Struct("<H81pHHBHi4x14xiHHH64x")
 _SIGNAL = struct.Struct("<41p4x11p4fHH60x")
 _BLOCK = struct.Struct("<i4x14x64x")
@@ -92,11 +92,11 @@ def _text(value: bytes) -> str:
 
 
 def _header(path: Path, data: bytes) -> tuple[_Header, int]:
-    """Read the header; return it and where it ends."""
+    """Read the header; return it and its end."""
     if not data.startswith(_MAGIC):
         raise DataError(
-            f"{path.name} begins with {data[:16]!r}; expected {_MAGIC.decode()!r}: it is no Poly5 "
-            "file, or damaged."
+            f"{path.name} begins with {data[:16]!r}; expected {_MAGIC.decode()!r}: it is not "
+            "a Poly5 file, or damaged."
         )
     for version, start in _VERSIONS.items():
         end = start + _HEADER.size
@@ -110,7 +110,7 @@ def _header(path: Path, data: bytes) -> tuple[_Header, int]:
         )
     if header.compression:
         raise DataError(
-            f"{path.name} is delta-compressed; expected plain samples: export it without "
+            f"{path.name} is delta-compressed; expected uncompressed samples: export it without "
             "compression."
         )
     counts = (header.signals, header.periods, header.blocks, header.periods_per_block)
@@ -121,7 +121,7 @@ def _header(path: Path, data: bytes) -> tuple[_Header, int]:
         or header.blocks != needed
     ):
         raise DataError(
-            f"{path.name} announces {header.signals} signals, {header.periods} samples, "
+            f"{path.name} declares {header.signals} signals, {header.periods} samples, "
             f"{header.blocks} blocks of {header.periods_per_block} samples and "
             f"{header.block_size} bytes, which do not agree; expected a closed recording: it was "
             "interrupted or damaged, export it again."
@@ -130,7 +130,7 @@ def _header(path: Path, data: bytes) -> tuple[_Header, int]:
 
 
 def _channels(path: Path, data: bytes, header: _Header, start: int) -> tuple[list[_Channel], int]:
-    """Read the signal descriptions; return the channels and where the blocks begin."""
+    """Read the signal descriptions; return the channels and the start of the blocks."""
     end = start + header.signals * _SIGNAL.size
     expected = end + header.blocks * (_BLOCK.size + header.block_size)
     # A last block that is not full may be cut after its last sample.
@@ -139,7 +139,7 @@ def _channels(path: Path, data: bytes, header: _Header, start: int) -> tuple[lis
         state = "truncated" if len(data) < expected else "damaged"
         raise DataError(
             f"{path.name} has {len(data)} bytes; expected {expected} for the {header.periods} "
-            f"samples of {header.signals} signals it announces: it is {state}, copy it again."
+            f"samples of {header.signals} signals it declares: it is {state}, copy it again."
         )
     channels: list[_Channel] = []
     position, halves = start, 0
@@ -157,14 +157,14 @@ def _channels(path: Path, data: bytes, header: _Header, start: int) -> tuple[lis
             )
             if not other.startswith("(Hi)"):
                 raise DataError(
-                    f"{path.name} has the signal {label!r} and then {other!r}; expected its "
-                    "second half, '(Hi) ...': the file is damaged."
+                    f"{path.name} has the signal {label!r} followed by {other!r}; expected "
+                    "its second half, '(Hi) ...': the file is damaged."
                 )
             label = label.removeprefix("(Lo)").strip()
         unit_low, unit_high, adc_low, adc_high = (float(limit) for limit in limits)
         if not np.isfinite(limits).all() or adc_low == adc_high or unit_low == unit_high:
             raise DataError(
-                f"{path.name}, channel {label!r}: the range {adc_low:g} to {adc_high:g} stands for "
+                f"{path.name}, channel {label!r}: the range {adc_low:g} to {adc_high:g} corresponds to "
                 f"{unit_low:g} to {unit_high:g} {_text(unit)}; expected two ranges: the file is "
                 "damaged."
             )
@@ -214,7 +214,7 @@ def _rate(path: Path, header: _Header) -> int:
     rate = header.storage_rate if header.storage_type == 0 else header.sample_rate
     if rate < 1 or header.storage_type not in (0, 1):
         raise DataError(
-            f"{path.name} names a sampling rate of {header.sample_rate} Hz, stored at "
+            f"{path.name} specifies a sampling rate of {header.sample_rate} Hz, stored at "
             f"{header.storage_rate}; expected rates above 0 Hz: the file is damaged."
         )
     return rate

@@ -52,7 +52,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     table = [row for row in rows[5:] if any(cell.strip() for cell in row)]
     if len(table) != frames:
         raise DataError(
-            f"{path.name} announces {frames} frames and holds {len(table)}; expected all of them: "
+            f"{path.name} declares {frames} frames but contains {len(table)}; expected all of them: "
             "it is truncated, export it again."
         )
     values = _values(path, table, count)
@@ -61,7 +61,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     if not (step == 1).all():
         at = int(np.argmin(step == 1))
         raise DataError(
-            f"{path.name} goes from frame {number[at]:g} to frame {number[at + 1]:g}; expected the "
+            f"{path.name} continues from frame {number[at]:g} to frame {number[at + 1]:g}; expected the "
             "next one: frames are missing, export them all."
         )
     regular = np.arange(frames) / rate
@@ -89,7 +89,7 @@ def _rows(path: Path) -> tuple[list[list[str]], dict[str, str]]:
         start = lines[0][:20] if lines else ""
         raise DataError(
             f"{path.name} has {len(lines)} lines and begins with {start!r}; expected "
-            "'PathFileType', five lines of header and the frames: it is truncated or no TRC file."
+            "'PathFileType', five lines of header and the frames: it is truncated or not a TRC file."
         )
     mark = "\t" if "\t" in lines[1] else ","
     rows = [line.split(mark) for line in lines]
@@ -101,7 +101,7 @@ def _rows(path: Path) -> tuple[list[list[str]], dict[str, str]]:
     absent = [name for name in _COUNTS if name not in header]
     if absent:
         raise DataError(
-            f"{path.name} names no {absent[0]} in its third line; expected "
+            f"{path.name} specifies no {absent[0]} in its third line; expected "
             f"{', '.join(_COUNTS)}: it is damaged, export it again."
         )
     return rows, header
@@ -114,7 +114,7 @@ def _number(path: Path, name: str, text: str, kind: type[int] | type[float]) -> 
             raise ValueError
     except ValueError:
         raise DataError(
-            f"{path.name} says {name} {text!r}; expected a number above 0: the header is damaged, "
+            f"{path.name} has {name} {text!r}; expected a number above 0: the header is damaged, "
             "export the file again."
         ) from None
     return value
@@ -139,9 +139,9 @@ def _values(path: Path, table: list[list[str]], count: int) -> np.ndarray:
                 values[i, j] = float(text)
             except ValueError:
                 raise DataError(
-                    f"{path.name}, frame {row[0]}, column {j + 1} holds {text!r}; expected a "
+                    f"{path.name}, frame {row[0]}, column {j + 1} contains {text!r}; expected a "
                     "number or an empty cell: repair it."
                 ) from None
     if len(table[-1]) < width and not np.isnan(values[:-1, -1]).any():
-        raise DataError(f"{path.name} ends within a row; expected whole rows: copy it again.")
+        raise DataError(f"{path.name} ends within a row; expected complete rows: copy it again.")
     return values

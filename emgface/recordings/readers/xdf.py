@@ -1,4 +1,4 @@
-"""XDF recordings of the Lab Streaming Layer: EMG and motion capture on one clock, through pyxdf.
+"""XDF recordings of the Lab Streaming Layer: EMG and motion capture on one clock, read by pyxdf.
 
 A stream of type EMG, or one of several kinds whose channels are of type EMG, holds the EMG. A stream
 of type MoCap holds markers: three channels of type PositionX, PositionY and PositionZ each, with the
@@ -74,8 +74,8 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         if len(found) > 1:
             names = listed([stream["name"] for stream in found])
             raise DataError(
-                f"{path.name} holds {len(found)} streams of {kind} ({names}); expected one: save "
-                "each as a file of its own."
+                f"{path.name} contains {len(found)} streams of {kind} ({names}); expected "
+                "one: save each as a separate file."
             )
     used = emg + markers
     for stream in used:
@@ -92,7 +92,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
 
 
 def _check_chunks(path: Path) -> None:
-    """Refuse a file whose chunks do not follow each other to its end; pyxdf skips such places."""
+    """Refuse a file whose chunks are not contiguous to its end, which pyxdf would skip."""
     data = path.read_bytes()
     at = 4
     known: set[int] = set()
@@ -116,8 +116,9 @@ def _check_chunks(path: Path) -> None:
         at = first + length
     if data[:4] != b"XDF:" or at != len(data) or not known:
         raise DataError(
-            f"{path.name} has {len(data)} bytes and its chunks end at byte {at}; expected 'XDF:' and "
-            "whole chunks to the end of the file: it is truncated or damaged, copy it again."
+            f"{path.name} has {len(data)} bytes but its chunks end at byte {at}; expected "
+            "'XDF:' and complete chunks to the end of the file: it is truncated or damaged, "
+            "copy it again."
         )
 
 
@@ -126,13 +127,13 @@ def _require_whole(path: Path, stream: Mapping[str, Any]) -> None:
     held, announced = len(stream["time"]), stream["announced"]
     if announced is not None and announced != held:
         raise DataError(
-            f"{path.name}, stream {stream['name']!r}, announces {announced} samples and holds {held}; "
+            f"{path.name}, stream {stream['name']!r}, declares {announced} samples but contains {held}; "
             "expected all of them: it is damaged, copy it again."
         )
     if stream["segments"] > 1:
         raise DataError(
             f"{path.name}, stream {stream['name']!r}, was interrupted {stream['segments'] - 1} times; "
-            "expected a continuous recording: save each part as a file of its own."
+            "expected a continuous recording: save each part as a separate file."
         )
 
 
@@ -166,8 +167,9 @@ def _markers(path: Path, stream: Mapping[str, Any], start: float, unit: str | No
     whole = {name: axes for name, axes in places.items() if len(axes) == len(_AXES)}
     if not whole:
         raise DataError(
-            f"{path.name}, stream {stream['name']!r}, describes no marker with three coordinates; "
-            "expected channels of type PositionX, PositionY and PositionZ with the entry 'marker'."
+            f"{path.name}, stream {stream['name']!r}, does not describe a marker with three "
+            "coordinates; expected channels of type PositionX, PositionY and PositionZ with "
+            "the entry 'marker'."
         )
     labels, names = unique_labels(list(whole), "marker")
     order = [[axes[axis] for axis in _AXES] for axes in whole.values()]

@@ -1,4 +1,4 @@
-"""All numba code of the signals, compiled once into a cache of its own."""
+"""Numba code of the signal chain, with a separate cache."""
 
 from pathlib import Path
 
