@@ -1,4 +1,4 @@
-"""The form of every named choice, and how a mapping of values becomes a checked model.
+"""Declaration of parameters, and validation of mappings as parameter models.
 
 A parameter states its default, unit, source and note; `configure` turns a mapping into a model and
 names what is wrong with it.
@@ -76,7 +76,7 @@ class Parameters(BaseModel):
         )
 
     def _repr_html_(self) -> str:
-        """Table of all parameters with unit and source, as Jupyter shows it."""
+        """Table of all parameters with unit and source, for Jupyter."""
         table = parameter_table(self)[["parameter", "value", "default", "unit", "source"]]
         return table.to_html(index=False)
 
@@ -112,7 +112,7 @@ def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = ""
 
 
 def _complaint(model: type[BaseModel], detail: Any) -> str:
-    """One clause on one rejected value."""
+    """Clause on one rejected value."""
     path = [str(part) for part in detail["loc"]]
     name = ".".join(path) or model.__name__
     if detail["type"] == "extra_forbidden":

@@ -14,7 +14,7 @@ def listed(names: Iterable[object], most: int = 6) -> str:
 
 
 class EmgfaceError(Exception):
-    """Base of all failures that emgface itself raises."""
+    """Base class of the errors of emgface."""
 
 
 class DataError(EmgfaceError, ValueError):
@@ -26,7 +26,7 @@ class SchemaError(DataError):
 
 
 class UnitsError(DataError):
-    """A variable carries no unit, or one that is not the declared one."""
+    """A variable has no unit, or not the declared one."""
 
 
 class SignalError(DataError):
@@ -34,7 +34,7 @@ class SignalError(DataError):
 
 
 class MarkerError(DataError):
-    """Markers are absent or have gaps that cannot be bridged."""
+    """Markers are absent or have gaps that cannot be interpolated."""
 
 
 class FaceError(DataError):
@@ -46,12 +46,12 @@ class ActivationError(DataError):
 
 
 class ConfigurationError(EmgfaceError, ValueError):
-    """A study file holds an unknown parameter or a value out of range."""
+    """A study file contains an unknown parameter or a value out of range."""
 
 
 class StoreError(EmgfaceError):
-    """Results cannot be written or their parameters not expressed as plain data."""
+    """Results cannot be written, or their parameters cannot be expressed as plain data."""
 
 
 class FeatureWarning(UserWarning):
-    """A feature was computed but says little: zero, saturated, or of a narrowed pass-band."""
+    """A feature was computed but is zero, saturated, or of a narrowed pass-band."""

@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are complete."""
+"""Atomic writing of files."""
 
 import os
 import tempfile
@@ -9,7 +9,7 @@ from emgface.errors import DataError
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a file beside `path`, then rename it; on failure leave nothing behind.
+    """Write a temporary file by `write` and rename it to `path`; remove it on failure.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The muscle, channel and marker names of the study and its relevance table.
+"""Names of muscles, channels and markers of the study, and its relevance table.
 
 Source: Eskes et al. 2017, Methods and Table 1 (data: doi:10.17605/OSF.IO/DUX3W). Muscle index
 1-10 is the left side, 11-20 the right.
@@ -9,7 +9,7 @@ from typing import Final
 SIDES: Final = ("L", "R")
 
 MEASURED: Final = ("OOS", "OOI", "RIS", "ZYG", "LLSAN", "DAO", "MEN")
-"""The seven muscles per side that carry electrodes."""
+"""The seven muscles per side with electrodes."""
 
 MODELLED: Final = ("ZYG", "RIS", "LLSAN", "LAO", "BUC", "OOP", "OOM", "DLI", "DAO", "MEN")
 """The ten muscles per side of the face model, in the paper's order of Fig. 1."""
@@ -25,7 +25,7 @@ NEIGHBOURS: Final = (
     ("RIS", "ZYG"),
     ("ZYG", "LLSAN"),
 )
-"""Pairs of channels of one side that lie next to each other (Eskes et al. 2017, Fig. 1)."""
+"""Pairs of neighbouring channels of one side (Eskes et al. 2017, Fig. 1)."""
 
 ACROSS: Final = ("OOS", "OOI", "MEN")
 """Channels whose left and right electrodes are neighbours across the midline."""

@@ -1,4 +1,4 @@
-"""Activation over time, and the line that stands for it over a step: its integral and first moment."""
+"""Activation over time, and its linear approximation over a step by integral and first moment."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from sim.state import Array, Control, Line
 from sim.system import System
 
 STRAIGHT = 4.0
-"""Largest deviation from the chord, times this, that is taken off the rise of a step of first order.
+"""Factor on the largest deviation from the chord by which the rise of a first-order step is reduced.
 
 From 2 on the ends of the line stay in the range of the activation. With 4 all of a burst that is shorter
 than twice the step arrives wherever it lies, and a line is its own line.
@@ -55,7 +55,7 @@ class Activation:
         return (1.0 - s) * self.values[i] + s * self.values[i + 1]
 
     def within(self, t0: float, t1: float) -> tuple[Array, Array]:
-        """Corners between two instants: their places c in 0-1 (k,), and values (k, n_muscles)."""
+        """Corners between two instants: their positions c in 0-1 (k,), and values (k, n_muscles)."""
         first = int(np.searchsorted(self.time, t0, side="right"))
         inside = slice(first, max(first, int(np.searchsorted(self.time, t1, side="left"))))
         c = np.concatenate([[0.0], (self.time[inside] - t0) / (t1 - t0), [1.0]])
@@ -63,13 +63,13 @@ class Activation:
 
 
 def resting(n_muscles: int) -> Activation:
-    """All muscles at zero, for ever."""
+    """Zero activation of all muscles."""
     return Activation(np.zeros(1), np.zeros((1, n_muscles)))
 
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """The control that an activation is for a system; see `sim.state.ControlAt`."""
+    """Control of a system by an activation; see `sim.state.ControlAt`."""
 
     system: System
     activation: Activation
@@ -79,7 +79,7 @@ class Driven:
         return self.system.control(self.activation.at(t), t)
 
     def chord(self, t: float, h: float) -> Line:
-        """Line with the mean of the activation, rising with it in as far as it runs straight.
+        """Line with the mean of the activation, and its slope as far as the activation is straight.
 
         rise = sign(a1 - a0) max(|a1 - a0| - 4 d, 0), d the largest distance from the chord.
         """
@@ -90,7 +90,7 @@ class Driven:
         return Line(_mean(c, a), rise, t, h)
 
     def moments(self, t: float, h: float, places: tuple[float, ...]) -> Line:
-        """Line with mean and first moment of the activation, turned where it leaves 0-1.
+        """Line with mean and first moment of the activation, limited to 0-1.
 
         rise = 12/h int a (c - 1/2) dt, the projection onto linear functions of c = (time - t)/h, limited
         so that the line stays in 0-1 at the `places` c where it is asked for; the mean is kept always.
@@ -115,6 +115,6 @@ class Driven:
 
 
 def _mean(c: Array, a: Array) -> Array:
-    """Mean over c in 0-1 of what is linear between corners."""
+    """Mean over c in 0-1 of a function that is linear between corners."""
     mean = 0.5 * (np.diff(c)[:, None] * (a[1:] + a[:-1])).sum(axis=0)
     return np.clip(mean, 0.0, 1.0)  # but for rounding it is

@@ -1,4 +1,4 @@
-"""Elements laid out for the element loops: slots, natural derivatives, places in the matrix.
+"""Data of the element loops: slots, natural derivatives, positions in the matrix.
 
 Terms on elements share this layout. Every element has `NODES` slots; a slot that an element type does
 not use repeats the first node with zero derivatives and is left out of the matrix.
@@ -21,7 +21,7 @@ _A, _B = np.triu_indices(NODES)  # slots of the stored node pairs, row by row
 
 
 def slots(mesh: Mesh) -> tuple[Index, NDArray[np.bool_]]:
-    """Node of every slot (n_elements, NODES), and which slots are used."""
+    """Node of every slot (n_elements, NODES), and mask of the slots used."""
     nodes = np.empty((mesh.n_elements, NODES), dtype=np.int64)
     used = np.zeros_like(nodes, dtype=bool)
     first = 0
@@ -119,7 +119,7 @@ def _part(
 
 
 def places_of(mesh: Mesh, part: Part, pattern: SymmetricPattern) -> Places:
-    """Find where the blocks of a part go among the values of the matrix."""
+    """Find the positions of the blocks of a part in the values of the matrix."""
     used = slots(mesh)[1][part.element]
     order = np.argsort(np.where(used, part.nodes, mesh.n_nodes), axis=1, kind="stable")
     ascending = np.take_along_axis(part.nodes, order, axis=1)

@@ -1,4 +1,4 @@
-"""Chunks of neighbouring elements, in two colours: those of one colour have no node in common.
+"""Chunks of neighbouring elements in two colours; chunks of one colour have no common node.
 
 An element loop runs the chunks of one colour in parallel, and each adds to nodes and matrix directly.
 Two colours are two waits for all threads; a division in blocks needs seven, which costs much where other
@@ -18,7 +18,7 @@ ELEMENTS_PER_CHUNK = 96  # at least, where levels are smaller; what a chunk adds
 
 
 def levels(nodes: Index) -> Index:
-    """Fewest steps from element to element with a common node, from one far end of every component.
+    """Breadth-first distances of elements from one end of every component.
 
     Elements with a common node differ by one level at most.
     """

@@ -58,7 +58,7 @@ class _Coefficients:
 
 @dataclass(frozen=True, eq=False)
 class _Compiled:
-    """A law laid out for one scene; `rest` are the positions of a stiffness formed once."""
+    """Compiled law; `rest` are the positions of a constant stiffness."""
 
     beta: float
     matrix: Callable[[Array, Control, Array | None], Array]
@@ -73,7 +73,7 @@ class Rayleigh(_Coefficients):
     """K is the tangent at the current positions and activation, as in the published simulator."""
 
     def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
-        """Take the tangent wherever it is asked for."""
+        """Compile with the current tangent."""
 
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return self.combine(layout, stiffness(q, control) if K is None else K)
@@ -83,10 +83,10 @@ class Rayleigh(_Coefficients):
 
 @dataclass(frozen=True)
 class PassiveRayleigh(_Coefficients):
-    """K is the tangent at the current positions with all muscles at rest."""
+    """K is the tangent at the current positions without activation."""
 
     def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
-        """Take the passive tangent wherever it is asked for."""
+        """Compile with the passive tangent."""
         at_rest = Control(np.zeros(len(layout.muscles)))
 
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
@@ -97,13 +97,13 @@ class PassiveRayleigh(_Coefficients):
 
 @dataclass(frozen=True)
 class RestRayleigh(_Coefficients):
-    """K is the tangent of the resting scene, formed once.
+    """K is the constant tangent of the scene at rest.
 
     Cheapest of the three, but not frame indifferent: a large rotation is damped like a strain.
     """
 
     def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
-        """Form the matrix once."""
+        """Compile with the constant matrix."""
         D = self.combine(layout, stiffness(layout.mesh.X, Control(np.zeros(len(layout.muscles)))))
 
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
@@ -113,4 +113,4 @@ class RestRayleigh(_Coefficients):
 
 
 DAMPING_LAWS = (Rayleigh, PassiveRayleigh, RestRayleigh)
-"""Every damping law; the tests walk this tuple."""
+"""All damping laws, the members of the tests."""

@@ -5,14 +5,14 @@ from html import escape
 
 
 class Described:
-    """Base of objects that describe themselves by a few named facts."""
+    """Base class of objects with short descriptions."""
 
     def facts(self) -> Mapping[str, str]:
-        """Return name and text of every fact."""
+        """Return name and text of every property."""
         return {}
 
     def __repr__(self) -> str:
-        """Class and facts on one line each."""
+        """Class and properties, one per line."""
         facts = self.facts()
         width = max(map(len, facts), default=0)
         lines = (f"  {name.ljust(width)}  {told}" for name, told in facts.items())
@@ -21,7 +21,7 @@ class Described:
         )
 
     def _repr_html_(self) -> str:
-        """Table of the facts, as Jupyter shows it."""
+        """Table of the properties, for Jupyter."""
         row = "<tr><th style='text-align:left'>{}</th><td style='text-align:left'>{}</td></tr>"
         rows = "".join(row.format(escape(name), escape(v)) for name, v in self.facts().items())
         return f"<table><caption>{escape(type(self).__name__)}</caption>{rows}</table>"

@@ -1,4 +1,4 @@
-"""Prescribed displacement: held nodes are moved to a target, the rest follows in equilibrium."""
+"""Prescribed displacement of fixed nodes to a target, with equilibrium of the free nodes."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def displace_held(
     integrator: Static | None = None,
     work: Workspace | None = None,
 ) -> State:
-    """Move the held unknowns in equal steps; after each the free ones find their equilibrium.
+    """Displace the fixed unknowns in equal steps, with equilibrium of the free ones after each.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def displace_held(
 
 
 def _holding(system: System, q: Array, held: Array) -> Array:
-    """Positions q with the held components of others."""
+    """Positions q with the fixed components of others."""
     out = held.copy()
     out.reshape(-1)[system.free] = q.reshape(-1)[system.free]
     return out
@@ -93,7 +93,7 @@ def _holding(system: System, q: Array, held: Array) -> Array:
 def _equilibrium(
     integrator: Static, system: System, guess: State, held: Array, silent: Control, work: Workspace
 ) -> Array:
-    """Positions in equilibrium with the held unknowns where `held` has them."""
+    """Equilibrium positions with the fixed unknowns at those of `held`."""
     q = _holding(system, guess.q, held)
     found, _ = integrator.step(system, State(guess.t, q, guess.v), silent, 1.0, work)
     return found.q

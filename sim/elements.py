@@ -121,4 +121,4 @@ HEX8: Final = _hex8()
 WEDGE6: Final = _wedge6()
 TET4: Final = _tet4()
 ELEMENT_TYPES: Final = {kind.name: kind for kind in (HEX8, WEDGE6, TET4)}
-"""Every element type; a new one is added here and inherits the tests of all."""
+"""All element types, the members of the tests."""

@@ -1,4 +1,4 @@
-"""Points inside elements: which element holds a point, and its shape functions there."""
+"""Points inside elements: the element of each point, and its shape functions."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ Index = NDArray[np.int64]
 
 MAX_ITERATIONS = 50
 INSIDE = 1e-9
-"""A shape function above minus this counts as not negative [1]."""
+"""Tolerance for negative shape functions [1]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """Points tied to the elements that hold them: x = sum_a weights_a x_a moves with the mesh.
+    """Embedded points x = sum_a weights_a x_a, which move with the mesh.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ def embed(mesh: Mesh, points: Array, *, tolerance: float = 1e-6) -> Embedding:
 
 
 def _candidates(X: Array, points: Array, tolerance: float) -> tuple[Index, Index]:
-    """Pairs (point, element) whose bounding box, somewhat enlarged, holds the point."""
+    """Pairs (point, element) with the point in the enlarged bounding box of the element."""
     low, high = X.min(axis=1), X.max(axis=1)
     margin = (1e-6 + 2.0 * tolerance) * (high - low).max(axis=1, keepdims=True)
     pairs = [

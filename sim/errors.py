@@ -5,7 +5,7 @@ Each message is one sentence: what was found, what was expected, what to try.
 
 
 class SimulationError(Exception):
-    """Base of all failures that the mechanics raises."""
+    """Base class of the errors of the mechanics."""
 
 
 class MeshError(SimulationError, ValueError):
@@ -62,7 +62,7 @@ class NotConverged(SimulationError):
 
 
 class ToleranceMissed(SimulationError):
-    """The smallest step of an error control still errs by more than was asked for.
+    """The smallest step of an error control does not reach the requested accuracy.
 
     Nothing failed: every step found its equilibrium and no element inverted. It says nothing about the
     strength of the muscles.
@@ -88,7 +88,7 @@ class SingularSystem(SimulationError):
 
 
 class ContactFailure(SimulationError):
-    """A surface of contact is unusable, or a contact went beyond what was declared.
+    """A contact surface is unusable, or a contact exceeds its declared reach.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Symmetric matrices of which a part is a product of a sparse one with itself.
+"""Symmetric matrices with low-rank terms in product form.
 
 A pressure that acts on many nodes at once couples them all. Its stiffness k g g', with the derivative
 g of a volume, has few numbers as a product and many as entries of a matrix.
@@ -39,7 +39,7 @@ class Product:
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """A symmetric matrix: entries on a pattern, and products beside them.
+    """Symmetric matrix: entries on a pattern, and matrix-free products.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Matrix:
         return y
 
     def arrays(self) -> dict[str, Array]:
-        """Values and products, without the stand-in."""
+        """Values and products, without the preconditioner values."""
         kept = {"values": self.values}
         for i, part in enumerate(self.products):
             own = {"data": part.G.data, "indices": part.G.indices, "indptr": part.G.indptr}
@@ -85,7 +85,7 @@ class Matrix:
         return Matrix(pattern, kept["values"], tuple(products))
 
     def to_factorise(self) -> Array:
-        """Values of the matrix that is factorised for this one."""
+        """Values of the matrix that is factorised as its preconditioner."""
         return self.values if self.stand_in is None else self.values + self.stand_in()
 
 

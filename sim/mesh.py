@@ -1,4 +1,4 @@
-"""A mesh: nodes at rest and blocks of elements of one type each."""
+"""Mesh: nodes at rest, and blocks of elements of one type."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class Block:
 
 @dataclass(frozen=True, repr=False)
 class Mesh(Described):
-    """Nodes at rest and element blocks, checked when made.
+    """Nodes at rest and element blocks, checked on creation.
 
     Elements are numbered through the blocks in their order.
 
@@ -69,7 +69,7 @@ class Mesh(Described):
     blocks: tuple[Block, ...]
 
     def __post_init__(self) -> None:
-        """Refuse what could only fail later and elsewhere."""
+        """Check nodes and elements."""
         n = len(self.X)
         if self.X.ndim != 2 or self.X.shape[1] != 3 or not np.isfinite(self.X).all():
             raise MeshError(

@@ -1,4 +1,4 @@
-"""When the motion is recorded: at the ends of steps, or between them by checked interpolation."""
+"""Outputs of a motion: at the ends of steps, or between them by checked interpolation."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -8,10 +8,10 @@ from sim.state import Array, State, StepReport
 from sim.steps.contract import Watch
 
 KEPT = 0.5
-"""Share of the smallest det F at the ends of an interval that states inside it must have."""
+"""Least det F of states inside an interval, relative to the smallest at its ends."""
 
 STRAIGHT = 0.02
-"""Distance of an activation from a straight line that a cubic may pass over [1].
+"""Deviation of an activation from a straight line up to which states are interpolated [1].
 
 Motion follows its muscles with the time beta of the damping: within a step h a burst that rises a off
 the line moves the tissue by about a h/(4 beta) of what it would move when held, at beta = 55 ms a five
@@ -19,11 +19,11 @@ hundredth for h = 20 ms.
 """
 
 Advance = Callable[[State, float, Watch | None], tuple[State, StepReport]]
-"""Carries a state to a time [s] with a step control, which tells its steps to the watch."""
+"""Function that advances a state to a time [s] with a step control and an observer."""
 
 
 def between(before: State, after: State, t: float) -> State:
-    """State inside a step, positions by the cubic that has both ends' positions and velocities.
+    """State inside a step, by cubic interpolation of positions and velocities at its ends.
 
     Its error falls with the fourth power of the step, that of the velocities with the third, so that an
     integrator of second order keeps its order. What terms remember is left out.
@@ -47,7 +47,7 @@ def between(before: State, after: State, t: float) -> State:
 
 @dataclass(frozen=True)
 class Interval:
-    """One step of largest size and the outputs that fall into it.
+    """Largest step and the outputs within it.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ def intervals(
 
 @dataclass
 class Between:
-    """Collects the states at given instants while steps are taken.
+    """Collector of the states at given instants.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Between:
     states: list[State] = field(default_factory=list[State])
 
     def __call__(self, before: State, after: State) -> None:
-        """Pick the instants of one accepted step."""
+        """Interpolate the instants within one accepted step."""
         self.states += [between(before, after, t) for t in self._of(before.t, after.t)]
 
     def _of(self, t0: float, t1: float) -> Iterator[float]:
@@ -186,7 +186,7 @@ def _to_each(
 
 
 def _after(refused: StepReport, report: StepReport) -> StepReport:
-    """The report with what was spent on an attempt that was refused."""
+    """Report with the cost of a rejected attempt added."""
     return replace(
         report,
         rejected=report.rejected + refused.rejected + refused.steps,

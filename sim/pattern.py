@@ -1,4 +1,4 @@
-"""Fixed sparsity: which unknowns are free and where a 3 x 3 block of a node pair goes."""
+"""Fixed sparsity: free unknowns, and positions of the 3 x 3 block of a node pair."""
 
 from dataclasses import dataclass
 
@@ -37,7 +37,7 @@ class Sparsity:
 
 @dataclass(frozen=True)
 class SymmetricPattern(Sparsity):
-    """Sparsity over the free unknowns, and where the blocks of node pairs go.
+    """Sparsity over the free unknowns, and positions of the blocks of node pairs.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class SymmetricPattern(Sparsity):
 
 
 def distinct(keys: Index) -> Index:
-    """Keys (m,) without repeats, ascending; millions in a fortieth of the time of NumPy's `unique`."""
+    """Unique keys (m,), ascending; 40 times faster than NumPy's `unique` for millions."""
     keys = np.sort(keys)
     new = np.ones(len(keys), dtype=bool)
     np.not_equal(keys[1:], keys[:-1], out=new[1:])
@@ -66,7 +66,7 @@ def distinct(keys: Index) -> Index:
 
 
 def symmetric_pattern(n_nodes: int, keys: Index, held: Index) -> SymmetricPattern:
-    """Pattern over all unknowns that are not held, from the node pairs of all terms.
+    """Pattern over all free unknowns, from the node pairs of all terms.
 
     Parameters
     ----------

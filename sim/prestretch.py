@@ -1,4 +1,4 @@
-"""Pre-stress by an initial stretch field: the mesh at rest is not where the tissue is free of stress."""
+"""Pre-stress by an initial stretch field: the mesh at rest is not stress-free."""
 
 import numpy as np
 

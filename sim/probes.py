@@ -1,4 +1,4 @@
-"""Probes: what is recorded at every output time; a scene without a probe pays nothing for it."""
+"""Probes: quantities recorded at every output time."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Variable:
-    """Name, dims after time, unit and coordinates of what a probe records."""
+    """Name, dims after time, unit and coordinates of a recorded variable."""
 
     name: str
     units: str
@@ -27,10 +27,10 @@ class Variable:
 
 
 class Probe(Protocol):
-    """Records variables at every output time."""
+    """Interface of probes."""
 
     def variables(self) -> tuple[Variable, ...]:
-        """Describe what `record` returns, in its order."""
+        """Describe the variables returned by `record`, in order."""
         ...
 
     def record(
@@ -71,7 +71,7 @@ class Markers:
 
 @dataclass(frozen=True)
 class Opening:
-    """How far one node lies above another along a direction, as the lip opening in the midline [m].
+    """Distance of one node above another along a direction, such as the lip opening [m].
 
     e . (x_upper - x_lower) with the unit vector e: negative where the upper node has come below the
     lower one. A direction fixed in space, because a distance has no sign, that of the nodes turns over
@@ -127,13 +127,13 @@ class SmallestJ:
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
-        """Evaluate det F in the state itself, not at the ends of the steps that led to it."""
+        """Evaluate det F in the state."""
         return (system.smallest_J(state.q)[0],)
 
 
 @dataclass(frozen=True, eq=False)
 class StepErrors:
-    """Estimated error that each step has made at named nodes, (marker, axis) [m].
+    """Estimated error of each step at named nodes, (marker, axis) [m].
 
     NaN where the integrator has no estimate. Besides it what the iterations may have left of any node
     [m], 0 for a method that does not iterate.
@@ -184,7 +184,7 @@ class Energies:
 
 @dataclass(frozen=True)
 class Iterations:
-    """How every interval was solved: iterations, factorisations, steps, rejected attempts, residual."""
+    """Solver statistics of every interval: iterations, factorisations, steps, rejections, residual."""
 
     def variables(self) -> tuple[Variable, ...]:
         """Six counts and the residual."""
@@ -225,7 +225,7 @@ class Positions:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Contacts of every pairing: how many places touch, the smallest gap [m], the normal force [N].
+    """Contacts of every pairing: number, smallest gap [m], normal force [N].
 
     The gap is negative where a vertex lies inside, counted from where it was allowed to lie at the
     start, and NaN where nothing is near. The force is the sum of the sizes of the normal forces of all

@@ -30,7 +30,7 @@ class Fixed:
     axes: tuple[int, ...] = (0, 1, 2)
 
     def held(self, mesh: Mesh) -> Index:
-        """Indices of the held unknowns among 3 n_nodes."""
+        """Indices of the fixed unknowns among 3 n_nodes."""
         nodes = np.asarray(self.nodes, dtype=np.int64)
         if nodes.size and (nodes.min() < 0 or nodes.max() >= mesh.n_nodes):
             raise SceneError(

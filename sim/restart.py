@@ -1,4 +1,4 @@
-"""States with the solver memory that a simulation goes on with, and their files.
+"""States with solver memory for restarts, and their files.
 
 An implicit step is solved to a tolerance, by a factor, secants and guesses that earlier steps have left.
 The state at the end of `sim.simulate` carries them as arrays in its memory: a simulation that goes on
@@ -18,20 +18,20 @@ from sim.integrators.workspace import Workspace
 from sim.state import Array, State
 
 SOLVER = "solver."
-"""Begins the names of solver memory in `State.memory`; what other names hold belongs to terms."""
+"""Prefix of the names of solver memory in `State.memory`; other names belong to terms."""
 _ORIGIN = SOLVER + "origin"
 _KIND = "state of a simulation"
 
 
 def with_solver_memory(state: State, work: Workspace, origin: float) -> State:
-    """The state with all that a solver goes on with, and the time [s] from which steps are counted."""
+    """State with the solver memory, and the time [s] from which steps are counted."""
     kept = {SOLVER + name: array for name, array in work.arrays().items()}
     own = {name: array for name, array in state.memory.items() if not name.startswith(SOLVER)}
     return replace(state, memory={**own, **kept, _ORIGIN: np.array([origin])})
 
 
 def solver_memory(state: State) -> tuple[Mapping[str, Array], float | None]:
-    """Solver memory that a state carries, and the time [s] from which its steps are counted."""
+    """Solver memory of a state, and the time [s] from which its steps are counted."""
     carried = {
         name.removeprefix(SOLVER): array
         for name, array in state.memory.items()
@@ -42,7 +42,7 @@ def solver_memory(state: State) -> tuple[Mapping[str, Array], float | None]:
 
 
 def save_state(state: State, path: str | PathLike[str]) -> None:
-    """Write a state to a netCDF file, every number as it is.
+    """Write a state to a netCDF file, without loss of precision.
 
     Parameters
     ----------

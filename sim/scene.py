@@ -1,4 +1,4 @@
-"""A scene is a sum of parts, declared and frozen; compiling it gives a `sim.system.System`.
+"""Scene: a sum of frozen parts, compiled to a `sim.system.System`.
 
 The contracts that parts fulfil are written here. A new term, damping or reduction is a new class in a
 new file; nothing in the centre changes.
@@ -22,7 +22,7 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Layout:
-    """What a term may know about the scene that it is compiled into.
+    """Properties of the scene that are available to terms on compilation.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class Contribution:
-    """Energy [J] and smallest det F (with its element) that one term reports with its forces."""
+    """Energy [J] and smallest det F (with its element) of one term."""
 
     energy: float
     smallest_J: float = float("inf")
@@ -48,7 +48,7 @@ class Contribution:
 
 
 class CompiledTerm(Protocol):
-    """A term laid out for one scene."""
+    """Compiled term."""
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """F += force [N], shape (n_nodes, 3), at positions q (n_nodes, 3) [m]."""
@@ -60,14 +60,14 @@ class CompiledTerm(Protocol):
 
 
 class Term(Protocol):
-    """A declared source of force."""
+    """Interface of terms, the sources of force."""
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """Node pairs ``a * n_nodes + b``, a <= b, that the stiffness couples (may be empty)."""
         ...
 
     def compile(self, layout: Layout) -> CompiledTerm:
-        """Lay the term out for a scene."""
+        """Compile the term for a scene."""
         ...
 
 
@@ -91,7 +91,7 @@ class HasMuscles(Protocol):
 
 @runtime_checkable
 class HasSparse(Protocol):
-    """A term that couples many nodes by products, and can leave them unassembled."""
+    """Term with low-rank products that can be applied matrix-free."""
 
     def sparse(self) -> Term:
         """Term with the same forces that `HasProduct` when compiled."""
@@ -100,14 +100,14 @@ class HasSparse(Protocol):
 
 @runtime_checkable
 class HasProduct(CompiledTerm, Protocol):
-    """A compiled term of which the stiffness is what `add_tangent` adds, and a product beside it."""
+    """Compiled term whose stiffness is that of `add_tangent` plus a matrix-free product."""
 
     def product(self, q: Array) -> Product:
         """The product at positions q."""
         ...
 
     def add_stand_in(self, q: Array, K: Array) -> None:
-        """K += a stiffness on the pattern near that of the product, which a factor can hold."""
+        """Add an approximation of the product on the pattern, for the preconditioner."""
         ...
 
 
@@ -122,7 +122,7 @@ class Deforms(Protocol):
 
 @runtime_checkable
 class Remembers(Protocol):
-    """A compiled term whose force depends on the past; outside a step it gives its relaxed force."""
+    """History-dependent compiled term, whose force outside a step is the relaxed one."""
 
     def during(self, q: Array, memory: Array | None, h: float) -> "Remembering":
         """Term over one step.
@@ -139,7 +139,7 @@ class Remembers(Protocol):
 
 @runtime_checkable
 class Remembering(CompiledTerm, Protocol):
-    """A term over one step: its forces are those of the step's end."""
+    """Term over one step, with the forces at the end of the step."""
 
     def remember(self, q: Array) -> Array:
         """Memory of a step that ends at positions q, as a new array."""
@@ -148,18 +148,18 @@ class Remembering(CompiledTerm, Protocol):
 
 @runtime_checkable
 class StopsMoves(CompiledTerm, Protocol):
-    """A compiled term of surfaces that never pass through each other."""
+    """Compiled term that also bounds the line-search step (continuous collision detection)."""
 
     def starting(self, state: State, h: float) -> CompiledTerm:
-        """Term over a step of length h [s] from a state, with what it takes from there."""
+        """Term over a step of length h [s] from a state, with the friction at its start."""
         ...
 
     def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
-        """Share of the move from positions q0 to q1, in (0, 1], that passes through nothing."""
+        """Largest fraction in (0, 1] of the displacement from q0 to q1 without intersection."""
         ...
 
     def carried(self, q: Array, t: float, control: Control) -> Array:
-        """Positions q, allowed at time t [s], where a step to the control's time may begin.
+        """Positions q, feasible at time t [s], advected by the shells to the time of the control.
 
         Free nodes that something rigid moves into are taken along.
 
@@ -173,10 +173,10 @@ class StopsMoves(CompiledTerm, Protocol):
 
 @runtime_checkable
 class MeasuresContact(Protocol):
-    """A compiled term that holds surfaces apart, and tells how."""
+    """Compiled contact term that measures its contacts."""
 
     def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:
-        """Number of places that touch, smallest gap [m] (NaN: nothing near) and normal force [N].
+        """Number of contacts, smallest gap [m] (NaN: none) and normal force [N].
 
         Each of shape (n_pairings,).
         """
@@ -192,12 +192,12 @@ class CompiledDamping(Protocol):
 
     @property
     def beta(self) -> float:
-        """Share of the stiffness in it [s]."""
+        """Coefficient of the stiffness [s]."""
         ...
 
     @property
     def rest(self) -> Array | None:
-        """Positions (n_nodes, 3) of a stiffness formed once; None where it is formed anew."""
+        """Positions (n_nodes, 3) of a constant stiffness; None if it is updated."""
         ...
 
     def __call__(self, q: Array, control: Control, K: Array | None = None) -> Array:
@@ -209,7 +209,7 @@ class Damping(Protocol):
     """Damping formed from the assembled mass and stiffness."""
 
     def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
-        """Lay the law out for a scene."""
+        """Compile the law for a scene."""
         ...
 
 
@@ -217,12 +217,12 @@ class Reduction(Protocol):
     """A kinematic condition that removes unknowns."""
 
     def held(self, mesh: Mesh) -> Index:
-        """Indices of the held unknowns among 3 n_nodes."""
+        """Indices of the fixed unknowns among 3 n_nodes."""
         ...
 
 
 class CompiledConstraint(Protocol):
-    """Bilateral conditions c(q) = 0 laid out for one scene.
+    """Compiled bilateral constraints c(q) = 0.
 
     Attributes
     ----------
@@ -243,20 +243,20 @@ class CompiledConstraint(Protocol):
 
 
 class Constraint(Protocol):
-    """Declared conditions that hold exactly, by multipliers."""
+    """Interface of constraints, enforced by multipliers."""
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """Node pairs, as of a term, that the curvature of the condition couples."""
         ...
 
     def compile(self, layout: Layout) -> CompiledConstraint:
-        """Lay the condition out for a scene."""
+        """Compile the constraint for a scene."""
         ...
 
 
 @dataclass(frozen=True, repr=False)
 class Scene(Described):
-    """What is simulated.
+    """Scene to be simulated.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ class Scene(Described):
     constraints: tuple[Constraint, ...] = ()
 
     def facts(self) -> dict[str, str]:
-        """Mesh, terms, held unknowns, damping and conditions."""
+        """Mesh, terms, fixed unknowns, damping and constraints."""
         held = len({int(i) for reduction in self.reductions for i in reduction.held(self.mesh)})
         facts = {
             **self.mesh.facts(),

@@ -1,4 +1,4 @@
-"""The loop: from a compiled scene and an activation to a labelled trajectory."""
+"""Time loop: labelled trajectory of a compiled scene for an activation."""
 
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -149,7 +149,7 @@ def simulate(
 
 @contextmanager
 def _told(unstable: list[float]) -> Generator[None]:
-    """Add to a failure that stability had been lost before it."""
+    """Add an earlier loss of stability to an error message."""
     try:
         yield
     except SimulationError as error:

@@ -1,4 +1,4 @@
-"""Motion that the forces drive on: the sign that an equilibrium has lost its stability."""
+"""Detection of a loss of stability by concave energy along the motion."""
 
 import numpy as np
 
@@ -7,14 +7,14 @@ from sim.system import System
 from sim.vectors import dot, norm
 
 STILL = 1e-7
-"""Largest displacement that tells nothing [m]."""
+"""Displacement below which the test is not applied [m]."""
 
 ROUNDING = 1e-6
-"""Share of the product of displacement and change of force that may be rounding."""
+"""Relative rounding error of the product of displacement and change of force."""
 
 
 def snapped(system: System, before: State, after: State, control: Control) -> bool:
-    """Whether the energy under one control is concave along the way between two states.
+    """Test if the energy for one control is concave between two states.
 
     d . (f(q0) - f(q1)) < 0 with d = q1 - q0 and the forces f of all terms: the mean stiffness along d is
     negative. Small differences then grow, as where a column buckles, and rounding decides where to. The

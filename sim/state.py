@@ -1,4 +1,4 @@
-"""What changes in time: state, control, and the report of a step."""
+"""State, control, and the report of a step."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -20,7 +20,7 @@ def _no_twists() -> Array:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where everything is at one instant.
+    """Pose at one instant.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class State:
-    """Everything needed to go on from here: copied, saved and restarted without asking any object.
+    """Complete state of a simulation, for copies, files and restarts.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class State:
 
 @dataclass(frozen=True)
 class Control:
-    """What drives the scene from outside at one instant.
+    """External inputs of the scene at one instant.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Control:
 
 @dataclass(frozen=True)
 class Line:
-    """The activation over one step as a line; c = (time - t)/h.
+    """Linear activation over one step; c = (time - t)/h.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Line:
     h: float
 
     def at(self, c: float) -> Control:
-        """The control at a place c of the step, in 0-1 but for rounding, which is taken off."""
+        """Control at the position c of the step, limited to 0-1."""
         activation = np.clip(self.mean + (c - 0.5) * self.rise, 0.0, 1.0)
         return Control(activation, self.t + c * self.h)
 
@@ -160,7 +160,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class StepReport:
-    """How one accepted step went.
+    """Report of one accepted step.
 
     Attributes
     ----------

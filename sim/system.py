@@ -1,4 +1,4 @@
-"""The compiled scene: layout, sparsity, mass, and the sums of forces and tangents of all terms."""
+"""Compiled scene: layout, sparsity, mass, and sums of forces and tangents of all terms."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ from sim.state import Array, Control, Evaluation, Pose, State
 
 @dataclass(frozen=True, eq=False, repr=False)
 class System(Described):
-    """A scene ready to be stepped.
+    """Compiled scene.
 
     Attributes
     ----------
@@ -108,17 +108,17 @@ class System(Described):
 
     @cached_property
     def stops(self) -> tuple[StopsMoves, ...]:
-        """Terms that stop moves."""
+        """Terms that limit steps."""
         return tuple(term for term in self.terms if isinstance(term, StopsMoves))
 
     @cached_property
     def contact(self) -> CompiledContact | None:
-        """Contact that integrators hold by its rows."""
+        """Contact by constraints, enforced by integrators."""
         return next((term for term in self.terms if isinstance(term, CompiledContact)), None)
 
     @cached_property
     def apart(self) -> "System | None":
-        """The same without places for the rows of a contact, where they can be solved for apart.
+        """Same system without entries for contact rows, if they can be solved separately.
 
         Not with friction (each row has three directions, and what slides turns), conditions or products.
         """
@@ -133,15 +133,15 @@ class System(Described):
 
     @property
     def holds_at_ends(self) -> bool:
-        """Whether contact or conditions hold at the ends of steps, and nowhere between."""
+        """True if contact or constraints hold only at the ends of steps."""
         return bool(self.stops) or self.contact is not None or self.constraints is not None
 
     def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
-        """Share of the move from q0 to q1, in (0, 1], that no term stops; 1 without such terms."""
+        """Largest fraction in (0, 1] of the displacement from q0 to q1 allowed by all terms."""
         return min((term.largest_step(q0, q1, control) for term in self.stops), default=1.0)
 
     def carried(self, state: State, control: Control) -> Array:
-        """Positions where a step may begin under the control of its end.
+        """Feasible start positions of a step for the control at its end.
 
         Those of the state, unless something rigid moves into them meanwhile.
 
@@ -156,7 +156,7 @@ class System(Described):
         return q
 
     def require_passable(self, integrator: str) -> None:
-        """Refuse terms that stop moves.
+        """Refuse terms that limit steps.
 
         Raises
         ------
@@ -218,16 +218,16 @@ class System(Described):
         return self._damping(q, control, None if self._in_step else K)
 
     def products(self, q: Array) -> tuple[Product, ...]:
-        """What belongs to the stiffness at q besides the values of `tangent`."""
+        """Matrix-free products of the stiffness at q, in addition to `tangent`."""
         return tuple(term.product(q) for term in self.terms if isinstance(term, HasProduct))
 
     @property
     def has_products(self) -> bool:
-        """Whether the stiffness is more than the values of `tangent`."""
+        """True if the stiffness has matrix-free products."""
         return any(isinstance(term, HasProduct) for term in self.terms)
 
     def stand_in(self, q: Array) -> Array:
-        """Values near the products at q, to be added where a factor is made."""
+        """Approximation of the products at q, for the preconditioner."""
         K = np.zeros(self.point_pattern.nnz)
         for term in self.terms:
             if isinstance(term, HasProduct):
@@ -303,7 +303,7 @@ class System(Described):
         return min(found, key=_nan_is_worst, default=(float("inf"), -1))
 
     def control(self, activation: Array, t: float = 0.0) -> Control:
-        """Checked control at a time t [s].
+        """Checked control at time t [s].
 
         Raises
         ------
@@ -341,7 +341,7 @@ def _total(f: Array, parts: list[Contribution]) -> Evaluation:
 
 
 def compile_scene(scene: Scene) -> System:
-    """Unite the parts of a scene: masses, free unknowns, sparsity, muscles.
+    """Combine the parts of a scene: masses, free unknowns, sparsity, muscles.
 
     Raises
     ------
@@ -387,7 +387,7 @@ def compile_scene(scene: Scene) -> System:
 
 
 def _sparse(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:
-    """Compile the scene with every term that can leave products unassembled doing so.
+    """Compile the scene with matrix-free products where possible.
 
     Not with a barrier, which must not be searched twice, nor with conditions, which are solved whole.
     """

@@ -1,4 +1,4 @@
-"""Threads of the element loops and of dense linear algebra; all wait without using a processor.
+"""Threads of the element loops and of dense linear algebra, with passive waiting.
 
 Dense linear algebra has one, so that its sums have one order whatever a machine is set to.
 """
@@ -18,7 +18,7 @@ VARIABLE = "NUMBA_NUM_THREADS"
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Let BLAS and LAPACK of NumPy, SciPy and MKL use one thread while a function runs.
+    """Restrict BLAS and LAPACK of NumPy, SciPy and MKL to one thread during a function.
 
     How they divide a product or a factor depends on their number of threads, and so do its last digits.
     The dense matrices here are small; the elements are summed on all threads (`sim.chunks`).
@@ -42,13 +42,13 @@ class _Threads:
         self._pool: ThreadPoolExecutor | None = None
 
     def pool(self) -> ThreadPoolExecutor:
-        """Threads beside the one that calls."""
+        """Threads other than the calling one."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.count - 1, "elements")
         return self._pool
 
     def forget(self) -> None:
-        """Start anew: another number of threads, or a forked process that has none of them."""
+        """Reset the threads for another number or after a fork."""
         self._pool = None
 
 
@@ -63,7 +63,7 @@ def thread_count() -> int:
 
 
 def set_thread_count(count: int) -> None:
-    """Use this many threads for the element loops from now on; results do not depend on it."""
+    """Set the number of threads of the element loops, which does not affect results."""
     if count < 1:
         raise ValueError(f"the number of threads is {count}, expected at least 1")
     _threads.count = count

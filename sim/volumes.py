@@ -55,7 +55,7 @@ class PointVolumes:
         self._slope = slopes.reshape(-1, LANES)
 
     def evaluate(self, q: Array) -> None:
-        """Fill v, and what `gather` needs, at positions q."""
+        """Compute v, and the data of `gather`, at positions q."""
         for part in self._parts:
             kernel.point_volumes(q, part, self.v, self._n)
 

@@ -78,7 +78,7 @@ def simulate(
     progress: "Show | bool | None" = None,
     **choices: Any,
 ) -> "xr.Dataset":
-    """Move a face by an activation.
+    """Simulate the motion of a face for an activation.
 
     Where an element inverts or a step does not converge, sigma_max is lowered by the rule of the
     parameters ``sigma_max_policy``.

@@ -23,13 +23,13 @@ from emgface.study.variants import check_axes
 File = str | PathLike[str]
 Data = xr.Dataset | File
 Given = StudyConfiguration | Mapping[str, Any] | File | None
-"""A study: its configuration, the content of its file, the file, or None for the defaults."""
+"""Study: configuration, content of its file, path of its file, or None for the defaults."""
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 def study_of(given: Given) -> StudyConfiguration:
-    """Return the configuration that a study file, its content or nothing stands for.
+    """Return the configuration of a study file, of its content, or the default.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def study_of(given: Given) -> StudyConfiguration:
 
 
 def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
-    """Return a dataset of a kind, read from its netCDF file where it is not at hand.
+    """Return a dataset of a kind, read from its netCDF file if a path is passed.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
 
 
 def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Dataset:
-    """Return a recording, read from a file of any known format where it is not at hand.
+    """Return a recording, read from a file of any supported format if a path is passed.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
 
 
 def face_of(given: Data | None, study: StudyConfiguration) -> xr.Dataset:
-    """Return the face that is given, or that of the study.
+    """Return the specified face, or that of the study.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def face_of(given: Data | None, study: StudyConfiguration) -> xr.Dataset:
 
 
 def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:
-    """Return parameters with some of them replaced, tables within tables included.
+    """Return parameters with some of them replaced, including nested tables.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:
 def simulation_of(
     parameters: SimulationParameters, accuracy: str | None, choices: Mapping[str, Any]
 ) -> SimulationParameters:
-    """Return the mechanics with another accuracy and other parameters, where they are given.
+    """Return the simulation parameters with the specified accuracy and parameters.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def simulation_of(
 
 
 def merged(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a nested mapping with the values of another one laid over it."""
+    """Return a nested mapping updated by another one."""
     result = dict(values)
     for name, change in changes.items():
         plain = change.model_dump(exclude_unset=True) if isinstance(change, BaseModel) else change

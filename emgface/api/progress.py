@@ -1,4 +1,4 @@
-"""A line that shows the progress of long work, in a terminal and in a notebook."""
+"""Progress line for long computations, in a terminal and in a notebook."""
 
 import sys
 import time
@@ -9,14 +9,14 @@ from typing import Final
 Show = Callable[[int, int], None]
 
 PATIENCE: Final = 5.0
-"""Seconds after which work counts as long, so that it shows its progress without being asked."""
+"""Time after which the progress is shown by default [s]."""
 PERIOD: Final = 0.5
-"""Seconds between two updates of the line."""
+"""Time between two updates of the line [s]."""
 
 
 @contextmanager
 def shown(progress: Show | bool | None, what: str) -> Iterator["Line"]:
-    """Show the progress of some work until it ends.
+    """Show the progress of a computation until it ends.
 
     Parameters
     ----------
@@ -44,23 +44,23 @@ class Line:
         self._what, self._label, self._done, self._total, self._width = what, "", 0, 0, 0
 
     def show(self, done: int, total: int) -> None:
-        """Report how much is done."""
+        """Set the completed amount."""
         self._done, self._total = done, total
         if self._callback:
             self._callback(done, total)
         self._update()
 
     def begin(self, total: int) -> None:
-        """Report how much there is to do."""
+        """Set the total."""
         self._total = total
 
     def working(self, label: str) -> None:
-        """Report what is being done."""
+        """Set the description."""
         self._label = label
         self._update()
 
     def finished(self, label: str, status: str) -> None:
-        """Count one more as done, and say so where it failed."""
+        """Advance by one, and report a failure."""
         self.show(self._done + 1, self._total)
         if status.startswith("failed"):
             self.message(f"{label}: {status}")

@@ -1,4 +1,4 @@
-"""The face model: geometry, muscles and markers as one labelled dataset.
+"""Face model: geometry, muscles and markers as one labelled dataset.
 
 Called, the package generates or reads a face: `emgface.api.face`.
 """

@@ -1,4 +1,4 @@
-"""Presets of accuracy: points of least run time, chosen by measurement."""
+"""Presets of accuracy, chosen by measured run times."""
 
 import re
 from typing import Any, Final
@@ -35,15 +35,15 @@ CONSTRAINED: Final[dict[str, dict[str, Any]]] = {
     name: values if name == "published" else values | {"solver": "converged"}
     for name, values in PRESETS.items()
 }
-"""The same where contact is held by constraints, which methods of second order do not take."""
+"""The same for contact by constraints, which second-order methods do not support."""
 SET_BY_ACCURACY: Final = ("solver", "step", "iteration_tolerance", "error_tolerance")
-"""Parameters that an accuracy sets where they are not given."""
+"""Parameters set by an accuracy unless they are specified."""
 
 _LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
 
 
 def accuracy_settings(accuracy: str, *, constrained: bool = False) -> dict[str, Any]:
-    """Settings of a preset, or of an error wanted.
+    """Settings of a preset or a desired error.
 
     Parameters
     ----------

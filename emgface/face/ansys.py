@@ -250,6 +250,6 @@ def _reject_repeats(path: Path, ids: NDArray[np.int64], kind: str) -> None:
 
 
 def garbled(path: Path, number: int, line: str, expected: str) -> FaceError:
-    """Make the error of a line that is not what was expected."""
+    """Error for a line with unexpected contents."""
     shown = line if len(line) <= 40 else line[:37] + "..."
     return FaceError(f"{path}, line {number}: found {shown!r}, expected {expected}")

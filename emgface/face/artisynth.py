@@ -74,7 +74,7 @@ def import_artisynth(
     marker_ring_offset: int = 0,
     bones: BoneChoice = "whole",
 ) -> xr.Dataset:
-    """Read the reference face and make a face_model of it.
+    """Read the reference face as a face_model.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def _named(ids: Sequence[int], index: Mapping[int, int], what: str) -> Integers:
 
 
 def _selection(path: Path, index: Mapping[int, int]) -> Integers:
-    """Node indices of a list whose coordinates only repeat those of the mesh."""
+    """Node indices of a list whose coordinates repeat those of the mesh."""
     ids = read_nodes(path).id
     for node in ids:
         if int(node) not in index:
@@ -218,7 +218,7 @@ def _indices(node_id: Integers, index: Mapping[int, int], path: Path) -> Integer
 def _layers(
     connectivity: Integers, inner: Integers, outer: Integers, element_id: Integers, n_nodes: int
 ) -> NDArray[np.int8]:
-    """Inner if an element has nodes of the inner sheet, outer if of the outer, else centre."""
+    """Layer: inner or outer if an element has nodes of that surface, otherwise centre."""
     on_inner, on_outer = np.zeros(n_nodes + 1, dtype=bool), np.zeros(n_nodes + 1, dtype=bool)
     on_inner[inner], on_outer[outer] = True, True
     # Index -1 of wedges picks the last, unused entry.

@@ -33,7 +33,7 @@ _LISTED = re.compile(r"\[?\s*f\s+(\d+)\s+(\d+)\s+(\d+)\s*\]?")
 
 
 def published_bones(files: PublishedFiles, choice: BoneChoice) -> list[Arch]:
-    """Teeth and alveolar processes of maxilla and mandible; none where the files are absent.
+    """Teeth and alveolar processes of maxilla and mandible; none if the files are absent.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def published_bones(files: PublishedFiles, choice: BoneChoice) -> list[Arch]:
 def published_lips(
     files: PublishedFiles, index: Mapping[int, int], position: Floats
 ) -> dict[str, Integers]:
-    """Closed surfaces of the lips over the nodes of the face; none where the files are absent.
+    """Closed surfaces of the lips over the nodes of the face; none if the files are absent.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def published_lips(
 
 
 def read_obj(path: Path) -> tuple[Floats, Integers]:
-    """Vertices (n, 3), as the file has them, and triangles (m, 3), 0-based, of an OBJ file.
+    """Vertices (n, 3) in the unit of the file, and 0-based triangles (m, 3), of an OBJ file.
 
     Raises
     ------

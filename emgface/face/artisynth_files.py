@@ -1,4 +1,4 @@
-"""Where the files of the published reference face lie, and which of them were read."""
+"""Locations of the files of the published reference face, with a record of those read."""
 
 import hashlib
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ _PLACES: Final = (
 
 
 class PublishedFiles:
-    """Finds files of the model in the layouts known, and remembers which were used."""
+    """Locator of the files of the model in the known layouts, with a record of those used."""
 
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():
@@ -31,7 +31,7 @@ class PublishedFiles:
         self._used: dict[str, Path] = {}
 
     def __getitem__(self, name: str) -> Path:
-        """Path of a file that must be there; FaceError with the places searched if it is not."""
+        """Path of a required file; FaceError with the folders searched if it is absent."""
         for place in self._places:
             if (place / name).is_file():
                 self._used[name] = place / name
@@ -43,7 +43,7 @@ class PublishedFiles:
         )
 
     def beside(self, names: Sequence[str]) -> list[Path] | None:
-        """Files that may be absent: all of them, or None where there is none.
+        """Paths of optional files: all of them, or None.
 
         Parameters
         ----------

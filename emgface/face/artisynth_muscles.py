@@ -94,7 +94,7 @@ def bundles_of(
     element_id: Integers,
     radius: float,
 ) -> list[Bundle]:
-    """Elements and directions of every muscle, from a list made by hand where one is given."""
+    """Elements and directions of every muscle, from a manual list if there is one."""
     mirror = _mirror_elements(centres)
     result: list[Bundle] = []
     for muscle in MODELLED:
@@ -115,7 +115,7 @@ def bundles_of(
 
 
 def _hand_made(path: Path, element_id: Integers, mirror: Integers) -> Integers:
-    """Elements of a hand-made set, closed under mirroring."""
+    """Elements of a manual set, completed by mirroring."""
     if path.suffix == ".elem":
         listed = read_elements(path)
         # Contact elements (types above 2) in the same file are not tissue.

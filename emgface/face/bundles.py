@@ -1,4 +1,4 @@
-"""From muscle fibres to muscle elements: membership by radius, directions by interpolation.
+"""Muscle elements of fibres: membership by radius, directions by interpolation.
 
 A fibre is a polyline of points (k, 3) [m]. An element belongs to a muscle if its centre (the mean
 of its nodes at rest) lies nearer than a radius to one of the muscle's segments. Its direction
@@ -25,7 +25,7 @@ from emgface.face.surface import (
 Floats = NDArray[np.float64]
 
 FLAT = 1e-6
-"""Points whose extent across a line or plane is below this share of their length lie in it."""
+"""Relative extent across a line or plane below which points are regarded as lying in it."""
 
 
 def segments(fibres: Sequence[Floats]) -> tuple[Floats, Floats]:
@@ -115,7 +115,7 @@ def fibre_directions(points: Floats, fibres: Sequence[Floats]) -> Floats:
 
 
 def symmetric_directions(points: Floats, fibres: Sequence[Floats]) -> Floats:
-    """As `fibre_directions` for fibres that mirror each other in x = 0, with a mirrored result.
+    """Symmetric `fibre_directions` for fibres that are mirror images in x = 0.
 
     Mirrored midpoints lie four by four on circles, where the tetrahedralisation has more than one
     solution; directions are therefore taken on the side x <= 0 and mirrored to the other.

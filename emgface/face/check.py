@@ -1,4 +1,4 @@
-"""What a face consists of, in numbers: mesh, fixed nodes, layers, quality, muscles."""
+"""Counts and measures of a face: mesh, fixed nodes, layers, quality, muscles."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -30,7 +30,7 @@ MM, MM2, MM3 = 1e3, 1e6, 1e9
 
 @dataclass(frozen=True)
 class FaceReport:
-    """Tables about one face.
+    """Tables of one face.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def face_report(ds: xr.Dataset, *, density: float = DENSITY) -> FaceReport:
 
 
 def sheet_nodes(ds: xr.Dataset, layer: int) -> NDArray[np.int64]:
-    """Nodes that belong to elements of one layer only: of 0 the inner sheet, of 2 the skin."""
+    """Nodes that belong only to elements of one layer: 0 the inner surface, 2 the skin."""
     connectivity = ds["connectivity"].values
     mine = connectivity[ds["layer"].values == layer]
     rest = connectivity[ds["layer"].values != layer]
@@ -173,7 +173,7 @@ def _surface_rows(
 
 
 def _membership(ds: xr.Dataset) -> NDArray[np.int64]:
-    """In how many muscles an element lies; left and right of a muscle count once."""
+    """Number of muscles of each element; left and right of a muscle are counted once."""
     count = np.zeros(ds.sizes["element"], dtype=np.int64)
     names = [str(name) for name in ds["muscle"].values]
     for muscle in dict.fromkeys(name.rpartition("_")[0] for name in names):

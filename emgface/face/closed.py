@@ -1,4 +1,4 @@
-"""Whether triangles close a volume: what contact with an inside and an outside rests on."""
+"""Test for closed surfaces of triangles, as required by contact."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from emgface.face.surface import Floats, Indices
 
 
 def open_edges(triangles: Indices) -> NDArray[np.int64]:
-    """Edges (n, 2) that do not lie between exactly two triangles which run them in opposite senses.
+    """Edges (n, 2) that do not belong to exactly two triangles with opposite orientation.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def open_edges(triangles: Indices) -> NDArray[np.int64]:
 
 
 def check_closed(points: Floats, triangles: Indices, what: str) -> None:
-    """Demand a closed surface of triangles with an area, outward.
+    """Require a closed surface of outward triangles with positive area.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What may touch on a face, as the scene declares it."""
+"""Contact of a face as a part of its scene."""
 
 import numpy as np
 import xarray as xr
@@ -11,7 +11,7 @@ from sim.scene import Term
 
 
 def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pairing, ...]:
-    """Pair the surfaces of a face that may touch.
+    """Return the pairs of surfaces of a face that may touch.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pair
 
 
 def contact_term(face: xr.Dataset, contact: ContactParameters) -> Term:
-    """Contact of a face as a part of its scene; arguments and errors as of `contact_pairings`."""
+    """Contact term of the scene of a face; arguments and errors as in `contact_pairings`."""
     pairings = contact_pairings(face, contact)
     return METHODS[contact.method](pairings, contact)
 

@@ -1,4 +1,4 @@
-"""Whether and how lips touch each other and the teeth."""
+"""Parameters of the contact of lips and teeth."""
 
 from typing import Literal
 
@@ -71,7 +71,7 @@ class ContactParameters(Parameters):
 
     @property
     def told(self) -> str:
-        """What touches what and how, as a phrase for the methods of a manuscript."""
+        """Phrase on the contact for the methods of a manuscript."""
         pairs = {
             "lips": "of the lips with each other",
             "teeth": "of lips and cheeks with the teeth",

@@ -1,4 +1,4 @@
-"""Faces as netCDF files: checked when they are written and when they are read."""
+"""Write and read faces as netCDF files, with checks."""
 
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ from emgface.schema.rules import one_line
 
 
 def save_face(ds: xr.Dataset, path: str | os.PathLike[str]) -> Path:
-    """Check a face and write it as netCDF; an existing file is replaced only when that succeeds.
+    """Check a face and write it as netCDF; an existing file is replaced only on success.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Places on a face found by geometric rule: rings round the mouth, rigid face markers."""
+"""Geometric landmarks of a face: rings around the mouth, rigid face markers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,13 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.integer]
 
 MIDLINE = 5e-5
-"""Nodes nearer than this to x = 0 count as midsagittal [m]."""
+"""Distance from x = 0 below which nodes are regarded as midsagittal [m]."""
 
 
 def ring_of_nodes(
     position: Floats, connectivity: Integers, sheet: Integers, rim_node: int
 ) -> NDArray[np.int64]:
-    """Find the ring round an opening that each node of a sheet lies on.
+    """Number the rings of nodes of a surface around an opening.
 
     Ring 0 is the boundary loop of the sheet that holds `rim_node`; the ring of a node is its edge
     distance from it.
@@ -106,7 +106,7 @@ def shift_rings(
 
 
 def face_markers(position: Floats, fixed: Integers, inner: Integers, outer: Integers) -> Floats:
-    """Six points of skin that move with the skull, for the reference face.
+    """Six points of the skin that move with the skull, for the reference face.
 
     Candidates are skin nodes whose nearest node of the inner sheet is fixed to the skull. In the
     upper half of the face: nasion, the deepest midline candidate; rhinion, the lowest one;

@@ -17,12 +17,12 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SAMPLES = 201
-"""Places across the mouth at which the gap between the lips is taken."""
+"""Number of positions across the mouth at which the gap between the lips is measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class LipRim:
-    """Margins of the lips, where the skin ends at the mouth opening.
+    """Margins of the lips, at which the skin ends at the mouth opening.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class LipRim:
 
 
 def lip_rim(face: xr.Dataset) -> LipRim:
-    """Find the boundary loop of the skin at the mouth and part it at its corners.
+    """Find the boundary loop of the skin at the mouth and divide it at the mouth corners.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def lip_rim(face: xr.Dataset) -> LipRim:
 
 
 def _walk(start: int, neighbours: dict[int, list[int]]) -> Integers:
-    """Nodes of the closed boundary through a node, in order; empty where there is none."""
+    """Nodes of the closed boundary through a node, in order; empty if there is none."""
     loop, before, here = [start], -1, start
     while True:
         if len(neighbours.get(here, [])) != 2:
@@ -112,7 +112,7 @@ def lip_opening(face: xr.Dataset, position: Floats) -> float:
 
 
 def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, float]:
-    """Measure the mouth of a deformed face.
+    """Measure the mouth opening of a deformed face.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Surfaces of the lips and of what lines the mouth, as triangles over the nodes of a face.
+"""Surfaces of the lips and of the lining of the mouth, as triangles over the nodes of a face.
 
 A face may bring closed surfaces of its lips along, as the published one does; for any other they are
 found from its elements. The lips taper towards the corners of the mouth, where their tissue is one.
@@ -21,9 +21,9 @@ from emgface.face.surface import boundary_faces, element_faces, faces_among, tri
 Integers = NDArray[np.int64]
 
 DEPTH: Final = 14e-3
-"""How far the surface of a lip follows the skin from its margin where the face does not tell [m]."""
+"""Default extent of the surface of a lip along the skin from its margin [m]."""
 NEAR_TEETH: Final = 15e-3
-"""Facets nearer than this to a point of an arch may come to touch it [m]."""
+"""Distance from a point of an arch below which facets may touch it [m]."""
 
 
 def lip_surface(face: xr.Dataset, lip: str) -> Integers:
@@ -65,7 +65,7 @@ def lip_surface(face: xr.Dataset, lip: str) -> Integers:
 
 
 def exposed(face: xr.Dataset, surface: Integers) -> NDArray[np.bool_]:
-    """Whether each triangle over the nodes of a face lies on the boundary of its tissue.
+    """Mask of the triangles that lie on the boundary of the tissue of a face.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def lining(face: xr.Dataset) -> Integers:
 
 
 def _without_overlap(parts: list[Integers]) -> Integers:
-    """Join triangulations of one surface; of facets cut along the other diagonal the later stay."""
+    """Combine triangulations of one surface; where diagonals differ, the last one is used."""
     kept: list[Integers] = []
     taken: set[tuple[int, int]] = set()
     for part in reversed(parts):
@@ -194,7 +194,7 @@ def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
 
 
 def _columns(connectivity: Integers, layer: Integers, top: Integers) -> Integers:
-    """Elements beneath elements of the outer layer, layer by layer, themselves included."""
+    """Elements of the outer layer and those beneath them, layer by layer."""
     faces, owner = element_faces(connectivity)
     by_face: dict[tuple[int, ...], list[int]] = {}
     for row, element in zip(faces.tolist(), owner.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""The face model as one labelled Dataset.
+"""Assembly of the face model as one labelled Dataset.
 
 The Dataset holds nodes, elements, fixed nodes, muscle fibres, muscle elements with directions and
 markers, as `data_schema/face_model.json` declares. Every face, imported or generated, is built here.

@@ -1,4 +1,4 @@
-"""Motion of a face: its equilibrium under gravity, and what an activation does to it."""
+"""Equilibrium of a face under gravity, and its motion under an activation."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -52,17 +52,17 @@ Progress = Callable[[int, int], None]
 ConvergedT = TypeVar("ConvergedT", bound=Converged)
 
 SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
-"""Step [s], time between checks [s], longest time [s] and speed [m/s] that counts as rest."""
+"""Step [s], time between checks [s], longest time [s], and speed [m/s] regarded as rest."""
 
 NOT_OF_REST: Final = frozenset(
     {*SET_BY_ACCURACY, "accuracy", "output", "timing", "sigma_max_policy"}
 )
-"""Parameters that the rest of a face does not depend on."""
+"""Parameters that do not affect the equilibrium of a face."""
 
 
 @one_blas_thread
 def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:
-    """Positions of all nodes at rest under gravity and prestress, all muscles silent.
+    """Positions of all nodes at rest under gravity and prestress, without activation.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
 def _settled(
     face: xr.Dataset, parameters: SimulationParameters, system: System, work: Workspace
 ) -> State:
-    """State at rest: the minimum of the energy, or where that is not found, what motion comes to."""
+    """State at rest: the minimum of the energy, or, if it is not found, the limit of a motion."""
     state, silent = system.rest_state(), system.control(np.zeros(len(system.muscles)))
     if parameters.prestress.method == "displaced":
         first = compile_scene(displacement_scene(face, parameters))
@@ -146,7 +146,7 @@ def simulate_face(
     further: tuple[Probe, ...] = (),
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Move a face by an activation.
+    """Simulate the motion of a face for an activation.
 
     Parameters
     ----------
@@ -248,11 +248,11 @@ INTEGRATORS: dict[str, Integrator] = {
 """Integrator by the name of the parameter `solver`."""
 
 RESIDUAL: Final = 20.0
-"""Largest residual force that goes with a tolerance of the positions [N/m]."""
+"""Residual force per tolerance of the positions [N/m]."""
 
 
 def iterated_to(integrator: ConvergedT, tolerance: float) -> ConvergedT:
-    """Return the integrator that leaves this error of a nodal position [m], and the residual with it."""
+    """Return the integrator iterated to this error of a nodal position [m] and its residual."""
     return replace(integrator, tolerance=tolerance, residual_tolerance=RESIDUAL * tolerance)
 
 
@@ -287,7 +287,7 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
 def _control(
     activation: xr.DataArray, system: System, parameters: SimulationParameters
 ) -> tuple[Activation, float, float]:
-    """Activation from time 0, duration [s], and recorded seconds per simulated second [1]."""
+    """Activation from time 0, duration [s], and recorded time per simulated time [1]."""
     given = [str(name) for name in activation["muscle"].values]
     twice = sorted({name for name in given if given.count(name) > 1})
     if twice:

@@ -1,4 +1,4 @@
-"""How strong the muscles of the face are, and how they pull."""
+"""Parameters of the muscles of the face."""
 
 from typing import Final, Literal
 
@@ -11,7 +11,7 @@ SIGMA_MAX: Final = 100e3
 
 
 class SigmaMaxPolicy(Parameters):
-    """What happens to sigma_max when a trial cannot be simulated with it.
+    """Policy of sigma_max for trials that cannot be simulated with it.
 
     The published rule: start high and lower by 10 % each time an element inverts.
     """
@@ -39,7 +39,7 @@ class SigmaMaxPolicy(Parameters):
 
 
 class MuscleParameters(Parameters):
-    """Force of the muscles."""
+    """Parameters of the muscle force."""
 
     sigma_max: float = positive(
         300e3,

@@ -1,11 +1,11 @@
-"""The numerical error of a motion, estimated while it is computed."""
+"""Estimate of the numerical error of a motion."""
 
 import numpy as np
 import xarray as xr
 
 
 def largest_motion(trajectory: xr.Dataset) -> float:
-    """Largest distance of a marker from where it began [m], ``position(marker, axis, time)``."""
+    """Largest distance of a marker from its initial position [m], ``position(marker, axis, time)``."""
     moved = trajectory["position"] - trajectory["position"].isel(time=0)
     return float((moved**2).sum("axis").max() ** 0.5)
 
@@ -13,7 +13,7 @@ def largest_motion(trajectory: xr.Dataset) -> float:
 def numerical_error(
     step_error: xr.DataArray, memory: float, iteration_error: xr.DataArray | None = None
 ) -> xr.DataArray:
-    """Accumulate the errors of the steps, each forgotten as the tissue forgets.
+    """Accumulate the errors of the steps with exponential decay.
 
     e(t + h) = exp(-h/memory) e(t) + error of the step, per marker and axis; to the length of that of the
     steps the same sum of what the iterations left is added.

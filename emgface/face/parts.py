@@ -1,4 +1,4 @@
-"""The parts of a face: what they are called, and how to take them out of the Dataset."""
+"""Names of the parts of a face, and access to them in the Dataset."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -43,7 +43,7 @@ class Bundle:
 
 @dataclass(frozen=True)
 class Arch:
-    """A rigid triangulated surface: bone that carries it, points (n, 3) [m], triangles (m, 3).
+    """Rigid triangulated surface: bone that carries it, points (n, 3) [m], triangles (m, 3).
 
     `bone` is MANDIBLE or SKULL.
     """
@@ -67,7 +67,7 @@ def elements_of(ds: xr.Dataset, muscle: str) -> NDArray[np.integer]:
 
 
 def shares_of(ds: xr.Dataset, muscle: str) -> Floats:
-    """Share of each element of `elements_of` that the muscle fills, shape (k,) [1]."""
+    """Fraction of each element of `elements_of` filled by the muscle, shape (k,) [1]."""
     mine = ds["bundle_muscle"].values == _muscle_index(ds, muscle)
     if "bundle_weight" not in ds:
         return np.ones(int(mine.sum()))
@@ -75,7 +75,7 @@ def shares_of(ds: xr.Dataset, muscle: str) -> Floats:
 
 
 def surface_names(ds: xr.Dataset) -> list[str]:
-    """Names of the parts of the boundary that the face names."""
+    """Names of the parts of the boundary of a face."""
     return [str(name) for name in ds["surface"].values] if "surface" in ds.coords else []
 
 

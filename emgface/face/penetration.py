@@ -1,4 +1,4 @@
-"""How deep surfaces stand in each other, found without the search that contact itself uses."""
+"""Penetration depths of surfaces, computed independently of the contact search."""
 
 from typing import Final
 
@@ -14,9 +14,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MIDDLE: Final = 6e-3
-"""Half of the part of the mouth that counts as its middle [m]."""
+"""Half width of the middle part of the mouth [m]."""
 BAND: Final = 2e-3
-"""Half width of the strip whose nodes stand for a place across the mouth [m]."""
+"""Half width of the strip of nodes that represents a position across the mouth [m]."""
 
 
 def depths(points: Floats, corners: Floats) -> Floats:
@@ -43,7 +43,7 @@ def depths(points: Floats, corners: Floats) -> Floats:
 
 
 class Penetration:
-    """Depth of the lips in each other and of the lining in the teeth of one face.
+    """Depths of the lips in each other and of the lining in the teeth of one face.
 
     Parameters
     ----------
@@ -67,18 +67,18 @@ class Penetration:
         self._rest = self._in_teeth(face["position"].values)
 
     def lips(self, q: Floats) -> float:
-        """Deepest node of either lip within the other, in positions q (nodes, 3) [m]."""
+        """Largest depth of a node of one lip in the other, for positions q (nodes, 3) [m]."""
         return max(
             float(depths(q[self._own[k]], q[self._lips[1 - k]]).max(initial=0.0)) for k in (0, 1)
         )
 
     def teeth(self, q: Floats) -> float:
-        """Deepest node of lips and cheeks within the teeth, beyond where it is at rest [m]."""
+        """Largest depth of a node of lips and cheeks in the teeth, beyond that at rest [m]."""
         found = [now - rest for now, rest in zip(self._in_teeth(q), self._rest, strict=True)]
         return max((float(deeper.max(initial=0.0)) for deeper in found), default=0.0)
 
     def gap(self, q: Floats) -> float:
-        """Widest place between the lips within `MIDDLE` of the midline, in positions q [m].
+        """Largest gap between the lips within `MIDDLE` of the midline, for positions q [m].
 
         At every place from left to right: the smallest distance from a node of the upper lip there to
         the surface of the lower lip; 0 where nodes stand inside it.
@@ -93,7 +93,7 @@ class Penetration:
         return max(float(away[row].min(initial=np.inf)) for row in near if row.any())
 
     def at_rest(self) -> dict[str, tuple[int, float]]:
-        """Number of nodes within each bone at rest, and the deepest [m]."""
+        """Number of nodes within each bone at rest, and their largest depth [m]."""
         names = ["mandible" if arch.bone == MANDIBLE else "maxilla" for arch in self._arches]
         return {
             name: (int((depth > 0.0).sum()), float(depth.max(initial=0.0)))

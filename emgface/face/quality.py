@@ -34,7 +34,7 @@ class ElementQuality:
 
 
 def is_wedge(connectivity: Indices) -> NDArray[np.bool_]:
-    """Which elements are wedges, shape (elements,)."""
+    """Mask of the wedges, shape (elements,)."""
     return np.asarray(connectivity)[:, 6] < 0
 
 
@@ -84,7 +84,7 @@ def _fill(
     at_corners: Floats,
     ideal: float = 1.0,
 ) -> None:
-    """Write the rows of one element type."""
+    """Compute the values of one element type."""
     corners = position[connectivity[chosen, : kind.n_nodes]]
     gauss = np.linalg.det(np.einsum("eni,pnj->epij", corners, kind.dN))
     jacobian = np.einsum("eni,pnj->epij", corners, at_corners)

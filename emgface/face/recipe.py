@@ -1,4 +1,4 @@
-"""From a face model and its parameters to the scene that is simulated."""
+"""Scene of a face model and its parameters."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,15 +51,15 @@ GRAVITY = (0.0, 0.0, -9.8)
 """Acceleration [m/s^2] (Eskes et al. 2017)."""
 
 EMBEDDING_TOLERANCE = 0.02
-"""How far outside an element a fibre point may lie, as a negative shape function [1]."""
+"""Tolerance for fibre points outside an element, as a negative shape function [1]."""
 
 DAMPING = {"current": Rayleigh, "passive": PassiveRayleigh, "rest": RestRayleigh}
-"""Damping law by the stiffness it takes."""
+"""Damping law by its stiffness."""
 
 
 @dataclass(frozen=True)
 class ElementOrder:
-    """How the elements of a face are numbered in the scene: hexahedra first, then wedges.
+    """Numbering of the elements of a face in the scene: hexahedra first, then wedges.
 
     Attributes
     ----------
@@ -149,14 +149,14 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
 
 
 def displacement_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
-    """Scene of the first step of a prestress by displaced nodes: the whole inner sheet is held."""
+    """Scene of the first step of a prestress by displaced nodes, with a fixed inner surface."""
     scene = compose_scene(face, parameters)
     inner = Fixed(sheet_nodes(face, INNER))
     return replace(scene, reductions=(*scene.reductions, inner))
 
 
 def _mesh(face: xr.Dataset, p: SimulationParameters) -> Mesh:
-    """Mesh at rest; for a prestress by displaced nodes the inner sheet is shrunk in it."""
+    """Mesh at rest, with a shrunk inner surface for a prestress by displaced nodes."""
     connectivity = face["connectivity"].values
     wedge = is_wedge(connectivity)
     blocks = {"hex8": connectivity[~wedge], "wedge6": connectivity[wedge, :6]}
@@ -197,14 +197,14 @@ def _tissue(
 
 
 def _without_bulk(material: Material) -> Material:
-    """Leave the volume to a term or a condition of its own."""
+    """Remove the bulk law where a term or a constraint determines the volume."""
     return material if material.bulk is None else replace(material, bulk=QuadraticBulk(0.0))
 
 
 def _kappa(
     materials: tuple[Material, ...], region: NDArray[np.int64] | None
 ) -> float | NDArray[np.float64]:
-    """Bulk modulus of every element, one number where all agree [Pa]."""
+    """Bulk modulus of every element, or one number if all are equal [Pa]."""
     values = np.array([m.kappa for m in materials])
     return float(values[0]) if region is None else values[region]
 
@@ -257,7 +257,7 @@ def _prestretch(
 
 @contextmanager
 def named_elements(face: xr.Dataset) -> Iterator[None]:
-    """Name an inverted element by its id in the face model instead of its place in the scene."""
+    """Replace the index of an inverted element in the scene by its id in the face model."""
     try:
         yield
     except InvertedElement as error:

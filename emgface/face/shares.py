@@ -1,4 +1,4 @@
-"""How much of each element lies within a distance of muscle fibres.
+"""Fraction of each element within a distance from muscle fibres.
 
 Membership by the centre of an element lets a muscle jump from row to row when the mesh is refined.
 The share of its volume does not: the sum of share times volume is that of the tube at any resolution.
@@ -17,7 +17,7 @@ from sim.elements import HEX8
 Floats = NDArray[np.float64]
 
 SPACING: Final = 1e-3
-"""Wanted distance between the sampling points in an element [m]."""
+"""Desired distance between the sampling points in an element [m]."""
 _MOST: Final = 10
 """Largest number of sampling points along an edge."""
 
@@ -30,7 +30,7 @@ def shares_within(
     *,
     spacing: float = SPACING,
 ) -> Floats:
-    """Share of the volume of each hexahedron that lies nearer than a radius to a fibre.
+    """Fraction of the volume of each hexahedron within a radius of a fibre.
 
     The element is divided into cells of about `spacing`, equal in natural coordinates and weighted
     by det J at their centres. A cell of edge c whose centre lies at the distance d counts with

@@ -1,4 +1,4 @@
-"""Every choice of the mechanics of one simulation, with default, unit and source."""
+"""Parameters of the mechanics of a simulation, with default, unit and source."""
 
 from pydantic import Field, model_validator
 
@@ -92,7 +92,7 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         return self
 
     def as_accurate(self, accuracy: str) -> "SimulationParameters":
-        """The same tissue and loads, solved to a preset or an error wanted.
+        """Parameters with the same tissue and loads and another accuracy.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Loss of stability during a motion, and how far rounding then changes it."""
+"""Loss of stability during a motion, and its sensitivity to rounding."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +10,7 @@ import xarray as xr
 from sim import SimulationError, State, System
 
 MOVED: Final = 1e-14
-"""Perturbation of the start that stands for rounding [m]."""
+"""Perturbation of the start that represents rounding [m]."""
 
 NOTICED: Final = 1e-5
 """Change of a marker that is told [m]: what the iteration of a step may leave, a tenth of the error that
@@ -20,7 +20,7 @@ a study asks for."""
 def rounding_sensitivity(
     system: System, start: State, motion: xr.Dataset, again: Callable[[State], xr.Dataset]
 ) -> float:
-    """Largest change of a marker when the start is moved by rounding.
+    """Largest change of a marker position for a start perturbed by rounding.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def rounding_sensitivity(
 
 
 def stability_warning(motion: xr.Dataset) -> str:
-    """Sentence on a motion that depends on rounding, or whose sigma_max was lowered after that.
+    """Warning for a motion that depends on rounding, or whose sigma_max was lowered as a result.
 
     Parameters
     ----------

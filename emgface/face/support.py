@@ -1,4 +1,4 @@
-"""Walls behind the inner sheet of a face, in place of teeth and bone."""
+"""Walls behind the inner surface of a face, which represent teeth and bone."""
 
 from typing import Final
 
@@ -12,11 +12,11 @@ from emgface.face.surface import faces_among
 from sim import Support
 
 WALL: Final = 1000.0
-"""Stiffness of a wall that stands for teeth [N/m]."""
+"""Stiffness of a wall that represents teeth [N/m]."""
 
 
 def inner_support(face: xr.Dataset, stiffness: float) -> Support:
-    """Put a frictionless wall behind every free node of the inner sheet, where the node rests.
+    """Return a frictionless wall behind every free node of the inner surface, at its rest position.
 
     The normal of a wall is the mean normal of the faces of the inner sheet round the node, into the
     tissue. The lips may thus be lifted from the teeth and slide on them, but not enter them.

@@ -1,4 +1,4 @@
-"""Boundary surface of a mesh of hexahedra and wedges, and nearest points on triangles."""
+"""Boundary surface of a mesh of hexahedra and wedges, and closest points on triangles."""
 
 from typing import Final
 
@@ -61,7 +61,7 @@ def boundary_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np
 def faces_among(
     connectivity: Indices, nodes: Indices
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Boundary faces all of whose nodes are among some, such as those of a sheet, and their element."""
+    """Boundary faces whose nodes all belong to a set, and their elements."""
     faces, element = boundary_faces(connectivity)
     inside = np.isin(faces, nodes).all(axis=1)
     return faces[inside], element[inside]
@@ -109,7 +109,7 @@ def face_areas(position: Floats, faces: Indices) -> Floats:
 
 
 def winding_number(points: Floats, corners: Floats) -> Floats:
-    """How often closed, outward triangles wind round each point: 1 inside, 0 outside.
+    """Winding number of closed, outward triangles around each point: 1 inside, 0 outside.
 
     Sum of the signed solid angles over 4 pi, each by the formula of Van Oosterom and Strackee
     (1983).
@@ -139,7 +139,7 @@ def winding_number(points: Floats, corners: Floats) -> Floats:
 
 
 def nearest_on_triangles(point: Floats, corners: Floats) -> tuple[Floats, int, Floats]:
-    """Nearest point of a set of triangles.
+    """Closest points on a set of triangles.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How the motion of the face is solved, and when it is recorded."""
+"""Parameters of the time integration and of the outputs."""
 
 from typing import Any, Literal
 
@@ -9,7 +9,7 @@ from emgface.face.accuracy import PRESETS, accuracy_settings
 
 
 class TimeStepping(Parameters):
-    """Solver, step and accuracy."""
+    """Parameters of solver, step and accuracy."""
 
     accuracy: str | None = choice(
         None,

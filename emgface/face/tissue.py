@@ -1,4 +1,4 @@
-"""Tissues of a face by layer, muscle and element: which law holds where."""
+"""Tissue laws of a face by layer, muscle and element."""
 
 from dataclasses import fields, replace
 from typing import Any, Literal
@@ -38,7 +38,7 @@ LAWS: dict[str, Any] = {
     "linear": LinearElastic,
     "co_rotational": CoRotational,
 }
-"""Laws of passive tissue by the name in a study file."""
+"""Laws of passive tissue, by their name in a study file."""
 
 LAYERS = {"inner": INNER, "centre": CENTRE, "outer": OUTER}
 NOT_MODULI = {"alpha", "poisson"}
@@ -48,7 +48,7 @@ Coefficient = float | tuple[float, ...]
 
 
 class Tissue(Parameters):
-    """Tissue of the elements that meet all given conditions, in place of that of the whole face."""
+    """Tissue of the elements that meet all conditions, which replaces that of the whole face."""
 
     layers: tuple[Literal["inner", "centre", "outer"], ...] = choice(
         (), "Layers of elements; empty: all."
@@ -137,7 +137,7 @@ class Tissue(Parameters):
         return replace(law, **{n: _times(self.stiffness, getattr(law, n)) for n in moduli})
 
     def material(self, bulk: BulkLaw | None, density: float) -> Material:
-        """Material with the bulk law and density of the face where the tissue has no own.
+        """Material, with the bulk law and density of the face unless the tissue has its own.
 
         Parameters
         ----------
@@ -152,12 +152,12 @@ class Tissue(Parameters):
         return Material(law, own, self.density or density, prony)
 
     def stiffened(self, factor: float) -> "Tissue":
-        """Tissue of a person whose tissue is stiffer by a factor, the bulk modulus included."""
+        """Tissue with all moduli, including the bulk modulus, multiplied by a factor."""
         kappa = None if self.kappa is None else factor * self.kappa
         return self.model_copy(update={"stiffness": factor * self.stiffness, "kappa": kappa})
 
     def __str__(self) -> str:
-        """Tell where the tissue is and what it is made of, in words."""
+        """Describe the location and the law of the tissue."""
         told = [f"law {self.passive_law()} (stresses in Pa)"]
         if self.kappa is not None:
             told.append(f"kappa {self.kappa / 1e3:g} kPa")
@@ -177,7 +177,7 @@ class Tissue(Parameters):
         return " within ".join(conditions) or "the whole face"
 
     def chosen(self, face: xr.Dataset) -> NDArray[np.bool_]:
-        """Tell which elements of a face the tissue is of, shape (n_elements,).
+        """Mask of the elements of a face to which the tissue applies, shape (n_elements,).
 
         Raises
         ------
@@ -215,7 +215,7 @@ def _times(factor: float, value: Coefficient) -> Coefficient:
 
 
 def material_axes(face: xr.Dataset) -> NDArray[np.float64]:
-    """Axes of every element in the columns: those of the nearest element of the skin.
+    """Axes of every element in columns, those of the nearest element of the skin.
 
     The first column runs along the tension line, the second across it, the third outwards.
 

@@ -1,4 +1,4 @@
-"""What the passive tissue of the face is made of: its laws, its skin, its damping."""
+"""Parameters of the passive tissue of the face: laws, skin, damping."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from emgface.face.tissue import Tissue
 
 
 class SkinParameters(Parameters):
-    """The outer layer of elements, epidermis and dermis, where it differs from the rest."""
+    """Parameters of the outer layer of elements, epidermis and dermis."""
 
     stiffness: float = positive(
         1.0,

@@ -1,4 +1,4 @@
-"""What makes a face fit for use: its schema, references, elements and muscles."""
+"""Checks of a face: schema, references, elements and muscles."""
 
 import numpy as np
 import xarray as xr
@@ -10,7 +10,7 @@ from emgface.schema.validation import validate
 
 
 def check_face(ds: xr.Dataset) -> xr.Dataset:
-    """Check a face against its schema and against mechanics.
+    """Check a face against its schema and the requirements of the mechanics.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def check_face(ds: xr.Dataset) -> xr.Dataset:
 
 
 def _check_lips(ds: xr.Dataset) -> None:
-    """Refuse lips that are named upside down: their opening would have the wrong sign."""
+    """Refuse exchanged upper and lower lips, whose opening would have the wrong sign."""
     if "lip_opening_node" not in ds:
         return
     nodes = ds["lip_opening_node"].values
@@ -65,7 +65,7 @@ def _check_lips(ds: xr.Dataset) -> None:
 
 
 def _check_indices(ds: xr.Dataset) -> None:
-    """Check references between variables, naming nodes as the source names them."""
+    """Check references between variables, with node ids of the source in messages."""
     needed = ("position", "node_id", "element_id", "connectivity", "marker_node", "bundle_index")
     if any(name not in ds for name in needed):
         return  # The schema names what is absent.

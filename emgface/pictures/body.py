@@ -25,16 +25,16 @@ COLOURS: Final = {
 }
 """Colour of each part, sRGB from 0 to 1."""
 MOUTH: Final = (0.165, 0.062, 0.058)
-"""Of whatever is seen from within."""
+"""Colour of surfaces seen from inside."""
 TEETH: Final = (0.880, 0.860, 0.805)
 GUMS: Final = (0.640, 0.370, 0.365)
 CROWN: Final = 9.5e-3
 """Height of the crowns of the teeth [m]; an arch is drawn as gums beyond it."""
 
 MOST_NODES: Final = 4500
-"""Nodes of the surface that are drawn; more are merged along the shortest edges."""
+"""Largest number of nodes of the surface; more are merged along the shortest edges."""
 ENOUGH: Final = 5000
-"""The surface is refined, twice at most, until it has as many points."""
+"""Number of points up to which the surface is refined, at most twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What is drawn, as it follows from the nodes of a `Skin`.
+    """Drawn surface, as a function of the nodes of a `Skin`.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Body:
     tissue: int
 
     def points(self, position: NDArray[np.floating]) -> Floats:
-        """Places of all points [m], from those of the nodes of the skin (n, 3)."""
+        """Positions of all points [m] from those of the nodes of the skin (n, 3)."""
         moved = follow(self.rules, np.asarray(position, dtype=np.float64))
         return np.concatenate([moved, self.teeth])
 
@@ -95,7 +95,7 @@ class Body:
 
 
 def skin_of(face: xr.Dataset, *, most: int = MOST_NODES) -> Skin:
-    """Find the facets of a face that a look from outside or into the mouth can meet.
+    """Find the facets of a face that are visible from outside or through the mouth.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def skin_of(face: xr.Dataset, *, most: int = MOST_NODES) -> Skin:
 
 
 def skin_faces(face: xr.Dataset) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-    """Boundary faces that a look from outside meets, and those of the skin alone.
+    """Boundary faces visible from outside, and those of the skin.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def skin_faces(face: xr.Dataset) -> tuple[NDArray[np.integer], NDArray[np.intege
 
 
 def body_of(face: xr.Dataset, skin: Skin | None = None) -> Body:
-    """Make what is drawn of a face.
+    """Compute the drawn surface of a face.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def body_of(face: xr.Dataset, skin: Skin | None = None) -> Body:
 
 
 def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) -> Body:
-    """Make what is drawn of the facets of a skin, at `rest` (n, 3) [m], and of dental arches."""
+    """Compute the drawn surface of the facets of a skin, at `rest` (n, 3) [m], and of dental arches."""
     n, facet, part = len(rest), skin.facet, skin.part
     values = np.asarray(rest, dtype=np.float64)
     stages: list[Indices] = []

@@ -1,4 +1,4 @@
-"""Pages with a moving face: what they hold as JSON, and a page of a single motion or face."""
+"""Pages with a moving face: encoding as JSON, and pages of a single motion or face."""
 
 import base64
 import hashlib
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def face_page(face: xr.Dataset) -> str:
-    """Write the page of a face at rest, to be turned; a face_model."""
+    """Write the interactive page of a face_model at rest."""
     skin = skin_of(face)
     rest = face["position"].values[skin.node]
     centre = middle_of(rest)
@@ -218,7 +218,7 @@ def policy(script: str) -> str:
 
 
 def viewer_script() -> str:
-    """Join three.js and the viewer to one module that imports nothing.
+    """Combine three.js and the viewer in one module without imports.
 
     The last statement of a module build exports its names; here they become an object.
     """
@@ -239,7 +239,7 @@ def resource(name: str) -> str:
 
 
 def as_json(value: Any) -> Markup:
-    """JSON to stand in a page."""
+    """JSON that can be embedded in a page."""
     # "<" would let text in the data end the element it stands in.
     text = json.dumps(value, allow_nan=False, separators=(",", ":"), default=dict)
     return Markup(text.replace("<", "\\u003c"))

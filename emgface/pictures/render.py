@@ -21,7 +21,7 @@ VIEWS: Final[Mapping[str, tuple[float, float]]] = {
     "right": (90.0, 0.0),
     "oblique": (-35.0, 5.0),
 }
-"""Yaw and pitch of the camera in degrees: from which side of the subject, and from how far above."""
+"""Yaw and pitch of the camera in degrees, by view."""
 SIDES: Final = ("front", "left", "oblique")
 """The three of them that a picture shows."""
 
@@ -49,7 +49,7 @@ DISPLACEMENT: Final = (
 
 
 class Window(NamedTuple):
-    """Part of the plane of a picture: right and up of its lower left and upper right corner [m]."""
+    """Window in the plane of a picture: lower left and upper right corner [m]."""
 
     left: float
     bottom: float
@@ -70,7 +70,7 @@ def project(points: NDArray[np.floating], view: tuple[float, float]) -> Floats:
 
 
 def window_of(points: NDArray[np.floating], view: tuple[float, float], margin: float) -> Window:
-    """Window that holds points in its middle, and a margin as a share of their extent."""
+    """Window around points, with a margin as a fraction of their extent."""
     flat = project(points, view)[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
     edge = margin * float((high - low).max())
@@ -99,7 +99,7 @@ def render(
     colour: Floats | None = None,
     finer: int = 2,
 ) -> NDArray[np.uint8]:
-    """Draw a body as an orthographic camera sees it.
+    """Draw a body by an orthographic camera.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def nearest(
 
 
 def _twice_the_area(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Negative where corners run counter-clockwise, rows counting downwards."""
+    """Signed area, negative for counter-clockwise corners with rows counted downwards."""
     return (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
 
 

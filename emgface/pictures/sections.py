@@ -1,4 +1,4 @@
-"""Midsagittal sections of a face: lips and teeth as a cut shows them."""
+"""Midsagittal sections of a face with lips and teeth."""
 
 from collections.abc import Mapping
 from pathlib import Path

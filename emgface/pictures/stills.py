@@ -38,7 +38,7 @@ MARKS: Final[Mapping[str, Mapping[str, Any]]] = {
         "markeredgecolor": COLOURS[5], "markeredgewidth": 0.8,
     },
 }  # fmt: skip
-"""How markers of the model and of the recording are drawn, in figures and in the page."""
+"""Symbols of the markers of the model and of the recording, in figures and in the page."""
 MARGIN: Final = 0.028
 """Skin shown round the lips where a picture is of the lips [m]."""
 
@@ -81,7 +81,7 @@ def paint(
 def marks(
     axes: Axes, points: NDArray[np.floating], view: tuple[float, float], **style: Any
 ) -> None:
-    """Draw points [m] into axes of `paint`, but for those on the far side of the head."""
+    """Draw points [m] into axes of `paint`, except those on the far side of the head."""
     seen = project(points, view)
     if abs(view[0]) > 45.0:
         seen = seen[seen[:, 2] >= project(np.zeros((1, 3)), view)[0, 2] - 2e-3]
@@ -273,7 +273,7 @@ def lips_window(markers: NDArray[np.floating], view: tuple[float, float]) -> Win
 
 
 def write_figure(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:
-    """Write a figure; the ending of the path chooses the format.
+    """Write a figure; the suffix of the path determines the format.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The surface of a face as part of a trajectory, so that a motion can be drawn without its face."""
+"""Surface of a face as part of a trajectory, for drawing a motion without its face."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -17,7 +17,7 @@ from sim.state import Control
 Floats = NDArray[np.float64]
 
 FRAMES: Final = 25.0
-"""Frames of a surface per second, about."""
+"""Approximate number of frames of a surface per second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +33,12 @@ class SurfaceProbe:
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Floats, ...]:
-        """Take the positions out of a state."""
+        """Return the positions of a state."""
         return (state.q[self.node],)
 
 
 def frame_stride(output: float) -> int:
-    """Return which of the recorded instants, `output` seconds apart, is a frame: every so many."""
+    """Return the number of outputs of `output` seconds per frame."""
     return max(1, round(1.0 / (FRAMES * output)))
 
 
@@ -77,7 +77,7 @@ def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dat
 
 
 def drawn_surface(trajectory: xr.Dataset) -> tuple[Body, Skin, NDArray[np.floating]]:
-    """Take the surface out of a trajectory.
+    """Return the surface of a trajectory.
 
     Parameters
     ----------

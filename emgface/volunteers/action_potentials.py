@@ -1,4 +1,4 @@
-"""Surface potentials of single motor units, as a pair of electrodes on a face sees them."""
+"""Surface potentials of single motor units at a pair of electrodes on a face."""
 
 import math
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from scipy.ndimage import gaussian_filter1d
 ANISOTROPY: Final = 5.0
 """Conductivity of muscle along its fibres over that across them (Andreassen and Rosenfalck 1981)."""
 LENGTH: Final = 0.032
-"""Seconds that a potential lasts at most."""
+"""Largest duration of a potential [s]."""
 _STEP: Final = 0.25e-3
 """Spacing of the points of a fibre [m]."""
 
 
 @dataclass(frozen=True)
 class FibreGeometry:
-    """The fibres of motor units and the electrodes over them; one entry per unit.
+    """Fibres of motor units and the electrodes over them; one entry per unit.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Cameras that film a simulated volunteer: images of markers, and their positions from the images.
+"""Cameras of a simulated volunteer: images of markers, and triangulation of their positions.
 
 A camera maps a point X in space to pixels by x = K d(R X + t): R and t turn and shift X into the
 frame of the camera, d divides by depth and distorts, K holds focal lengths and principal point.

@@ -1,4 +1,4 @@
-"""What electrodes on a face hear of every muscle through the tissue between.
+"""Transfer of muscle signals through the tissue to electrodes on a face.
 
 Every muscle is one source (the two lips of orbicularis oris are two each). Its potential reaches a
 pair of electrodes low-passed by the way through the tissue and later by the way along the fibres, so
@@ -20,9 +20,9 @@ from emgface.face.surface import boundary_faces, nearest_on_triangles, triangles
 from emgface.muscles import CHANNELS, MODELLED, SIDES
 
 VELOCITY: Final = 3.2
-"""Conduction velocity of muscle fibres [m/s], the middle of 2.4 to 4.0 of the motor units."""
+"""Conduction velocity of muscle fibres [m/s], the mean of 2.4 to 4.0 of the motor units."""
 NEAR: Final = 4e-3
-"""Distance at which the potentials of the motor units are given [m]: the mean depth of their fibres."""
+"""Reference distance of the potentials of the motor units [m], the mean depth of their fibres."""
 ELECTRODES: Final[Mapping[str, tuple[str, float]]] = {
     "OOS": ("OOP", 0.2),
     "OOI": ("OOP", 0.8),
@@ -32,10 +32,10 @@ ELECTRODES: Final[Mapping[str, tuple[str, float]]] = {
     "DAO": ("DAO", 0.5),
     "MEN": ("MEN", 0.5),
 }
-"""Muscle, and place along its first fibre, over which each pair of electrodes lies."""
+"""Muscle, and position along its first fibre, under each pair of electrodes."""
 _STEP: Final = 2.0
 LIPS: Final = {"OOP": ("OOS", "OOI"), "OOM": ("OOS", "OOI")}
-"""Muscles with units of their own in either lip, named by the electrodes there."""
+"""Muscles with separate units in the two lips, by the electrodes of each lip."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Conduction:
-    """Way of every source to every pair of electrodes.
+    """Paths from every source to every pair of electrodes.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Conduction:
 
 
 def face_conduction(face: xr.Dataset) -> Conduction:
-    """Ways of all sources to all electrodes of a face.
+    """Compute the paths from all sources to all electrodes of a face.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def face_conduction(face: xr.Dataset) -> Conduction:
 
 
 def _home(muscle: str) -> str:
-    """Channel whose electrodes lie over a muscle or next to it."""
+    """Channel whose electrodes are over a muscle or next to it."""
     return {"LAO": "LLSAN", "BUC": "RIS", "DLI": "DAO"}.get(muscle, muscle)
 
 
@@ -167,7 +167,7 @@ def _resampled(fibre: np.ndarray, points: int = 61) -> np.ndarray:
 
 
 def _along(place: np.ndarray, fibre: np.ndarray) -> float:
-    """Way from the middle of a fibre to its point nearest to a place [m]."""
+    """Distance along a fibre from its middle to the point closest to a position [m]."""
     nearest = int(np.argmin(np.linalg.norm(fibre - place, axis=1)))
     step = float(np.linalg.norm(fibre[1] - fibre[0]))
     return abs(nearest - (len(fibre) - 1) // 2) * step

@@ -1,4 +1,4 @@
-"""What goes wrong with electrodes: movement artefacts, and contacts that fail."""
+"""Disturbances of electrodes: movement artefacts and failing contacts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,13 +7,13 @@ from typing import Literal
 import numpy as np
 
 RAIL = 6.4e-3
-"""Volts at which the amplifier saturates."""
+"""Saturation voltage of the amplifier [V]."""
 _KINDS: tuple[Literal["lost", "hum", "railed"], ...] = ("lost", "hum", "railed")
 
 
 @dataclass(frozen=True)
 class Failure:
-    """An electrode pair that fails.
+    """Failure of an electrode pair.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ def movement_artefacts(
     amplitude: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Swings of the baseline when the skin moves under an electrode.
+    """Movement artefacts: excursions of the baseline when the skin moves under an electrode.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def movement_artefacts(
 def draw_failures(
     n_channels: int, duration: float, *, probability: float, rng: np.random.Generator
 ) -> list[Failure]:
-    """Draw which electrode pairs fail during a session.
+    """Draw the electrode pairs that fail during a session.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def fail(
     mains_frequency: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Let electrode pairs fail.
+    """Apply failures of electrode pairs.
 
     Parameters
     ----------

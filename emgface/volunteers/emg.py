@@ -20,7 +20,7 @@ from emgface.volunteers.conduction import ELECTRODES, Conduction
 from emgface.volunteers.motor_units import Pools, draw_pool, pool_signal
 
 BAND: Final = (15.0, 500.0)
-"""Hertz; nothing is synthesised outside the recording band of the study."""
+"""Band of the synthesised EMG [Hz], the recording band of the study."""
 
 PICKUP: Final[Mapping[str, Mapping[str, float]]] = {
     "OOS": {"OOP": 0.8, "OOM": 1.0},
@@ -31,7 +31,7 @@ PICKUP: Final[Mapping[str, Mapping[str, float]]] = {
     "DAO": {"DAO": 0.8, "DLI": 0.2 / 0.75},
     "MEN": {"MEN": 1.0},
 }
-"""What the electrode pair over a muscle hears of the ten muscles of its side.
+"""Pick-up of the ten muscles of a side by the electrode pair over a muscle.
 
 With the mapping M of Eqs 2-6 (ten muscles from seven channels) this pick-up P is a generalised
 inverse, M P M = M: activations that obey the mapping are drive that the mapping returns exactly.
@@ -67,7 +67,7 @@ def power_spectrum(frequency: np.ndarray, *, low: float = 60.0, high: float = 12
 def band_limited_noise(
     n_signals: int, n_samples: int, sampling_rate: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Gaussian noise of unit variance with `power_spectrum` within `BAND` and nothing outside.
+    """Gaussian noise of unit variance with `power_spectrum` within `BAND`.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def synthesise_emg(
 
 
 def draw_pools(rng: np.random.Generator, sampling_rate: float = 2048.0) -> Pools:
-    """Draw the motor units that the fourteen electrode pairs of a person see.
+    """Draw the motor units within reach of the fourteen electrode pairs of a person.
 
     Each muscle under a pair, see `PICKUP`, has a pool of its own there: upper and lower lip are
     driven by different units of the orbicularis oris. The buccinator, which lies under no pair and is
@@ -247,7 +247,7 @@ def draw_pools(rng: np.random.Generator, sampling_rate: float = 2048.0) -> Pools
 
 
 def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Sum of the units under each pair, shape (14, samples), 1 at full activation."""
+    """Sum of the units at each pair, shape (14, samples), 1 at full activation."""
     weight = pickup_matrix()
     source = np.zeros((len(CHANNELS), activation.shape[1]))
     for (channel, muscle), pool in pools.items():
@@ -260,7 +260,7 @@ def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator
 
 
 _ROOM = 0.1
-"""Seconds of silence that are added before filtering, so that nothing comes round."""
+"""Duration of the zero padding before filtering, which avoids wrap-around [s]."""
 
 
 def _conducted(

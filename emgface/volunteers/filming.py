@@ -1,4 +1,4 @@
-"""Marker tracks as three calibrated cameras deliver them."""
+"""Marker tracks of three calibrated cameras."""
 
 import numpy as np
 import xarray as xr
@@ -10,17 +10,17 @@ FOCAL = 2000.0
 IMAGE = (1280.0, 1024.0)
 """Width and height of an image [pixel]."""
 DISTANCE = 0.9
-"""Of the cameras from the mouth [m]."""
+"""Distance of the cameras from the mouth [m]."""
 DIRECTIONS = (-35.0, 0.0, 35.0)
 """Angles of the cameras from straight ahead, seen from above [degree]."""
 RAISED = (0.12, -0.10, 0.12)
 """Heights of the cameras above the mouth [m]."""
 SHORTEST, LONGEST = 0.02, 0.08
-"""Seconds for which a marker is lost."""
+"""Range of the duration of a marker loss [s]."""
 
 
 def three_cameras(mouth: np.ndarray) -> list[Camera]:
-    """Place three cameras before a face.
+    """Return three cameras in front of a face.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def three_cameras(mouth: np.ndarray) -> list[Camera]:
 
 
 def film(position: xr.DataArray, *, pixel_noise: float, rng: np.random.Generator) -> xr.DataArray:
-    """See markers with three cameras and triangulate what they see.
+    """Project markers into three cameras and triangulate them.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def film(position: xr.DataArray, *, pixel_noise: float, rng: np.random.Generator
 
 
 def occlude(position: xr.DataArray, *, rate: float, rng: np.random.Generator) -> xr.DataArray:
-    """Lose markers for moments.
+    """Remove markers for short intervals.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from emgface.muscles import INSTRUCTIONS, MUSCLES
 from emgface.volunteers.recruitment import Recruitment
 
 TRIAL_DURATION: Final = 1.8
-"""Seconds of one trial: 160 steps of 10 ms and half a 200 ms window at either end."""
+"""Duration of one trial [s]: 160 steps of 10 ms and half a window of 200 ms at each end."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ PHASES: Final[Mapping[str, tuple[Phase, ...]]] = {
 
 @dataclass(frozen=True)
 class Timing:
-    """How one repetition differs from the table of phases.
+    """Deviation of one repetition from the table of phases.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Timing:
 
 
 def strongest_muscle(instruction: str) -> str:
-    """Muscle of the highest level of an instruction, the first of equals."""
+    """Muscle with the highest level of an instruction, the first if several are equal."""
     highest: dict[str, float] = {}
     for phase in PHASES[instruction]:
         for muscle, level in phase.levels.items():
@@ -118,7 +118,7 @@ def strongest_muscle(instruction: str) -> str:
 def draw_timing(
     rng: np.random.Generator, *, speed: float = 1.0, variability: float = 1.0
 ) -> Timing:
-    """Draw a repetition.
+    """Draw the deviations of a repetition.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Marker tracks as a camera would see them: lip motion, a moving head, measurement noise."""
+"""Marker tracks in the camera frame: lip motion, head motion, measurement noise."""
 
 import numpy as np
 import xarray as xr

@@ -1,4 +1,4 @@
-"""What a person's mismatch with the assumptions of a study is, drawn for a world."""
+"""Mismatch between a person and the assumptions of a study, drawn for a world."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -14,13 +14,13 @@ from emgface.volunteers.recruitment import Recruitment, draw_recruitment
 from emgface.volunteers.world import World
 
 _STREAMS: Final = {"strength": 20, "delay": 21, "snr": 22, "recruitment": 30}
-"""Streams of random numbers of their own, so that a kind that is switched on changes no other."""
+"""Separate random streams, so that one kind of mismatch does not affect the others."""
 _TRUNCATION: Final = 2.0
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """One person's mismatch.
+    """Mismatch of one person.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Mismatch:
         return asdict(self)
 
     def driven(self, activation: xr.DataArray) -> xr.DataArray:
-        """Activation times strength over the greatest strength [1], which drives the face."""
+        """Activation times relative strength [1], which drives the face."""
         if self.strongest == 1.0:
             return activation
         factor = [self.strength[str(muscle)] for muscle in activation["muscle"].values]
@@ -52,7 +52,7 @@ class Mismatch:
 
     @property
     def strongest(self) -> float:
-        """Greatest strength, which sigma_max takes on [1]."""
+        """Largest strength, which is a factor on sigma_max [1]."""
         return max(self.strength.values())
 
 

@@ -1,4 +1,4 @@
-"""Motor units under the electrodes: who is recruited when, how fast it fires, what is seen."""
+"""Motor units under the electrodes: recruitment, firing rates and recorded signals."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,28 +12,28 @@ from emgface.volunteers.action_potentials import action_potentials, draw_geometr
 UNITS: Final = 100
 """Motor units within reach of one electrode pair."""
 RECRUITMENT_RANGE: Final = 30.0
-"""Largest over smallest recruitment threshold."""
+"""Ratio of the largest to the smallest recruitment threshold."""
 SIZE_RANGE: Final = 10.0
-"""Largest over smallest action potential: motor units of the face are small and alike."""
+"""Ratio of the largest to the smallest action potential, small for facial muscles."""
 LOWEST_RATE: Final = 8.0
-"""Discharges per second at recruitment."""
+"""Firing rate at recruitment [1/s]."""
 HIGHEST_RATE: Final = 40.0
-"""Discharges per second of the first unit at most."""
+"""Largest firing rate of the first unit [1/s]."""
 RATE_DIFFERENCE: Final = 10.0
-"""Discharges per second by which the highest rate of the last unit is lower."""
+"""Decrease of the largest firing rate from the first to the last unit [1/s]."""
 RATE_GAIN: Final = 1.0
-"""Discharges per second for each unit of excitation."""
+"""Increase of the firing rate per unit of excitation [1/s]."""
 INTERVAL_VARIATION: Final = 0.2
-"""Standard deviation of the intervals over their mean."""
+"""Coefficient of variation of the intervals between discharges."""
 PHASES: Final = 4
-"""Places between two samples at which a potential may begin."""
+"""Number of positions between two samples at which a potential may begin."""
 BAND: Final = (15.0, 500.0)
 """Pass-band of the amplifier [Hz]."""
 
 
 @dataclass(frozen=True)
 class MotorUnitPool:
-    """The motor units of one muscle that one electrode pair sees.
+    """Motor units of one muscle within reach of one electrode pair.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class MotorUnitPool:
     lead: int
 
     def rates(self, activation: np.ndarray) -> np.ndarray:
-        """Discharges per second of every unit.
+        """Firing rate of every unit [1/s].
 
         Parameters
         ----------

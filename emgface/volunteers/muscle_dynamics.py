@@ -1,4 +1,4 @@
-"""From the excitation that surface EMG shows to the activation that makes force.
+"""Activation dynamics between excitation and force.
 
 A muscle answers later (electromechanical delay) and more slowly (activation dynamics) than its EMG.
 """
@@ -13,7 +13,7 @@ _SUBSTEPS = 4
 def activation_of_excitation(
     excitation: xr.DataArray, *, delay: float, activation_time: float, deactivation_time: float
 ) -> xr.DataArray:
-    """Delay an excitation and pass it through activation dynamics of first order.
+    """Delay an excitation and apply first-order activation dynamics.
 
     ``da/dt = (u(t - d) - a) / T``, with ``T = T_act (0.5 + 1.5 a)`` where u > a and
     ``T = T_deact / (0.5 + 1.5 a)`` where u < a; a = u at the first sample.
@@ -65,7 +65,7 @@ def _first_order(u: np.ndarray, period: float, rise: float, fall: float) -> np.n
 
 
 def _decay(a: np.ndarray, target: np.ndarray, h: float, rise: float, fall: float) -> np.ndarray:
-    """Share of the distance to the target that is left after a time h."""
+    """Fraction of the distance to the target that remains after a time h."""
     slower = 0.5 + 1.5 * a
     constant = np.where(target > a, rise * slower, fall / slower)
     with np.errstate(divide="ignore"):

@@ -1,4 +1,4 @@
-"""Signal-to-noise ratio of recorded EMG, and the noise that gives a wanted one."""
+"""Signal-to-noise ratio of EMG, and noise for a given ratio."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -90,7 +90,7 @@ def noise_for(
     sampling_rate: float,
     runs: int = 1,
 ) -> np.ndarray:
-    """White noise that gives every channel its signal-to-noise ratio.
+    """White noise for the signal-to-noise ratio of every channel.
 
     ``P_noise = P_clean / (10^(snr/10) - 1)`` in the pass-band, since what is measured while active
     is signal and noise; hum counts as noise.

@@ -1,4 +1,4 @@
-"""What distinguishes one simulated volunteer from the next, drawn from stated distributions."""
+"""Individual properties of simulated volunteers, drawn from stated distributions."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -13,7 +13,7 @@ from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
 
 @dataclass(frozen=True)
 class SimulatedVolunteer:
-    """A person of the simulated set.
+    """Properties of a simulated person.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class SimulatedVolunteer:
 
     @property
     def efforts(self) -> dict[str, float]:
-        """Factor on the activation of each muscle, the asymmetry of the sides included."""
+        """Factor on the activation of each muscle, including the asymmetry of the sides."""
         half = {"L": np.exp(0.5 * self.asymmetry), "R": np.exp(-0.5 * self.asymmetry)}
         return {muscle: float(level * half[muscle[-1]]) for muscle, level in self.levels.items()}
 

@@ -1,4 +1,4 @@
-"""How one person carries out an instruction with other muscles than the relevance table lists."""
+"""Individual recruitment of muscles in an instruction, different from the relevance table."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from emgface.muscles import MODELLED, RELEVANT
 from emgface.volunteers.world import World
 
 LEFT_OVER: Final = 0.2
-"""Share of its level that a muscle keeps which a person leaves out."""
+"""Fraction of the level of a muscle that a person omits."""
 _MOST_SHIFT: Final = 2.0
-"""Standard deviations at which the onset of a muscle is cut off."""
+"""Truncation of the onset of a muscle, in standard deviations."""
 
 
 @dataclass(frozen=True)
 class Recruitment:
-    """One person's way of carrying out one instruction.
+    """Recruitment of one person in one instruction.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Recruitment:
 def draw_recruitment(
     instruction: str, strongest: str, world: World, rng: np.random.Generator
 ) -> Recruitment | None:
-    """Draw a person's way of carrying out an instruction.
+    """Draw the recruitment of a person in an instruction.
 
     Parameters
     ----------

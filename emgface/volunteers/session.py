@@ -1,4 +1,4 @@
-"""One session of a simulated volunteer: repetitions of an instruction, with rests between them."""
+"""Session of a simulated volunteer: repetitions of an instruction, with rests."""
 
 import json
 import math
@@ -23,17 +23,17 @@ from emgface.volunteers.person import SimulatedVolunteer
 from emgface.volunteers.settings import VolunteerParameters
 
 TAIL = 0.5
-"""Seconds after a trial for which the motion is simulated; it is at rest to a micrometre then."""
+"""Simulated time after a trial [s], after which the face is at rest to a micrometre."""
 _RUNS = 3
-"""Times that each movement is heard to know the power of its EMG."""
+"""Number of realisations of the EMG of each movement for an estimate of its power."""
 _GRID = 0.25
-"""Trials begin on this grid [s], where samples of EMG (2048 Hz) and frames (100 Hz) coincide."""
+"""Grid of the start times of trials [s], at which samples (2048 Hz) and frames (100 Hz) coincide."""
 
 
 def trial_excitation(
     person: SimulatedVolunteer, instruction: str, repetition: int, settings: VolunteerParameters
 ) -> xr.DataArray:
-    """Excitation of one repetition, which the EMG shows, and the rest after it.
+    """Excitation of one repetition, which generates the EMG, and the rest after it.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def trial_excitation(
 def trial_activation(
     person: SimulatedVolunteer, instruction: str, repetition: int, settings: VolunteerParameters
 ) -> xr.DataArray:
-    """Activation of one repetition, which makes force: that of `trial_excitation` in the matched world.
+    """Activation of one repetition, equal to `trial_excitation` in the matched world.
 
     Arguments and result as of `trial_excitation`; see
     `emgface.volunteers.muscle_dynamics.activation_of_excitation`.
@@ -87,7 +87,7 @@ def amplifier_noise(
     pools: Pools | None,
     conduction: Conduction | None,
 ) -> np.ndarray:
-    """White noise of every channel: the person's, or what gives the world's signal-to-noise ratio.
+    """White noise of every channel: that of the person, or for the ratio of the world.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def amplifier_noise(
 def session_events(
     instruction: str, repetitions: int, settings: VolunteerParameters
 ) -> pd.DataFrame:
-    """When the repetitions of a session are.
+    """Times of the repetitions of a session.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def simulate_session(
     conduction: Conduction | None = None,
     noise: np.ndarray | None = None,
 ) -> xr.Dataset:
-    """Record a whole session: rest, repetition, rest, and so on.
+    """Simulate a whole session of alternating rests and repetitions.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ def _joined_activation(
 def _joined_motion(
     motions: Sequence[xr.Dataset], onsets: Sequence[float], end: float
 ) -> xr.DataArray:
-    """Motions one after the other; the lips rest where one ended, until the next begins."""
+    """Concatenate motions; the lips remain at the end of one until the next begins."""
     parts = [
         motion["position"].assign_coords(time=onset + motion["time"].values)
         for motion, onset in zip(motions, onsets, strict=True)

@@ -1,4 +1,4 @@
-"""How a set of simulated volunteers is made, as named choices."""
+"""Parameters of simulated volunteers."""
 
 from typing import Literal
 
@@ -13,7 +13,7 @@ VAN_BOXTEL = "van Boxtel 2001, Psychophysiology 38:22-34"
 
 
 class VolunteerParameters(Parameters):
-    """Faces, sessions, electrodes and cameras of a set of simulated volunteers."""
+    """Parameters of faces, sessions, electrodes and cameras of simulated volunteers."""
 
     world: World = Field(
         default=MISMATCHED,

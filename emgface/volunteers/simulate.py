@@ -1,4 +1,4 @@
-"""Recordings of simulated volunteers: each has a face of its own, moved by known activations."""
+"""Recordings of simulated volunteers with individual faces and known activations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -140,7 +140,7 @@ def make_volunteers(
 
 
 def other_resolution(resolution: str | int, factor: float) -> str | int:
-    """Resolution with another number of elements, the same where the factor is 1."""
+    """Resolution with the number of elements multiplied by a factor."""
     if factor == 1.0:
         return resolution
     grid = make_grid(resolution)
@@ -153,7 +153,7 @@ _Place = tuple[int, str]
 
 @dataclass(frozen=True)
 class _Setup:
-    """What all recordings of a set share."""
+    """Data common to all recordings of a set."""
 
     face: xr.Dataset | None
     out: Path
@@ -166,7 +166,7 @@ class _Setup:
 
 @dataclass(frozen=True)
 class _Subject:
-    """A person with a face and motor units of their own."""
+    """Person with an individual face and motor units."""
 
     person: SimulatedVolunteer
     mover: "_Mover"
@@ -177,7 +177,7 @@ class _Subject:
 
 
 class _Recorder:
-    """Makes recordings, each person's face being made and settled once."""
+    """Simulator of recordings, which builds and settles the face of each person once."""
 
     def __init__(self, setup: _Setup, observer: Observer) -> None:
         self._setup, self._observer = setup, observer
@@ -255,19 +255,19 @@ class _Recorder:
 
 
 class _Notes(Silent):
-    """Keeps what a worker process has to say until its job is done."""
+    """Observer that collects the messages of a worker process."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
 
     def message(self, text: str) -> None:
-        """Keep a sentence."""
+        """Store a message."""
         self.texts.append(text)
 
 
 _recorder: _Recorder | None = None
 _notes = _Notes()
-"""The recorder of a worker process, and what it has to say."""
+"""Recorder of a worker process, and its messages."""
 
 
 def _begin(setup: _Setup) -> None:
@@ -283,7 +283,7 @@ def _work(place: _Place) -> tuple[list[Path], list[str]]:
 
 
 class _Mover:
-    """Moves one person's face, keeping each motion in the store."""
+    """Simulator of the motions of one face, which are kept in the store."""
 
     def __init__(
         self, store: Store, face: xr.Dataset, parameters: SimulationParameters, observer: Observer

@@ -1,4 +1,4 @@
-"""Worlds: in which ways simulated volunteers differ from what a study assumes of them.
+"""Worlds: differences between simulated volunteers and the assumptions of a study.
 
 In the *matched* world a volunteer obeys the assumptions of the study: the same kind of mesh and laws,
 the muscles of the template, force without delay, bursts of the relevance table, electrodes that the
@@ -26,7 +26,7 @@ Range = tuple[float, float]
 
 
 class World(Parameters):
-    """How simulated volunteers differ from what a study assumes; neutral values switch a kind off."""
+    """Differences between simulated volunteers and the assumptions of a study, by kind."""
 
     elements: float = parameter(
         1.5,
@@ -180,7 +180,7 @@ class World(Parameters):
 
     @property
     def label(self) -> str:
-        """Name for files and titles: "matched world", "mismatched world" or what is mismatched."""
+        """Label for files and titles: "matched world", "mismatched world" or the kinds of mismatch."""
         on = self.kinds
         if not on:
             return "matched world"
@@ -214,7 +214,7 @@ MISMATCHED: Final = World()
 
 
 def world_of(name: str) -> World:
-    """World of a name.
+    """World with a given name.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Simulated recordings as a BIDS dataset, with the truth beside it."""
+"""Write simulated recordings as a BIDS dataset, with their true activations."""
 
 import json
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ from emgface.schema.netcdf import write_netcdf
 
 
 def write_truth(recording: xr.Dataset, path: Path) -> Path:
-    """Write the activation that produced a simulated recording as an activation of its own.
+    """Write the true activation of a simulated recording as an activation file.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def write_truth(recording: xr.Dataset, path: Path) -> Path:
 
 
 def write_session(session: xr.Dataset, events: pd.DataFrame, folder: Path) -> Path:
-    """Write a session uncut, with a table of its events beside it.
+    """Write an uncut session, with a table of its events.
 
     Parameters
     ----------

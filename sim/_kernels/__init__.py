@@ -1,4 +1,4 @@
-"""All numba code of the mechanics, compiled once into a cache of its own.
+"""Numba code of the mechanics, with a separate cache.
 
 A kernel takes contiguous arrays and scalars, writes into buffers of the caller, knows no classes and
 reports trouble by value; the Python around it raises.

@@ -1,4 +1,4 @@
-"""Nearest points of the pairs of a barrier."""
+"""Closest points of the pairs of a barrier."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept, and why they can never be stale.
+"""Cache of compiled kernels, named by a digest of their sources.
 
 numba keys its cache by the file of the kernel alone, so editing a law in another file would go on
 returning the old numbers. The folder is therefore named by a digest of all kernel sources together
@@ -26,7 +26,7 @@ class KernelCacheWarning(UserWarning):
 
 
 def cache_root() -> Path:
-    """Folder of everything that can be computed again: EMGFACE_CACHE, else the user's cache."""
+    """Cache folder: EMGFACE_CACHE, or the user's cache folder."""
     named = os.environ.get("EMGFACE_CACHE")
     return Path(named) if named else Path(platformdirs.user_cache_dir("emgface", appauthor=False))
 
@@ -67,7 +67,7 @@ def cache_folder(sources: Path) -> Path:
 
 @contextmanager
 def kernel_cache(sources: Path) -> Generator[None]:
-    """Let the kernels decorated inside the block be cached under the digest of their sources.
+    """Cache the kernels decorated inside the block under the digest of their sources.
 
     Parameters
     ----------
@@ -84,6 +84,6 @@ def kernel_cache(sources: Path) -> Generator[None]:
 
 
 def kernels_are_compiled(sources: Path = Path(__file__).parent) -> bool:
-    """Whether an earlier process left compiled kernels for these very sources."""
+    """Test if compiled kernels of these sources exist."""
     folder = cache_root() / "kernels" / source_digest(sources)
     return any(folder.glob("**/*.nbc"))

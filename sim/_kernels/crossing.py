@@ -1,4 +1,4 @@
-"""Points that enter faces on straight ways within a step.
+"""Points that enter faces on straight paths within a step.
 
 The broad phase is the grid of `nearest_faces`, over the boxes of the ways.
 """
@@ -117,7 +117,7 @@ def entries(
     when: Reals,
     weight: Reals,
 ) -> int:
-    """First face that every point enters through its front on straight ways; -1 where there is none.
+    """First face that every point enters through its front on a straight path; -1 if none.
 
     grid: of the boxes of the ways of the faces. Returns the number of pairs looked at.
     """
@@ -161,7 +161,7 @@ def as_early(
     weight: Reals,
     value: Reals,
 ) -> int:
-    """Number of further faces that points enter together with the first ones, but for a slack.
+    """Number of further faces that points enter together with the first ones, within a tolerance.
 
     Arguments as of `sim._kernels.nearest_faces.as_near`, with shares of the way for distances.
     """

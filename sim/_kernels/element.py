@@ -1,4 +1,4 @@
-"""What every element loop does: deformation at the points, sums over the points.
+"""Operations common to element loops: deformation at the points, sums over the points.
 
 With the natural derivatives d_a = dN_a/dxi, the material ones are g_a = A' d_a with A = (dX/dxi)^-1, so
 that a stress P and moduli A_ij (3 x 3 for every pair of axes) act at the nodes as
@@ -59,7 +59,7 @@ class Part(NamedTuple):
 
 @inner
 def gather(q, nodes, e, x):
-    """Positions x (8, 3) of the nodes of element e, seen from its first one, which spares rounding."""
+    """Positions x (8, 3) of the nodes of element e relative to its first one, to reduce rounding."""
     first = nodes[e, 0]
     for a in range(NODES):
         for i in range(3):

@@ -1,4 +1,4 @@
-"""Boxes of faces in the cells of a grid: a search looks only at those of the cells that it reaches."""
+"""Boxes of faces in the cells of a grid, for searches in neighbouring cells."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -14,13 +14,13 @@ Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ROUNDING = 1e-12
-"""Share of the largest coordinate by which boxes are wider, so that rounding hides nothing."""
+"""Relative enlargement of boxes, to account for rounding."""
 
 PER_EDGE = 4.0
-"""Cells that the widest box may reach along an axis, about."""
+"""Approximate largest number of cells of a box along an axis."""
 
 CELLS = 8
-"""Cells per face at most, about."""
+"""Approximate largest number of cells per face."""
 
 
 class Grid(NamedTuple):
@@ -49,7 +49,7 @@ class Grid(NamedTuple):
 
 @inner
 def cell(value, corner, edge, n):
-    """Cell of a coordinate, the outermost for one beyond; the first for what is no number."""
+    """Cell of a coordinate, clamped to the grid; the first cell for NaN."""
     k = (value - corner) / edge
     if not k >= 1.0:
         return 0
@@ -58,7 +58,7 @@ def cell(value, corner, edge, n):
 
 @kernel
 def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
-    """Grid over the boxes of the ways of triangles, all m > 0, from positions x0 to x1."""
+    """Grid over the boxes of the paths of triangles, m > 0, from positions x0 to x1."""
     m = len(triangles)
     low, high = np.full((m, 3), np.inf), np.full((m, 3), -np.inf)
     corner, top = np.full(3, np.inf), np.full(3, -np.inf)
@@ -121,7 +121,7 @@ def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
 
 @inner
 def boxes_near(grid, low, high, first, last, found):
-    """Number of boxes that meet the box from low to high (3,), each once; which they are in `found`.
+    """Number of boxes that intersect the box from low to high (3,); their indices in `found`.
 
     first, last: (3,) room for cells.
     """
@@ -151,7 +151,7 @@ def boxes_near(grid, low, high, first, last, found):
 
 @inner
 def apart(low, high, box_low, box_high):
-    """Whether two boxes have nothing in common."""
+    """Test if two boxes are disjoint."""
     for j in range(3):
         if high[j] < box_low[j] or low[j] > box_high[j]:
             return True

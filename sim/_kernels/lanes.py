@@ -1,4 +1,4 @@
-"""Eight numbers at once: a vector type for kernels, so that they use vector instructions for certain.
+"""Vector type of eight numbers, which guarantees vector instructions in kernels.
 
 The eight quadrature points of an element, or its eight nodes, stand side by side in the rows of an
 array. The compiler can seldom prove that arrays are distinct, and leaves loops over them as they are; a
@@ -42,13 +42,13 @@ _FIRST = {"target": "cpu"}
 
 
 class LanesType(types.Type):
-    """Type of eight float64 that are computed with together; a number becomes eight equal ones."""
+    """Type of eight float64; a number is converted to eight equal ones."""
 
     def __init__(self):
         super().__init__(name="Lanes")
 
     def can_convert_from(self, typingctx, other):
-        """Let branches that return numbers and lanes meet."""
+        """Unify branches that return numbers and lanes."""
         return Conversion.safe if isinstance(other, types.Float) else None
 
 
@@ -115,7 +115,7 @@ def _negate(context, builder, sig, args):
 
 
 def _elementwise(function):
-    """Let a function of `math` accept lanes; what no instruction does is done lane by lane."""
+    """Extend a function of `math` to lanes, lane by lane where there is no instruction."""
 
     @intrinsic
     def call(typingctx, x):
@@ -165,7 +165,7 @@ def store(typingctx, array, row, value):
 
 @intrinsic
 def fetch(typingctx, array, index):
-    """Ask for the cache line of array[index], soon to be written; array has one axis."""
+    """Prefetch the cache line of array[index] for writing; array has one axis."""
 
     def codegen(context, builder, sig, args):
         struct = cgutils.create_struct_proxy(sig.args[0])(context, builder, value=args[0])
@@ -188,7 +188,7 @@ def _folded(builder, vector, join):
 
 @intrinsic
 def total(typingctx, x):
-    """Sum of the lanes, in an order that is always the same; NaN if one is."""
+    """Sum of the lanes in a fixed order; NaN if one is NaN."""
 
     def codegen(context, builder, sig, args):
         return _folded(builder, args[0], builder.fadd)
@@ -198,7 +198,7 @@ def total(typingctx, x):
 
 @intrinsic
 def smallest(typingctx, x):
-    """Smallest of the lanes; without meaning if one is NaN."""
+    """Smallest of the lanes; undefined if one is NaN."""
 
     def codegen(context, builder, sig, args):
         return _folded(
@@ -212,7 +212,7 @@ def smallest(typingctx, x):
 
 @intrinsic
 def _at_cache_line(typingctx, array):
-    """The same array, beginning at the next cache line: its last row is lost."""
+    """View of the array from the next cache line, without its last row."""
 
     def codegen(context, builder, sig, args):
         made = context.make_array(sig.args[0])(context, builder, value=args[0])
@@ -228,5 +228,5 @@ def _at_cache_line(typingctx, array):
 
 @inner
 def rows(n):
-    """Array of n rows of lanes that starts at a cache line: vectors across two lines take longer."""
+    """Array of n rows of lanes aligned to a cache line."""
     return _at_cache_line(np.empty((n + 1, LANES)))

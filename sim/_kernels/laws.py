@@ -175,7 +175,7 @@ def fibre(code, p, stretch, activation):
 
 @inner
 def fibre_rests(code, p, longest, activation):
-    """Whether a fibre has neither energy nor force at any stretch up to the longest."""
+    """Test if a fibre has neither energy nor force at all stretches up to the longest."""
     if activation != 0.0:
         return False
     if code == BLEMKER:

@@ -1,4 +1,4 @@
-"""The product of a symmetric matrix, of which the upper triangle is stored, with a vector."""
+"""Product of a symmetric matrix, stored by its upper triangle, with a vector."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -15,7 +15,7 @@ Reals = NDArray[np.float64]
 def symmetric_product(
     indptr: NDArray[np.int32], indices: NDArray[np.int32], values: Reals, x: Reals, out: Reals
 ) -> None:
-    """Out = A x for a symmetric A of which the rows hold the upper triangle, diagonal first."""
+    """Compute out = A x for a symmetric A stored by rows of its upper triangle, diagonal first."""
     out[:] = 0.0
     for i in range(indptr.size - 1):
         first = indptr[i]

@@ -1,4 +1,4 @@
-"""Nearest faces of points, among those whose boxes can reach them."""
+"""Closest faces of points, among those with boxes within reach."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -28,7 +28,7 @@ def around(p, r, low, high):
 
 @inner
 def opposed(a, b, c, away):
-    """Whether the normal of triangle abc looks against a direction."""
+    """Test if the normal of triangle abc is opposite to a direction."""
     n0 = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     n1 = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
     n2 = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -97,7 +97,7 @@ def as_near(
     value: Reals,
     feature: Indices,
 ) -> int:
-    """Number of further faces as near as the nearest ones, but for a slack [m].
+    """Number of further faces as close as the closest ones, within a tolerance [m].
 
     at, face, distance: points that have a nearest face, which, and how far. The rest is filled, up to
     its length: which of these rows, the further face, its weights, distance and feature.

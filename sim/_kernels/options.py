@@ -1,4 +1,4 @@
-"""How kernels are compiled, and how those that go through many elements are shared among threads.
+"""Compilation of kernels, and distribution of element loops among threads.
 
 Only what Python calls is kept in the cache and gets a wrapper for Python; functions inside a kernel are
 always inlined. One that was called would be the copy of its own, optimised once, in the process that

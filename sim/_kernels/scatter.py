@@ -1,4 +1,4 @@
-"""Where the sums of an element go: the nodes, and the values of the matrix.
+"""Assembly of element sums into nodal forces and matrix values.
 
 A `Part` of the elements comes in chunks of neighbours, and these in colours: chunks of one colour
 have no node in common. The colours follow one another, the chunks of one run in parallel, and each adds
@@ -22,7 +22,7 @@ PAIRS = 36  # (a, b) with a <= b, row by row
 
 
 class Places(NamedTuple):
-    """Where the blocks of the elements of a part go among the values of the matrix.
+    """Positions of the element blocks of a part in the values of the matrix.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def add_to_matrix(w, K, nodes, places, e, values):
 
 @inner
 def fetch_matrix(places, e, values):
-    """Ask early for the lines that `add_to_matrix` will change, to compute while they arrive."""
+    """Prefetch the cache lines that `add_to_matrix` will change."""
     for p in range(PAIRS):
         if places.start[e, p, 0] >= 0:
             for i in range(3):

@@ -1,4 +1,4 @@
-"""Signed distances to the nearest faces, their directions, and further walls of grooves."""
+"""Signed distances to the closest faces, their directions, and adjacent walls of grooves."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -13,7 +13,7 @@ Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 OPPOSED = 0.5
-"""Length of the difference of two normals from which they face each other."""
+"""Length of the difference of two normals above which they are opposite."""
 
 FLAT = 0.95
 """Mean cosine of the angles between faces and their mean normal, below which an edge is sharp."""
@@ -22,10 +22,10 @@ CONCAVE = 0.1
 """Height of a face above its neighbour, of its longest side, from which the two make a groove."""
 
 ON_EDGE = 1e-6
-"""What lies no farther within a face counts as on its edge [m], as rounding would have it."""
+"""Distance within a face below which a point is regarded as on its edge [m]."""
 
 NO_LENGTH = 1e-6
-"""Distances below this share of a side have no direction of their own."""
+"""Relative distance below which the direction of a distance is undefined."""
 
 
 @inner
@@ -42,7 +42,7 @@ def _size(x, triangle):
 
 @inner
 def _on_edge(what, weight, x, triangle, across, free):
-    """Feature with what is nearest within a face but a hair from its rim on the rim.
+    """Feature of the closest point, with points close to the rim of a face on the rim.
 
     Bodies with their sides in one plane touch with their rims; a rounding error must not make their
     sides touch instead. A free edge has no sign, and stays the face's.
@@ -80,7 +80,7 @@ def places(
     edge: Indices,
     place: Indices,
 ) -> None:
-    """Numbers of where points are nearest: face, edge or vertex; weights near a rim are put on it.
+    """Indices of the closest features: face, edge or vertex; weights near a rim are moved to it.
 
     edge: (m, 3) number of the edges of each face, one for both of its faces.
     """
@@ -185,7 +185,7 @@ def walls(
     gap: Reals,
     feature: Indices,
 ) -> int:
-    """Number of faces beside the nearest ones that make a groove; see `SignedFaces.beside`.
+    """Number of faces that form a groove with the closest ones; see `SignedFaces.beside`.
 
     which: (3 k,) row of each; wall, weight, gap, feature: as those of the nearest.
     """

@@ -1,4 +1,4 @@
-"""The element loop: deformation gradient once per quadrature point, all laws on it.
+"""Element loop: deformation gradient once per quadrature point, and all laws.
 
 With the natural derivatives d_a and A of `sim._kernels.element`, F = (dx/dxi) A, J = det F and
 

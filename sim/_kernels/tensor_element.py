@@ -1,4 +1,4 @@
-"""What the second element loop does with all points of an element: deformation, stress, moduli.
+"""Operations of the second element loop on all points: deformation, stress, moduli.
 
 With the stress S and the moduli D of the points in rows, and E_il = (F_iI A_lJ + F_iJ A_lI)/2:
 
@@ -58,7 +58,7 @@ def deform(w, q, part, e, x):
 
 @inner
 def all_rest(w, J, first, last, muscle, direction, code, p, activation):
-    """Whether no fibre of rows first..last has energy."""
+    """Test if no fibre of rows first..last has energy."""
     for row in range(first, last):
         a0, a1, a2 = along(take(w, F_ROW), direction, row)
         square = -smallest(-(a0 * a0 + a1 * a1 + a2 * a2))

@@ -1,4 +1,4 @@
-"""What the second element loop does at one Gauss point: strains, laws, projection."""
+"""Operations of the second element loop at one Gauss point: strains, laws, projection."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types

@@ -1,4 +1,4 @@
-"""Triangles and segments: nearest points, distances, normals."""
+"""Triangles and segments: closest points, distances, normals."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -12,7 +12,7 @@ Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 INSIDE_FACE, EDGE_0, EDGE_1, EDGE_2, CORNER_0, CORNER_1, CORNER_2 = 0, 1, 2, 3, 4, 5, 6
-"""Where on a triangle its nearest point lies."""
+"""Feature of a triangle on which its closest point lies."""
 
 
 @inner
@@ -22,7 +22,7 @@ def dot(a, b):
 
 @inner
 def between(p, a, b):
-    """Share of the way from a to b at which the line is nearest to p, within 0-1."""
+    """Fraction 0-1 of the segment from a to b at its point closest to p."""
     along = length = 0.0
     for i in range(3):
         along += (p[i] - a[i]) * (b[i] - a[i])
@@ -84,7 +84,7 @@ def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tup
 
 @kernel_and_inner
 def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
-    """Squared distance of the segments ab and cd; the shares of the way along each where it is."""
+    """Squared distance of the segments ab and cd, with the fractions of the closest points."""
     # the least of the crossing of the two lines, if within both, and of each end to the other segment
     best = np.inf
     uu = vv = uv = uw = vw = 0.0
@@ -120,7 +120,7 @@ def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
 
 @kernel
 def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray[np.bool_]) -> None:
-    """Whether each point (row of out) is within a distance of each face (column)."""
+    """Mask of the points (rows of out) within a distance of each face (column)."""
     w = np.empty(3)
     for i in range(len(p)):
         for f in range(len(triangles)):

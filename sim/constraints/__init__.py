@@ -1,9 +1,9 @@
-"""Constraints: conditions c(q) = 0 that multipliers hold, one file each."""
+"""Constraints c(q) = 0 enforced by multipliers, one file each."""
 
 from sim.constraints.volume import HardElementVolume
 from sim.scene import Constraint
 
 CONSTRAINTS: tuple[type[Constraint], ...] = (HardElementVolume,)
-"""Every constraint; the derivative tests walk this tuple."""
+"""All constraints, the members of the derivative tests."""
 
 __all__ = ["CONSTRAINTS", "HardElementVolume"]

@@ -1,4 +1,4 @@
-"""All conditions of a scene on its free unknowns, and the saddle matrix [[A, G'], [G, 0]]."""
+"""Constraints of a scene on its free unknowns, and the saddle matrix [[A, G'], [G, 0]]."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from sim.state import Array
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """The union of the conditions of a scene.
+    """Union of the constraints of a scene.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Constraints:
 
     @property
     def n(self) -> int:
-        """Number of conditions."""
+        """Number of constraints."""
         return self._G.shape[0]
 
     def evaluate(self, q: Array) -> tuple[Array, Array]:
@@ -63,7 +63,7 @@ class Constraints:
 
 
 def unite(parts: Sequence[CompiledConstraint], pattern: SymmetricPattern) -> Constraints | None:
-    """Restrict the conditions to the free unknowns; None if there are none.
+    """Restrict the constraints to the free unknowns; None if there are none.
 
     A condition that touches fixed unknowns only can neither be met nor broken and is dropped.
     """

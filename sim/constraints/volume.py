@@ -38,7 +38,7 @@ class HardElementVolume:
 
 
 class CompiledElementVolumes:
-    """Element volumes laid out for a scene; the buffers carry nothing between calls."""
+    """Compiled element volumes; the buffers contain no state between calls."""
 
     def __init__(self, layout: Layout) -> None:
         mesh = layout.mesh

@@ -1,4 +1,4 @@
-"""Contact: surfaces, search, distance, then rows of a constraint or a potential."""
+"""Contact: surfaces, search, distance, and constraints or a potential."""
 
 from sim.contact.barrier import BarrierContact
 from sim.contact.boundary import boundary_surface
@@ -10,7 +10,7 @@ CONTACTS: tuple[type[ConstraintContact] | type[BarrierContact], ...] = (
     ConstraintContact,
     BarrierContact,
 )
-"""Every method of contact; the tests of closed forms walk this tuple."""
+"""All contact methods, the members of the tests with closed forms."""
 
 __all__ = [
     "CONTACTS",

@@ -1,4 +1,4 @@
-"""Barrier contact: incremental potential contact, surfaces that can never pass through each other."""
+"""Barrier contact (incremental potential contact), which prevents any penetration."""
 
 import math
 from copy import copy
@@ -19,7 +19,7 @@ from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
 
 CREEP = 0.01
-"""Share of the distance by which what sticks may slip on its way to equilibrium."""
+"""Fraction of the distance by which sticking contacts may slip until equilibrium."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +108,12 @@ class BarrierContact:
         return np.concatenate(keys)
 
     def compile(self, layout: Layout) -> "CompiledBarrier":
-        """Clear the shells and lay the pairings out."""
+        """Offset penetrated shells and compile the pairings."""
         return CompiledBarrier(self, layout)
 
 
 class CompiledBarrier:
-    """Barriers laid out for a scene; search results are kept and change no result.
+    """Compiled barriers; stored search results do not affect the results.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class CompiledBarrier:
         self._sliding: tuple[Sliding, ...] | None = None
 
     def starting(self, state: State, h: float) -> "CompiledBarrier":
-        """Barriers over a step of length h [s] from a state, with the friction of its contacts."""
+        """Barriers over a step of length h [s] from a state, with friction of its contacts."""
         for pair in self.pairs:
             pair.forget()
         if self._part.friction == 0.0 or h == 0.0:
@@ -140,7 +140,7 @@ class CompiledBarrier:
         return step
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Push surfaces that are nearer than the distance apart."""
+        """Add the repulsive forces of surfaces closer than the distance."""
         energy = 0.0
         for i, pair in enumerate(self.pairs):
             x = pair.vertices(q, control.t)
@@ -151,7 +151,7 @@ class CompiledBarrier:
         return Contribution(energy)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and a stiffness that leaves out how normals turn, positive semi-definite."""
+        """Same as `add_force`, with a semi-definite stiffness without rotation of the normals."""
         found = self.add_force(q, control, f)
         for i, pair in enumerate(self.pairs):
             x = pair.vertices(q, control.t)
@@ -164,11 +164,11 @@ class CompiledBarrier:
         return (self.pairs[i],) if self._sliding is None else (self.pairs[i], self._sliding[i])
 
     def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
-        """Share of the move from q0 to q1 that passes through nothing, in (0, 1]."""
+        """Largest fraction in (0, 1] of the displacement from q0 to q1 without intersection."""
         return min(self._share(pair, q0, q1, control.t, control.t) for pair in self.pairs)
 
     def carried(self, q: Array, t: float, control: Control) -> Array:
-        """Positions q, allowed at time t [s], where a step to the control's time may begin.
+        """Positions q, feasible at time t [s], advected by the shells to the time of the control.
 
         If a moving shell passes through free nodes meanwhile, those near it are taken along with its
         motion.
@@ -190,7 +190,7 @@ class CompiledBarrier:
         return moved
 
     def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:
-        """Pairs that are felt, smallest gap [m] and normal force [N], per pairing."""
+        """Number of active pairs, smallest gap [m] and normal force [N], per pairing."""
         count, gap, force = (np.zeros(len(self.pairs)) for _ in range(3))
         for i, pair in enumerate(self.pairs):
             pair.forget()  # what is told of a state depends on the state alone

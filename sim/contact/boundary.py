@@ -1,4 +1,4 @@
-"""The outer surface of a mesh."""
+"""Outer surface of a mesh."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ FACES = {
 
 
 def boundary_surface(mesh: Mesh, name: str = "boundary") -> NodeSurface:
-    """Outer surface of a mesh: the faces of one element only, quadrilaterals cut in two.
+    """Outer surface of a mesh: the faces of one element only, quadrilaterals divided into two.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Shells made clear of the tissue that starts inside or too near them."""
+"""Offset of rigid surfaces that are initially penetrated by tissue or too close to it."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,20 +17,20 @@ from sim.scene import Index
 from sim.state import Array
 
 DEEPEST = 5e-3
-"""Largest initial overlap that counts as one [m]; what lies deeper is on the other side."""
+"""Largest initial overlap [m]; deeper nodes are regarded as on the other side."""
 
 TOUCHING = 1e-8
-"""Surfaces of the mesh that are nearer at rest cannot be told apart [m]."""
+"""Smallest distance at rest of distinguishable surfaces of the mesh [m]."""
 
 ROUNDS = 200
-"""Moves of a shell's vertices; bodies without a way out end here."""
+"""Largest number of moves of the vertices of a shell."""
 
 MARGIN = 1e-3
-"""Share of the distance by which a cleared shell is farther away."""
+"""Additional offset of a shell, as a fraction of the distance."""
 
 
 def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
-    """Pairing whose surfaces start apart: its shell is dented where tissue is in the way.
+    """Pairing with separated surfaces: its shell is offset where tissue overlaps it.
 
     Vertices of the shell give way until everything is clear by the distance of the barrier. The dents
     move with the shell and stay. An overlap is measured along the normal of the nearest triangle, hence
@@ -62,7 +62,7 @@ def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
 
 
 class _Dents:
-    """Search for the displacements of a shell's vertices that clear it, in the shape of small moves.
+    """Search for displacements of the vertices of a shell that separate it from the tissue.
 
     Every violated distance asks the vertices of the shell that it depends on to move along its
     gradient, as little as possible; each vertex obeys the greatest demand.
@@ -124,7 +124,7 @@ class _Dents:
         self._demand[greater] = moves[last[greater]]
 
     def _behind(self, x: Array) -> None:
-        """Tissue behind or close before the shell, and vertices of the shell within the tissue."""
+        """Nodes of the tissue behind or close to the shell, and vertices of the shell in the tissue."""
         shell, tissue = np.ascontiguousarray(x[self._first :]), self._tissue
         found, lacking, normal = self._lacking(self._outward, shell, self._X[tissue.nodes])
         share = found.weight / (found.weight**2).sum(axis=1, keepdims=True)
@@ -134,7 +134,7 @@ class _Dents:
         self._ask(self._shell.nodes[found.point], lacking[:, None] * normal)
 
     def _lacking(self, faces: SignedFaces, x: Array, points: Array) -> tuple[Found, Array, Array]:
-        """Nearest faces of points, by how much each point is too near or behind, outward normals."""
+        """Closest faces of points, missing distance of each point, and outward normals."""
         found = nearest_faces(points, DEEPEST, x, faces.triangles)
         gap, normal = faces.signed(points, found, x)
         lacking = np.where(
@@ -143,7 +143,7 @@ class _Dents:
         return found, np.where(np.isnan(gap), 0.0, lacking), normal
 
     def _crossing(self, x: Array) -> int:
-        """Edges that still pass through triangles; returns their number."""
+        """Separate edges that intersect triangles; return their number."""
         crossings = 0
         for edge, face in crossed(self._pair, x):
             crossings += 1
@@ -170,7 +170,7 @@ class _Dents:
 
 
 def crossed(pair: CollisionPair, x: Array) -> Iterator[tuple[int, int]]:
-    """Edges and triangles of the collision mesh that pass through each other at x."""
+    """Edges and triangles of the collision mesh that intersect at x."""
     ipctk = toolkit()
     if not ipctk.has_intersections(pair.mesh, x):
         return

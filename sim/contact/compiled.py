@@ -1,4 +1,4 @@
-"""Contact by constraints laid out for a scene: its rows, and what states remember of its vertices."""
+"""Compiled contact by constraints: its rows, and the contact memory of states."""
 
 from collections.abc import Mapping
 from copy import copy
@@ -18,13 +18,13 @@ MEMORY = "contact"
 """Name of the memory in a state."""
 
 ALLOWED, FORCE, PUSH, FRICTION, DIRECTION = 0, 1, slice(2, 5), slice(5, 8), slice(8, 11)
-"""Columns of the memory: depth allowed [m], normal force, its vector, friction [N], row's direction."""
+"""Columns of the memory: allowed depth [m], normal force, its vector, friction [N], normal."""
 
 COLUMNS = 11
 
 
 class CompiledContact:
-    """Contact laid out for a scene; it exerts no force as a term, integrators hold its rows.
+    """Compiled contact, which exerts no force as a term; integrators enforce its rows.
 
     Parameters
     ----------
@@ -86,26 +86,26 @@ class CompiledContact:
         self.vertex_of_slot: Index = np.concatenate([none] + [d.nodes for d in self._directions])
 
     def apart(self, pattern: SymmetricPattern) -> "CompiledContact":
-        """The same over a pattern without places for the rows."""
+        """Same contact with a pattern without entries for the rows."""
         other = copy(self)
         other.pattern, other.in_matrix = pattern, False
         return other
 
     def n_pushing(self, state: State) -> int:
-        """Number of vertices that push in a state."""
+        """Number of active vertices in a state."""
         memory = state.memory.get(MEMORY)
         return 0 if memory is None else int(np.count_nonzero(memory[:, FORCE] > 0.0))
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Nothing: multipliers hold the surfaces apart."""
+        """No force, because multipliers separate the surfaces."""
         return Contribution(0.0)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """Nothing, as `add_force`."""
+        """No force and no stiffness."""
         return Contribution(0.0)
 
     def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:
-        """Places that push, smallest gap beyond what was allowed [m], normal force [N], per pairing."""
+        """Number of active contacts, smallest gap [m] and normal force [N], per pairing."""
         memory, n = self.remembered(state.memory, state.q, state.t), len(self.names)
         count, gap, force = np.zeros(n), np.full(n, np.inf), np.zeros(n)
         np.add.at(force, self.pairing_of_slot, memory[:, FORCE])
@@ -131,7 +131,7 @@ class CompiledContact:
         return new
 
     def removed(self, allowed: Array, h: float) -> Array:
-        """By how much the depths (n_slots,) that are allowed fall in a step of h [m].
+        """Decrease of the allowed depths (n_slots,) in a step of h [m].
 
         Behind an open surface there is no inside to be moved out of.
         """
@@ -142,7 +142,7 @@ class CompiledContact:
         return out
 
     def turned(self, vectors: Array, t0: float, t1: float) -> Array:
-        """Vectors (n_slots, 3) turned as the shell that each belongs to turns from t0 to t1 [s]."""
+        """Vectors (n_slots, 3) rotated with their shells from t0 to t1 [s]."""
         out = vectors.copy()
         for direction in self._directions:
             turn = direction.turn(t0, t1)
@@ -164,7 +164,7 @@ class CompiledContact:
         return _united([d.near(move, allowed, way) for d in self._directions])
 
     def entered(self, move: Move, allowed: Array) -> Rows:
-        """Rows of all vertices that enter a face on their way; see `Direction.entered`."""
+        """Rows of all vertices that enter a face on their path; see `Direction.entered`."""
         return _united([d.entered(move, allowed) for d in self._directions])
 
 

@@ -1,4 +1,4 @@
-"""How surfaces give way where they touch: compliances, and rows in the space of their forces.
+"""Contact compliances, and the Delassus matrix of contact forces.
 
 What touches changes in every iteration, the tissue does not. With the compliance C of the unknowns of a
 surface and rows of directions D, forces f of the rows open them by W f with W = D C D', so what pushes,
@@ -24,13 +24,13 @@ from sim.scene import Index
 from sim.state import Array
 
 AT_ONCE = 128
-"""Right-hand sides that are solved together."""
+"""Number of right-hand sides solved together."""
 
 KNOWN = 0.1
-"""Error of an answer, relative to it, that teaches nothing."""
+"""Relative error below which updates are skipped."""
 
 LEARNT = 64
-"""Answers that are kept beside the matrix."""
+"""Number of updates stored with the matrix."""
 
 Solve = Callable[[Array], Array]
 
@@ -48,7 +48,7 @@ def directions(pattern: SymmetricPattern, rows: Rows) -> csr_array:
 
 
 class Compliance:
-    """Motion of unknowns of a surface by unit forces on them, C = E' H E, found as it is asked for.
+    """Compliance C = E' H E of the unknowns of a surface, computed on demand.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Compliance:
         self._dyads = np.zeros((2, LEARNT, 0))
 
     def arrays(self) -> dict[str, Array]:
-        """What is known, and what was learnt since."""
+        """Computed columns and later updates, as arrays."""
         more, less = self._learnt
         return {
             "known": self._known.astype(np.float64),
@@ -78,7 +78,7 @@ class Compliance:
         }
 
     def restore(self, kept: Mapping[str, Array]) -> None:
-        """Know what `arrays` tells, and nothing else."""
+        """Restore the state from `arrays`."""
         self._known = kept["known"].astype(np.int64)
         self._place[:] = -1
         self._place[self._known] = np.arange(len(self._known))
@@ -97,7 +97,7 @@ class Compliance:
         return found + (one @ more.T) @ (two @ more.T).T - (one @ less.T) @ (two @ less.T).T
 
     def learn(self, f: Array, u: Array) -> None:
-        """Answer forces f (n,) on known unknowns by motions u (n,) from now on."""
+        """BFGS update such that C f = u, on computed unknowns (n,)."""
         f, u = f[self._known], u[self._known]
         more, less = self._learnt
         Cf = self._found @ f + (more @ f) @ more - (less @ f) @ less
@@ -113,22 +113,22 @@ class Compliance:
 
     @property
     def _learnt(self) -> Array:
-        """Dyads to be added, and to be taken away (2, m, k)."""
+        """Dyads to be added and subtracted (2, m, k)."""
         return self._dyads[:, : self._n_learnt]
 
     def _near(self, D: csr_array) -> csr_array:
-        """Directions (m, k) by the known unknowns alone."""
+        """Directions (m, k) restricted to the computed unknowns."""
         shape = (D.shape[0], len(self._known))
         return csr_array((D.data, self._place[D.indices], D.indptr), shape=shape)
 
     def expect(self, D: csr_array) -> None:
-        """Know what these directions will ask for: many at once take little longer than one."""
+        """Precompute the compliance columns required by these directions."""
         new = np.unique(D.indices[self._place[D.indices] < 0]).astype(np.int64)
         if len(new):
             self._extend(new)
 
     def _extend(self, new: Index) -> None:
-        """Know these unknowns too."""
+        """Compute the columns of these unknowns."""
         before, n = len(self._known), len(self._known) + len(new)
         self._place[new] = np.arange(before, n)
         self._known = np.r_[self._known, new]
@@ -146,7 +146,7 @@ class Compliance:
 
 
 class RowCompliance:
-    """W = D C D' between the rows of a step [m/N], found as rows come to push.
+    """Delassus matrix W = D C D' of the rows of a step [m/N], computed for active rows.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class RowCompliance:
         self._between = np.empty((0, 0))
 
     def expect(self, rows: Index) -> None:
-        """Be ready for rows that may come to push."""
+        """Precompute the columns of rows that may become active."""
         self._compliance.expect(self._all[rows])
 
     def among(self, rows: Index) -> Array:
@@ -180,7 +180,7 @@ class RowCompliance:
         return self._between[at[:, None], at]
 
     def beside(self, D: csr_array, rows: Index) -> Array:
-        """W between directions D (m, n) that are none of the rows, then some rows."""
+        """W between directions D (m, n) other than the rows, and some rows."""
         every = vstack([D, self._all[rows]], format="csr")
         # the fewer rows come second, where they meet the whole compliance
         found = self._compliance.between(every, D)
@@ -188,7 +188,7 @@ class RowCompliance:
         return np.block([[0.5 * (own + own.T), cross.T], [cross, self.among(rows)]])
 
     def learn(self, forces: Array, motion: Array) -> tuple[float, float]:
-        """Answer forces (m,) of known rows by a motion (n,) from now on.
+        """Update such that forces (m,) of computed rows cause a motion (n,).
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""What triangles of a surface must be like, each failure with its place."""
+"""Checks of the triangles of a surface, with the index of each failure."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -17,7 +17,7 @@ from sim.scene import Index, Layout
 
 @dataclass(frozen=True, eq=False)
 class ConstraintContact:
-    """Vertices that may not pass the faces opposite, held by multipliers.
+    """Contact of vertices with the opposite faces, enforced by multipliers.
 
     Every vertex near the other surface of its pairing gets a row: the gap to its nearest face, along the
     direction from that face, stays >= 0; in a groove it gets one for each wall. Both surfaces take the
@@ -136,14 +136,14 @@ class ConstraintContact:
 
 @dataclass(frozen=True, eq=False)
 class RowsApart:
-    """A contact laid out already, with no places for its rows in the matrix."""
+    """Compiled contact without entries for its rows in the matrix."""
 
     compiled: CompiledContact
 
     def pair_keys(self, mesh: Mesh) -> Index:
-        """None: rows are solved for in their own space."""
+        """No pairs, because the contact forces are solved separately."""
         return np.empty(0, dtype=np.int64)
 
     def compile(self, layout: Layout) -> CompiledContact:
-        """Lay out nothing anew: what is known of the surfaces serves both."""
+        """Return the compiled contact."""
         return self.compiled.apart(layout.pattern)

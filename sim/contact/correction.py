@@ -1,4 +1,4 @@
-"""Positions moved out of what they have come to lie in, at the end of a step.
+"""Post-step correction of penetrations.
 
 The velocities know nothing of it, so that no overlap, however it came about, throws anything.
 """
@@ -14,24 +14,24 @@ from sim.scene import Index
 from sim.state import Array
 
 NOTICED = 3e-6
-"""Depth that is corrected [m]."""
+"""Penetration depth above which positions are corrected [m]."""
 
 CONSIDERABLE = 1e-4
-"""Depth of a row that pushes from which the step is solved again rather than corrected [m]."""
+"""Depth of an active row above which the step is solved again [m]."""
 
 AT_ALL = 2e-5
-"""The same of a row that does not push [m]."""
+"""Depth of an inactive row above which the step is solved again [m]."""
 
 CORRECTIONS = 4
 FARTHEST = 2.0
-"""Multiple of a move at most; the moves are meant to be right as they are."""
+"""Largest factor on a correction."""
 
 Opened = Callable[[Rows, Array], Array]
-"""Displacements (n_nodes, 3) meant to open rows by distances (k,) [m]."""
+"""Displacements (n_nodes, 3) that open rows by distances (k,) [m]."""
 
 
 def considerable(rows: Rows, u: Array, pushing: Index) -> Flags:
-    """Whether rows (k,) are too deep at displacements u (n_nodes, 3) to be left to a correction.
+    """Test if rows (k,) are too deep at displacements u (n_nodes, 3) for a correction.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def considerable(rows: Rows, u: Array, pushing: Index) -> Flags:
 
 
 def moved_out(q: Array, q0: Array, near: Rows, opened: Opened) -> Array:
-    """Positions with what lies inside moved out, as the tissue gives way.
+    """Positions with penetrations removed along the compliance of the tissue.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def pressed(
     diagonal: Array,
     penalty: float,
 ) -> Array:
-    """Nodal forces (n_nodes, 3) that open rows by about what is wanted (k,) [m], by a matrix with rows.
+    """Nodal forces (n_nodes, 3) that open rows approximately by distances (k,) [m].
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Stiffness of a barrier: its second derivative without the turning of normals."""
+"""Stiffness of a barrier: its second derivative without the rotation of the normals."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,12 +28,12 @@ class NormalStiffness:
     scale: Array
 
     def blocks(self) -> Array:
-        """All of it (n, 4, 3, 4, 3) [N/m]."""
+        """Full blocks (n, 4, 3, 4, 3) [N/m]."""
         J = self.share[:, :, None] * self.normal[:, None, :]
         return np.einsum("k,kai,kbj->kaibj", self.scale, J, J)
 
     def own_blocks(self) -> Array:
-        """A bound from above that couples no two vertices (n, 4, 3, 3) [N/m].
+        """Upper bound without coupling of vertices (n, 4, 3, 3) [N/m].
 
         By Cauchy's inequality (sum_a c_a u_a)^2 <= sum_a |c_a| * sum_a |c_a| u_a^2.
         """
@@ -43,14 +43,14 @@ class NormalStiffness:
 
 
 def pairs_of(found: Any) -> list[Any]:
-    """All pairs of a set of collisions, as copies: ``found[k]`` does not keep its set alive."""
+    """Copies of all pairs of a set of collisions, because ``found[k]`` does not keep the set alive."""
     return [pair for kind in _kinds(found) for pair in kind]
 
 
 def normal_stiffness(
     found: Any, mesh: Any, x: Array, distance: float, stiffness: float
 ) -> NormalStiffness:
-    """Stiffness of all pairs, without the turning of their normals.
+    """Stiffness of all pairs, without the rotation of their normals.
 
     The pairs of the area-weighted barrier have weights of both signs, which count every place once: one
     that is nearest at a corner, and the corner. A projection of each pair on its own would keep what
@@ -91,7 +91,7 @@ def normal_stiffness(
 
 
 def _read(found: Any, mesh: Any, x: Array) -> tuple[Index, Index, Array]:
-    """Kinds (n,), vertices (n, 4) and weights (n,) of all pairs, as the kernel takes them."""
+    """Kinds (n,), vertices (n, 4) and weights (n,) of all pairs, for the kernel."""
     edges, faces = np.asarray(mesh.edges), np.asarray(mesh.faces)
     vv, ev, ee, fv = (list(part) for part in _kinds(found))
     rows = [

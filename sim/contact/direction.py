@@ -1,4 +1,4 @@
-"""Vertices of one surface against the faces of another: the rows between them."""
+"""Contact rows of vertices of one surface with faces of another."""
 
 from dataclasses import dataclass
 
@@ -12,24 +12,24 @@ from sim.scene import Index
 from sim.state import Array
 
 SELF_DEPTH = 0.2
-"""Share of the approach that may lie behind a face of its own surface and still touch it."""
+"""Fraction of the approach distance that may lie behind a face of the same surface."""
 
 BLUR = 0.2
-"""Share of the approach over which edges are rounded in the directions of rows."""
+"""Fraction of the approach distance over which edges are rounded in the contact normals."""
 
 HAIR = 1e-4
-"""Depth at the start of a step up to which a vertex counts as on the surface, and may enter it [m]."""
+"""Initial depth up to which a vertex is regarded as on the surface [m]."""
 
 LIFT = 1e-7
-"""How far outside such a vertex starts its way [m]."""
+"""Distance outside the surface from which the path of such a vertex starts [m]."""
 
 FELT = 1e-9
-"""Weight of the free unknowns in a row, from which it can be kept."""
+"""Least weight of the free unknowns in a row."""
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A step, or the part of it up to a trial.
+    """Geometry of a step, or of its part up to a trial.
 
     Attributes
     ----------
@@ -45,11 +45,11 @@ class Move:
 
     @property
     def at_start(self) -> bool:
-        """Whether nothing has moved yet."""
+        """Test if nothing has moved yet."""
         return self.q is self.q0
 
     def ends(self, surface: Surface) -> tuple[Array, Array]:
-        """Positions that a surface's triangles name, at both ends [m]."""
+        """Positions of the vertices of a surface at both ends [m]."""
         if isinstance(surface, NodeSurface):
             return self.q0, self.q
         return surface.at(self.t0), surface.at(self.t1)
@@ -103,11 +103,11 @@ class Direction:
 
     @property
     def has_inside(self) -> bool:
-        """Whether a vertex can lie inside the faces."""
+        """Test if vertices can be inside the faces."""
         return self._faces.closed and not self._itself
 
     def depths(self, q: Array, t: float) -> Array:
-        """How deep each vertex lies inside at positions q and time t [m]; 0 for self-contact."""
+        """Depth of each vertex at positions q and time t [m]; 0 for self-contact."""
         deep = np.zeros(len(self.vertices))
         if self._itself:
             return deep
@@ -171,7 +171,7 @@ class Direction:
         return self._rows(move, found, about, normal, gap + may[found.point])
 
     def entered(self, move: Move, allowed: Array) -> Rows:
-        """Rows of the vertices that enter a face on their way, against that face, or edge, or vertex.
+        """Rows of the vertices that enter a face on their path, with that face, edge or vertex.
 
         The direction is its normal at the end.
 
@@ -191,7 +191,7 @@ class Direction:
         return self._rows(move, found, (place, np.full(len(gap), ENTERED)), normal, gap)
 
     def _outside(self, move: Move, allowed: Array) -> Array:
-        """Vertices (n, 3) at the start, those a hair inside put on the surface.
+        """Vertices (n, 3) at the start, with slightly penetrating ones moved to the surface.
 
         What is left of an earlier step's contact lies there, and would enter unseen.
         """
@@ -208,7 +208,7 @@ class Direction:
         return points
 
     def outward(self, q: Array, rows: Rows) -> Array:
-        """Normals (k, 3) where rows meet a surface of the mesh at nodal positions q; zero on a shell."""
+        """Normals (k, 3) of rows on a surface of the mesh at nodal positions q; zero on a shell."""
         if not isinstance(self._faces, NodeSurface):
             return np.zeros((len(rows), 3))
         return self._signs.normals_of(rows.place, q)
@@ -216,7 +216,7 @@ class Direction:
     def _rows(
         self, move: Move, found: Found, about: tuple[Index, Index], normal: Array, gap: Array
     ) -> Rows:
-        """Rows with their gaps, where nodes have moved, carried back to where none has.
+        """Rows with their gaps converted to the start of the step.
 
         about: their places and ranks.
         """

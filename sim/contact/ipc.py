@@ -1,4 +1,4 @@
-"""One pairing in the IPC Toolkit: its collision mesh, barrier, step limit and friction.
+"""Pairing in the IPC Toolkit: collision mesh, barrier, step limit and friction.
 
 The toolkit (ipctk, MIT licence) is imported when the first barrier is compiled and not before.
 """
@@ -21,16 +21,16 @@ from sim.state import Array
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 CLOSEST = 0.1
-"""Share of a gap that is left when a move is stopped."""
+"""Fraction of a gap that remains when a step is limited."""
 
 NEAREST = 1e-9
-"""Gap that no move closes [m]; less cannot be told from nothing in double precision."""
+"""Smallest gap after a limited step [m], the limit of double precision."""
 
 MOST_ADVANCES = 10_000
-"""Advances towards a first touch; each is safe, so that fewer shorten a move and miss nothing."""
+"""Largest number of conservative advancements towards a first contact."""
 
 SLACK = 2e-4
-"""How far vertices move before pairs are searched anew [m]; a longer move is searched on its own.
+"""Displacement of vertices after which pairs are searched again [m].
 
 More would keep pairs by the hundred thousand, all of which every evaluation looks at.
 """
@@ -57,7 +57,7 @@ def toolkit() -> Any:
 
 @dataclass(frozen=True)
 class Barrier:
-    """Numbers of a barrier; see `sim.contact.barrier.BarrierContact`."""
+    """Parameters of a barrier; see `sim.contact.barrier.BarrierContact`."""
 
     distance: float
     stiffness: float
@@ -67,7 +67,7 @@ class Barrier:
 
 @dataclass(frozen=True)
 class Hessian:
-    """Entries over the coordinates of the vertices of a pairing, each once."""
+    """Matrix entries over the coordinates of the vertices of a pairing, each once."""
 
     row: Index
     column: Index
@@ -120,17 +120,17 @@ class CollisionPair:
         self._reference: Array | None = None
 
     def vertices(self, q: Array, t: float) -> Array:
-        """Positions (k, 3) of all vertices at time t [m], column-major as the toolkit takes them."""
+        """Positions (k, 3) of all vertices at time t [m], column-major as required by the toolkit."""
         parts = [q[self._nodes], *(shell.at(t) for shell in self._shells)]
         return np.asfortranarray(np.concatenate(parts))
 
     @property
     def moves(self) -> bool:
-        """Whether a shell moves."""
+        """Test if a shell moves."""
         return any(shell.motion is not None for shell in self._shells)
 
     def carry(self, q: Array, free: Flags, t0: float, t1: float) -> None:
-        """Move the free nodes near a shell, in q (n_nodes, 3), with its motion from t0 to t1."""
+        """Advect the free nodes near a shell, in q (n_nodes, 3), with its motion from t0 to t1."""
         for shell in self._shells:
             if shell.motion is None:
                 continue
@@ -148,7 +148,7 @@ class CollisionPair:
             q.reshape(-1)[unknowns] = whole.reshape(-1)[unknowns]
 
     def _weigh_shells(self) -> None:
-        """Let no vertex or edge of a shell stand for more area than those of the tissue do.
+        """Limit the area of vertices and edges of a shell to that of the tissue.
 
         A barrier is weighted by the area round vertices and edges; the few long edges of a coarse shell
         would otherwise carry the whole load.
@@ -163,7 +163,7 @@ class CollisionPair:
         self.mesh.vertex_areas, self.mesh.edge_areas = areas, sides
 
     def _separate(self, number: Index) -> None:
-        """Let a vertex of one surface meet those of the other only; shared nodes meet none.
+        """Restrict contact to vertices of different surfaces, without shared nodes.
 
         The shared nodes lie on triangles and edges, which the others meet.
         """
@@ -182,11 +182,11 @@ class CollisionPair:
         self.mesh.can_collide = a & b
 
     def forget(self) -> None:
-        """Search anew next time: the order of pairs, and of their sum, follows where they were found."""
+        """Discard stored pairs, because the order of their sum depends on the search."""
         self._reference = None
 
     def _near(self, *x: Array) -> Any:
-        """Pairs that may come within the distance on the way through these positions."""
+        """Pairs that may come within the distance on a path through these positions."""
         if self._reference is not None and all(_farthest(p, self._reference) <= SLACK for p in x):
             return self._candidates
         half = 0.5 * self._barrier.distance
@@ -224,7 +224,7 @@ class CollisionPair:
         return normal_stiffness(self.collisions(x), self.mesh, x, b.distance, b.stiffness)
 
     def largest_step(self, x0: Array, x1: Array) -> float:
-        """Share of the move from x0 to x1 that leaves every pair apart, in (0, 1]."""
+        """Largest fraction in (0, 1] of the displacement from x0 to x1 without contact."""
         near = self._near(x0, x1)
         if len(near) == 0:
             return 1.0

@@ -1,4 +1,4 @@
-"""Multipliers of rows, and the force that an augmented Lagrangian lets act between vertex and face.
+"""Multipliers of rows, and contact forces of the augmented Lagrangian.
 
 With the gap g and the relative displacement r of a row (`sim.contact.rows`), the multipliers lambda
 (along n) and lambda_t (across) and the penalty rho, the force on the vertex is
@@ -25,7 +25,7 @@ from sim.vectors import dot
 
 @dataclass(eq=False)
 class Multipliers:
-    """Multipliers and penalties of rows, and what acts at given displacements.
+    """Multipliers and penalties of rows, and contact forces at given displacements.
 
     Attributes
     ----------
@@ -41,16 +41,16 @@ class Multipliers:
     tangent: Array
 
     def __post_init__(self) -> None:
-        """Friction is bounded by the multipliers as they are."""
+        """Fix the bounds of friction at the present multipliers."""
         self.bound = self.rows.friction * self.normal
         self.released = np.zeros(len(self.rows), dtype=bool)
 
     def at(self, u: Array) -> "Acting":
-        """What acts at nodal displacements u (n_nodes, 3) since the start of the step."""
+        """Contact forces at nodal displacements u (n_nodes, 3) since the start of the step."""
         return self.at_relative(self.rows.displacement(u))
 
     def at_relative(self, r: Array) -> "Acting":
-        """What acts at relative displacements r (k, 3)."""
+        """Contact forces at relative displacements r (k, 3)."""
         n, rho = self.rows.normal, self.rho
         along = np.einsum("ki,ki->k", n, r)
         gap = self.rows.gap + along
@@ -93,15 +93,15 @@ class Multipliers:
         return block + acting.turn[:, None, None] * turn
 
     def held(self, acting: "Acting", pushes: Flags) -> Array:
-        """Forces (k,) along the normals if these rows push, or pull, and no others [N]."""
+        """Normal forces (k,) if these rows are active and no others [N]."""
         return np.where(pushes, self.normal - self.rho * acting.gap, 0.0)
 
     def pushing(self, acting: "Acting") -> Index:
-        """Slots of the rows that push."""
+        """Slots of the active rows."""
         return self.rows.slot[acting.force > 0.0]
 
     def update(self, acting: "Acting") -> None:
-        """Take the forces that act as the new multipliers."""
+        """Set the multipliers to the present forces."""
         self.normal, self.tangent = acting.force, acting.friction
         self.bound = self.rows.friction * self.normal
 
@@ -132,11 +132,11 @@ class Acting:
     energy: float
 
     def on_vertices(self, rows: Rows) -> Array:
-        """Whole forces (k, 3) on the vertices [N]."""
+        """Total forces (k, 3) on the vertices [N]."""
         return self.force[:, None] * rows.normal + self.friction
 
     def miss(self, multipliers: Multipliers, pushes: Flags | None = None) -> float:
-        """Largest gap of a row that pushes, penetration of one that does not, or slip [m].
+        """Largest violation [m]: gap of an active row, penetration of an inactive one, or slip.
 
         With `pushes` (k,) those rows count as pushing that are among them.
         """

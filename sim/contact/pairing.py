@@ -1,4 +1,4 @@
-"""Which surfaces may touch."""
+"""Pairs of surfaces that may touch."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +13,7 @@ from sim.scene import Index
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """Two surfaces that may touch, or one that may touch itself.
+    """Two surfaces that may touch, or one surface with self-contact.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Pairing:
     b: Surface | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot move against each other."""
+        """Refuse surfaces without relative motion."""
         if all(isinstance(surface, RigidShell) for surface in self.surfaces):
             raise SceneError(
                 f"pairing {self.name!r} has rigid shells only, expected at least one NodeSurface: "
@@ -45,7 +45,7 @@ class Pairing:
 
     @property
     def itself(self) -> bool:
-        """Whether this is self-contact."""
+        """True for self-contact."""
         return self.b is None or self.b is self.a
 
     @property
@@ -61,7 +61,7 @@ class Pairing:
 
     @cached_property
     def shared(self) -> Index:
-        """Nodes that both surfaces of the mesh name (none for self-contact)."""
+        """Nodes of both surfaces of the mesh (none for self-contact)."""
         if self.itself or not all(isinstance(s, NodeSurface) for s in self.surfaces):
             return np.empty(0, dtype=np.int64)
         return np.intersect1d(self.surfaces[0].nodes, self.surfaces[1].nodes)

@@ -1,4 +1,4 @@
-"""Where the stiffness of contacts goes in the matrix, also where it has no place there."""
+"""Assembly of contact stiffness, also for pairs outside the pattern."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from sim.state import Array
 
 
 class VertexPlaces:
-    """Adds stiffness over vertices to the values of a pattern.
+    """Assembler of stiffness over vertices into the values of a pattern.
 
     What couples two nodes that the pattern does not is replaced by a bound from above on the diagonal
     blocks: the iteration becomes slower there, its end remains the same.
@@ -58,7 +58,7 @@ class VertexPlaces:
         np.add.at(K, place[place >= 0], size[place >= 0])
 
     def _known(self, a: Index, b: Index) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Whether the pattern couples nodes a and b."""
+        """Test if the pattern couples nodes a and b."""
         keys = np.minimum(a, b) * self._pattern.n_nodes + np.maximum(a, b)
         pairs = self._pattern.pairs
         return pairs[np.minimum(np.searchsorted(pairs, keys), len(pairs) - 1)] == keys

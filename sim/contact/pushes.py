@@ -1,4 +1,4 @@
-"""Forces of rows against a body of known compliance."""
+"""Linear complementarity problem of contact forces."""
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
@@ -8,10 +8,10 @@ from sim.contact.rows import Flags
 from sim.state import Array
 
 CHANGES = 20
-"""How often what pushes is taken anew, before the search is left to a method that needs no guess."""
+"""Largest number of active-set updates before the robust method is used."""
 
 SOFTENED = 1e-6
-"""Share of the largest eigenvalue, by size, that the smallest is given."""
+"""Smallest eigenvalue relative to the largest one."""
 
 
 def pushes(G: Array, c: Array, pushing: Flags) -> Array:

@@ -1,4 +1,4 @@
-"""Results that are kept for the latest positions."""
+"""Cache of results for the latest positions."""
 
 from collections import deque
 from collections.abc import Callable
@@ -12,7 +12,7 @@ Result = TypeVar("Result")
 
 
 class Recent(Generic[Result]):
-    """A function of positions that knows its latest results.
+    """Function of positions with a cache of its latest results.
 
     A step asks for the same positions several times, those at its start and at its end in turn, and a
     shell that does not move has no others.
@@ -30,7 +30,7 @@ class Recent(Generic[Result]):
         self._kept: deque[tuple[tuple[Array, ...], Result]] = deque(maxlen=size)
 
     def __call__(self, *x: Array) -> Result:
-        """Result for positions x, the same object as long as it is kept."""
+        """Result for positions x, the same object while it is cached."""
         for known, result in self._kept:
             if len(known) == len(x) and all(map(np.array_equal, known, x)):
                 return result

@@ -1,4 +1,4 @@
-"""Rows: one vertex against one face, and where their stiffness goes in the matrix.
+"""Contact rows, each of one vertex and one face, and the assembly of their stiffness.
 
 Of the relative displacement r of vertex and face since the start of the step, a row knows the gap
 g = gap0 + n . r at the end of the step.
@@ -25,7 +25,7 @@ NEAREST, ENTERED, WALL, GIVEN_UP, NO_RANK = 0, 1, 2, 3, 4
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Vertices against faces.
+    """Contact constraints of vertices and faces.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Rows:
         return self.gap + np.einsum("ki,ki->k", self.normal, self.displacement(u))
 
     def foremost(self) -> Index:
-        """The rows of the lowest rank of every vertex, those of its nearest faces where it has any."""
+        """Rows of the lowest rank of every vertex, those of its closest faces if it has any."""
         lowest = np.full(int(self.slot.max(initial=-1)) + 1, NO_RANK)
         np.minimum.at(lowest, self.slot, self.rank)
         return np.flatnonzero(self.rank == lowest[self.slot])
@@ -80,26 +80,26 @@ class Rows:
         return out
 
     def take(self, which: Index) -> "Rows":
-        """Some of the rows."""
+        """Selection of rows."""
         return Rows(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
     def joined(self, other: "Rows") -> "Rows":
-        """These rows, then the others."""
+        """Concatenation of these and other rows."""
         names = self.__dataclass_fields__
         return Rows(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
 
     @property
     def keys(self) -> Index:
-        """One number (k,) per vertex and place."""
+        """Unique integer (k,) of vertex and feature."""
         return self.slot * (1 << 32) + self.place
 
     def without(self, others: "Rows") -> "Rows":
-        """Those rows of which vertex and place have none among others."""
+        """Rows whose vertex and feature do not occur in other rows."""
         return self.take(np.flatnonzero(~np.isin(self.keys, others.keys)))
 
 
 class RowPlaces:
-    """Where the blocks of rows go in the values of a pattern.
+    """Positions of the blocks of rows in the values of a pattern.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which vertices are near which faces, and which enter one during a step.
+"""Search of faces close to vertices or entered by them during a step.
 
 Each direction of a pairing is the vertices of one surface against the faces of the other. All searches
 end at the same answer as a comparison of every vertex with every face.
@@ -20,15 +20,15 @@ NO_NODES = np.empty(0, dtype=np.int64)
 NO_NORMALS = np.empty((0, 3))
 
 SAME_DISTANCE, SAME_TIME = 1e-9, 1e-9
-"""Distances [m], and shares of a step, that differ by less are equal but for rounding."""
+"""Difference of distances [m] and of fractions of a step that is due to rounding."""
 
 TOGETHER = 16
-"""Faces per point that may be equally near, on average."""
+"""Average number of equally close faces per point."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Faces of points, one each or all that are equally near.
+    """Faces of points, one each or all equally close ones.
 
     Attributes
     ----------
@@ -46,11 +46,11 @@ class Found:
     feature: Index
 
     def take(self, which: Index) -> "Found":
-        """Some of the rows."""
+        """Selection of rows."""
         return Found(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
     def joined(self, other: "Found") -> "Found":
-        """These rows, then the others."""
+        """Concatenation of these and other rows."""
         names = self.__dataclass_fields__
         return Found(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
 
@@ -65,7 +65,7 @@ def nearest_faces(
     away: Array = NO_NORMALS,
     grid: Grid | None = None,
 ) -> Found:
-    """Nearest face of every point within a radius.
+    """Closest face of every point within a radius.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def nearest_faces(
 
 
 def faces_within(points: Array, x: Array, triangles: Index, distance: float) -> NDArray[np.bool_]:
-    """Whether each point (row) is within a distance [m] of each face (column)."""
+    """Mask of the points (rows) within a distance [m] of each face (column)."""
     out = np.empty((len(points), len(triangles)), dtype=np.bool_)
     within(np.ascontiguousarray(points), x, triangles, distance, out)
     return out
@@ -123,7 +123,7 @@ def entered_faces(
     nodes: Index = NO_NODES,
     grid: Grid | None = None,
 ) -> Found:
-    """First face that every point enters through its front, all on straight ways.
+    """First face that every point enters through its front on a straight path.
 
     The instant solves the cubic that the volume of point and triangle is over the step.
 
@@ -170,7 +170,7 @@ def with_as_near(
     away: Array,
     grid: Grid,
 ) -> Found:
-    """The nearest faces, then all others that are as near, but for rounding.
+    """Closest faces, followed by all equally close ones, within rounding.
 
     Arguments as of `nearest_faces`, which found the former.
     """
@@ -209,7 +209,7 @@ def with_as_early(
     nodes: Index,
     grid: Grid,
 ) -> Found:
-    """The faces that points enter first, then all others that they enter together with those.
+    """Faces that points enter first, followed by those entered simultaneously.
 
     Arguments as of `entered_faces`, which found the former.
     """

@@ -1,4 +1,4 @@
-"""The faces of a surface: which are near, signed distances to them, and their directions."""
+"""Closest faces of a surface, signed distances and their directions."""
 
 from dataclasses import replace
 
@@ -22,11 +22,11 @@ from sim.scene import Index
 from sim.state import Array
 
 GRIDS = 3
-"""Grids that are kept: at the start, at the end and over a step."""
+"""Number of cached grids: at the start, at the end and over a step."""
 
 
 class SignedFaces:
-    """The faces of a surface: the nearest to points, those that points enter, and signed distances.
+    """Faces of a surface: closest faces, entered faces and signed distances.
 
     Parameters
     ----------
@@ -56,12 +56,12 @@ class SignedFaces:
         self._normals, self._grid = Recent(self._normals_at), Recent(self._grid_over, GRIDS)
 
     def normals(self, x: Array) -> tuple[Array, Array]:
-        """Unit normals of the faces (k, 3) and of the positions x (m, 3), zero where none is named."""
+        """Unit normals of the faces (k, 3) and of the vertices x (m, 3), zero for unused ones."""
         face, corner, _ = self._normals(x)
         return face, corner
 
     def normals_of(self, place: Index, x: Array) -> Array:
-        """Unit normals (k, 3) of places: faces, edges and vertices as `distinct` numbers them."""
+        """Unit normals (k, 3) of features: faces, edges and vertices numbered by `distinct`."""
         face, corner, _ = self._normals(x)
         m, out = len(self.triangles), np.empty((len(place), 3))
         within, vertex = place < m, place >= 4 * m
@@ -82,19 +82,19 @@ class SignedFaces:
     def nearest(
         self, points: Array, radius: Array | float, x: Array, nodes: Index, away: Array = NO_NORMALS
     ) -> Found:
-        """Nearest face of every point within a radius; see `nearest_faces`."""
+        """Closest face of every point within a radius; see `nearest_faces`."""
         grid = self._grid(x, x)
         return nearest_faces(points, radius, x, self.triangles, nodes=nodes, away=away, grid=grid)
 
     def all_nearest(
         self, points: Array, radius: Array | float, x: Array, nodes: Index, away: Array = NO_NORMALS
     ) -> Found:
-        """As `nearest`, with all faces that are equally near."""
+        """Same as `nearest`, with all equally close faces."""
         found = self.nearest(points, radius, x, nodes, away)
         return with_as_near(found, points, x, self.triangles, nodes, away, self._grid(x, x))
 
     def _places(self, found: Found, x: Array) -> tuple[Index, Array]:
-        """Numbers (k,) of the faces, edges or vertices where points are nearest, and weights on them.
+        """Indices (k,) of the closest faces, edges or vertices, and weights on them.
 
         An edge is the same place seen from both its faces, and a vertex from all.
         """
@@ -104,7 +104,7 @@ class SignedFaces:
         return place, weight
 
     def places_of(self, found: Found, x: Array) -> tuple[Found, Index]:
-        """Faces, edges and vertices where points meet the surface, each once, and their numbers."""
+        """Unique closest faces, edges and vertices of points, and their indices."""
         place, weight = self._places(found, x)
         _, first = np.unique(np.c_[found.point, place], axis=0, return_index=True)
         return replace(found, weight=weight).take(first), place[first]
@@ -112,7 +112,7 @@ class SignedFaces:
     def distinct(
         self, points: Array, every: Found, x: Array, blur: float, against: Array
     ) -> tuple[Found, Index, Array, Array]:
-        """Equally near faces as the places where points meet the surface, each once.
+        """Unique closest features of equally close faces.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class SignedFaces:
     def beside(
         self, points: Array, found: Found, x: Array, near: float
     ) -> tuple[Found, Array, Array]:
-        """Faces that meet the nearest one at a concave edge, where a point is above both.
+        """Faces adjacent to the closest one at a concave edge, if the point is above both.
 
         A point in a groove is held by both its walls.
 

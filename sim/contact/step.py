@@ -1,4 +1,4 @@
-"""Contact over one step: its rows, their multipliers, and what a state remembers of them."""
+"""Contact over one step: rows, multipliers and contact memory."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,20 +22,20 @@ from sim.pattern import SymmetricPattern
 from sim.state import Array, State
 
 TOUCH = 1e-6
-"""Depth that counts as passed [m]."""
+"""Depth above which a vertex has passed a face [m]."""
 
 ALIKE = 0.5
-"""Cosine of the angle from which a direction is one of its own, and no turn of that before."""
+"""Cosine of the angle above which a normal is new and not filtered."""
 
 TURN, SLIDE = 0.2, 2.5e-4
-"""Time [s] and way [m] in which a vertex that rests, or slides, turns to another direction."""
+"""Time [s] and sliding distance [m] of the low-pass filter of contact normals."""
 
 SHARING = 40
-"""Sweeps that share a push among the walls of a groove."""
+"""Number of sweeps that distribute a force among the walls of a groove."""
 
 
 class ContactStep:
-    """The contact of a scene from a state to a time.
+    """Contact of a scene from a state to a time.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class ContactStep:
         self._before = contact.turned(self._memory[:, DIRECTION], state.t, t1)
 
     def at_start(self, way: Array) -> Rows:
-        """Rows of the vertices near a face, which may come a way (n_nodes,) in the step [m]."""
+        """Rows of the vertices near a face, with nodal displacements (n_nodes,) in the step [m]."""
         # what a vertex of a shell comes near moves up to as far as anything
         reach = np.r_[way, way.max(initial=0.0)][self.contact.vertex_of_slot]
         rows = self.contact.near(self._move(self.q0), self._allowed, reach + self._removed)
@@ -72,7 +72,7 @@ class ContactStep:
         return self.contact.near(self._move(q), self._allowed, self._removed)
 
     def passed(self, q: Array, near: Rows) -> Rows:
-        """Rows of the vertices that have passed a face on their way to positions q.
+        """Rows of the vertices that have passed a face on their path to positions q.
 
         Of those of `near` the ones inside, and of the others those that came in through a face and are
         behind it, as where a thin sheet was crossed; not where a vertex slid round a ridge and lies
@@ -86,7 +86,7 @@ class ContactStep:
         return inside.joined(entered.take(np.flatnonzero(behind)))
 
     def _steadied(self, rows: Rows) -> Rows:
-        """Rows of the nearest faces turned towards the directions of the step before.
+        """Rows of the closest faces with low-pass filtered normals.
 
         A vertex at a ridge is held along one face, slides past the ridge, is held along the other and
         slides back: directions are those of the start of a step, so nothing within it stops that. Those
@@ -104,7 +104,7 @@ class ContactStep:
         return replace(rows, normal=every)
 
     def entering(self, rows: Rows) -> Rows:
-        """The same with no gap below that of what is moved out in this step.
+        """Same rows with gaps limited to those allowed in this step.
 
         What else is inside already may stay, and not go deeper.
         """
@@ -114,17 +114,17 @@ class ContactStep:
         return Move(self.q0, q, self._t0, self._t1)
 
     def multipliers(self, rows: Rows, rho: Array) -> Multipliers:
-        """Rows with the multipliers that the state remembers of their vertices."""
+        """Rows with the multipliers of their vertices from the state."""
         return _shared(rows, rho, self._memory[:, PUSH], self._memory[:, FRICTION])
 
     def places(self, pattern: SymmetricPattern, rows: Rows) -> RowPlaces:
-        """Where the blocks of rows go."""
+        """Positions of the blocks of rows."""
         return RowPlaces(pattern, rows, self.contact.names, self.contact.reach)
 
     def memory(
         self, q: Array, near: Rows, multipliers: Multipliers, acting: Acting
     ) -> Mapping[str, Array]:
-        """What the state at the end remembers, at positions q or a little beside, with their rows."""
+        """Contact memory of the state at the end, at positions q, with the rows."""
         new = np.zeros_like(self._memory)
         slot = multipliers.rows.slot
         np.add.at(new[:, FORCE], slot, acting.force)
@@ -144,7 +144,7 @@ class ContactStep:
 
 
 def _beside(entered: Rows, near: Rows) -> NDArray[np.bool_]:
-    """Whether a nearest face of the vertex of each entered row looks the same way as the entered one."""
+    """Test if a closest face of the vertex of each entered row has the same orientation."""
     order = np.argsort(near.slot, kind="stable")
     low, high = (
         np.searchsorted(near.slot[order], entered.slot, side) for side in ("left", "right")
@@ -158,7 +158,7 @@ def _beside(entered: Rows, near: Rows) -> NDArray[np.bool_]:
 
 
 def penalties(pattern: SymmetricPattern, diagonal: Array, rows: Rows, factor: float) -> Array:
-    """Penalty (k,) of every row: a factor on the stiffness that its direction feels [N/m].
+    """Penalty (k,) of every row, proportional to the stiffness along its normal [N/m].
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def carried_over(multipliers: Multipliers, rows: Rows, rho: Array) -> Multiplier
 
 
 def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers:
-    """Rows that share what their vertices (slots) push and rub: the nearest the friction, all the push.
+    """Distribute normal forces among all rows of a vertex, and friction to the closest one.
 
     The multipliers are those >= 0 of which the sum along the normals is nearest to the push. All rows of
     a vertex take their parts at once, so that none comes first.

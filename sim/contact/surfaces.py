@@ -1,4 +1,4 @@
-"""What can touch: surfaces of the mesh and rigid shells."""
+"""Contact surfaces: surfaces of the mesh and rigid shells."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ Motion = Callable[[float], tuple[ArrayLike, ArrayLike]]
 
 
 class _Triangles:
-    """What surfaces of both kinds know from their connectivity alone."""
+    """Connectivity of surfaces of both kinds."""
 
     triangles: Index
     name: str
@@ -37,7 +37,7 @@ class _Triangles:
 
     @cached_property
     def nodes(self) -> Index:
-        """Indices that the triangles name, ascending."""
+        """Indices of the vertices of the triangles, ascending."""
         return np.unique(self.triangles)
 
     @cached_property
@@ -50,11 +50,11 @@ class _Triangles:
 
     @property
     def closed(self) -> bool:
-        """Whether the surface has an inside."""
+        """True if the surface has an inside."""
         return len(self.open_edges) == 0
 
     def _require_shape(self, x: Array, of: str) -> None:
-        """Refuse what is unusable at positions x [m] of a mesh or shell."""
+        """Refuse invalid triangles at positions x [m] of a mesh or shell."""
         require_nodes(self.triangles, self.name, len(x), of)
         require_area(self.triangles, self.name, x)
         if self.closed:

@@ -1,4 +1,4 @@
-"""Integrators: each advances a state by one step and says how it went."""
+"""Integrators, which advance a state by one step and return a report."""
 
 from sim.integrators.contract import Integrator, TimeIntegrator
 from sim.integrators.converged_euler import ConvergedEuler
@@ -19,7 +19,7 @@ INTEGRATORS: tuple[type[TimeIntegrator], ...] = (
     SymplecticEuler,
     RungeKutta4,
 )
-"""Every integrator in time; the tests of order, free fall and momentum walk this tuple."""
+"""All integrators in time, the members of the tests of order, free fall and momentum."""
 
 __all__ = [
     "INTEGRATORS",

@@ -1,4 +1,4 @@
-"""How a potential is lowered by the latest factor and what moves since have told."""
+"""Quasi-Newton directions from the latest factor and later updates."""
 
 from sim.integrators.newton import Point
 from sim.integrators.workspace import Workspace
@@ -6,7 +6,7 @@ from sim.state import Array
 
 
 class BySecants:
-    """The part of a `Potential` that chooses moves, where a factor holds all of its stiffness.
+    """Choice of directions of a `Potential` whose stiffness is factorised completely.
 
     Attributes: as of `Potential`.
     """
@@ -15,14 +15,14 @@ class BySecants:
     patience, haste = 1, 1.0
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """The point, and -H g with H the inverse of the factorised matrix and of later moves."""
+        """Current iterate, and direction -H g with the quasi-Newton inverse H."""
         return point, work.secants.direction(point.g, lambda r: work.solve(self.scale * r))
 
     def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
-        """The end; secants learn."""
+        """End of a step, which updates the quasi-Newton history."""
         work.secants.learn(end.d - start.d, end.g - start.g)
         return end
 
     def refused(self, work: Workspace) -> bool:
-        """No: another factor may serve."""
+        """False: a new factor is required."""
         return False

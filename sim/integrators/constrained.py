@@ -1,4 +1,4 @@
-"""Newton's method on a potential under conditions c = 0, with multipliers and a line search."""
+"""Newton's method on a potential with constraints c = 0, with multipliers and a line search."""
 
 from typing import Protocol
 
@@ -23,7 +23,7 @@ MAX_SHIFTS = 12
 
 
 class Placed(Potential, Protocol):
-    """A potential that knows where its displacements lead."""
+    """Potential with a map from displacements to positions."""
 
     system: System
     base: Pose

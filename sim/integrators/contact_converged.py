@@ -1,4 +1,4 @@
-"""The minimum of a potential with contact: an augmented Lagrangian around the shared iteration."""
+"""Minimum of a potential with contact, by an augmented Lagrangian."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -20,26 +20,26 @@ from sim.scene import Index
 from sim.state import Array, Evaluation
 
 SLOW, STIFFER = 0.5, 4.0
-"""A gap that keeps this share after an update gets a penalty that many times as large."""
+"""Ratio of gaps above which the penalty is increased, and its factor."""
 
 SETTLED = 2e-6
-"""What gaps and slips are closed to [m]."""
+"""Tolerance of gaps and slips [m]."""
 
 FRICTION_SETTLED = 1e-3
-"""Change of the bounds of friction that is left, as a share of the largest."""
+"""Relative tolerance of the bounds of friction."""
 
 DEEPEST = 5e-6
-"""Depth that a correction may leave, before rows are taken anew [m]."""
+"""Depth after a correction above which rows are searched again [m]."""
 
 UPDATES, RENEWALS = 200, 20
-"""How often multipliers, and how often rows, are taken anew."""
+"""Largest numbers of updates of multipliers and of rows."""
 
 Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
 
 
 @dataclass(frozen=True)
 class Settled:
-    """End of an iteration with contact: the point of the potential itself, positions, and memory.
+    """Result of an iteration with contact: point of the potential, positions and memory.
 
     Positions differ from those of the point by what had come to lie inside and was moved out; `here`
     is the evaluation at the point with the smallest det F of the positions.
@@ -63,7 +63,7 @@ def minimise_in_contact(
     until: float,
     grip: bool = False,
 ) -> Settled:
-    """Minimum of a potential under the rows of a contact.
+    """Minimum of a potential with the rows of a contact.
 
     The potential with augmentation is minimised, the multipliers take the forces, again until the gaps
     are closed; then the rows are found anew where the surfaces are now, until nothing lies inside. All
@@ -156,7 +156,7 @@ def minimise_in_contact(
 def _stiffness_met(
     potential: Placed, start: Point, key: tuple[str, float], work: Workspace
 ) -> Array:
-    """Diagonal (n_free,) of the stiffness that rows meet [N/m], once per integrator and step."""
+    """Diagonal (n_free,) of the stiffness [N/m], once per integrator and step."""
     known = work.contact_stiffness
     if known is None or not alike(known[0], *key):
         A = potential.matrix(start.d).to_factorise()
@@ -167,7 +167,7 @@ def _stiffness_met(
 
 
 def _require_outside(step: ContactStep, q: Array, until: float) -> None:
-    """Refuse positions in which a vertex lies considerably inside: a shorter step finds its face."""
+    """Refuse positions with a considerable penetration, which a shorter step avoids."""
     depth = -step.passed(q, step.at(q)).gaps(q - step.q0)
     deepest = float(depth.max(initial=0.0))
     if deepest > AT_ALL:
@@ -175,14 +175,14 @@ def _require_outside(step: ContactStep, q: Array, until: float) -> None:
 
 
 def _moved_upright(potential: Placed, point: Point, q: Array, until: float) -> Evaluation:
-    """Evaluation at a point with the smallest det F at positions moved from it, which is positive."""
+    """Evaluation at a point, with the smallest det F at corrected positions, which is positive."""
     least, element = potential.system.smallest_J(q)
     require_upright(element, least, until)
     return replace(point.here, smallest_J=least, element=element)
 
 
 def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:
-    """Those old rows that new ones would take turns with.
+    """Previous rows that are kept to prevent cycling.
 
     A vertex in the valley between two faces, held off the one, comes to lie in the other, and the other
     way round for ever; vertices that came to lie inside (`contested` slots) keep both rows.

@@ -1,4 +1,4 @@
-"""One linearly implicit step under given rows: a semi-smooth Newton iteration on its equation."""
+"""Linearly implicit step with given rows, by a semi-smooth Newton iteration."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,39 +18,39 @@ from sim.system import System
 from sim.vectors import dot, norm
 
 SETTLED = 1e-6
-"""What gaps and slips are closed to [m]."""
+"""Tolerance of gaps and slips [m]."""
 
 ROUGHLY = 1e-5
-"""What is accepted where the sets do not settle [m]."""
+"""Accepted violation where the active set does not converge [m]."""
 
 FRICTION_SETTLED = 1e-4
-"""Change of the bounds of friction that is left, as a share of the largest."""
+"""Relative tolerance of the bounds of friction."""
 
 NO_FORCE = 1e-12
-"""Change of a bound that is none [N]."""
+"""Force change below which bounds are regarded as equal [N]."""
 
 INSIDE = 1e-5
-"""Depth of a row that does not push that is left to the correction [m]."""
+"""Depth of an inactive row that is left to the correction [m]."""
 
 PULL = 0.1
-"""Share of the mean force that a row may pull before it lets go in the next step."""
+"""Tensile force of a row, relative to the mean force, above which it is released."""
 
 LINEAR_ERROR = 3e-7
-"""What an iterative solution leaves [m]."""
+"""Error of an iterative solution [m]."""
 
 ENOUGH = 0.1
-"""Share of the slope at its start at which a move may end."""
+"""Fraction of the initial slope at which a line search may end."""
 
 TURNING = 0.3
-"""Share of the residual that a move may leave before the ways of sliding rows are taken anew."""
+"""Fraction of the residual above which the sliding directions are updated."""
 
 MAX_FLIPS = 6
-"""A row that comes and goes more often is let go for the step."""
+"""Number of changes of a row after which it is released for the step."""
 
 PASSES, HALVINGS = 60, 40
 
 Solve = Callable[[Array, float], Array]
-"""Solution for a right-hand side, and the largest error that an iterative one may leave [m]."""
+"""Solution for a right-hand side, with the largest error of an iterative one [m]."""
 
 
 class Equation(Protocol):
@@ -68,7 +68,7 @@ class Equation(Protocol):
 
     @property
     def moves(self) -> float:
-        """Share of the new velocity in the motion."""
+        """Weight of the new velocity in the motion."""
         ...
 
 
@@ -114,11 +114,11 @@ class ContactEquation:
         self.definite = True
 
     def displacement(self, x: Array) -> Array:
-        """Nodal vector (n_nodes, 3) of x, zero at what is held."""
+        """Nodal vector (n_nodes, 3) of x, zero at fixed components."""
         return self._system.kinematics.displacements(x, self._state.pose)
 
     def settle(self, multipliers: Multipliers, x: Array) -> tuple[Array, Acting, Solve]:
-        """Solution with the rows that touch, from a guess x.
+        """Solution with the active rows, from a guess x.
 
         Each pass solves for the rows that push and stick; when these stay as they are the multipliers
         take the forces, until gaps and slips are closed.
@@ -183,7 +183,7 @@ class ContactEquation:
         return x, acting, solve
 
     def _stand(self, multipliers: Multipliers, acting: Acting, pushes: Flags) -> bool:
-        """Whether these rows may stay as they are for the step: nothing goes in, little is pulled."""
+        """Test if the active set is valid for the step: no penetration, little tension."""
         inside = float(-acting.gap[~pushes & ~multipliers.released].min(initial=0.0))
         if inside > INSIDE:
             return False
@@ -195,7 +195,7 @@ class ContactEquation:
     def _along(
         self, multipliers: Multipliers, x: Array, move: Array, residual: Array
     ) -> tuple[Array, Acting]:
-        """Point of a move where the augmentation is lowest, its end if it falls till there.
+        """Minimiser of the augmentation along a direction, at most its end.
 
         residual is A x - b.
         """

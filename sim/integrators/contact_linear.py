@@ -1,4 +1,4 @@
-"""A linearly implicit step with contact: one linear system per set of rows that touch."""
+"""Linearly implicit step with contact: one linear system per active set."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,21 +16,21 @@ from sim.state import Array, State
 from sim.system import System
 
 PENALTY = 30.0
-"""Penalty of a row, of the stiffness that it meets."""
+"""Penalty of a row, relative to the stiffness."""
 
 FASTER = 1.5
-"""How much faster than at the start of a step a vertex is looked ahead for."""
+"""Factor on the initial velocity for the search range of vertices."""
 
 SHARE = 0.1
-"""Share of a correction that its solution may miss."""
+"""Relative tolerance of a correction."""
 
 ROUNDS = 6
-"""How often rows are added that the solution has passed."""
+"""Largest number of additions of violated rows."""
 
 
 @dataclass(frozen=True)
 class Touched:
-    """Independent velocities w and positions q of a step with contact, and how it went."""
+    """Independent velocities w and positions q of a step with contact, and its report."""
 
     w: Array
     q: Array
@@ -41,7 +41,7 @@ class Touched:
 
 
 class LinearContact:
-    """The rounds of a step: solve with the rows at hand, add those that the solution has passed.
+    """Iteration of a step: solve with the present rows, and add the violated ones.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class LinearContact:
         )
 
     def _multipliers_of(self, rows: Rows, before: Multipliers | None = None) -> Multipliers:
-        """Rows that allow no way in, with their multipliers."""
+        """Rows without allowed penetration, with their multipliers."""
         rho = penalties(self._system.point_pattern, self._equation.diagonal, rows, PENALTY)
         multipliers = self._step.multipliers(self._step.entering(rows), rho)
         if before is not None:
@@ -130,13 +130,13 @@ class LinearContact:
         return self._system.kinematics.advance(pose, way, pose.t + self._h).q
 
     def _missed(self, multipliers: Multipliers, acting: Acting, q: Array, near: Rows) -> Rows:
-        """Rows that the step has passed and that are no matter of a small correction."""
+        """Rows that the step violates beyond a small correction."""
         passed = self._step.passed(q, near)
         deep = considerable(passed, q - self._state.q, multipliers.pushing(acting))
         return passed.take(np.flatnonzero(deep)).without(multipliers.rows)
 
     def _through(self, rows: Rows, q: Array, near: Rows) -> Rows:
-        """Rows that are broken where no face is near any more.
+        """Rows that are violated without a close face.
 
         The old velocities, which no row bears on, may carry a vertex through a thin sheet.
         """

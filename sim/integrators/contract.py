@@ -1,4 +1,4 @@
-"""The contract of an integrator."""
+"""Interface of integrators."""
 
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -14,7 +14,7 @@ class Integrator(Protocol):
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
-        """State at t + h under a control, taken as a line over the step, and how it went.
+        """State at t + h for a control that is linear over the step, and the report.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The estimated error of a step, freed of what its start owes to a load that has jumped."""
+"""Error estimate of a step, without the contribution of a jump of the load."""
 
 from collections.abc import Callable
 
@@ -16,7 +16,7 @@ def relaxed(
     solve: Callable[[Array], Array],
     pose: Pose,
 ) -> Array:
-    """An estimate (e_q, e_v) through one implicit stage: what decays at once is no error.
+    """Estimate (e_q, e_v) filtered by one implicit stage, which removes stiff components.
 
     An estimate that uses the velocity v0 at the start of the step holds while v0 goes with the load.
     Tissue takes up its new velocity within a fraction of a millisecond after a jump of the load, and the

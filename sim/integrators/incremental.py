@@ -1,4 +1,4 @@
-"""The incremental potential of one implicit stage, and what it shares with that of an equilibrium."""
+"""Incremental potential of one implicit stage, and base class shared with equilibria."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ class PotentialOfMoves(BySecants):
         return self.system.kinematics.between(self.base, replace(self.base, q=q))
 
     def largest_step(self, d: Array, direction: Array) -> float:
-        """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
+        """Largest feasible fraction in (0, 1] of a displacement by `direction` from d."""
         if not self.system.stops:
             return 1.0
         ends = self.positions(d), self.positions(d + direction)
@@ -98,7 +98,7 @@ class IncrementalPotential(PotentialOfMoves):
         return d / self._s
 
     def point(self, d: Array, here: Evaluation | None = None) -> Point:
-        """Evaluate phi and its gradient; with det F <= 0 somewhere they mean nothing."""
+        """Evaluate phi and its gradient, which are undefined if det F <= 0 somewhere."""
         pose = self.pose(d)
         if here is None:
             here = self._evaluate(pose)
@@ -116,7 +116,7 @@ class IncrementalPotential(PotentialOfMoves):
         return self.system.implicit_matrix(pose, here, K, self._D, self._s, self.scale)
 
     def start(self, state_q: Array, at_state: Evaluation | None = None) -> Point:
-        """Begin at the inertial guess d = s v where it is feasible and better, else at the state."""
+        """Start at the inertial guess d = s v if it is feasible and better, otherwise at the state."""
         here = self.point(self.coordinates(state_q), at_state)
         guess = self._s * self._u
         share = self.largest_step(here.d, guess - here.d)

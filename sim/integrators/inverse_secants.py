@@ -1,4 +1,4 @@
-"""Limited-memory secant updates of an inverse, as a sum: for a factor whose compliance is known too."""
+"""Compact BFGS updates of an inverse, for a factor with known compliance."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from sim.vectors import dot, norm
 
 
 class InverseSecants:
-    """BFGS corrections H = H0 + E' M E of an inverse H0, with E of the latest moves and their answers.
+    """Compact BFGS H = H0 + E' M E of an inverse H0, with the latest steps and H0 y in E.
 
     Source: Byrd, Nocedal and Schnabel 1994, Representations of quasi-Newton matrices and their use in
     limited memory methods, Math. Programming 63, equation (2.6), with any H0.
@@ -28,25 +28,25 @@ class InverseSecants:
         self._middle = np.empty((0, 0))
 
     def clear(self) -> None:
-        """Forget all pairs, as after a factorisation."""
+        """Remove all pairs, as after a factorisation."""
         self._pairs.clear()
         self._lay_out()
 
     def learn(self, s: Array, y: Array, z: Array) -> None:
-        """Add a move s, the change y of the gradient along it and z = H0 y, if it is convex."""
+        """Add a step s, the change y of the gradient and z = H0 y, if the curvature is positive."""
         if dot(s, y) > 1e-10 * norm(s) * norm(y):
             self._pairs.append((s, y, z))
             self._lay_out()
 
     def arrays(self) -> dict[str, Array]:
-        """Moves s, changes y and answers z (k, n) of all pairs; none without pairs."""
+        """Steps s, gradient changes y and z = H0 y (k, n) of all pairs; empty without pairs."""
         if not self._pairs:
             return {}
         parts = zip(*self._pairs, strict=True)
         return {name: np.stack(part) for name, part in zip("syz", parts, strict=True)}
 
     def restore(self, kept: Mapping[str, Array]) -> None:
-        """Hold the pairs of `arrays`, and no others."""
+        """Restore the pairs from `arrays`."""
         self._pairs.clear()
         if kept:
             self._pairs.extend(zip(kept["s"], kept["y"], kept["z"], strict=True))

@@ -1,4 +1,4 @@
-"""What integrators that iterate share: their tolerances, and the iteration that a scene needs."""
+"""Base class of iterative integrators: tolerances, and the iteration for a scene."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Iterative:
     def _minimiser(
         self, system: System, work: Workspace, s: float, until: float
     ) -> Callable[[Placed, Point], tuple[Point, Iteration]]:
-        """Return the iteration for a system, under its conditions where it has any.
+        """Return the iteration for a system, with its constraints if it has any.
 
         Factors belong to this integrator and s, its implicit part of a step [s].
         """

@@ -1,4 +1,4 @@
-"""What the linearly implicit integrators share: one linear solution, with or without conditions."""
+"""Base class of linearly implicit integrators: one linear solution, with or without constraints."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from sim.system import System
 
 @dataclass(frozen=True)
 class Missed:
-    """What the estimated error of a step needs besides its equation.
+    """Data for the error estimate of a step.
 
     Attributes
     ----------
@@ -208,7 +208,7 @@ def _estimate(
 
 
 def _projected(system: System, state: State, pose: Pose, work: Workspace) -> Pose:
-    """Pose brought back to the conditions, along their derivative at the start of the step."""
+    """Pose projected to the constraints, along their derivative at the start of the step."""
     conditions = system.constraints
     assert conditions is not None  # callers ask for it by them
     _, G = conditions.evaluate(state.q)

@@ -1,4 +1,4 @@
-"""Newton's method with line search on a potential, sharing one factor over many steps."""
+"""Newton's method with line search on a potential, with a factor reused over many steps."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -61,11 +61,11 @@ class Potential(Protocol):
     haste: float
 
     def point(self, d: Array) -> Point:
-        """Evaluate potential and gradient; with det F <= 0 somewhere they mean nothing."""
+        """Evaluate potential and gradient, which are undefined if det F <= 0 somewhere."""
         ...
 
     def largest_step(self, d: Array, direction: Array) -> float:
-        """Share of a move by `direction` from d, in (0, 1], that nothing stops."""
+        """Largest feasible fraction in (0, 1] of a displacement by `direction` from d."""
         ...
 
     def matrix(self, d: Array) -> Matrix:
@@ -73,21 +73,21 @@ class Potential(Protocol):
         ...
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """The point as the potential is now, and a motion (n_free,) that lowers it there."""
+        """Current iterate and descent direction (n_free,)."""
         ...
 
     def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
-        """The end of a move of this share of a direction, as it is judged; what moves tell is learnt."""
+        """End of a step of this fraction of a direction, which updates the quasi-Newton history."""
         ...
 
     def refused(self, work: Workspace) -> bool:
-        """Whether another direction by the same factor may serve where one did not descend."""
+        """Test for retrying without a new factor after a direction without descent."""
         ...
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """When the iteration ends, and when it renews its factor.
+    """Tolerances of the iteration, and criteria for a new factor.
 
     Attributes
     ----------
@@ -106,12 +106,12 @@ class Tolerances:
     keep_factor: float
 
     def met(self, left: float, residual: float) -> bool:
-        """Whether an estimated error of the positions and a residual are small enough."""
+        """Test if an estimated error of the positions and a residual are below their tolerances."""
         return left <= self.position and residual <= self.residual
 
 
 def error_left(moved: float, last: float) -> float:
-    """What a linearly converging iteration leaves after a move, from the last two moves.
+    """Remaining error of a linearly converging iteration, from its last two steps.
 
     The rate is that of the two moves, or a half where there was none before (last infinite).
     """
@@ -121,7 +121,7 @@ def error_left(moved: float, last: float) -> float:
 
 @dataclass(frozen=True)
 class Iteration:
-    """How the iteration went; the fields are those of `sim.state.StepReport`."""
+    """Report of the iteration, with the fields of `sim.state.StepReport`."""
 
     iterations: int
     factorisations: int
@@ -131,7 +131,7 @@ class Iteration:
     shifts: int
 
     def joined(self, other: "Iteration") -> "Iteration":
-        """One account of two iterations: sums of the counts, the worse of the rest."""
+        """Combined report of two iterations: sums of counts, maxima of other values."""
         return Iteration(
             self.iterations + other.iterations,
             self.factorisations + other.factorisations,

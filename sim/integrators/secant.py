@@ -1,4 +1,4 @@
-"""Limited-memory secant updates of a factor that has grown old."""
+"""Limited-memory BFGS updates of an older factor."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ Solve = Callable[[Array], Array]
 
 
 class SecantMemory:
-    """BFGS corrections of an inverse Hessian, from the latest moves and changes of the gradient.
+    """Limited-memory BFGS inverse Hessian, from the latest steps and gradient changes.
 
     Lets a factor serve many steps: each pair (s, y) tells how the present Hessian differs from the one
     that was factorised. Source: Nocedal and Wright, Numerical Optimization, Algorithm 7.4, with the
@@ -28,24 +28,24 @@ class SecantMemory:
         self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=size)
 
     def clear(self) -> None:
-        """Forget all pairs, as after a factorisation."""
+        """Remove all pairs, as after a factorisation."""
         self._pairs.clear()
 
     def learn(self, s: Array, y: Array) -> None:
-        """Add a move s and the change y of the gradient along it, if it shows positive curvature."""
+        """Add a step s and the gradient change y, if the curvature is positive."""
         sy = dot(s, y)
         if sy > 1e-10 * norm(s) * norm(y):
             self._pairs.append((s, y, 1.0 / sy))
 
     def arrays(self) -> dict[str, Array]:
-        """Moves s and changes y (k, n) of all pairs; none without pairs."""
+        """Steps s and gradient changes y (k, n) of all pairs; empty without pairs."""
         if not self._pairs:
             return {}
         s, y, _ = zip(*self._pairs, strict=True)
         return {"s": np.stack(s), "y": np.stack(y)}
 
     def restore(self, kept: Mapping[str, Array]) -> None:
-        """Hold the pairs of `arrays`, and no others."""
+        """Restore the pairs from `arrays`."""
         self.clear()
         if kept:
             rows = zip(kept["s"], kept["y"], strict=True)

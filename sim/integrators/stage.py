@@ -1,4 +1,4 @@
-"""What the converged integrators share: the solution of one implicit stage."""
+"""Solution of one implicit stage, common to the converged integrators."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -100,7 +100,7 @@ class Converged(Iterative):
         pose: Pose,
         work: Workspace,
     ) -> Array:
-        """Return an estimated error without what the start of the step owes to a jump of the load.
+        """Return an error estimate without the contribution of a jump of the load.
 
         Arguments and result as of `relaxed`. With contact, whose forces at the start are not
         at hand, the estimate stays as it is.

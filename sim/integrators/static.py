@@ -1,4 +1,4 @@
-"""Quasi-static equilibrium: the same iteration without inertia and damping."""
+"""Quasi-static equilibrium by the iteration without inertia and damping."""
 
 import math
 from dataclasses import asdict, dataclass, replace

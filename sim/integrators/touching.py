@@ -1,4 +1,4 @@
-"""Potentials with the rows of a contact, as the iteration of a step minimises them.
+"""Potentials with contact forces, by the Schur complement or by assembly.
 
 Both are augmented Lagrangians of the rows' gaps g >= 0 (`sim.contact.multipliers`).
 """
@@ -22,30 +22,29 @@ from sim.state import Array
 from sim.system import System
 
 IN_MATRIX, APART = 3.0, 300.0
-"""Penalty of a row, of the stiffness that it meets; less in a matrix, lest its factor is lost on rows
-that turn."""
+"""Penalty of a row relative to the stiffness; smaller if assembled, so that factors can be reused."""
 
 PASSES = 6
-"""How often forces are found anew in one iteration."""
+"""Largest number of updates of the contact forces in one iteration."""
 
 ROUGH, SURE = (0.5, 1e-6), (0.02, 1e-9)
 """Error of the answer to a change of forces, relative and [m], that is left to the next iteration: while
 moves are taken in full, and once one was cut short or refused."""
 
 CLOSED = 1e-6
-"""Depth that a row left out may come to before forces are found anew [m]."""
+"""Depth of an omitted row above which the contact forces are updated [m]."""
 
 LIKELY = 1e-4
-"""Gap of rows that may come to push in the same iteration [m]."""
+"""Gap below which rows may become active in the same iteration [m]."""
 
 PATIENCE = 6
-"""Iterations that a factor serves where rows that come and go are a part of it."""
+"""Number of iterations with one factor if rows are assembled."""
 
 HASTE = 0.5
-"""Share of what else counts as slow: an iteration takes twice as many solutions."""
+"""Factor on the criterion of slow convergence, because an iteration takes two solutions."""
 
 SOFT = 1e-3
-"""Share of their own compliance by which rows that repeat each other may differ in a correction."""
+"""Relative regularisation of redundant rows in a correction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +61,7 @@ class InContact(Point):
 
 
 class Touching:
-    """A potential and the augmentation of rows under their present multipliers.
+    """Potential with the augmentation of rows for their present multipliers.
 
     Parameters
     ----------
@@ -96,14 +95,14 @@ class Touching:
         return self.with_contact(self._potential.point(d))
 
     def with_contact(self, point: Point) -> InContact:
-        """A point of the potential with the augmentation added."""
+        """Point of the potential with augmentation."""
         rows, acting = self._multipliers.rows, self.acting(point.d)
         f = rows.spread(acting.on_vertices(rows), len(self._q0))
         g = point.g - self.generalised(f)
         return InContact(point.d, g, point.phi + acting.energy, point.here, point)
 
     def largest_step(self, d: Array, direction: Array) -> float:
-        """As of the potential."""
+        """Delegates to the wrapped potential."""
         return self._potential.largest_step(d, direction)
 
     def matrix(self, d: Array) -> Matrix:
@@ -113,12 +112,12 @@ class Touching:
         return A
 
     def acting(self, d: Array) -> Acting:
-        """What acts at displacements d."""
+        """Contact forces at displacements d."""
         return self._multipliers.at(self.positions(d) - self._q0)
 
 
 class TouchingInMatrix(BySecants, Touching):
-    """Rows as a part of the matrix, as with friction or where it is singular without them."""
+    """Assembled contact, for friction or if the matrix is singular without contact."""
 
     penalty, patience = IN_MATRIX, PATIENCE
 
@@ -135,13 +134,13 @@ class TouchingInMatrix(BySecants, Touching):
         return A
 
     def settled(self, d: Array) -> Acting:
-        """What acts where the iteration has ended."""
+        """Contact forces at the end of the iteration."""
         return self.acting(d)
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
     ) -> Array:
-        """Displacements (n_nodes, 3) that open rows by about what is wanted (k,) [m].
+        """Displacements (n_nodes, 3) that open rows approximately by distances (k,) [m].
 
         Parameters
         ----------
@@ -153,7 +152,7 @@ class TouchingInMatrix(BySecants, Touching):
 
 
 class TouchingApart(Touching):
-    """Rows without friction beside a factor of the potential alone.
+    """Contact by the Schur complement, without friction, with a factor of the potential alone.
 
     Each iteration minimises a quadratic model of the potential under all rows: their forces in the space
     of the rows, then the motion by them. Its multipliers become those forces at once.
@@ -170,7 +169,7 @@ class TouchingApart(Touching):
         self._left = ROUGH
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """The point under the present multipliers, and the motion to the minimum of the model.
+        """Point for the present multipliers, and the direction to the minimum of the model.
 
         The gradient of the model is that of the potential; its matrix is the one that was factorised,
         with later moves.
@@ -228,7 +227,7 @@ class TouchingApart(Touching):
         return new, answer, pushed
 
     def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
-        """The end with the residual that the forces of the model leave, now the multipliers."""
+        """End of a step, with the forces of the model as the new multipliers."""
         assert isinstance(start, InContact) and isinstance(end, InContact)
         if length < 1.0:
             self._left = SURE
@@ -241,19 +240,19 @@ class TouchingApart(Touching):
         return replace(end, g=end.alone.g - self._directions.T @ multipliers.normal)
 
     def refused(self, work: Workspace) -> bool:
-        """Whether the compliance may be why: it is then found anew, by the factor at hand."""
+        """Test if the compliance may be inaccurate; if so, it is computed again."""
         self._left = SURE
         self._compliance = None
         return work.forget_compliance()
 
     def settled(self, d: Array) -> Acting:
-        """What acts where the iteration has ended: the multipliers."""
+        """Contact forces at the end of the iteration: the multipliers."""
         return replace(self.acting(d), force=self._multipliers.normal)
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
     ) -> Array:
-        """As `TouchingInMatrix.opened`, with what pushes elsewhere kept apart."""
+        """Same as `TouchingInMatrix.opened`, with other active rows kept closed."""
         own = self._multipliers.rows
         elsewhere = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
         D = directions(self.system.point_pattern, rows)
@@ -268,7 +267,7 @@ class TouchingApart(Touching):
 
 @dataclass(frozen=True, eq=False)
 class _Tried:
-    """A direction: the forces (m,) that it was found with, and motions (n,) by the factor alone.
+    """Direction with its forces (m,) and its displacement (n,) by the factor alone.
 
     Those are to the minimum without a change of the forces, and by that change.
     """
@@ -280,7 +279,7 @@ class _Tried:
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """A move: where it started, its motion (n,) by the factor alone, and which factor that is."""
+    """Step with its start, its displacement (n,) by the factor alone, and its factor."""
 
     start: Point
     by_factor: Array

@@ -28,10 +28,10 @@ from sim.state import Array, State
 from sim.system import System
 
 MOST = 1000
-"""Vertices that may push where rows are apart from the matrix: their compliance takes 0.2 GB."""
+"""Largest number of active vertices for the Schur complement, whose compliance takes 0.2 GB."""
 
 DIRECTION_SHARE, DIRECTION_SOLUTIONS = 0.1, 12
-"""How well a direction is found, and in how many solutions at most."""
+"""Tolerance of a direction, and largest number of solutions."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,9 @@ class Workspace:
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
         self.factor_of: tuple[str, float] | None = None
-        """Integrator and step that the latest factor was made for, set by one that reuses factors."""
+        """Integrator and step of the latest factor."""
         self.factor_number = 0
-        """Changes with every factor."""
+        """Counter of factors."""
         self.secants = SecantMemory()
         self.inverse_secants = InverseSecants()
         self.multipliers: Array | None = None
@@ -145,7 +145,7 @@ class Workspace:
         raise AssertionError("unreachable: the loop returns or raises")
 
     def arrays(self) -> dict[str, Array]:
-        """All that later results depend on: with it `restore` goes on bit for bit.
+        """Arrays that affect later results, for a bitwise identical restart by `restore`.
 
         Matrices are kept, not their factors, which the same solver makes of them again.
         """
@@ -179,7 +179,7 @@ class Workspace:
         return {f"{part}.{name}": a for part, kept in parts.items() for name, a in kept.items()}
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Hold what `arrays` told, and nothing else; those of another solver or pattern are left out."""
+        """Restore the state from `arrays`; those of another solver or pattern are ignored."""
 
         def part(name: str) -> dict[str, Array]:
             start = f"{name}."
@@ -226,7 +226,7 @@ class Workspace:
             self.contact_stiffness = by, stiffness["diagonal"]
 
     def _forms(self) -> list[System]:
-        """Forms of the system that the solver may have been analysed for."""
+        """Forms of the system for which the solver may have been analysed."""
         forms = [self._form]
         if self._form is not self._system:
             forms.append(self._system)
@@ -235,11 +235,11 @@ class Workspace:
         return forms
 
     def _fits(self) -> Array:
-        """Size of what the arrays belong to: unknowns and entries."""
+        """Numbers of unknowns and entries to which the arrays belong."""
         return np.array([self._pattern.n, self._pattern.nnz], dtype=np.float64)
 
     def form(self, system: System, state: State | None = None) -> System:
-        """Return the system in the form that the solver works with: products apart, or all entries.
+        """Return the system in the form required by the solver: with products, or fully assembled.
 
         With the `state` where a step begins also without places for the rows of a contact, if they are
         solved for apart; a factor of another form is dropped.
@@ -257,7 +257,7 @@ class Workspace:
         return form
 
     def prepare(self, state: State) -> None:
-        """Compile and analyse what a converged step from a state needs, else done by the first."""
+        """Prepare a converged step from a state, which the first step would otherwise do."""
         self._analyse(self.form(self._system, state).pattern)
 
     def _take_solver(self, n: int) -> None:
@@ -269,7 +269,7 @@ class Workspace:
             self.factor = self.linear
 
     def _analyse(self, pattern: Sparsity) -> None:
-        """Have a solver for a sparsity, unless it is the latest."""
+        """Set the solver for a sparsity, unless it is already set."""
         if pattern is self._factored:
             return
         if self._factored is not None:
@@ -312,7 +312,7 @@ class Workspace:
         return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve)
 
     def extrapolated(self, t: float, h: float, v: Array) -> Array:
-        """Velocities where an iteration for those at t + h may begin, from those at t.
+        """Initial guess of the velocities at t + h from those at t.
 
         Remembers them for the next step.
         """
@@ -322,7 +322,7 @@ class Workspace:
         return v + h / (before[1] - before[0]) * (v - before[2])
 
     def _forget(self) -> None:
-        """Drop what belongs to the latest factor."""
+        """Discard the data of the latest factor."""
         self.factor_of = None
         self.factor_number += 1
         self.secants.clear()
@@ -396,11 +396,11 @@ class Workspace:
         return self._saddle
 
     def has_factor_for(self, integrator: str, h: float) -> bool:
-        """Whether the latest factor belongs to this integrator and step, but for rounding of h."""
+        """Test if the latest factor belongs to this integrator and step, up to rounding of h."""
         return alike(self.factor_of, integrator, h)
 
     def compliance(self, scale: float) -> Compliance:
-        """Of the tissue that the latest factor was made for, or of that of earlier ones.
+        """Compliance of the tissue of the latest factor, or of earlier ones.
 
         Without products; new parts come from the latest factor, of `scale` times the stiffness, in its
         own precision.
@@ -417,7 +417,7 @@ class Workspace:
         return self._compliance
 
     def forget_compliance(self) -> bool:
-        """Find it anew when it is needed next, if it is not all of the latest factor; whether so."""
+        """Discard the compliance if it is not of the latest factor; return True if discarded."""
         if self._compliance_by == self.factor_number:
             return False
         self._compliance, self._compliance_by = None, None
@@ -446,5 +446,5 @@ def _text(codes: Array) -> str:
 
 
 def alike(made: tuple[str, float] | None, integrator: str, h: float) -> bool:
-    """Whether what was made belongs to this integrator and step, but for rounding of h."""
+    """Test if an object belongs to this integrator and step, up to rounding of h."""
     return made is not None and made[0] == integrator and math.isclose(made[1], h, rel_tol=1e-9)

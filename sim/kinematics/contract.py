@@ -1,4 +1,4 @@
-"""The maps between the coordinates of a scene and the points that its terms act on, v = R(q) w + gamma.
+"""Maps between the coordinates of a scene and its points, v = R(q) w + gamma.
 
 Terms exert forces on points: the nodes of the meshes and the points of bodies. Integrators advance
 independent velocities w: those of free nodes and of bodies. Only a `Kinematics` knows R.
@@ -12,7 +12,7 @@ from sim.state import Array, Pose, State
 
 
 class Kinematics(Protocol):
-    """The maps of one scene.
+    """Interface of the maps of one scene.
 
     Notes
     -----
@@ -33,7 +33,7 @@ class Kinematics(Protocol):
 
     @property
     def matrix_varies(self) -> bool:
-        """Whether R depends on the pose."""
+        """True if R depends on the pose."""
         ...
 
     def velocities(self, state: State) -> Array:

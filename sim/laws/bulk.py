@@ -8,7 +8,7 @@ from sim.laws.parameters import require
 
 
 class BulkLaw(Protocol):
-    """What the element loop needs of a bulk law."""
+    """Interface of bulk laws for the element loop."""
 
     code: ClassVar[int]
 
@@ -74,4 +74,4 @@ class LogarithmicBulk:
 
 
 BULK_LAWS: tuple[type[BulkLaw], ...] = (QuadraticBulk, LogarithmicBulk)
-"""Every bulk law; the derivative tests walk this tuple."""
+"""All bulk laws, the members of the derivative tests."""

@@ -12,7 +12,7 @@ from sim.laws.parameters import require
 
 
 class FibreLaw(Protocol):
-    """What the element loop needs of a fibre law."""
+    """Interface of fibre laws for the element loop."""
 
     code: ClassVar[int]
 
@@ -141,4 +141,4 @@ class Constant:
 
 N_FIBRE = 5
 FIBRE_LAWS: tuple[type[FibreLaw], ...] = (Blemker, Generic, Constant)
-"""Every fibre law; the derivative tests walk this tuple."""
+"""All fibre laws, the members of the derivative tests."""

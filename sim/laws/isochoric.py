@@ -8,7 +8,7 @@ from sim.laws.parameters import require
 
 
 class IsochoricLaw(Protocol):
-    """What the element loop needs of an isochoric law."""
+    """Interface of isochoric laws for the element loop."""
 
     code: ClassVar[int]
 
@@ -79,4 +79,4 @@ class NeoHooke:
 
 N_ISOCHORIC = 2
 ISOCHORIC_LAWS: tuple[type[IsochoricLaw], ...] = (MooneyRivlin, NeoHooke)
-"""Every isochoric law; the derivative tests walk this tuple."""
+"""All isochoric laws, the members of the derivative tests."""

@@ -13,10 +13,10 @@ Array = NDArray[np.float64]
 
 
 class LineLaw(Protocol):
-    """What a line muscle needs of its law; all arguments are arrays of the same shape."""
+    """Interface of line laws; all arguments are arrays of the same shape."""
 
     has_slope: ClassVar[bool]
-    """Whether the tension depends on the length, which couples all points of a fibre."""
+    """True if the tension depends on the length, which couples all points of a fibre."""
 
     def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
         """Energy [J], tension dE/dL [N] and slope dF/dL [N/m] at a length [m] and rest length [m]."""
@@ -126,4 +126,4 @@ class Peck:
 
 
 LINE_LAWS: tuple[type[LineLaw], ...] = (ConstantForce, Peck)
-"""Every line law; the derivative tests walk this tuple."""
+"""All line laws, the members of the derivative tests."""

@@ -1,4 +1,4 @@
-"""The one check that all laws share: a parameter is a finite number in its range."""
+"""Check of the parameters of laws: finite numbers in their range."""
 
 import math
 

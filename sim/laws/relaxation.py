@@ -1,4 +1,4 @@
-"""Quasi-linear viscoelasticity: how the stress of a law relaxes."""
+"""Quasi-linear viscoelasticity: relaxation of the stress of a law."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Laws of the whole strain tensor, for what one scalar does not determine.
+"""Laws that depend on the strain tensor.
 
 An isochoric law needs a bulk law beside it; the others answer for the change of volume themselves.
 """
@@ -12,7 +12,7 @@ from sim.laws.parameters import require
 
 
 class TensorLaw(Protocol):
-    """What the element loop needs of a law of the strain tensor.
+    """Interface of laws of the strain tensor for the element loop.
 
     Attributes
     ----------
@@ -250,4 +250,4 @@ TENSOR_LAWS: tuple[type[TensorLaw], ...] = (
     LinearElastic,
     CoRotational,
 )
-"""Every law of the strain tensor; the derivative, symmetry and frame tests walk this tuple."""
+"""All laws of the strain tensor, the members of the derivative, symmetry and frame tests."""

@@ -1,4 +1,4 @@
-"""Linear solvers behind one contract: analyse a pattern once, factorise often, solve more often."""
+"""Linear solvers with a common interface: analysis, factorisation, solution."""
 
 import platform
 from collections.abc import Callable
@@ -19,7 +19,7 @@ FACTORS: dict[str, Callable[[], Factor]] = {
     "superlu": SuperLU,
     "superlu_pivoting": PivotingSuperLU,
 }
-"""Every direct solver."""
+"""All direct solvers."""
 
 
 def _gmres_pardiso() -> ReusedFactor:
@@ -34,20 +34,20 @@ ITERATIONS: dict[str, Callable[[], ReusedFactor]] = {
     "gmres_pardiso": _gmres_pardiso,
     "gmres_superlu": _gmres_superlu,
 }
-"""Every iterative solver: the iteration, and what makes the factors that precondition it."""
+"""All iterative solvers: the iteration, and the direct solver of its preconditioner."""
 
 LINEAR_SOLVERS: dict[str, Callable[[], Factor | ReusedFactor]] = {**FACTORS, **ITERATIONS}
-"""Every linear solver; the tests walk this table."""
+"""All linear solvers, the members of the tests."""
 
 INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
-"""The member of each family that serves matrices that are not positive definite."""
+"""Member of each family for matrices that are not positive definite."""
 
 LARGE = 4000
-"""Unknowns from which on a factor of a time step is worth keeping for the next."""
+"""Number of unknowns above which the factor of a time step is reused in the next."""
 
 
 def linear_solver(name: str = "auto", *, indefinite: bool = False) -> Factor | ReusedFactor:
-    """Return a fresh solver by name; "auto" is direct, PARDISO where it can be loaded, else SuperLU.
+    """Return a new solver by name; "auto" is PARDISO if it can be loaded, otherwise SuperLU.
 
     Parameters
     ----------

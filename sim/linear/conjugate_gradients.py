@@ -1,4 +1,4 @@
-"""Preconditioned conjugate gradients, truncated: what Newton's method asks of a linear system."""
+"""Truncated preconditioned conjugate gradients for Newton's method."""
 
 import numpy as np
 

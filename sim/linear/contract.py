@@ -1,4 +1,4 @@
-"""The contracts of linear solvers for symmetric matrices."""
+"""Interfaces of linear solvers for symmetric matrices."""
 
 from collections.abc import Callable
 from typing import ClassVar, Protocol
@@ -23,7 +23,7 @@ class LinearSolver(Protocol):
 
     @property
     def name(self) -> str:
-        """What results are labelled with."""
+        """Name for labels of results."""
         ...
 
     def analyse(self, pattern: Sparsity) -> None:
@@ -69,7 +69,7 @@ class Factor(LinearSolver, Protocol):
         ...
 
     def approximate_many(self, rhs: Array) -> Array:
-        """As `approximate`, for several right-hand sides (k, n) at once."""
+        """Same as `approximate`, for several right-hand sides (k, n)."""
         ...
 
 

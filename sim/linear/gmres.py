@@ -1,4 +1,4 @@
-"""Generalised minimal residuals: the iteration that solves with one matrix by the factor of another."""
+"""Generalised minimal residuals, preconditioned by the factor of another matrix."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ MAX_CYCLES = 6
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where an iteration ended.
+    """Result of an iteration.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ BUNCH_KAUFMAN, NEGATIVE_PIVOTS, SINGLE, FROM_ZERO = 20, 22, 27, 34
 
 
 def pardiso_is_available() -> bool:
-    """Whether pypardiso and its MKL can be loaded on this machine."""
+    """Test if pypardiso and its MKL can be loaded on this machine."""
     try:
         _wrapper()
     except (ImportError, OSError):
@@ -53,7 +53,7 @@ def _wrapper() -> tuple[Any, str]:
 
 
 def _fix_code_path(mkl: ctypes.CDLL) -> None:
-    """Have MKL compute alike in every process, wherever its arrays begin.
+    """Configure MKL for reproducible results, independent of the alignment of arrays.
 
     Its kernels otherwise follow the alignment of memory, and solutions differ between processes in
     their last digits. MKL refuses once it has computed something in this process, or where MKL_CBWR
@@ -65,7 +65,7 @@ def _fix_code_path(mkl: ctypes.CDLL) -> None:
 
 @contextmanager
 def _one_thread(mkl: ctypes.CDLL) -> Generator[None]:
-    """Let MKL use one thread: a factor found in parts, one for each thread, is rounded differently."""
+    """Restrict MKL to one thread, because rounding depends on the number of threads."""
     before = mkl.MKL_Set_Num_Threads_Local(ctypes.c_int(1))
     try:
         yield
@@ -74,7 +74,7 @@ def _one_thread(mkl: ctypes.CDLL) -> Generator[None]:
 
 
 def _installed_mkl() -> str | None:
-    """MKL as its package lists it; None where it came otherwise and must be searched for."""
+    """Path of MKL in its package; None if it was installed otherwise and must be searched for."""
     try:
         files = importlib.metadata.distribution("mkl").files or []
     except importlib.metadata.PackageNotFoundError:
@@ -90,7 +90,7 @@ def _new_solver(matrix_type: int) -> Any:
 
 @contextmanager
 def _pointed_to(mkl: str | None) -> Generator[None]:
-    """Spare pypardiso the search for MKL through all installed files that it starts every time."""
+    """Skip the search of pypardiso for MKL in all installed files."""
     before = os.environ.get(MKL_PATH)
     if mkl is not None and before is None:
         os.environ[MKL_PATH] = mkl
@@ -102,7 +102,7 @@ def _pointed_to(mkl: str | None) -> Generator[None]:
 
 
 class _Handle:
-    """One instance of PARDISO with the arrays that it reads and writes.
+    """Instance of PARDISO with its arrays.
 
     pypardiso finds MKL and declares the routine; its own calls copy all indices each time, which
     takes longer than a solution in single precision.

@@ -1,4 +1,4 @@
-"""Solution with the present matrix by the factor of an older one."""
+"""Iterative solution with the present matrix by the factor of an older one."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
@@ -28,11 +28,11 @@ SENSITIVE = 1e-3  # share of the error asked for, where the matrix is not positi
 
 
 class NotReached(SingularSystem):
-    """The iteration missed its tolerance, and the matrix is not at hand whole."""
+    """The iteration missed its tolerance, and the matrix is not fully assembled."""
 
 
 class ReusedFactor:
-    """GMRES on the matrix at hand, preconditioned by a factor that serves as long as it pays.
+    """GMRES on the present matrix, preconditioned by a factor that is reused while efficient.
 
     The factor is renewed when the solutions spent since it was made, beyond those that a new factor
     needs, add up to the cost of a factorisation. The decision rests on counts alone, never on clock
@@ -91,18 +91,18 @@ class ReusedFactor:
         self.factor.analyse(pattern)
 
     def forget(self) -> None:
-        """Drop the factor, as when it was made for something else."""
+        """Discard the factor."""
         self._active = None
 
     def arrays(self) -> dict[str, Array]:
-        """What the next solution depends on: the matrix behind the factor, and the counts."""
+        """Arrays that affect the next solution: the factorised matrix, and the counts."""
         fresh = -1 if self._fresh is None else self._fresh
         other = self._active is self._indefinite
         counts = np.array([fresh, self._excess, self.definite, other], dtype=np.float64)
         return {"counts": counts} | ({} if self._active is None else {"factored": self._factored})
 
     def restore(self, kept: Mapping[str, Array]) -> None:
-        """Go on as where `arrays` were told; without any, as if nothing had been solved."""
+        """Restore the state from `arrays`; without any, the initial state."""
         fresh, excess, definite, other = kept["counts"].tolist() if kept else (-1, 0, 1, 0)
         self._fresh = None if fresh < 0 else int(fresh)
         self._excess, self.definite, self._active = int(excess), bool(definite), None
@@ -112,7 +112,7 @@ class ReusedFactor:
             self._active, self._factored = active, kept["factored"]
 
     def _for_indefinite(self) -> Factor:
-        """Solver that factorises what is not positive definite, analysed when it is first needed."""
+        """Solver for indefinite matrices, analysed at its first use."""
         if self._indefinite is None:
             self._indefinite = self._new_indefinite()
             self._indefinite.analyse(self._pattern)
@@ -124,7 +124,7 @@ class ReusedFactor:
         product: Operator | None = None,
         to_factorise: Callable[[], Array] | None = None,
     ) -> None:
-        """Take the matrix to solve with; a factor is made when a solution needs one.
+        """Set the matrix; it is factorised when a solution requires it.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class ReusedFactor:
         self._values, self._product, self._to_factorise = values, product, to_factorise
 
     def solve(self, rhs: Array, start: Array | None = None, error: float | None = None) -> Array:
-        """Solve with the matrix at hand.
+        """Solve with the present matrix.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class ReusedFactor:
         return found.x if found.reached else self._solve_whole(rhs)
 
     def roughly(self, rhs: Array) -> Array:
-        """Solve with the factor at hand, which was made for a matrix near the latest."""
+        """Solve with the present factor, which is that of a similar matrix."""
         assert self._active is not None  # a solution has made one
         return self._active.approximate(rhs)
 
@@ -200,7 +200,7 @@ class ReusedFactor:
         return found
 
     def _renew(self) -> None:
-        """Factorise the matrix at hand, or the one nearby."""
+        """Factorise the present matrix, or its approximation."""
         values = self._values if self._to_factorise is None else self._to_factorise()
         self._fresh, self._excess, self._factored, self._active = None, 0, values, None
         with self.timed("factorisation"):

@@ -1,4 +1,4 @@
-"""Solution of the saddle system [[A, G'], [G, 0]] [x, y] = [r, gamma] by one factor of the whole."""
+"""Solution of the saddle system [[A, G'], [G, 0]] [x, y] = [r, gamma] by one factor."""
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -43,7 +43,7 @@ class Saddle:
 
     @property
     def negative_pivots(self) -> int | None:
-        """Number of negative eigenvalues of the latest factor, where the solver counts them.
+        """Number of negative eigenvalues of the latest factor, if the solver provides it.
 
         As many as there are conditions exactly if A is positive definite on their null space.
         """

@@ -1,4 +1,4 @@
-"""A factor in single precision, refined to double."""
+"""Factor in single precision, with refinement to double."""
 
 from typing import ClassVar
 
@@ -69,7 +69,7 @@ class SinglePardiso:
             self._factorise_in_double()
 
     def _serves(self) -> bool:
-        """Whether a constant, the softest of motions, is recovered from its product with the matrix."""
+        """Test if a constant vector is recovered from its product with the matrix."""
         one = np.ones(self._pattern.n)
         x = self._factor.approximate(symmetric_product(self._pattern, self._values, one))
         return float(np.abs(x - one).max()) <= TRUSTED
@@ -83,11 +83,11 @@ class SinglePardiso:
 
     @property
     def in_double(self) -> bool:
-        """Whether single precision did not serve, and factors are in double from then on."""
+        """True if single precision was insufficient, so that factors are in double precision."""
         return not self._is_single
 
     def start_over(self, in_double: bool = False) -> None:
-        """Forget which precision served, or take double at once."""
+        """Reset the precision, or set double precision."""
         if in_double and self._double is None:
             self._double = Pardiso()
             self._double.analyse(self._pattern)

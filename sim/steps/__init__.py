@@ -1,4 +1,4 @@
-"""Step control: it alone divides an interval and rejects; a rejected step leaves no trace."""
+"""Step control, which divides intervals and rejects steps without side effects."""
 
 from sim.steps.contract import StepControl, Watch, united
 from sim.steps.error_controlled import ErrorControlledStep
@@ -6,7 +6,7 @@ from sim.steps.fixed import FixedStep
 from sim.steps.halving import HalvingStep
 
 STEP_CONTROLS: tuple[type[StepControl], ...] = (FixedStep, HalvingStep, ErrorControlledStep)
-"""Every step control; the tests walk this tuple."""
+"""All step controls, the members of the tests."""
 
 __all__ = [
     "STEP_CONTROLS",

@@ -1,4 +1,4 @@
-"""The contract of a step control, and what its members share."""
+"""Interface of step controls, and shared functions."""
 
 from collections.abc import Callable
 from typing import Protocol
@@ -12,13 +12,13 @@ from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
 
 FAILURES = (InvertedElement, NotConverged, SingularSystem)
-"""Failures of a step that a smaller one may not have."""
+"""Failures of a step that a smaller step may avoid."""
 Watch = Callable[[State, State], None]
-"""Told the states before and after every accepted step."""
+"""Observer of the states before and after every accepted step."""
 
 
 class StepControl(Protocol):
-    """Carries a state over one interval."""
+    """Interface: advances a state over one interval."""
 
     @property
     def h(self) -> float:
@@ -46,7 +46,7 @@ def require_positive(h: float) -> None:
 
 
 def united(reports: list[StepReport], rejected: int) -> StepReport:
-    """One report for several, and attempts rejected besides those that they count."""
+    """Combined report of several, with additional rejected attempts."""
     if len(reports) == 1 and rejected == 0:
         return reports[0]
     return StepReport(

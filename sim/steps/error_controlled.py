@@ -1,4 +1,4 @@
-"""Steps chosen by the estimated error of the positions that matter."""
+"""Steps chosen by the estimated error of selected positions."""
 
 from dataclasses import dataclass, replace
 
@@ -13,10 +13,10 @@ from sim.steps.contract import FAILURES, Watch, require_positive, united
 from sim.system import System
 
 MEMORY = "steps"
-"""Name in the memory of a state of (halvings of the next step, error [m] that its past has left)."""
+"""Name in the memory of a state of (halvings of the next step, accumulated error [m])."""
 
 SHARE = 0.25
-"""Share of what is left of the tolerance that one step may take."""
+"""Fraction of the remaining tolerance for one step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class ErrorControlledStep:
         work: Workspace,
         watch: Watch | None = None,
     ) -> tuple[State, StepReport]:
-        """Cover the interval; the division begins where that of the interval before ended.
+        """Cover the interval, starting with the last step size of the previous interval.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class ErrorControlledStep:
         work: Workspace,
         new: State,
     ) -> tuple[State, StepReport, float]:
-        """The step in two halves, with its error by the difference to the whole one."""
+        """Step in two halves, with its error from the difference to the whole step."""
         middle, first = integrator.step(system, state, control, 0.5 * h, work)
         better, second = integrator.step(system, middle, control, state.t + h - middle.t, work)
         error = (new.q - better.q) / (2.0**integrator.order - 1.0)

@@ -22,7 +22,7 @@ TERMS: tuple[type[Term], ...] = (
     Stiffening,
     Support,
 )
-"""Every term; the derivative tests walk this tuple."""
+"""All terms, the members of the derivative tests."""
 
 __all__ = [
     "TERMS",

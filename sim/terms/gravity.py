@@ -1,4 +1,4 @@
-"""Weight of everything that has mass."""
+"""Weight of all nodes with mass."""
 
 from dataclasses import dataclass
 

@@ -41,7 +41,7 @@ class LineFibre:
     share: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no line."""
+        """Check points and share."""
         nodes = self.points.ndim == 1 and np.issubdtype(self.points.dtype, np.integer)
         if not (nodes or (self.points.ndim == 2 and self.points.shape[1] == 3)):
             raise SceneError(
@@ -92,7 +92,7 @@ class LineMuscles:
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
-        """Refuse muscles that cannot act."""
+        """Check muscles, fibres and laws."""
         found = {fibre.muscle for fibre in self.fibres}
         for k, name in enumerate(self.names):
             if k not in found:
@@ -200,7 +200,7 @@ class _Strands:
 
 
 class CompiledLineMuscles:
-    """Line muscles laid out for a scene.
+    """Compiled line muscles.
 
     The stiffness of all segment pairs, a few thousand numbers, goes to the matrix by one constant sparse
     product, so that the embedding costs nothing but that.

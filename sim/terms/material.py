@@ -1,4 +1,4 @@
-"""Passive tissue: a law, a bulk law, and how the stress relaxes."""
+"""Passive tissue: law, bulk law and relaxation."""
 
 from dataclasses import dataclass, field
 
@@ -67,17 +67,17 @@ class Material:
 
     @property
     def bulk_code(self) -> int:
-        """Code of the bulk law; any where there is none."""
+        """Code of the bulk law; arbitrary if there is none."""
         return 0 if self.bulk is None else self.bulk.code
 
     @property
     def needs_axes(self) -> bool:
-        """Whether the law depends on the material axes of the element."""
+        """True if the law depends on the material axes of the element."""
         return isinstance(self.law, TENSOR_LAWS) and self.law.needs_axes
 
     @property
     def tensor_form(self) -> tuple[int, int, tuple[float, ...]] | None:
-        """Measure, code and parameters for the second element loop; None if the first serves.
+        """Measure, code and parameters for the second element loop; None for the first.
 
         The first loop takes elastic laws of one scalar alone.
         """

@@ -41,7 +41,7 @@ class Muscles:
     weight: Array | None = None
 
     def __post_init__(self) -> None:
-        """Refuse rows that cannot act."""
+        """Check the arrays."""
         k = len(self.element)
         if self.muscle.shape != (k,) or self.direction.shape != (k, 3):
             raise SceneError(
@@ -84,7 +84,7 @@ class Muscles:
 
 @dataclass(frozen=True, eq=False)
 class FibreTable:
-    """Fibres by element, as the element loops read them.
+    """Fibres by element, for the element loops.
 
     Those of element n are rows start[n]..start[n + 1] of muscle, direction and weight; code and p belong
     to the muscles of the scene.

@@ -21,7 +21,7 @@ from sim.vectors import dot
 from sim.volumes import PointVolumes
 
 STAND_IN = 0.2
-"""Share of the bulk modulus by which the volume of elements preconditions that of nodes best.
+"""Optimal fraction of the bulk modulus in the element-volume preconditioner.
 
 It resists more of the motions than that of nodes. Measured on a face with kappa/mu = 5: shares of 0.1
 and 1 need a third more iterations.
@@ -71,13 +71,13 @@ class NodalVolume:
         return CompiledNodalVolume(self, layout)
 
     def sparse(self) -> "SparseNodalVolume":
-        """The same pressures, with the stiffness that couples second neighbours as a product."""
+        """Same term, with the coupling of second neighbours as a matrix-free product."""
         return SparseNodalVolume(self)
 
 
 @dataclass(frozen=True, eq=False)
 class SparseNodalVolume:
-    """The pressures of a `NodalVolume` with their stiffness in two parts.
+    """Pressures of a `NodalVolume` with their stiffness in two parts.
 
     The part p d2v/dx2 couples the nodes within elements and is assembled; the part
     sum_n kappa_n/V_n g_n g_n' with g_n = dv_n/dx, which couples second neighbours, is a product.
@@ -95,7 +95,7 @@ class SparseNodalVolume:
 
 
 class _NodalPressures:
-    """Nodal volumes and their forces; the buffers carry nothing between calls."""
+    """Nodal volumes and their forces; the buffers contain no state between calls."""
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:
         mesh, pattern = layout.mesh, layout.pattern
@@ -163,7 +163,7 @@ class _NodalPressures:
 
 
 class CompiledNodalVolume(_NodalPressures):
-    """Nodal volumes laid out for a scene, their stiffness assembled whole."""
+    """Compiled nodal volumes with a fully assembled stiffness."""
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:
         super().__init__(term, layout)
@@ -195,7 +195,7 @@ class CompiledNodalVolume(_NodalPressures):
 
 
 class CompiledSparseNodalVolume(_NodalPressures):
-    """Nodal volumes laid out for a scene, their stiffness in two parts."""
+    """Compiled nodal volumes with the stiffness in two parts."""
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:
         super().__init__(term, layout)
@@ -229,7 +229,7 @@ class CompiledSparseNodalVolume(_NodalPressures):
         return self._add_bending(q, f, K)
 
     def product(self, q: Array) -> Product:
-        """The rest of d2E/dq2 at q."""
+        """Matrix-free part of d2E/dq2 at q."""
         self._evaluate(q)
         if self._product is None:
             values = self._g.reshape(-1)[self._entries]

@@ -1,4 +1,4 @@
-"""What viscoelastic elements remember, and how it acts over a step."""
+"""Internal stresses of viscoelastic elements, and their effect over a step."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from sim.terms.tensor_elements import TensorElements
 
 
 class Relaxation:
-    """Memory of some elements: their elastic stress and one stress per relaxation time.
+    """History of some elements: elastic stress and one stress per relaxation time.
 
     The memory of a step is an array (n_gauss_points, 1 + n_times, 6) [Pa]: S_e, then H_i, both as in
     `sim.laws.Prony`; materials with fewer times than others leave the rest zero.
@@ -54,7 +54,7 @@ class Relaxation:
             )
 
     def end(self, q: Array) -> Array:
-        """Memory after the step that was begun, which ends at positions q."""
+        """History after a step that ends at positions q."""
         new: list[Array] = []
         for elements, past, rows in zip(self.elements, self._memory, self._rows, strict=True):
             e, a = self._e[rows][:, None, :, None], self._a[rows][:, None, :, None]

@@ -1,4 +1,4 @@
-"""The deformable solid: passive tissue and muscle fibres in one element loop."""
+"""Deformable solid: passive tissue and muscle fibres in one element loop."""
 
 from copy import copy
 from dataclasses import dataclass
@@ -93,7 +93,7 @@ class Solid:
 
 
 class CompiledSolid:
-    """A solid laid out for its scene; the buffers are scratch and carry nothing between calls.
+    """Compiled solid; the buffers contain no state between calls.
 
     With `chosen` (n_elements,) only those elements take part, and there are no muscles.
     """
@@ -128,7 +128,7 @@ class CompiledSolid:
         self._even, self._no_values = np.zeros(0), np.zeros(0)
 
     def _lay_out_parts(self, solid: Solid, layout: Layout, chosen: NDArray[np.bool_]) -> None:
-        """Divide the elements by the loop that their law needs; those that remember stay together."""
+        """Divide the elements by the element loop of their law."""
         mesh, materials, region = layout.mesh, solid.materials, self._region
         axes = _axes(solid, mesh, region, chosen)
         tensor = np.array([m.tensor_form is not None for m in materials])[region]
@@ -208,7 +208,7 @@ class CompiledSolid:
 
 
 class RelaxingSolid(CompiledSolid):
-    """A solid with viscoelastic elements: fully relaxed but during a step."""
+    """Solid with viscoelastic elements, fully relaxed except during a step."""
 
     def __init__(self, solid: Solid, layout: Layout, region: Index) -> None:
         super().__init__(solid, layout, region)
@@ -248,7 +248,7 @@ def _axes(solid: Solid, mesh: Mesh, region: Index, chosen: NDArray[np.bool_]) ->
 
 
 def _checked(prestretch: Array, mesh: Mesh) -> Array:
-    """Return the prestretch unless it cannot be one."""
+    """Check the prestretch."""
     if prestretch.shape != (mesh.n_elements, 3, 3):
         raise SceneError(
             f"prestretch has shape {prestretch.shape}, expected ({mesh.n_elements}, 3, 3)"

@@ -1,4 +1,4 @@
-"""Stress stiffening: the tissue in a muscle grows stiffer as the muscle is activated."""
+"""Stress stiffening: the stiffness of the tissue in a muscle increases with its activation."""
 
 from dataclasses import dataclass
 
@@ -53,7 +53,7 @@ class Stiffening:
     weight: Array | None = None
 
     def __post_init__(self) -> None:
-        """Refuse rows that cannot act."""
+        """Check the arrays."""
         k = len(self.element)
         for what, rows in (("muscles", self.muscle), ("weights", self.weight)):
             if rows is not None and rows.shape != (k,):
@@ -78,7 +78,7 @@ class Stiffening:
 
 
 class CompiledStiffening:
-    """Stiffening elements laid out for a scene; their activation is a small sum."""
+    """Compiled stiffening elements."""
 
     def __init__(self, term: Stiffening, layout: Layout) -> None:
         mesh = layout.mesh

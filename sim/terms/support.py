@@ -1,4 +1,4 @@
-"""One-sided support: a wall behind every node that it may touch and leave but not pass far."""
+"""Unilateral penalty supports behind nodes."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 
 TOUCHED = 1e-9
-"""Depth from which a wall counts as touched by the stiffness [m].
+"""Depth above which a wall contributes to the stiffness [m].
 
 At rest a node lies on its wall, give or take rounding, which must not choose the stiffness of the face.
 """
@@ -58,16 +58,16 @@ class Support:
                 raise SceneError(f"Support: {name} = {value!r}, expected a number >= 0")
 
     def pair_keys(self, mesh: Mesh) -> Index:
-        """None but a node with itself, which every pattern holds."""
+        """No pairs, because every pattern contains the diagonal."""
         return np.empty(0, dtype=np.int64)
 
     def compile(self, layout: Layout) -> "CompiledSupport":
-        """Find the places in the matrix."""
+        """Compile the positions in the matrix."""
         return CompiledSupport(self, layout)
 
 
 class CompiledSupport:
-    """Walls laid out for a scene."""
+    """Compiled walls."""
 
     def __init__(self, term: Support, layout: Layout) -> None:
         nodes = np.asarray(term.nodes, dtype=np.int64)
@@ -81,18 +81,18 @@ class CompiledSupport:
         self._block = term.stiffness * np.einsum("ni,nj->nij", term.normal, term.normal)
 
     def _depth(self, q: Array) -> Array:
-        """How far each node is behind its wall, <= 0 [m]."""
+        """Penetration of each node behind its wall, <= 0 [m]."""
         away = ((q[self._nodes] - self._X) * self._normal).sum(axis=1)
         return np.minimum(self._gap + away, 0.0)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Push nodes behind their wall back."""
+        """Add the forces on nodes behind their wall."""
         depth = self._depth(q)
         np.add.at(f, self._nodes, -self._stiffness * depth[:, None] * self._normal)
         return Contribution(0.5 * self._stiffness * float((depth * depth).sum()))
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and the stiffness of the walls that are touched."""
+        """Same as `add_force`, with the stiffness of active walls."""
         found = self.add_force(q, control, f)
         touched = self._depth(q) < -TOUCHED
         target = self._target[touched]

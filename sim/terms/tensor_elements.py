@@ -1,4 +1,4 @@
-"""Elements whose law needs the whole strain tensor, laid out for the second element loop."""
+"""Elements with laws of the strain tensor, for the second element loop."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from sim.terms.material import Material
 
 @dataclass(frozen=True, eq=False)
 class LawTable:
-    """Laws of all materials as the kernel reads them; rows of scalar materials are not read."""
+    """Laws of all materials as arrays for the kernel; rows of scalar materials are not used."""
 
     measure: Index
     code: Index
@@ -64,7 +64,7 @@ class TensorElements:
         self.scale = np.ones(n)
         """Factor on the stress of the law, one per element."""
         self.history = np.zeros((0, 0, 0))
-        """Stress that stays the same over a step (n, n_points, 6) [Pa], or no rows."""
+        """Constant stress over a step (n, n_points, 6) [Pa], or no rows."""
 
     @property
     def n_points(self) -> int:

@@ -67,7 +67,7 @@ def kappa_by_element(kappa: float | Array, mesh: Mesh) -> Array:
 
 
 class CompiledElementVolume:
-    """Element volumes laid out for a scene; the buffers carry nothing between calls."""
+    """Compiled element volumes; the buffers contain no state between calls."""
 
     def __init__(self, kappa: float | Array, layout: Layout) -> None:
         self._kappa = np.ascontiguousarray(kappa_by_element(kappa, layout.mesh))

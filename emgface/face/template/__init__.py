@@ -1,4 +1,4 @@
-"""A parametric lower face: measures, presets and random volunteers, at any resolution."""
+"""Parametric lower face: measures, presets and random volunteers, at any resolution."""
 
 from emgface.face.template.arches import dental_arches
 from emgface.face.template.build import template_face, volunteer_face

@@ -1,4 +1,4 @@
-"""What each muscle does alone: simulated displacement of the lips against the anatomical action.
+"""Simulated lip displacement of each muscle, compared with its anatomical action.
 
 Simulated with every muscle pair by itself, without gravity, with contact of the lips, from rest to a
 steady activation.
@@ -40,7 +40,7 @@ GRAY: Final = "Standring (ed.), Gray's Anatomy, Face and scalp"
 
 @dataclass(frozen=True)
 class Action:
-    """The textbook action of one muscle pair.
+    """Anatomical action of one muscle pair.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Action:
 
 
 PASSED: Final = 1e-4
-"""Depth from which lips count as passed into each other, a hundred times what contact leaves [m]."""
+"""Depth above which lips are regarded as penetrating each other [m]."""
 
 ACTIONS: Final[Mapping[str, Action]] = {
     "ZYG": Action(
@@ -130,7 +130,7 @@ def steady_positions(
     integrator: ConvergedEuler | None = None,
     settled: xr.Dataset | None = None,
 ) -> tuple[Floats, Floats]:
-    """Move a face from rest by steady activations, one after the other, each from rest.
+    """Simulate a face under several constant activations, each from rest.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def muscle_actions(
     muscles: Sequence[str] = MODELLED,
     parameters: SimulationParameters | None = None,
 ) -> pd.DataFrame:
-    """Displacement of the lips by every muscle pair alone, beside its textbook action.
+    """Displacement of the lips by every muscle pair alone, with its anatomical action.
 
     Parameters
     ----------

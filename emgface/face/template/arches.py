@@ -46,18 +46,18 @@ as commonly quoted from Arnett et al. 1999."""
 OVERBITE: Final = 3.2e-3
 """Upper incisors over the lower [m], as commonly quoted from Arnett et al. 1999."""
 OVERJET: Final = 3.2e-3
-"""Upper incisors before the lower [m], likewise."""
+"""Horizontal overlap of the incisors [m], likewise."""
 _EDGE: Final = 3e-3
 """Thickness of the incisal edge [m]; chosen."""
 _ROOT: Final = 5e-3
 """Thickness at the fornix [m]; chosen."""
 _RECLINE: Final = {SKULL: 0.25, MANDIBLE: 0.10}
-"""How much the wall falls back over its height; chosen."""
+"""Inclination of the wall over its height; chosen."""
 _COLUMNS, _ROWS = 41, 9
 
 
 def dental_arches(measures: Measures, *, clearance: float = CLEARANCE) -> tuple[Arch, Arch]:
-    """Make the arches of the maxilla and of the mandible.
+    """Generate the arches of the maxilla and of the mandible.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def dental_arches(measures: Measures, *, clearance: float = CLEARANCE) -> tuple[
 def arches_behind(
     surfaces: Surfaces, measures: Measures, *, clearance: float = CLEARANCE
 ) -> tuple[Arch, Arch]:
-    """As `dental_arches`, for surfaces that are calibrated already."""
+    """Same as `dental_arches`, for calibrated surfaces."""
     if not clearance >= 0.0:
         raise FaceError(f"the clearance of the teeth is {clearance} m, expected a length >= 0")
     lining = _lining(surfaces)
@@ -106,7 +106,7 @@ def arches_behind(
 
 
 def _lining(surfaces: Surfaces) -> LinearNDInterpolator:
-    """Place y of the inner surface of lips and cheeks over x (to the left) and z, for x >= 0."""
+    """Position y of the inner surface of lips and cheeks over x (to the left) and z, for x >= 0."""
     q = np.linspace(0.0, 1.0, 41)
     s = np.linspace(MARGIN, MIDDLE, 41)
     sheets = [surfaces.sheets(q, np.full(41, lip), s)[1].reshape(-1, 3) for lip in (1.0, -1.0)]
@@ -146,7 +146,7 @@ def _wall(bone: int, measures: Measures, edge: float, root: float) -> Floats:
 
 
 def _arch(bone: int, left: Floats) -> Arch:
-    """Both halves of a wall, x counting to the right, as the triangles of a closed body."""
+    """Both halves of a wall, with x to the right, as triangles of a closed body."""
     left[0, ..., 0] = 0.0
     both = np.concatenate([left[:0:-1], left * [-1.0, 1.0, 1.0]])
     # Round the section: down the back from the root to the edge and up the front.

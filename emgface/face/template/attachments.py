@@ -1,4 +1,4 @@
-"""Where the template is held by bone, and where its markers sit."""
+"""Attachments of the template to bone, and nodes of its markers."""
 
 from typing import Final
 
@@ -14,11 +14,11 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _POWER: Final = 4.0
-"""Exponent of the superellipse in which the inner surface is free."""
+"""Exponent of the superellipse within which the inner surface is free."""
 
 
 def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
-    """What holds every node: the rim and the inner surface outside lips and cheeks are on bone.
+    """Attachment of every node: rim and inner surface outside lips and cheeks are on bone.
 
     The inner surface is free between the upper and lower fornix of the vestibule, which lies near
     the root of the lips in the midline and opens towards the cheek, as far as the masseter.
@@ -45,7 +45,7 @@ def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
 
 
 def lip_surfaces(grid: Grid, position: Floats, corner: float) -> dict[str, Integers]:
-    """Parts of the boundary that touch or show: nodes of each facet, outward.
+    """Named parts of the boundary: nodes of each facet, outward.
 
     Parameters
     ----------

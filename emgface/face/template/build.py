@@ -1,4 +1,4 @@
-"""The template as a face model: from measures and a resolution to a checked Dataset."""
+"""Template as a face model, from measures and a resolution to a checked Dataset."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -36,13 +36,13 @@ Floats = NDArray[np.float64]
 Warp = Callable[[Floats], Floats]
 
 _LARGEST_SKIN_SHARE = 0.35
-"""Skin is at most this share of the tissue where that is thin."""
+"""Largest fraction of the skin in thin tissue."""
 _MIDLINE = 5e-3
 """Width over which the two sides of an asymmetric face blend [m]."""
 _STREAM = 4
-"""Tells the draws of faces from those of other properties of the same volunteer."""
+"""Random stream of faces, separate from other properties of the same volunteer."""
 _COURSES = 5
-"""The same for their muscles."""
+"""Random stream of muscles."""
 _ATTEMPTS = 100
 
 
@@ -134,7 +134,7 @@ def _built(
     name: str,
     attrs: Mapping[str, str | int | float],
 ) -> xr.Dataset:
-    """Put surfaces, muscles, attachments, markers and arches together."""
+    """Assemble surfaces, muscles, attachments, markers and arches."""
     surfaces = calibrated_surfaces(own)
     position = node_positions(surfaces, grid)
     muscles = place_muscles(surfaces, grid, position, radius=radius, shift=courses)
@@ -236,7 +236,7 @@ def volunteer_face(
 
 
 def _possible(seed: int, index: int, *, preset: str, spread: float, asymmetry: float) -> Measures:
-    """Draw until the surface can be built."""
+    """Draw measures until a surface can be built."""
     if seed < 0 or index < 0:
         raise FaceError(f"seed and index are {seed} and {index}, expected numbers >= 0")
     attempt = 0
@@ -255,7 +255,7 @@ def _possible(seed: int, index: int, *, preset: str, spread: float, asymmetry: f
 
 
 def shaped_positions(measures: Measures, grid: Grid) -> Floats:
-    """Positions (nodes, 3) of a person's face, with the differences between its sides [m].
+    """Positions (nodes, 3) of an asymmetric face [m].
 
     Raises FaceError as `emgface.face.template.calibrate.calibrated_surfaces`.
     """
@@ -276,7 +276,7 @@ def node_positions(surfaces: Surfaces, grid: Grid) -> Floats:
 
 
 def _asymmetry(m: Measures, corner: float) -> Warp:
-    """Widen the right, narrow the left, and let the left mouth corner hang."""
+    """Widen the right side, narrow the left side, and lower the left mouth corner."""
 
     def warp(points: Floats) -> Floats:
         x, y, z = points.T
@@ -289,7 +289,7 @@ def _asymmetry(m: Measures, corner: float) -> Warp:
 
 
 def _warped(muscles: Muscles, centres: Floats, warp: Warp) -> Muscles:
-    """Carry fibres and directions along with a deformation."""
+    """Transform fibres and directions by a deformation."""
     step = 1e-6
     bundles: list[Bundle] = []
     for bundle in muscles.bundles:

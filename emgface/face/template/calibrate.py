@@ -1,4 +1,4 @@
-"""Measures taken on the finished surface, and surfaces on which they come out as asked.
+"""Measurement of surfaces, and calibration of surfaces to given measures.
 
 Relief, curvature and the directions of the tissue shift landmarks by up to a few millimetres from
 where the construction was told to put them. The construction is therefore told something else, found
@@ -19,9 +19,9 @@ from emgface.face.template.surface import Surfaces
 Floats = NDArray[np.float64]
 
 TOLERANCE: Final = 0.05e-3
-"""Difference between a measure and what is measured on the surface at which the search ends [m]."""
+"""Tolerance of the measures of the surface at which the search ends [m]."""
 LARGEST_MISS: Final = 0.5e-3
-"""Largest such difference that is accepted when the search does not end [m]."""
+"""Largest accepted difference of the measures when the search does not end [m]."""
 _ROUNDS: Final = 60
 _MIDLINE_S: Final = np.unique(
     np.concatenate([np.linspace(MARGIN, RIM, 201), [VERMILION, PERIORAL]])
@@ -30,10 +30,10 @@ _MIDLINE_S: Final = np.unique(
 
 @dataclass(frozen=True)
 class _Parameters(Measures):
-    """What the construction is told; no measures of anyone, so unchecked."""
+    """Parameters of the construction, which are not measures and therefore not checked."""
 
     def __post_init__(self) -> None:
-        """Accept what no face has."""
+        """Skip the check of the measures."""
 
 
 def surface_measures(surfaces: Surfaces) -> dict[str, float]:
@@ -79,7 +79,7 @@ def surface_measures(surfaces: Surfaces) -> dict[str, float]:
 
 
 def calibrated_surfaces(measures: Measures) -> Surfaces:
-    """Surfaces whose landmarks lie as the measures say.
+    """Compute surfaces whose landmarks agree with the measures.
 
     Parameters
     ----------

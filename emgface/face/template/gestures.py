@@ -1,4 +1,4 @@
-"""The gestures of the six instructions on a face: levels and the motion they cause, simulated."""
+"""Gestures of the six instructions on a face: activation levels and simulated motion."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -34,7 +34,7 @@ is given for the right side, it is that of the left. The levels are chosen."""
 
 
 def gesture_activation(instruction: str) -> dict[str, float]:
-    """Activation of every muscle that takes part in a gesture.
+    """Activation of every active muscle of a gesture.
 
     Parameters
     ----------

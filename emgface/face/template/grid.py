@@ -1,4 +1,4 @@
-"""The O-grid of the template: rays from the mouth slit, rings round it, three layers.
+"""O-grid of the template: rays from the mouth slit, rings around it, three layers.
 
 Rays are numbered round the mouth from the upper midline over the left corner, the lower midline and
 the right corner; rings from the margin of the lips outwards; sheets from the inner surface to the
@@ -22,12 +22,12 @@ LAYERS: Final = 3
 RESOLUTIONS: Final = {"coarse": 576, "medium": 2448, "fine": 6480}
 """Named numbers of elements."""
 RAYS_PER_STEP: Final = 24
-"""Rays come in this multiple, so that midlines, corners and markers lie on rays."""
+"""Number of rays is a multiple of this, so that midlines, corners and markers lie on rays."""
 MARKER_RAY: Final = {"paramedian": 1.0 / 6.0, "lateral": 0.5}
-"""Rays q of the lip markers, on the peak of the Cupid's bow and half way round to the corner."""
+"""Rays q of the lip markers, at the peak of the Cupid's bow and midway to the corner."""
 RINGS_OVER_RAYS: Final = 0.36
 _SHARES: Final = np.array([0.18, 0.31, 0.28, 0.23])
-"""Share of the rings between one curve of the outline and the next."""
+"""Fraction of the rings between one curve of the outline and the next."""
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,13 @@ class Grid:
 
     @cached_property
     def mirror_element(self) -> Integers:
-        """Element that mirrors each element."""
+        """Mirror image of each element."""
         ray, ring = self.element_place
         return (self.layer * self.rays + (self.rays - 1 - ray)) * self.n_rings + ring
 
     @cached_property
     def mirror_node(self) -> Integers:
-        """Node that mirrors each node."""
+        """Mirror image of each node."""
         return self.index[-np.arange(self.rays) % self.rays].reshape(-1)
 
     def unfold(self, left: Floats) -> Floats:
@@ -134,7 +134,7 @@ class Grid:
 
 
 def refined_grid(k: int) -> Grid:
-    """The coarse grid with k elements along every edge of its surface: 24 k rays, 8 k rings.
+    """Coarse grid with every edge of its surface divided into k: 24 k rays, 8 k rings.
 
     The named resolutions space their rings by need; these are refined in proportion, as a study of
     convergence wants it. Raises FaceError if k is below 1.

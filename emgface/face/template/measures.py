@@ -1,4 +1,4 @@
-"""Measures of one person's lower face, checked, and how to write them."""
+"""Measures of the lower face of a person: checks and text format."""
 
 import math
 import re
@@ -18,14 +18,14 @@ _WITHOUT_UNIT: Final = ("width_asymmetry",)
 
 
 def _middle(name: str) -> float:
-    """Half way between the means of men and women [m]."""
+    """Midway between the means of men and women [m]."""
     norm = _BY_NAME[name]
     return 0.5 * (norm.men[0] + norm.women[0]) * MM
 
 
 @dataclass(frozen=True)
 class Measures:
-    """Measures of one person [m]; the defaults lie half way between the means of men and women.
+    """Measures of one person [m]; the defaults are midway between the means of men and women.
 
     `emgface.face.template.norms.NORMS` describes every field; two more make the sides differ.
 
@@ -77,7 +77,7 @@ class Measures:
     droop: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what no face has."""
+        """Refuse impossible measures."""
         for name, value in asdict(self).items():
             low, high = bounds(name)
             if not (math.isfinite(value) and low <= value <= high):
@@ -127,7 +127,7 @@ class Measures:
 
 
 def least_usual(measures: Measures) -> str:
-    """Name the measure furthest from its norm, with its value, for a message."""
+    """Describe the measure with the largest deviation from its norm, for a message."""
 
     def distance(name: str) -> float:
         norm = _BY_NAME[name]

@@ -28,16 +28,16 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 RADIUS: Final = 5e-3
-"""Tissue nearer than this to a fibre is muscle [m] (Eskes et al. 2017)."""
+"""Distance from a fibre within which tissue is muscle [m] (Eskes et al. 2017)."""
 LEAST_SHARE: Final = 0.01
-"""Elements of which a muscle fills less are left out [1]."""
+"""Fraction of an element below which it does not belong to a muscle [1]."""
 MODIOLUS: Final = 9e-3
 """Distance of the modiolus from the mouth corner along the skin [m]."""
 RINGS: Final[Mapping[str, tuple[float, float]]] = {
     "OOM": (0.0, VERMILION),
     "OOP": (VERMILION + (PERIORAL - VERMILION) / 3.0, PERIORAL),
 }
-"""Rings s that the parts of orbicularis oris fill, in the two layers below the skin.
+"""Rings s of the parts of orbicularis oris, in the two layers below the skin.
 
 The peripheral part begins a third of the way from the vermilion border to the edge of the perioral
 region: the further out it lies, the more the lips protrude (Stavness et al., section Lip morphology
@@ -78,7 +78,7 @@ class CourseShift:
 
 
 def draw_course_shift(rng: np.random.Generator, deviation: float) -> CourseShift:
-    """Draw normal shifts of a standard deviation [m], cut off at two of these, for every muscle."""
+    """Draw normal shifts for every muscle, truncated at two standard deviations [m]."""
     drawn = deviation * np.clip(rng.standard_normal((len(MODELLED), 2, 2)), -2.0, 2.0)
     ends = [
         {
@@ -273,7 +273,7 @@ _HALVINGS: Final = 4
 def _in_tissue(
     surfaces: Surfaces, muscle: str, rows: tuple[Course, ...], shift: CourseShift | None
 ) -> tuple[list[Floats], float]:
-    """Fibres of a muscle with as much of its shift as stays in the tissue, and the largest shift."""
+    """Fibres of a muscle with its shift, reduced to remain in the tissue, and the largest shift."""
     if shift is not None:
         ends = np.array([shift.origin[muscle], shift.insertion[muscle]])
         for halving in range(_HALVINGS):

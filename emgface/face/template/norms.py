@@ -1,4 +1,4 @@
-"""Norms of the lower face: means and spreads in millimetres, with sources and how sure they are.
+"""Norms of the lower face: means and spreads in millimetres, with sources and standing.
 
 Every number has a source, and a standing that says what was done to make sure of it. "found": means and
 deviations stand in the table that is named. "assumption": the number is quoted from the literature
@@ -131,7 +131,7 @@ NORMS: Final = (
          STEPHAN, "assumption", f"rounded, nasion to nasal bone, wide at the wings; {_QUOTED}"),
 )
 # fmt: on
-"""Every measure; `norms_table` shows it."""
+"""All measures; `norms_table` tabulates them."""
 
 
 def norms_table() -> pd.DataFrame:

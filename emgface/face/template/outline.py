@@ -1,4 +1,4 @@
-"""The chart of the lower face and the closed curves in it that carry the grid.
+"""Chart of the lower face, with the closed curves of the grid.
 
 The chart is a flat map of the skin: xi runs laterally along the skin from the midline (left is
 positive here; the right side is its mirror image), tau along the midline profile, with tau = 0 at
@@ -27,7 +27,7 @@ MARGIN, VERMILION, PERIORAL, MIDDLE, RIM = 0.0, 0.18, 0.47, 0.76, 1.0
 CURVES: Final = (MARGIN, VERMILION, PERIORAL, MIDDLE, RIM)
 
 _EVEN_SHARE: Final = 0.2
-"""How much of an even spacing of rays is mixed into that of an ellipse, against tiny corner cells."""
+"""Weight of an even spacing of rays, which avoids very small cells at the corners."""
 _CORNER_RIM: Final = 3.5e-3
 """Distance of the vermilion border from the mouth corner [m]."""
 _OPEN: Final = 2.4e-3
@@ -44,7 +44,7 @@ def lateral_share(q: Floats) -> Floats:
 
 
 def chart(measures: Measures, half_width: float, q: Floats, lip: Floats, s: Floats) -> Floats:
-    """Place of every ray and ring in the chart.
+    """Position of every ray and ring in the chart.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the template adds to the plain head: lips, nose, cheeks and chin, and the tissue's thickness.
+"""Relief of lips, nose, cheeks and chin on the smooth head, and thickness of the tissue.
 
 Places are (..., 2) in the chart (xi, tau), lengths in metres; `corner` is the half width of the
 mouth along the skin.
@@ -26,16 +26,16 @@ LIP_PROFILE: Final = PchipInterpolator(
     ],
     [1.0, 1.0, 0.88, 0.45, 0.0, 0.0],
 )
-"""Relief of the lips over their protrusion, by ring, but for the roll towards the margin."""
+"""Relief of the lips relative to their protrusion, by ring, without the roll at the margin."""
 LIP_ROLL: Final = PchipInterpolator(
     [MARGIN, 0.35 * VERMILION, 0.75 * VERMILION, 1.0], [1.0, 0.29, 0.0, 0.0]
 )
-"""How far the vermilion rolls back towards the margin, over the roll at the margin, by ring."""
+"""Roll of the vermilion relative to that at the margin, by ring."""
 LIP_DEPTH: Final = PchipInterpolator([MARGIN, VERMILION, PERIORAL, 1.0], [1.0, 0.95, 0.0, 0.0])
-"""How much of the protrusion the teeth carry, by ring; the rest of the relief is tissue."""
+"""Fraction of the protrusion due to the teeth, by ring; the rest of the relief is tissue."""
 
 NOSE_DEPTH: Final = 0.75
-"""Share of the relief of the nose that bone and cartilage carry."""
+"""Fraction of the relief of the nose due to bone and cartilage."""
 _RIDGE: Final = PchipInterpolator(
     [-0.2, 0.0, 0.12, 0.22, 0.30, 0.45, 0.70, 0.95, 1.2, 1.5],
     [0.0, 0.05, 0.60, 0.95, 1.0, 0.82, 0.45, 0.15, 0.08, 0.08],
@@ -47,7 +47,7 @@ _RIDGE_WIDTH: Final = PchipInterpolator(
 """Half width of the same over that of the nose."""
 
 MOUTH_BACK: Final = 2.0e-3
-"""How far the head without relief lies behind subnasale at the mouth [m]."""
+"""Distance of the head without relief behind subnasale at the mouth [m]."""
 FOLD: Final = 1.8e-3
 """Depth of the nasolabial fold [m]."""
 PHILTRUM: Final = 0.7e-3
@@ -57,7 +57,7 @@ CHIN_PAD: Final = 3.5e-3
 
 
 def sulcus_back(m: Measures) -> float:
-    """How far the mentolabial sulcus lies behind subnasale: deeper over a receding chin [m]."""
+    """Depth of the mentolabial sulcus behind subnasale, larger over a receding chin [m]."""
     return 4.8e-3 - 0.4 * m.chin_protrusion
 
 
@@ -73,7 +73,7 @@ def lip_protrusion(m: Measures, q: Floats, lip: Floats) -> Floats:
 
 
 def lip_roll(m: Measures, q: Floats, lip: Floats) -> Floats:
-    """How far the margin lies behind the crest of the lip [m], no more than its height."""
+    """Distance of the margin behind the crest of the lip [m], at most its height."""
     height = np.where(lip > 0, m.upper_vermilion_height, m.lower_vermilion_height)
     height = (height - 0.5 * m.lip_gap) * (1.0 - lateral_share(q) ** 2)
     return np.minimum(0.7 * lip_protrusion(m, q, lip), 0.6 * height)
@@ -128,14 +128,14 @@ def nose(m: Measures, place: Floats) -> Floats:
 
 
 def nose_lift(m: Measures, place: Floats) -> Floats:
-    """How far the inner surface rises above the underside of the nose, which looks down [m]."""
+    """Height of the inner surface above the underside of the nose [m]."""
     height = (place[..., 1] - m.upper_lip_height) / m.nose_height
     aside = np.abs(place[..., 0]) / (0.5 * m.nose_width)
     return 0.4 * m.nose_thickness * _bump((height - 0.13) / 0.10) * np.exp(-((aside / 0.95) ** 4))
 
 
 def thickness(m: Measures, place: Floats, corner: float, low: float) -> Floats:
-    """Thickness of the tissue [m]: the measured ones, blended between their landmarks."""
+    """Thickness of the tissue [m], interpolated between the measured landmarks."""
     top, wide = m.upper_lip_height, m.face_width
     sites = (
         # xi, tau, thickness

@@ -1,4 +1,4 @@
-"""The number of elements of a template face, as a checked parameter."""
+"""Number of elements of a template face, as a checked parameter."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Skin and inner surface of the template: from chart to space.
+"""Skin and inner surface of the template, as maps from the chart to space.
 
 The head is a stack of half ellipses about the axis between the ears, one for every place tau on the
 midline profile; the nose, the lips, the chin and the cheekbones are added to it as relief. The
@@ -42,12 +42,12 @@ _NORMAL_WINDOW: Final = 0.014
 _NEWTON_STEPS: Final = 12
 
 _PLACE_TOLERANCE: Final = 1e-5
-"""Largest distance of a found place in the chart [m]."""
+"""Largest error of a position found in the chart [m]."""
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Both surfaces of one person's left half.
+    """Both surfaces of the left half of a face.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Surfaces:
         return skin, inner
 
     def points(self, place: Floats, depth: Floats) -> Floats:
-        """Points of the left half at places of the chart.
+        """Points of the left half at positions in the chart.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class Surfaces:
         return points * [-1.0, 1.0, 1.0]
 
     def _find(self, place: Floats) -> tuple[Floats, Floats, Floats]:
-        """Ray and ring of places in the chart, by Newton's method from the nearest of a lattice."""
+        """Ray and ring of positions in the chart, by Newton's method from the nearest lattice point."""
         lip = np.where(place[:, 1] >= 0.0, 1.0, -1.0)
         q_lattice, s_lattice = np.linspace(0.0, 1.0, 49), np.linspace(0.0, 1.0, 49)
         lattices = {

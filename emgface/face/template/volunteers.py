@@ -10,7 +10,7 @@ from emgface.face.template.measures import MM, Measures
 from emgface.face.template.norms import NORMS
 
 TRUNCATION: Final = 2.5
-"""Standard deviations beyond which a measure is drawn again."""
+"""Number of standard deviations beyond which a measure is drawn again."""
 _ATTEMPTS: Final = 1000
 ASYMMETRY: Final[Mapping[str, float]] = {"width_asymmetry": 0.02, "droop": 1.0 * MM}
 """Standard deviations of the differences between the sides, with zero mean; chosen [1], [m]."""
@@ -58,7 +58,7 @@ PRESETS: Final[Mapping[str, str]] = {
     ),
     "boy": "boy of eight: likewise, of the man",
 }
-"""Groups of people and where their means come from."""
+"""Groups of people, with the origin of their means."""
 
 
 def preset_measures(preset: str = "adult") -> Measures:
