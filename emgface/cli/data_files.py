@@ -103,8 +103,9 @@ def convert(
                 target = "_".join(bids_entities(recording).values())
             if target in taken:
                 raise DataError(
-                    f"{file} and {taken[target]} would both become {target}, expected names that "
-                    "differ: convert them into different folders, or give each its --run"
+                    f"{file} and {taken[target]} would both be written as {target}, expected "
+                    "different names: convert them into different folders, or give each its "
+                    "--run"
                 )
             taken[target] = file
             if notch is not None and "emg" in recording:

@@ -1,4 +1,4 @@
-"""The surface of a face as it is drawn: skin, lips, teeth and the dark of the mouth."""
+"""Drawn surface of a face: skin, lips, teeth and oral cavity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -73,7 +73,7 @@ def array_table(
     }
     if not arrays:
         raise DataError(
-            f"{path.name} holds no array of two dims with {_LEAST} samples or more, found "
+            f"{path.name} contains no array of two dims with {_LEAST} samples or more, found "
             f"{', '.join(held['variables']) or 'no variable'}; expected time and channels."
         )
     if variable is not None and variable not in arrays:

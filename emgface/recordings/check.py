@@ -118,7 +118,7 @@ def problems(table: pd.DataFrame, verdict: Verdict = "error") -> list[str]:
 
 
 def _with_quality(rows: list[dict[str, object]], recording: xr.Dataset) -> list[dict[str, object]]:
-    """Add measures to the rows, and what stands out to their reasons."""
+    """Add measures to the rows, and findings to their reasons."""
     emg = [row["name"] for row in rows if row["signal"] == "EMG"]
     if "emg" in recording:
         recording = recording.sel(channel=emg) if emg else recording.drop_vars("emg")
@@ -147,7 +147,7 @@ def _left_out(recording: xr.Dataset) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for label, reason in note(recording, "dropped").items():
         found = re.fullmatch(
-            r"(in '(.*)', no voltage|of type (.*), not EMG|carries no unit)", reason
+            r"(in '(.*)', not a voltage|of type (.*), not EMG|has no unit)", reason
         )
         if found is None:
             continue
@@ -176,7 +176,7 @@ def _absent(rows: list[dict[str, object]]) -> list[dict[str, object]]:
             if name in held:
                 continue
             near = nearest(name, spare, cutoff=0.75)
-            advice = f"it looks like {near!r}" if near else "map a label of the file to it"
+            advice = f"it may be {near!r}" if near else "map a label of the file to it"
             row = _nothing(name, kind, "V" if kind == "channel" else "m")
             row["signal"] = "EMG" if kind == "channel" else "position"
             finding = Finding("error", f"missing from the recording: {advice}")

@@ -169,7 +169,7 @@ def _text_table(
     names = [str(name) for name in frame.columns]
     frame.columns = names
     for name in dropped:
-        draft.lines.append(f"# The column {_toml(name)} holds text and is left out.")
+        draft.lines.append(f"# The column {_toml(name)} contains text and is left out.")
     units = dict(zip(given.get("columns", found.labels), found.units, strict=False))
     return frame, {name: units.get(name) or unit_in(name) for name in names}
 

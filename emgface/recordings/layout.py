@@ -144,7 +144,7 @@ def _text(path: Path) -> tuple[str, str | None]:
     mark = next((mark for mark in _MARKS if data.startswith(mark)), None)
     if mark is None and b"\x00" in data[:4096]:
         raise DataError(
-            f"{path.name} holds binary data; expected a table of text: export it as CSV."
+            f"{path.name} contains binary data; expected a table of text: export it as CSV."
         )
     encoding = None
     if mark is not None:

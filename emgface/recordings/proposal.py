@@ -103,7 +103,7 @@ def propose_mapping(
     ['ZYG_L', '']
     """
     if kind not in ("channel", "marker"):
-        raise DataError(f"No kind of label is called {kind!r}; expected 'channel' or 'marker'.")
+        raise DataError(f"Unknown kind of label {kind!r}; expected 'channel' or 'marker'.")
     rows = [(str(label), *_one(str(label), kind, side)) for label in labels]
     for k, (label, name, _, _) in enumerate(rows):
         if not name and told and label in told:

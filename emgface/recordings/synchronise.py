@@ -72,7 +72,7 @@ def cut(recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
         inside = np.flatnonzero((time >= start - room) & (time < stop + room))
         if inside.size < 2:
             raise SignalError(
-                f"the span {start:.4g} to {stop:.4g} s holds {inside.size} samples of "
+                f"the span {start:.4g} to {stop:.4g} s contains {inside.size} samples of "
                 f"{name}, which extends from {time[0]:.4g} to {time[-1]:.4g} s, expected at "
                 "least two"
             )

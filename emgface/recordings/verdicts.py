@@ -101,17 +101,19 @@ def channel_findings(values: np.ndarray, row: dict[str, object], clock: Clock) -
             )
         )
     if row["constant"]:
-        found.append(Finding("error", f"constant at {row['largest']:g} V: see electrode and cable"))
+        found.append(
+            Finding("error", f"constant at {row['largest']:g} V: check electrode and cable")
+        )
         return found
     found += _band(clock.rate)
     variation = float(np.nanstd(values))  # an offset is no fault, the band-pass removes it
     if variation > LARGEST_VARIATION:
         found.append(
-            Finding("warning", f"varies by {variation:.3g} V, far above EMG: see gain and unit")
+            Finding("warning", f"varies by {variation:.3g} V, far above EMG: check gain and unit")
         )
     elif variation < SMALLEST_VARIATION:
         found.append(
-            Finding("warning", f"varies by {variation:.3g} V only: see electrode, gain and unit")
+            Finding("warning", f"varies by {variation:.3g} V only: check electrode, gain and unit")
         )
     share = max(float((values == edge).mean()) for edge in (np.nanmin(values), np.nanmax(values)))
     if share > CLIPPED:
@@ -166,7 +168,7 @@ def marker_findings(
             )
         )
     if row["constant"]:
-        found.append(Finding("error", "never moves at all: see whether it is a copied frame"))
+        found.append(Finding("error", "does not move: check whether it is a copied frame"))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Names, dims, units and ranges of every dataset, checked where one enters or leaves a stage.
+"""Validation of names, dims, units and ranges of datasets.
 
 The declarations lie in ``data_schema/*.json``, one file per kind of dataset, and are read here
 alone: a new kind is a new file.
@@ -20,11 +20,11 @@ from emgface.schema.rules import Rule, hint, index_rule, nearest, rules_of, type
 
 CONVENTIONS = "CF-1.11"
 STUDY = "study"
-"""Name of the declaration that is no dataset's: a JSON Schema of the study file."""
+"""Name of the JSON Schema of the study file, which does not declare a dataset."""
 
 
 def schema_folder() -> Path:
-    """Return the folder of declarations: shipped in the package, or beside it in a checkout.
+    """Return the folder of declarations, in the package or in the checkout.
 
     Returns
     -------
@@ -158,10 +158,12 @@ def validate(
 
 
 def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
-    """Refuse a dataset that says it is another kind."""
+    """Refuse a dataset of another kind."""
     found = dataset.attrs.get("schema", declared.kind)
     if found != declared.kind:
-        text = f"The dataset is of kind {found!r}, expected {declared.kind!r}: specify the other file."
+        text = (
+            f"The dataset is of kind {found!r}, expected {declared.kind!r}: specify the other file."
+        )
         return [(False, text)]
     return []
 
@@ -178,7 +180,8 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem
         near = nearest(name, absent, cutoff=0.75 if declared.extra_variables else 0.6)
         if near:
             text = (
-                f"Variable {name!r} is not defined for kind {declared.kind!r}; expected {near!r}: rename it."
+                f"Variable {name!r} is not defined for kind {declared.kind!r}; expected "
+                f"{near!r}: rename it."
             )
         elif not declared.extra_variables:
             text = (
@@ -186,9 +189,7 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem
                 f"expected only {', '.join(declared.variables)}: rename or remove it."
             )
         elif dataset[name].dtype.kind in "iuf" and not dataset[name].attrs.get("units"):
-            problems.append(
-                (True, f"{name} has no unit; expected the attribute units: set it.")
-            )
+            problems.append((True, f"{name} has no unit; expected the attribute units: set it."))
             continue
         else:
             continue
@@ -237,7 +238,7 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
 
 
 def _further(dataset: xr.Dataset, declared: ObjectDeclaration) -> tuple[str, ...]:
-    """Dims beyond those declared, in the order of the first variable, where they are allowed."""
+    """Dims beyond those declared, in the order of the first variable, if they are allowed."""
     if not declared.further_dims:
         return ()
     own = {dim for array in declared.arrays().values() for dim in array.dims}
@@ -248,7 +249,7 @@ def _further(dataset: xr.Dataset, declared: ObjectDeclaration) -> tuple[str, ...
 
 
 def _units_rule(declared: ArrayDeclaration) -> Rule:
-    """Demand that the attribute ``units`` names the declared unit."""
+    """Require the declared unit in the attribute ``units``."""
 
     def rule(array: xr.DataArray) -> str | None:
         found = array.attrs.get("units")
@@ -261,7 +262,7 @@ def _units_rule(declared: ArrayDeclaration) -> Rule:
 
 
 def _canonical(dataset: xr.Dataset, declared: ObjectDeclaration) -> xr.Dataset:
-    """Cast to the declared types, describe every array, and stamp the dataset."""
+    """Cast to the declared types, and add descriptions and version to the dataset."""
     result = dataset.copy()
     for name, array in declared.arrays().items():
         if name not in result.variables:

@@ -54,7 +54,7 @@ def refusals(recording: xr.Dataset, chain: SignalChain) -> dict[str, str]:
 def _scored(recording: xr.Dataset, chain: SignalChain) -> None:
     if "position" not in recording:
         raise SchemaError(
-            "it holds no marker positions, expected those of six face and ten lip markers: the face "
+            "it contains no marker positions, expected those of six face and ten lip markers: the face "
             "can be moved, and there is nothing to compare the motion with"
         )
     in_head_frame(recording["position"], chain.head_frame)

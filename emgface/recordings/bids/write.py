@@ -143,7 +143,7 @@ def bids_entities(recording: xr.Dataset) -> dict[str, str]:
     absent = [n for n in ("volunteer", "instruction", "repetition") if n not in recording.attrs]
     if absent:
         raise DataError(
-            f"The recording names no {absent[0]}; expected volunteer, instruction and repetition, "
+            f"The recording specifies no {absent[0]}; expected volunteer, instruction and repetition, "
             "which name the files: give --subject, --task and --run, or set them as attributes."
         )
     given = {

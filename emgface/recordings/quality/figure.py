@@ -16,7 +16,7 @@ from emgface.recordings.quality.hum import power_density
 from emgface.signals.filters import sampling_rate
 
 COLOURS = {"ok": "0.25", "warning": "#b26b00", "error": "#b00020", "not EMG": "0.6"}
-"""Dark enough to be told apart in print; the verdict is also a word."""
+"""Colours of the verdicts, which are also written as words."""
 _MOST_ROWS = 24
 _POINTS = 2000
 _MOST_FINDINGS = 14
