@@ -61,7 +61,7 @@ def test_names_and_units_tell_the_kind() -> None:
 
 def test_other_signals_are_listed_and_not_judged(trial: xr.Dataset) -> None:
     values = np.stack([EMG, 0.09 * SLOW + 2e-3 * NOISE, 0 * EMG, np.zeros(TIME.size)])
-    left_out = {"Knee": "in 'deg', no voltage", "x": "of type TRIG, not EMG"}
+    left_out = {"Knee": "in 'deg', not a voltage", "x": "of type TRIG, not EMG"}
     recording = xr.Dataset(
         {"emg": (("channel", "time_emg"), values, {"units": "V"})},
         {

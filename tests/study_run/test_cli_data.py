@@ -197,7 +197,7 @@ def test_subject_task_and_run_are_given_where_a_file_names_none(foreign, tmp_pat
     path = tmp_path / "bids/sub-P07/emg/sub-P07_task-smile_run-03_emg.bdf"
     assert read_recording(path).attrs["repetition"] == 3
     both = run(*convert, other, foreign, *named)
-    assert both.exit_code == 2 and "would both become P07_smile_03" in both.stderr
+    assert both.exit_code == 2 and "would both be written as P07_smile_03" in both.stderr
 
 
 def test_a_check_into_a_pipe_is_one_csv_table(foreign: Path, laboratory: Path) -> None:
