@@ -81,7 +81,7 @@ def _common(row: dict[str, object], clock: Clock) -> list[Finding]:
     if clock.samples < 2:
         return [Finding("error", f"has {clock.samples} samples, expected at least two")]
     if row["finite"] == 0.0:
-        return [Finding("error", "was never seen: every sample is NaN")]
+        return [Finding("error", "is never visible: every sample is NaN")]
     if not clock.uniform:
         return [Finding("error", f"intervals differ by over {JITTER:.0%}: resample the recording")]
     return []
@@ -97,7 +97,7 @@ def channel_findings(values: np.ndarray, row: dict[str, object], clock: Clock) -
             Finding(
                 "error",
                 f"{int(np.isnan(values).sum())} of {values.size} samples are NaN, the longest gap "
-                f"{row['longest_gap']:.4g} s: cut the trial or leave the channel out",
+                f"{row['longest_gap']:.4g} s: cut the trial or omit the channel",
             )
         )
     if row["constant"]:
@@ -156,15 +156,19 @@ def marker_findings(
     gap, ends = _longest_run(~seen[first:last]) / clock.rate, (first + seen.size - last)
     # Half a frame of room, so that a gap of exactly the limit is not judged by its rounding.
     if gap > limit + 0.5 / clock.rate:
-        found.append(Finding("error", f"lost for {gap:.4g} s, longer than the {limit:g} s bridged"))
+        found.append(
+            Finding(
+                "error", f"lost for {gap:.4g} s, longer than the {limit:g} s that are interpolated"
+            )
+        )
     elif gap > 0:
         found.append(Finding("warning", f"lost for up to {gap:.4g} s, to be interpolated"))
     if ends:
         found.append(
             Finding(
                 "warning",
-                f"not seen for {ends / clock.rate:.4g} s at the ends: the trial is scored on the "
-                "rest",
+                f"not visible for {ends / clock.rate:.4g} s at the ends: the remaining part "
+                "of the trial is scored",
             )
         )
     if row["constant"]:

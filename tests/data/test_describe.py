@@ -127,7 +127,9 @@ def test_columns_of_other_signals_are_commented_out(tmp_path: Path) -> None:
     draft = describe(tmp_path / "a.csv")
     assert tomllib.loads(draft)["emg"]["channels"] == {"zyg": "zyg"}
     assert '# "Fz" = "Fz"  # force plate' in draft and '"pedal"  # switch' in draft
-    assert '# "nothing" = "nothing"  # unused' in draft and 'The column "note" contains text' in draft
+    assert (
+        '# "nothing" = "nothing"  # unused' in draft and 'The column "note" contains text' in draft
+    )
 
 
 def test_arrays_are_described(tmp_path: Path) -> None:
