@@ -132,7 +132,7 @@ def _band(rate: float) -> list[Finding]:
         return [
             Finding(
                 "warning",
-                f"sampled at {rate:.4g} Hz, which holds nothing above {rate / 2:.4g} Hz "
+                f"sampled at {rate:.4g} Hz, which contains nothing above {rate / 2:.4g} Hz "
                 "of the 15 to 500 Hz of EMG: record faster",
             )
         ]
