@@ -1,4 +1,4 @@
-"""What drives the face in a measurement: held gestures of the instructions, smooth in time."""
+"""Activations for measurements: held gestures of the instructions, smooth in time."""
 
 from collections.abc import Mapping
 

@@ -38,7 +38,7 @@ sigma_max = 100e3
 resolution = "coarse"
 """
 MEASURED = ("run_time", "run_time_s", "written", "seconds")
-"""What differs from run to run because it is a time that was measured."""
+"""Variables with measured times, which differ between runs."""
 
 
 def start(study: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:

@@ -1,4 +1,4 @@
-"""What is watched on lips that touch: depths, gaps, opening, and whether they tremble."""
+"""Probe of lips in contact: depths, gaps, opening and oscillations."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Which of the choices that the publication leaves open move rho, on simulated volunteers.
+"""Effects of the open choices of the publication on rho, with simulated volunteers.
 
     python -m benchmarks open_choices --out docs/choices
 

@@ -27,7 +27,7 @@ IMPORTED: Final = (
     "emgface.face.motion",
     "emgface.cli",
 )
-"""Whose import time is taken; each but the first by name."""
+"""Packages whose import time is measured."""
 
 
 def import_seconds(what: str) -> float:

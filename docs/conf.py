@@ -1,4 +1,4 @@
-"""How the documentation is built: ``sphinx-build -W docs docs/_build``."""
+"""Configuration of the documentation: ``sphinx-build -W docs docs/_build``."""
 
 import sys
 from importlib import import_module, metadata

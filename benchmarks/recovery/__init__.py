@@ -1,4 +1,4 @@
-"""What the signal chain recovers of the true activation, against noise and cross-talk, as a figure.
+"""Recovery of the true activation by the signal chain against noise and cross-talk, as a figure.
 
     python -m benchmarks recovery FIGURE.png [--n 3] [--seed 0] [--emg motor_units]
 

@@ -1,4 +1,4 @@
-"""How much of the true activation the signal chain recovers from simulated EMG."""
+"""Recovery of the true activation from simulated EMG by the signal chain."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ MEASURES: Final = ("rank_correlation", "error", "shape_error", "false_activation
 
 @dataclass(frozen=True)
 class Condition:
-    """What the electrodes of all volunteers have in common.
+    """Properties common to the electrodes of all volunteers.
 
     Attributes
     ----------

@@ -19,14 +19,14 @@ from emgface.face.support import WALL
 
 STEP = sim.HalvingStep(0.01)
 OVERLAP = 5e-4
-"""How deep the inner nodes start behind their walls [m]."""
+"""Initial depth of the inner nodes behind their walls [m]."""
 TOUCHING = {
     "constraint": {name: IMPLICIT[name] for name in ("linearly implicit Euler", "Euler")},
     **({"barrier": CONVERGED} if find_spec("ipctk") else {}),
 }
 """Integrators that hold each kind of contact, of those that can be had."""
 DEPTH = 1e-4
-"""How deep a node may stand in what it touches [m]."""
+"""Largest accepted depth of a node in a surface [m]."""
 
 
 def _system(face: xr.Dataset, **changes: object) -> Callable[[], sim.System]:
@@ -101,7 +101,7 @@ def _pressed(face: xr.Dataset) -> Iterator[Trial]:
 
 
 def _surfaces(face: xr.Dataset) -> tuple[str, ...]:
-    """What of a face can touch: its lips, and its teeth where it has them."""
+    """Contact surfaces of a face: its lips, and its teeth if it has them."""
     try:
         for lip in LIPS:
             lip_surface(face, lip)

@@ -22,7 +22,7 @@ Judge = Callable[[sim.System, sim.State, sim.State, np.ndarray], str]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case went.
+    """Result of a case.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What is run.
+    """Case to run.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from emgface.face.template.gestures import gesture_activation
 from sim import Activation
 
 LATE: Final = 0.03
-"""How much later the motion moves that the scores are taken against [s]."""
+"""Delay of the reference motion of the scores [s]."""
 FACTORS: Final = (1.3, 0.7)
 """Factors on the activation of every other muscle in that motion."""
 

@@ -59,7 +59,7 @@ MODELS: Final = tuple(
     for refinements, volumes in ((0, VOLUMES), (1, ("pointwise", "element")))
     for volume in volumes
 )
-"""What a run measures that is not asked for more."""
+"""Default models of a run."""
 
 
 def finest(models: tuple[Model, ...]) -> Model:

@@ -1,4 +1,4 @@
-"""What pages hold: surfaces, motions and activations as JSON-expressible text."""
+"""Encoding of surfaces, motions and activations as JSON-expressible text for pages."""
 
 import base64
 import zlib

@@ -25,7 +25,7 @@ PAGES: Final = (".html", ".htm")
 
 @dataclass(frozen=True)
 class Drawing:
-    """How one kind of dataset is drawn: as a figure, and as a page where that is not the figure."""
+    """Pictures of one kind of dataset: a figure, and a page if it differs from the figure."""
 
     figure: "Callable[[xr.Dataset], Figure]"
     page: Callable[[xr.Dataset], str] | None = None

@@ -26,7 +26,7 @@ _UNIT: Final = re.compile(r"([\[(/_ ])\s*([^\[\]()/_ ]{1,6})\s*[\])]?\s*$")
 
 @dataclass(frozen=True)
 class Layout:
-    """How a text table is written.
+    """Format of a text table.
 
     Attributes
     ----------

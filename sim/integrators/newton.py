@@ -42,7 +42,7 @@ class Point:
 
 
 class Potential(Protocol):
-    """What the iteration minimises.
+    """Interface of potentials minimised by the iteration.
 
     Attributes
     ----------

@@ -19,7 +19,7 @@ BACKING: Final[Mapping[str, tuple[str, ...]]] = {
     "lips alone": ("lips",),
     "lips and teeth": ("lips", "teeth"),
 }
-"""What the lips may touch, by what it is called."""
+"""Contact surfaces of the lips, by name."""
 
 
 def protrude_lips(
