@@ -95,7 +95,7 @@ def draw(table: pd.DataFrame, chart: Chart, title: str) -> "Figure":
     handles: dict[str, Any] = {}
     for panel, name in zip(panels, names, strict=False):
         own = table[table[chart.panel] == name] if chart.panel else table
-        handles |= _bars(panel, own, chart) if bars else _lines(panel, own, chart)
+        (_bars if bars else _lines)(panel, own, chart, handles)
         panel.set_title(str(name))
     for panel in panels[len(names) :]:
         panel.set_visible(False)
@@ -104,15 +104,17 @@ def draw(table: pd.DataFrame, chart: Chart, title: str) -> "Figure":
     return figure
 
 
-def _lines(panel: Any, table: pd.DataFrame, chart: Chart) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _lines(panel: Any, table: pd.DataFrame, chart: Chart, handles: dict[str, Any]) -> None:
+    """Draw a panel; a line that another panel has looks as it does there."""
+    order = list(handles)
     groups = table.groupby(chart.by, sort=False) if chart.by else [("", table)]
     for name, own in groups:
         for column in chart.y:
             label = ", ".join(filter(None, (str(name), column if len(chart.y) > 1 else "")))
-            k = len(found)
-            own = own.sort_values(chart.x)
-            found[label] = panel.plot(
+            if label not in order:
+                order.append(label)
+            k, own = order.index(label), own.sort_values(chart.x)
+            handles[label] = panel.plot(
                 own[chart.x], own[column], color=COLOURS[k % 7], linestyle=LINES[k // 7 % 4],
                 marker=MARKS[k % 7] if len(own) < 30 else "",
             )[0]  # fmt: skip
@@ -120,14 +122,12 @@ def _lines(panel: Any, table: pd.DataFrame, chart: Chart) -> dict[str, Any]:
         panel.set(xscale="log", yscale="log")
         panel.grid(which="major", color="0.9", linewidth=0.6)
     panel.set(xlabel=chart.x, ylabel=chart.label)
-    return found
 
 
-def _bars(panel: Any, table: pd.DataFrame, chart: Chart) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _bars(panel: Any, table: pd.DataFrame, chart: Chart, handles: dict[str, Any]) -> None:
     place, left = np.arange(len(table)), np.zeros(len(table))
     for k, column in enumerate(chart.y):
-        found[column] = panel.barh(
+        handles[column] = panel.barh(
             place, table[column], 0.75, left=left, facecolor=COLOURS[k % 7],
             hatch=HATCHES[k % 7], edgecolor="white",
         )  # fmt: skip
@@ -135,7 +135,6 @@ def _bars(panel: Any, table: pd.DataFrame, chart: Chart) -> dict[str, Any]:
     ticks(panel, "y", place.tolist(), table[chart.x].tolist())
     panel.set_ylim(len(table) - 0.5, -0.5)
     panel.set_xlabel(chart.label)
-    return found
 
 
 def shrink(picture: Path) -> Path:

@@ -192,6 +192,8 @@ def test_tables_are_drawn_as_lines_or_as_bars():
     np.testing.assert_array_equal(lines[0].get_xdata(), [1.0, 2.0])
     np.testing.assert_array_equal(lines[0].get_ydata(), [4.0, 3.0])
     assert [axes.get_title() for axes in figure.axes] == ["x", "y"]
+    b = [line.get_color() for line in (figure.axes[0].get_lines()[1], *figure.axes[1].get_lines())]
+    assert b[0] == b[1] != lines[0].get_color(), "a name looks alike in all panels"
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
     assert figure.get_suptitle() == "errors (simulated)"
     bars = draw(table, Chart("of", ("mm", "time"), "all [ms]"), "cost").axes[0]
