@@ -71,7 +71,7 @@ def align(
     overlap, means and norms over that overlap alone. Nothing is padded. The unexplained variance
     1 - r^2 then decides: a farther peak is preferred to a nearer one, and a stretch to none, only
     if it lowers the unexplained variance by the fraction `least_gain`, so that noise and a
-    periodic movement create neither shifts nor stretches of their own.
+    periodic movement create neither additional shifts nor stretches.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Baselines of a correlation: template, other trials, repeat ceiling, and skill.
 
-A simulated motion is one of several that can be laid beside a measured trial. The others cost no
+A simulated motion is one of several that can be compared with a measured trial. The others cost no
 simulation: the mean motion of other people at the same instruction (template), the simulated
 motion of the same person at another instruction (wrong instruction) or in another repetition (EMG
 shuffled over trials), and another repetition of the person (repeat). All are aligned and scored as
@@ -145,7 +145,7 @@ def ceiling_of(repeat_rho: Array) -> Array:
     -----
     Source: Spearman 1904, American Journal of Psychology 15:72 (attenuation); as a ceiling for
     models Hsu, Borst and Theunissen 2004, Network 15:91. A motion driven by the signals of the trial
-    itself may exceed it, since it may know what differs from trial to trial.
+    itself may exceed it, because it may contain differences between trials.
     """
     return np.sqrt(np.maximum(repeat_rho, 0.0))
 

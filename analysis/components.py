@@ -19,7 +19,7 @@ def principal_component(position: xr.Dataset | xr.DataArray, *, centred: bool = 
     position : xarray.Dataset or xarray.DataArray
         Positions, dims (marker, axis, time) [m].
     centred : bool
-        Remove the mean over time from every row of X. The source does not say that it did;
+        Remove the mean over time from every row of X. The source does not state this;
         uncentred, u_1 is the mean posture and holds nearly all of the "variance".
 
     Returns

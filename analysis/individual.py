@@ -1,6 +1,6 @@
 """Measures of a motion beyond the mean of other people: timing, asymmetry, variation.
 
-rho tells whether a marker moves along the right path. Most of that path is given by the instruction
+rho measures the agreement of the path of a marker. Most of that path is given by the instruction
 and is the same in everybody; what is measured here differs between persons and between trials.
 """
 

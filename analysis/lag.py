@@ -91,8 +91,9 @@ def overlap_correlation(x: Array, y: Array) -> tuple[NDArray[np.int64], Array, A
 class Search:
     """Agreement of two coefficient vectors as a function of shift and scale.
 
-    Both vectors are low-passed alike first. Interpolation between noisy samples averages the
-    noise, so without it every fractional shift and every stretch would seem to fit better.
+    Both vectors are first low-pass filtered in the same way. Interpolation between noisy samples
+    averages the noise, so without it every fractional shift and every stretch would seem to fit
+    better.
 
     The measured vector may begin `offset` seconds after the instant that a shift is counted from.
     """

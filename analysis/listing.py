@@ -13,7 +13,7 @@ from analysis.trajectory import names
 
 
 def trials(cube: xr.Dataset) -> pd.DataFrame:
-    """List every trial of a cube, whatever became of it.
+    """List every trial of a cube with its status.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ def attenuation(size: xr.DataArray, noise: xr.DataArray) -> xr.DataArray:
     sqrt(S / (S + N)),  S = max(0, V - N)
 
     V is the variance of what was measured and N that of its noise, both summed over the axes.
-    Noise that has nothing to do with the other trajectory adds to V and not to the covariance.
+    Noise that is independent of the other trajectory adds to V and not to the covariance.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ def displacement(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
     Parameters
     ----------
     position : xarray.Dataset or xarray.DataArray
-        Positions, dims (marker, axis, time) [m]; what was not seen at their ends is `held`.
+        Positions, dims (marker, axis, time) [m]; invisible markers at their ends are `held`.
 
     Returns
     -------

@@ -60,10 +60,10 @@ def correlation_3d(
         The dim of the samples.
     form : {"consistent", "as_printed"}
         As printed, Eq. 13 divides its numerator by n and Eq. 12 by n - 1, so that a trajectory
-        correlates with itself at (n - 1) / n. ``"consistent"`` divides both alike.
+        correlates with itself at (n - 1) / n. ``"consistent"`` uses the same divisor for both.
     smallest_motion : float
         Root-mean-square displacement, in the unit of the positions, below which a trajectory is
-        undefined; whatever it is, motion by rounding alone is.
+        undefined; motion due to rounding is always regarded as no motion.
 
     Returns
     -------

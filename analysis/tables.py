@@ -1,6 +1,6 @@
 """Tables of a cube as plain text, Markdown, LaTeX and CSV.
 
-Every table says whether its recordings were measured or simulated: in the title of text and
+Every table states the origin of its recordings (measured or simulated): in the title of text and
 Markdown, and in a column of the CSV, where a title would get lost.
 """
 
@@ -66,7 +66,7 @@ class Table:
     Attributes
     ----------
     title : str
-        One line that says what is listed, and of which recordings.
+        Title: the contents of the table and the origin of its recordings.
     columns : tuple of Column
         Heads.
     rows : tuple of tuple
@@ -74,7 +74,7 @@ class Table:
     origin : str
         "measured", or "simulated" with the world, as `origin_of` gives it.
     note : str
-        What a reader must know to read it.
+        Explanation for the reader.
     """
 
     title: str

@@ -1,6 +1,6 @@
 """Wrappers with complete annotations of methods of xarray.
 
-The strict check stops at each of them; here it is told once what they return.
+The strict check stops at each of them; their return types are declared here once.
 """
 
 from collections.abc import Hashable, Mapping

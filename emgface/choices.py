@@ -1,7 +1,7 @@
 """Declaration of parameters, and validation of mappings as parameter models.
 
 A parameter states its default, unit, source and note; `configure` turns a mapping into a model and
-names what is wrong with it.
+states what is wrong with it.
 """
 
 import difflib
@@ -37,7 +37,7 @@ def parameter(
     source : str
         Paper and place the default is taken from.
     note : str
-        What an experienced user should know.
+        Remark for experienced users.
     **bounds : Any
         Constraints of `pydantic.Field` (``gt``, ``le`` ...).
 

@@ -92,7 +92,7 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
     Returns
     -------
     matplotlib.figure.Figure
-        Muscles whose names end in _L and _R share a place, left beside right.
+        Muscles whose names end in _L and _R share a position, left next to right.
 
     Raises
     ------

@@ -16,7 +16,7 @@ LARGEST: Final = 1e3
 """Upper bound of the standard deviation of a random effect relative to the residual."""
 
 NOTHING: Final = 1e-4
-"""Relative standard deviation below which a variance counts as zero."""
+"""Relative standard deviation below which a variance is regarded as zero."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Fit:
     residuals : ndarray, shape (n,)
         About the fitted values, random effects included.
     converged : bool
-        Whether the optimiser says so.
+        Success reported by the optimiser.
     criterion : float
         -2 times the restricted log-likelihood.
     slopes : ndarray, shape (c, k, k)
@@ -66,7 +66,7 @@ class Fit:
 
         Notes
         -----
-        A variance at zero counts as known. Source: Satterthwaite 1946, Biometrics Bulletin
+        A variance at zero is regarded as known. Source: Satterthwaite 1946, Biometrics Bulletin
         2:110; Fai and Cornelius 1996, Journal of Statistical Computation and Simulation 54:363.
         """
         variance = float(contrast @ self.covariance @ contrast)

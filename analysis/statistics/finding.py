@@ -100,7 +100,7 @@ def judged(
     method, level, attrs
         As in `collected`.
     least : int
-        Volunteers below which nothing but the mean is told.
+        Number of volunteers below which only the mean is reported.
 
     Returns
     -------
@@ -139,8 +139,8 @@ def collected(
     level : float
         Nominal level of the intervals [1]; NaN where the bounds are no confidence interval.
     attrs : mapping
-        Further attributes; ``units`` becomes that of estimate and interval, ``scope`` says in
-        words what the result speaks of.
+        Further attributes; ``units`` becomes that of estimate and interval, ``scope`` describes
+        the scope of the result.
 
     Returns
     -------

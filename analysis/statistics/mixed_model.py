@@ -71,7 +71,7 @@ def mixed_model(
 
     Notes
     -----
-    Each contrast is fitted by itself, so that strategies need not vary alike. The model of
+    Each contrast is fitted separately, so that variances may differ between strategies. The model of
     "instructions" in R: ``lmer(d ~ 1 + (1 | volunteer) + (1 | instruction))``. Sources: Clark
     1973, Journal of Verbal Learning and Verbal Behavior 12:335; Baayen, Davidson and Bates 2008,
     Journal of Memory and Language 59:390; Judd, Westfall and Kenny 2012, Journal of Personality
@@ -135,7 +135,7 @@ def fit_differences(
 
     Returns
     -------
-    The fit with estimate, standard error and degrees of freedom; or why there is none, in words.
+    The fit with estimate, standard error and degrees of freedom; or the reason for its absence.
     """
     people, instructions = table.shape
     if people < least[0]:
@@ -153,7 +153,7 @@ def fit_differences(
     X = np.eye(instructions)[i] if fixed else np.ones((len(y), 1))
     factors = {RANDOM[0]: v} if fixed else {RANDOM[0]: v, RANDOM[1]: i}
     if instructions == 1:
-        factors = {}  # volunteers cannot be told from the residual
+        factors = {}  # volunteers cannot be distinguished from the residual
     if instructions > 1 and len(y) < people + instructions:
         return "too many pairs are missing, so that the model cannot be fitted"
     fit = fit_crossed(y, X, factors)

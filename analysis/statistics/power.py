@@ -73,7 +73,7 @@ def simulated_power(
 
     Notes
     -----
-    A test whose smallest p lies above alpha has no power whatever the effect.
+    A test whose smallest p lies above alpha has no power for any effect.
     """
     if not standard_deviation > 0 or not math.isfinite(effect):
         raise StatisticsError(

@@ -32,7 +32,7 @@ def told_scope(scope: Scope, instructions: int) -> str:
     Parameters
     ----------
     scope : {"instructions", "these instructions"}
-        What the instructions of the study stand for.
+        Population represented by the instructions of the study.
     instructions : int
         Their number.
 

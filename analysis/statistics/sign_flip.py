@@ -41,7 +41,7 @@ def sign_flip(
     level : float
         Nominal level of the interval; the exact one is in ``coverage``.
     draws : int
-        Random patterns beside the observed one, for more than 16 volunteers.
+        Random patterns in addition to the observed one, for more than 16 volunteers.
     seed : int
         Of those draws.
 

@@ -50,7 +50,7 @@ def against_baselines(
         volunteers and repetitions drawn as in `analysis.statistics.bootstrap`, quantiles expanded.
         ``skill`` is the mean of rho - template over the mean of ceiling - template, not the mean of
         the trials' skills, which a trial with little room would decide. ``volunteers`` and ``trials``
-        that rho less template has, ``template_volunteers`` (median), ``instructions``.
+        for which rho minus template is defined, ``template_volunteers`` (median), ``instructions``.
 
     Raises
     ------

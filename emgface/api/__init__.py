@@ -1,7 +1,7 @@
 """Functions of ``import emgface as ef``, one for every stage.
 
 Arguments have the names of the command line's options; tables of parameters have the names of the
-study file (``emgface study template``). Files and datasets are accepted alike. Each function imports
+study file (``emgface study template``). Files and datasets are both accepted. Each function imports
 what it needs when it is called, so that importing this module costs nothing.
 """
 

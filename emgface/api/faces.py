@@ -94,9 +94,9 @@ def simulate(
     accuracy : str, optional
         "draft", "study", "reference", "published", or the error wanted such as "0.1 mm".
     settled : Dataset, optional
-        Face at rest (`emgface.face.motion.settle_face`) for the parameters given, if it is at hand.
+        Face at rest (`emgface.face.motion.settle_face`) for the parameters, if it has been computed.
     probes : tuple of sim.probes.Probe
-        What is recorded besides markers and lip opening, such as ``sim.Positions()``.
+        Probes in addition to markers and lip opening, such as ``sim.Positions()``.
     progress : bool or callable, optional
         Whether a line of progress is printed; by default it is where a run takes longer than a few
         seconds. A callable receives steps done and steps in all.

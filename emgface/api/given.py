@@ -1,4 +1,4 @@
-"""Arguments of the public functions: files, datasets, parameter models and mappings alike."""
+"""Arguments of the public functions: files, datasets, parameter models or mappings."""
 
 from collections.abc import Mapping
 from os import PathLike, fspath
@@ -100,7 +100,7 @@ def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:
     model : BaseModel
         Parameters; what was not set in it keeps its default.
     tables : mapping
-        Names and values as in a study file; a parameter model stands for its table.
+        Names and values as in a study file; a parameter model represents its table.
     where : str
         Place to name in messages.
 

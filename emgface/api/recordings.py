@@ -77,7 +77,7 @@ def activate(
         "act_all", "act_3", "act_rel" or "act_threshold"; "true" takes the true activation of a
         simulated recording. That of the study when absent.
     instruction : str, optional
-        A to F, where the recording does not say; needed by "act_rel".
+        A to F, if the recording does not specify it; required by "act_rel".
     mapping : mapping or path-like, optional
         As for `read`, where `recording` is a file.
     study : path-like, mapping or StudyConfiguration, optional

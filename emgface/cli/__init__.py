@@ -1,6 +1,6 @@
 """Command line of the package.
 
-Commands import what they need when they run, so that ``--help`` answers at once.
+Commands import what they need when they run, so that ``--help`` is fast.
 """
 
 import os

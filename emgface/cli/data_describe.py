@@ -16,16 +16,16 @@ def describe(
         Path | None, typer.Option("--out", help="Sidecar to write (TOML); printed when absent.")
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(min=0.001, help="Sampling rate [Hz], where you know it.")
+        float | None, typer.Option(min=0.001, help="Sampling rate [Hz], if known.")
     ] = None,
     unit: Annotated[
-        str | None, typer.Option(help="Unit of the EMG, where you know it: V, mV or uV.")
+        str | None, typer.Option(help="Unit of the EMG, if known: V, mV or uV.")
     ] = None,
     columns: Annotated[
         str | None, typer.Option(help="Labels of the columns, separated by commas.")
     ] = None,
     variable: Annotated[
-        str | None, typer.Option(help="Array of a MATLAB or HDF5 file, where you know it.")
+        str | None, typer.Option(help="Array of a MATLAB or HDF5 file, if known.")
     ] = None,
     confirm: Annotated[bool, typer.Option("--confirm", help="Accept all guesses.")] = False,
 ) -> None:

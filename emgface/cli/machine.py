@@ -13,7 +13,7 @@ def cores() -> int:
 
 
 def use_one_blas_thread() -> None:
-    """Let numerical libraries use one thread for linear algebra, unless told otherwise.
+    """Restrict numerical libraries to one thread for linear algebra, unless configured.
 
     The matrices are small: more threads would only wait for each other. Those of the element loops
     are another matter (`sim.threads`).

@@ -22,9 +22,9 @@ def overview_pages(path: Path | None, n_recordings: int) -> Iterator[AddPage]:
     Parameters
     ----------
     path : Path or None
-        Picture (png, pdf, svg) to write; an existing one is replaced. None writes nothing.
+        Picture (png, pdf, svg) to write; an existing one is replaced. None: no picture.
     n_recordings : int
-        How many recordings there will be; more than one need a PDF.
+        Number of recordings; more than one require a PDF.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""``emgface simulate`` and ``show``: motions, and pictures of whatever a file holds."""
+"""``emgface simulate`` and ``show``: motions, and pictures of files of any kind."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -51,7 +51,7 @@ def simulate(
         str | None, typer.Option(help="Strategy, where the source is a recording.")
     ] = None,
     instruction: Annotated[
-        str | None, typer.Option(help="A to F, of a recording that does not say it.")
+        str | None, typer.Option(help="Instruction A to F, if the recording does not specify it.")
     ] = None,
     mapping: MappingOption = None,
 ) -> None:
@@ -59,9 +59,7 @@ def simulate(
     if not (out_path or page or movie or vtk):
         from emgface.errors import ConfigurationError
 
-        raise ConfigurationError(
-            "nothing would be written, expected --out, --page, --movie or --vtk"
-        )
+        raise ConfigurationError("no output is specified, expected --out, --page, --movie or --vtk")
     import emgface as ef
     from emgface.api.given import face_of, study_of
     from emgface.pictures.body import skin_of
@@ -109,7 +107,7 @@ def show(
     ] = None,
     mapping: MappingOption = None,
 ) -> None:
-    """Draw whatever a file holds, to a window of the browser or to a file."""
+    """Draw the contents of a file, in the browser or to a file."""
     from emgface.pictures.show import show as draw
 
     say(f"Wrote {draw(path, out_path, mapping=mapping)}.")
@@ -159,7 +157,7 @@ def _write_vtk(folder: Path, face: "xr.Dataset", nodes: "xr.DataArray") -> None:
 
 
 def _tell(trajectory: "xr.Dataset", written: str) -> None:
-    """Say what was written, how far the face moved and how accurately."""
+    """Report the files written, the displacement of the face and its accuracy."""
     from emgface.face.stability import stability_warning
 
     moved = 1e3 * trajectory.attrs["motion"]
@@ -180,5 +178,5 @@ def _tell(trajectory: "xr.Dataset", written: str) -> None:
     share = f", {100 * error / moved:.2g} % of the motion" if moved > 0.0 else ""
     told = f"Estimated error of the time steps: {error:.2g} mm{share}."
     if trajectory.attrs["inaccurate"]:
-        told += " It exceeds a tenth of the motion: ask for an --accuracy such as '0.1 mm'."
+        told += " It exceeds a tenth of the motion: specify an --accuracy such as '0.1 mm'."
     say(told)

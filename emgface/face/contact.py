@@ -23,8 +23,8 @@ def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pair
     Returns
     -------
     tuple of Pairing
-        Upper on lower lip, closed for 'constraint', which knows what is inside, and without what runs
-        through the tissue for 'barrier'; the lining of the mouth on each bone.
+        Upper on lower lip, closed for 'constraint', which distinguishes inside and outside, and
+        without what runs through the tissue for 'barrier'; the lining of the mouth on each bone.
 
     Raises
     ------

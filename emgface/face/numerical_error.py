@@ -24,7 +24,7 @@ def numerical_error(
         ``(marker, axis, time)`` [m], as `sim.StepErrors` records it.
     memory : float
         Time within which a disturbance dies [s]; that of tissue with stiffness damping is beta, since a
-        mode much slower than its inertia relaxes as exp(-t/beta). 0: nothing is remembered.
+        mode much slower than its inertia relaxes as exp(-t/beta). 0: no accumulation.
     iteration_error : DataArray, optional
         ``(time,)`` [m], bound of what the iterations of a step have left of a position.
 
@@ -35,8 +35,8 @@ def numerical_error(
 
     Notes
     -----
-    Of time stepping alone: the mesh has an error of its own. How often it holds on activations of EMG is
-    measured by ``python -m benchmarks error_coverage`` (docs/accuracy.md).
+    Of time stepping alone: the error of the mesh is separate. How often it holds on activations of EMG
+    is measured by ``python -m benchmarks error_coverage`` (docs/accuracy.md).
     """
     values = step_error.transpose("time", "marker", "axis").values
     h = np.diff(step_error["time"].values)

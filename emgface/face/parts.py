@@ -32,7 +32,7 @@ class Fibre:
 class Bundle:
     """Elements of one muscle: 0-based `element` (k,), unit `direction` (k, 3).
 
-    `weight` (k,) is the share of each element that the muscle fills [1]; None stands for 1.
+    `weight` (k,) is the share of each element that the muscle fills [1]; None is 1.
     """
 
     muscle: str

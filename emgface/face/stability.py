@@ -13,8 +13,8 @@ MOVED: Final = 1e-14
 """Perturbation of the start that represents rounding [m]."""
 
 NOTICED: Final = 1e-5
-"""Change of a marker that is told [m]: what the iteration of a step may leave, a tenth of the error that
-a study asks for."""
+"""Change of a marker above which a warning is given [m]: the tolerance of the iteration, a tenth
+of the error requested by a study."""
 
 
 def rounding_sensitivity(

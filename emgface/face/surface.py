@@ -78,7 +78,7 @@ def boundary_edges(faces: Indices) -> NDArray[np.int64]:
 def triangles(faces: Indices, position: Floats) -> NDArray[np.int64]:
     """Split quadrilaterals along their shorter diagonal; triangles stay, shape (n, 3).
 
-    The shorter diagonal, unlike a fixed corner, treats mirrored faces alike.
+    The shorter diagonal, unlike a fixed corner, treats mirrored faces in the same way.
     """
     faces = np.asarray(faces, dtype=np.int64)
     three = faces[:, 2] == faces[:, 3]

@@ -33,7 +33,7 @@ def skin_axes(face: xr.Dataset, *, reach: float = REACH) -> tuple[NDArray[np.int
     Returns
     -------
     element : (n,) elements of the outer layer with a face on the skin, ascending.
-    axes : (n, 3, 3) orthonormal axes in the rows [1]; the sign of a tension line means nothing.
+    axes : (n, 3, 3) orthonormal axes in the rows [1]; the sign of a tension line is arbitrary.
 
     Raises
     ------

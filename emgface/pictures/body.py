@@ -246,7 +246,7 @@ def merged(position: Floats, corners: Indices, most: int) -> Indices:
     Returns
     -------
     ndarray of int, shape (nodes,)
-        The node that stands for each.
+        Representative node of each.
     """
     whole = np.arange(len(position))
     excess = len(np.unique(corners)) - most

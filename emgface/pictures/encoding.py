@@ -13,13 +13,13 @@ from emgface.pictures.body import MOUTH, Body
 from emgface.pictures.render import DISPLACEMENT, LIGHT, VIEWS
 
 QUANTUM: Final = 20e-6
-"""Positions are rounded to this [m], far below what is seen."""
+"""Quantum of the positions [m], below visible differences."""
 ABSENT: Final = -32768
 """Stands for a marker that was not measured."""
 
 
 def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:
-    """Encode what is drawn, about the middle of the nodes of its skin at rest (n, 3) [m].
+    """Encode the drawn surface, relative to the centre of the nodes of its skin at rest (n, 3) [m].
 
     Positions are whole numbers of `QUANTUM` about `centre`; arrays are deflated, in base 64.
     """

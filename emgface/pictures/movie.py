@@ -42,7 +42,7 @@ def write_movie(
     Returns
     -------
     Path
-        The movie. Every frame says that it is simulated, of which trial and when.
+        Movie. Every frame is labelled as simulated, with trial and time.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def write_movie(
 
 
 def check_movie(path: Path) -> str:
-    """Return the program that a movie needs, empty for a GIF; before a long simulation, say.
+    """Return the program required by a movie, empty for a GIF; for a check before a long simulation.
 
     Raises
     ------

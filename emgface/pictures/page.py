@@ -55,7 +55,7 @@ def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str
     Returns
     -------
     str
-        HTML that loads nothing.
+        HTML without network requests.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str
 
 
 def trial_name(motion: xr.Dataset) -> str:
-    """Name of the trial of a trajectory or activation, as far as its attributes tell."""
+    """Label of the trial of a trajectory or activation, as far as its attributes specify it."""
     named = [str(motion.attrs[n]) for n in ("volunteer", "instruction", "repetition", "strategy")
              if n in motion.attrs]  # fmt: skip
     said = INSTRUCTIONS.get(str(motion.attrs.get("instruction", "")), "")

@@ -113,7 +113,7 @@ def render(
     width : int
         Pixels across; the height follows from the window.
     colour : ndarray, shape (n, 3), optional
-        sRGB of the nodes of the skin in place of the body's own.
+        sRGB of the nodes of the skin, instead of those of the body.
     finer : int
         Samples per pixel along both sides.
 

@@ -64,11 +64,11 @@ def draw_sections(
     face : Dataset
         Face model with `lip_opening_node`.
     shown : mapping
-        Name to node positions (nodes, 3) [m]; one panel each, beside the section at rest in outline.
+        Name to node positions (nodes, 3) [m]; one panel each, with the outline of the section at rest.
     path : Path
         Picture to write.
     title : str
-        Over all; say what is simulated and how.
+        Title, which should state what is simulated and how.
     dpi : int
         Dots per inch.
 

@@ -1,4 +1,4 @@
-"""Drawing of whatever a dataset or file is: recording, activation, motion, scores, cube or face."""
+"""Pictures of datasets and files: recording, activation, motion, scores, cube or face."""
 
 import os
 import sys
@@ -43,7 +43,7 @@ def show(
     ----------
     shown : Dataset or path-like
         What to draw: a dataset of this package, its netCDF file, the folder of a finished study, or a
-        recording in any format that `emgface.recordings.dataset.read_recording` knows.
+        recording in any format supported by `emgface.recordings.dataset.read_recording`.
     out : path-like, optional
         File to write: a page (``*.html``), in which faces turn and move; a picture (``*.png``,
         ``*.pdf``, ``*.svg``); or, of a motion with its surface, a movie (``*.gif``, ``*.mp4``).
@@ -86,7 +86,7 @@ def show(
 
 
 def page(data: xr.Dataset) -> str:
-    """Return the page of a dataset as HTML that loads nothing; see `show`."""
+    """Return the page of a dataset as HTML without network requests; see `show`."""
     from emgface.pictures.page import figure_page
 
     drawing = DRAWINGS[kind(data)]
@@ -131,7 +131,7 @@ def opened(
     shown: xr.Dataset | str | os.PathLike[str],
     mapping: str | Path | Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Read what is to be shown, where it is not at hand; see `show`."""
+    """Read the dataset to be shown, if a path is passed; see `show`."""
     from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import kind_of, read_netcdf
 

@@ -188,7 +188,7 @@ def states_figure(
     shown : mapping
         Name to node positions (nodes, 3) [m].
     title : str
-        Over all; say what is simulated and how.
+        Title, which should state what is simulated and how.
     views : sequence of str
         Some of `emgface.pictures.render.VIEWS`.
     displacement : bool

@@ -48,7 +48,7 @@ def refined(facet: Indices, part: Indices, n: int) -> tuple[list[Indices], Indic
 
     Notes
     -----
-    Beyond a vertex the line of an edge goes on along the edge opposite to it, where four edges meet
+    Beyond a vertex the line of an edge continues along the opposite edge, where four edges meet
     within the surface or three on its border; elsewhere it ends, and the end counts twice.
     """
     after = np.roll(facet, -1, axis=1)

@@ -27,7 +27,7 @@ class SurfaceProbe:
     node: NDArray[np.int64]
 
     def variables(self) -> tuple[Variable, ...]:
-        """Name, unit and dims of what is recorded."""
+        """Name, unit and dims of the recorded variable."""
         return (Variable("surface_position", "m", ("surface_node", "axis"), {"axis": AXES}),)
 
     def record(

@@ -1,7 +1,7 @@
 """A simulated motion for ParaView: one unstructured grid (.vtu) for each frame, and their list (.pvd).
 
 The format is that of VTK 5 and later, XML with data in base 64, as the VTK File Formats document
-describes it; nothing of VTK is needed to write it.
+describes it; VTK is not required to write it.
 """
 
 import base64

@@ -32,8 +32,8 @@ def channel_report(recording: xr.Dataset, chain: SignalChain) -> pd.DataFrame:
     pandas.DataFrame
         One row per channel, with columns
 
-        - ``status``: "ok", "constant", "gap of ... s at t = ... s", or, where the feature says
-          nothing, "feature zero" or "feature saturated";
+        - ``status``: "ok", "constant", "gap of ... s at t = ... s", or, if the feature is
+          uninformative, "feature zero" or "feature saturated";
         - ``rms`` [V]: of the filtered signal;
         - ``power_in_band`` [1]: share of the raw signal's power between the edges of the band-pass;
         - ``median_frequency`` [Hz]: halves the power between the edges;

@@ -58,7 +58,7 @@ def check_recording(
 
     Notes
     -----
-    Errors are what the study cannot use: a gap in EMG, which no filter bridges; a constant
+    Errors are properties that a study cannot use: a gap in EMG; a constant
     channel, whose normalisation is 0/0; a marker never seen, or lost for longer than `max_gap`
     between frames that show it; a clock that is not uniform. Warnings are what a person should
     look at. Channels that hold no EMG, among them those that the reader left out because of their

@@ -86,7 +86,7 @@ def read_recording(
     Returns
     -------
     xarray.Dataset
-        Recording in SI, gaps as NaN. The attributes tell where it comes from: ``source`` (file
+        Recording in SI, gaps as NaN. The attributes specify its origin: ``source`` (file
         name), ``source_digest`` (sha256 of the file and of those that it names), ``device`` where
         the file names one, and as JSON ``original_names``, ``original_units``, ``dropped`` and
         ``flagged`` (kept although constant).
@@ -169,7 +169,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
     Returns
     -------
     list of pathlib.Path
-        Files with a reader, sorted; those that say they are something else are left out, damaged
+        Files with a reader, sorted; those that declare another kind are omitted, damaged
         ones are not.
 
     Raises
@@ -289,7 +289,7 @@ def _unknown_format(path: Path) -> str:
         return (
             f"{path.name} does not specify its contents, rate and units; expected a TOML "
             f"sidecar that does: {advice} instead."
-        ).replace("beside it and open that", "beside it")
+        ).replace("next to it and specify that instead", "beside it")
     formats = ", ".join(f"{suffix} ({known[suffix].FORMAT})" for suffix in sorted(known))
     return (
         f"{path.name} has the unknown suffix {path.suffix!r}{hint(path.suffix, known)}; expected "

@@ -1,7 +1,7 @@
 """Draft of the sidecar of a table or array, from what can be seen in the file.
 
-What the file does not tell is guessed, and every guess is listed under ``unconfirmed``, which the
-reader refuses: a person checks the guesses and deletes the list.
+Information that the file does not contain is guessed, and every guess is listed under ``unconfirmed``,
+which the reader refuses: a person checks the guesses and deletes the list.
 """
 
 import json

@@ -16,7 +16,7 @@ from emgface.signals.filters import sampling_rate
 from emgface.signals.parameters import HeadFrameParameters
 
 COLLINEAR = 1e-2
-"""Second over first singular value below which markers count as lying on one line."""
+"""Second over first singular value below which markers are regarded as collinear."""
 
 
 def in_head_frame(

@@ -42,7 +42,7 @@ def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -
     pandas.DataFrame
         One row per file: ``file``, ``format``, number of ``channels`` and ``markers``,
         ``emg_rate`` and ``marker_rate`` [Hz], ``units`` of the source, ``duration`` [s],
-        ``findings`` of the checks in words, or ``refusal``, the sentence of the error. Files that
+        ``findings`` of the checks, or ``refusal``, the error message. Files that
         describe others (see `TEXTS`) are left out.
 
     Raises

@@ -1,4 +1,4 @@
-"""Kind of signal of an analog channel: EMG, or what else a laboratory records beside it."""
+"""Kind of signal of an analog channel: EMG, or another signal recorded with it."""
 
 import re
 from typing import Final, NamedTuple
@@ -120,7 +120,7 @@ def signal_of(label: str, values: np.ndarray, rate: float) -> Signal:
     Returns
     -------
     Signal
-        ``unused`` for a channel that never changes; the kind that the name tells; ``switch or event
+        ``unused`` for a channel that never changes; the kind given by the name; ``switch or event
         marker`` for a few levels; ``rectified EMG`` for one that is never negative and touches zero;
         ``slow signal`` for one with nine tenths of its power below 10 Hz and either more than 10 mV
         in all or less than an electrode's noise above 20 Hz; ``EMG`` otherwise.

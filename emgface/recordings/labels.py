@@ -26,7 +26,7 @@ class LabelMap(Parameters):
     units : dict of str to str
         Unit of ``emg`` or ``position`` where the file names none, or a wrong one.
     volunteer, instruction : str or None
-        Who and what was recorded, where the file does not say.
+        Volunteer, instruction and repetition, if the file does not specify them.
     repetition : int or None
         Which repetition, from 1.
     """
@@ -45,7 +45,7 @@ def read_label_map(mapping: Mapping[str, Any] | LabelMap | str | Path | None) ->
     Parameters
     ----------
     mapping : mapping, LabelMap, path or None
-        Tables ``channels``, ``markers``, ``units`` and the names of the trial; None maps nothing.
+        Tables ``channels``, ``markers``, ``units`` and the names of the trial; None: no mapping.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
     -------
     xarray.Dataset
         Recording under the names of the map, in its order; the attributes ``original_names`` and
-        ``dropped`` (JSON) say what became of each label.
+        ``dropped`` (JSON) record the treatment of each label.
 
     Raises
     ------

@@ -31,7 +31,7 @@ class Layout:
     Attributes
     ----------
     encoding : str or None
-        None where it is UTF-8 or a byte order mark tells it.
+        None for UTF-8 or with a byte order mark.
     delimiter, decimal : str
         As of a sidecar.
     skip_rows : int
@@ -41,7 +41,7 @@ class Layout:
     labels : tuple of str
         Labels of the columns; ``column 1`` and so on where the file has none.
     units : tuple of str
-        Unit of each column by its label or a line of units, empty where none is told.
+        Unit of each column by its label or a line of units, empty if none is specified.
     sure : bool
         Whether no other delimiter fits as well.
     """
@@ -171,7 +171,7 @@ def _share(row: list[str], sign: str) -> float:
 
 
 def _numbers(lines: list[str], delimiter: str, sign: str) -> tuple[float, int]:
-    """Share of numbers among all cells, to a tenth, and columns; nothing where rows differ."""
+    """Share of numbers among all cells, to a tenth, and columns; empty if rows differ."""
     rows = [_cells(line, delimiter) for line in lines]
     width, often = Counter(map(len, rows)).most_common(1)[0]
     if often < 0.9 * len(rows):

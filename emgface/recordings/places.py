@@ -17,14 +17,14 @@ WIDTHS: Final = (0.015, 0.045)
 CLEARER: Final = 1.5
 """Misfit of the second best orientation over that of the best from which the best is proposed."""
 FEWEST: Final = 14
-"""Markers that are needed where no label is known."""
+"""Least number of markers if no label is known."""
 _REFINEMENTS: Final = 8
 
 
 def with_places(table: pd.DataFrame, position: xr.DataArray) -> pd.DataFrame:
     """Complete proposals for markers by their positions.
 
-    With three or more known labels the layout is laid on those markers; without, all orientations of
+    With three or more known labels the layout is fitted to those markers; without, all orientations of
     the axes are tried. Each unresolved marker that lies near a place of the layout that no other
     marker claims is proposed for it.
 

@@ -82,7 +82,7 @@ def propose_mapping(
     side : str, optional
         Side of channels whose label contains none.
     told : mapping of str to str, optional
-        What the source says of a label beside it, such as the target muscle.
+        Further information on a label in the source, such as the target muscle.
 
     Returns
     -------

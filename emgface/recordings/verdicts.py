@@ -14,7 +14,7 @@ LARGEST_VARIATION = 10e-3
 SMALLEST_VARIATION = 0.1e-6
 """Standard deviation [V] below which surface EMG is suspect: less than electrode noise."""
 CLIPPED = 0.01
-"""Share of samples at one extreme value above which a channel counts as clipped."""
+"""Share of samples at one extreme value above which a channel is regarded as clipped."""
 LEAST_RATE = 800.0
 """Sampling rate [Hz] below which surface EMG, to 400-500 Hz (van Boxtel 2001), is lost or folded."""
 JITTER = 0.1
@@ -77,7 +77,7 @@ def _longest_run(mask: np.ndarray) -> int:
 
 
 def _common(row: dict[str, object], clock: Clock) -> list[Finding]:
-    """Find what makes any signal unusable."""
+    """Find the properties that make a signal unusable."""
     if clock.samples < 2:
         return [Finding("error", f"has {clock.samples} samples, expected at least two")]
     if row["finite"] == 0.0:

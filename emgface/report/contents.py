@@ -29,9 +29,9 @@ class Inference:
     table : Table or None
         Every test and contrast.
     methods : list of tuple of (str, str)
-        Name of a test, and its method with what it found.
+        Name of a test, and its method with its result.
     checks : list of tuple of (str, str, str, str)
-        Test, assumption, verdict, what was looked at.
+        Test, assumption, verdict, basis of the check.
     """
 
     conclusions: list[str]

@@ -64,7 +64,7 @@ def write_page(
         Whether the moving face and the rendered ones are in it; they need a simulation per
         instruction and strategy, which is stored for the next time.
     say : callable, optional
-        Told what is done, number done and number to do.
+        Receives the description, the completed number and the total.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def write_page(
 
     Notes
     -----
-    The page loads nothing: a content security policy forbids every request, and its scripts are
+    The page requests nothing: a content security policy forbids every request, and its scripts are
     named there by their digests.
     """
     results = open_results(folder)

@@ -84,7 +84,7 @@ class StudyDeclaration(_Entry):
     names : dict of str to tuple of str
         Values that each coordinate must hold, all of them and in any order.
     meaning : str
-        The demand in words.
+        Description of the requirement.
     """
 
     required: tuple[str, ...] = ()

@@ -52,7 +52,7 @@ def migrate(
     -------
     xarray.Dataset
         The dataset itself where it is of the present version; else a copy, whose attribute
-        ``migrated_from`` tells the version it was written in.
+        ``migrated_from`` is the version in which it was written.
 
     Raises
     ------

@@ -27,7 +27,8 @@ _COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": Tru
 def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
     """Check a dataset and write it as netCDF-4, compressed.
 
-    The file appears under its name only when it is complete: it is written beside and renamed.
+    The file appears under its name only when it is complete: it is written to a temporary file and
+    renamed.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
     Raises
     ------
     SchemaError, UnitsError
-        If the dataset does not follow its declaration; nothing is written then.
+        If the dataset does not follow its declaration; no file is written.
     DataError
         If the file cannot be written.
     """
@@ -119,7 +120,7 @@ def kind_of(path: str | Path) -> str:
     Returns
     -------
     str
-        One of `emgface.schema.validation.kinds`, empty where the file does not say.
+        One of `emgface.schema.validation.kinds`, empty if the file does not specify it.
 
     Raises
     ------

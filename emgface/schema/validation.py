@@ -34,7 +34,7 @@ def schema_folder() -> Path:
     Raises
     ------
     DataError
-        If neither is there.
+        If neither exists.
     """
     here = Path(__file__).resolve().parents[1]
     for folder in (here / "_data_schema", here.parent / "data_schema"):

@@ -189,7 +189,7 @@ class Steps:
         Raises
         ------
         SchemaError
-            No channel of a muscle is there.
+            No channel of a muscle exists.
         """
         chosen = configure(MappingParameters, choices, where="muscles")
         return map_channels(self._signal, chosen.oom, names)

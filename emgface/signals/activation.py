@@ -141,7 +141,7 @@ def feature_before_normalisation(
     Returns
     -------
     feature : DataArray, dims (muscle, time), or (channel, time) where mapping_stage is "activation"
-        Feature of what the montage allows to be estimated.
+        Feature of the muscles that the montage allows to estimate.
     silent : tuple of str
         Channels that hold one value throughout (none, unless the policy tolerates them).
 

@@ -94,8 +94,7 @@ def map_channels(
     oom : str
         Reading of Eq. 3, see `mapping_matrix`.
     muscles : sequence of str
-        Muscles to compute; a missing channel counts as zero where another one of the same muscle
-        is there.
+        Muscles to compute; a missing channel is zero if another one of the same muscle exists.
 
     Returns
     -------
@@ -105,7 +104,7 @@ def map_channels(
     Raises
     ------
     SchemaError
-        If no channel of a muscle is there.
+        If no channel of a muscle exists.
     """
     found = [str(name) for name in quantity["channel"].values]
     lacking = [name for name in muscles if not set(sources_of(name)) & set(found)]

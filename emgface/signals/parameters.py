@@ -45,7 +45,7 @@ class FilterParameters(Parameters):
     phase: Literal["zero", "causal"] = choice(
         "zero",
         "Forward and backward (zero) or forward only (causal).",
-        source="the paper does not say",
+        source="the paper does not specify it",
         note="the gain at the edges is -6 dB for 'zero' and -3 dB for 'causal'",
     )
 

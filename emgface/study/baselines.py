@@ -83,7 +83,7 @@ def add_baselines(
     extents : mapping of str to Result
         Range of the features per volunteer, where needed.
     observer : Observer
-        Told what is worked on.
+        Receives the progress.
 
     Returns
     -------

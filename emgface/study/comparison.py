@@ -63,7 +63,7 @@ class AlignmentParameters(Parameters):
         "direction",
         "Rule for the arbitrary sign of a principal component: the direction of the two "
         "components where it is clear, or the larger maximum of the correlation.",
-        source="the paper does not say",
+        source="the paper does not specify it",
         note="with 'correlation', left-right-left may match its mirror image",
     )
     clear_cosine: float = parameter(
@@ -79,7 +79,7 @@ class AlignmentParameters(Parameters):
     centred: bool = choice(
         True,
         "Centre positions before the singular value decomposition.",
-        source="the paper does not say",
+        source="the paper does not specify it",
         note="uncentred, the first component is the mean posture",
     )
     subsample: bool = choice(

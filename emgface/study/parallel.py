@@ -1,6 +1,6 @@
 """Independent jobs in several processes of one thread each.
 
-Small meshes gain nothing from threads; independent trials gain all from processes.
+Small meshes do not benefit from threads; independent trials benefit fully from processes.
 """
 
 import multiprocessing
@@ -51,7 +51,7 @@ def in_processes(
     Notes
     -----
     When the caller stops (interruption, error), the processes are stopped at once. Results are
-    stored whole or not at all, so nothing is left half-done.
+    stored whole or not at all, so that no partial result remains.
     """
     mine = {child.pid for child in multiprocessing.active_children()}
     context = multiprocessing.get_context("spawn")

@@ -54,8 +54,8 @@ def refusals(recording: xr.Dataset, chain: SignalChain) -> dict[str, str]:
 def _scored(recording: xr.Dataset, chain: SignalChain) -> None:
     if "position" not in recording:
         raise SchemaError(
-            "it contains no marker positions, expected those of six face and ten lip markers: the face "
-            "can be moved, and there is nothing to compare the motion with"
+            "it contains no marker positions, expected those of six face and ten lip "
+            "markers: the motion can be simulated but not compared"
         )
     in_head_frame(recording["position"], chain.head_frame)
 

@@ -29,8 +29,8 @@ class Report:
     summary : str
         The table of rho per strategy.
     meaning : list of str
-        Muscles that were not recorded, and what rho means in this study beside its baselines; empty
-        where there is nothing to say.
+        Muscles that were not recorded, and the interpretation of rho by the baselines of this
+        study; may be empty.
     failures : list of str
         One sentence per reason why trials have no score, or one that depends on rounding.
     folder : Path

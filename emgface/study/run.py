@@ -111,7 +111,7 @@ def run_study(
     Notes
     -----
     A failure of one trial is recorded with its status and reason in the cube. An interruption
-    (KeyboardInterrupt) passes through; what was finished is stored.
+    (KeyboardInterrupt) passes through; completed results are stored.
     """
     observer = observer or Silent()
     intake = take_in(study.recordings, study.exclude)

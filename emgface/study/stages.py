@@ -108,7 +108,7 @@ class Laboratory:
     report : callable
         Receives one sentence for the reader.
     muted : set of str
-        Recordings in which the feature of some muscle said nothing.
+        Recordings with an uninformative feature of at least one muscle.
     """
 
     store: Store

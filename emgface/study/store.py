@@ -1,10 +1,10 @@
 """Store of stage results as netCDF files, identified by a digest of their inputs.
 
-A result lies in ``<folder>/<stage>/<digest>.nc`` with ``<digest>.json`` beside it, which says in
-plain words what it came from, when it was computed and by what. The digest covers the stage's
+A result lies in ``<folder>/<stage>/<digest>.nc`` with ``<digest>.json`` next to it, which
+describes its inputs, the date and the environment of its computation. The digest covers the stage's
 name, the digests of its inputs, its parameters and the source text of the modules that computed
-it: a changed parameter, recording or line of code gives another digest, so that nothing stale is
-ever served and a study that was interrupted computes only what is absent. Date and machine are no
+it: a changed parameter, recording or line of code gives another digest, so that outdated results
+are never used and an interrupted study computes only missing results. Date and machine are no
 part of the digest.
 """
 
@@ -59,7 +59,7 @@ class Result:
     """Stored dataset, its digest (the input of later stages) and its event.
 
     `computed` is the UTC date of its computation and `environment` what computed it, as
-    `emgface.study.provenance.environment` tells; empty where the store does not know.
+    `emgface.study.provenance.environment`; empty if unknown.
     """
 
     dataset: xr.Dataset
@@ -79,7 +79,7 @@ class Store:
     folder : Path
         Created when missing.
     report : callable
-        Receives one sentence when a stored file is found damaged and computed anew.
+        Receives one sentence when a stored file is damaged and computed again.
     events : list of Event
         What this process computed and reused, in order.
     """
@@ -132,7 +132,7 @@ class Store:
         parameters : mapping
             All parameters the result depends on; JSON-expressible.
         compute : callable
-            Takes nothing, returns the dataset. What it raises passes through; nothing is stored.
+            Function that returns the dataset. Its exceptions are propagated, and no result is stored.
         label : str
             Words for a reader of the index; not part of the digest.
 

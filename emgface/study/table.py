@@ -31,9 +31,9 @@ class Recording:
     path : Path
         Where it came from.
     error : EmgfaceError or None
-        Why it cannot be used, although it says what it is.
+        Reason for which it cannot be used, although it is identified.
     excluded : str
-        Why a person left it out; empty where nobody did.
+        Reason for its exclusion; empty if it is not excluded.
     """
 
     place: Place
@@ -72,7 +72,7 @@ class Intake:
     recordings : tuple of Recording
         In the order of the design.
     unreadable : dict of Path to EmgfaceError
-        Files that do not even say which trial they are.
+        Files whose trial is not identified.
     """
 
     recordings: tuple[Recording, ...]

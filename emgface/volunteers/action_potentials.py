@@ -119,7 +119,7 @@ def action_potentials(geometry: FibreGeometry, sampling_rate: float) -> np.ndarr
     Intracellular potential ``V(x) = 96 x^3 exp(-x) - 90`` mV, x in mm behind the front: Rosenfalck
     1969, Acta Physiol Scand Suppl 321. Source with end effects: Dimitrov and Dimitrova 1998, Med
     Eng Phys 20:374-381; Farina and Merletti 2001, IEEE Trans Biomed Eng 48:637-646, Eqs 1-4. The
-    integral is taken by parts, so that nothing is differentiated numerically. The fibres of a unit
+    integral is taken by parts, which avoids numerical differentiation. The fibres of a unit
     have end plates spread along them; their potentials, later or earlier by the way over the
     velocity, are taken together as a Gaussian smoothing in time.
     """

@@ -47,7 +47,7 @@ class Source:
     muscle : str
         With side.
     home : str
-        Channel whose electrodes lie nearest by name; tells the two lips apart.
+        Channel whose electrodes lie nearest by name; distinguishes the two lips.
     """
 
     muscle: str

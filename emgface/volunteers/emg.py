@@ -5,7 +5,7 @@ Each channel is ``gain * source(t)``: either the action potentials of motor unit
 noise of the power spectrum of surface EMG, its amplitude proportional to what the muscles under the
 electrode do; then cross-talk between neighbouring channels, baseline noise of the amplifier and a
 little mains hum. Where a `emgface.volunteers.conduction.Conduction` is given, every muscle is one source
-that all electrodes hear, filtered by the tissue between.
+recorded by all electrodes, filtered by the tissue between.
 """
 
 from collections.abc import Mapping, Sequence
@@ -157,7 +157,7 @@ def synthesise_emg(
     Parameters
     ----------
     activation : DataArray
-        ``(muscle, time_true)`` [1], what the nerves tell the muscles.
+        ``(muscle, time_true)`` [1], neural excitation of the muscles.
     gain : array, shape (14,)
         Root-mean-square amplitude of each channel at full activation [V]; with `conduction`, at full
         activation of the muscle that the electrodes lie over.
@@ -172,9 +172,9 @@ def synthesise_emg(
     sampling_rate, mains_frequency : float
         Hertz.
     pools : mapping, optional
-        Motor units of `draw_pools`, at the sampling rate; noise in place of them when absent.
+        Motor units of `draw_pools`, at the sampling rate; default: noise.
     conduction : Conduction, optional
-        Ways of all muscles to all electrodes, in place of `PICKUP` and `cross_talk`.
+        Paths of all muscles to all electrodes, instead of `PICKUP` and `cross_talk`.
 
     Returns
     -------
@@ -220,9 +220,9 @@ def synthesise_emg(
 def draw_pools(rng: np.random.Generator, sampling_rate: float = 2048.0) -> Pools:
     """Draw the motor units within reach of the fourteen electrode pairs of a person.
 
-    Each muscle under a pair, see `PICKUP`, has a pool of its own there: upper and lower lip are
+    Each muscle under a pair, see `PICKUP`, has a separate pool there: upper and lower lip are
     driven by different units of the orbicularis oris. The buccinator, which lies under no pair and is
-    heard through the tissue alone, has one as well.
+    recorded only through the tissue, also has one.
 
     Parameters
     ----------

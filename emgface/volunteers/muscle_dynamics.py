@@ -1,6 +1,7 @@
 """Activation dynamics between excitation and force.
 
-A muscle answers later (electromechanical delay) and more slowly (activation dynamics) than its EMG.
+The force of a muscle follows its EMG with a delay (electromechanical delay) and more slowly
+(activation dynamics).
 """
 
 import numpy as np
@@ -25,7 +26,7 @@ def activation_of_excitation(
     delay : float
         d [s].
     activation_time, deactivation_time : float
-        T_act and T_deact [s]; 0 follows without lag.
+        T_act and T_deact [s]; 0 is no lag.
 
     Returns
     -------

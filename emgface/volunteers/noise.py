@@ -92,8 +92,8 @@ def noise_for(
 ) -> np.ndarray:
     """White noise for the signal-to-noise ratio of every channel.
 
-    ``P_noise = P_clean / (10^(snr/10) - 1)`` in the pass-band, since what is measured while active
-    is signal and noise; hum counts as noise.
+    ``P_noise = P_clean / (10^(snr/10) - 1)`` in the pass-band, because the power during activity
+    contains signal and noise; hum is part of the noise.
 
     Parameters
     ----------

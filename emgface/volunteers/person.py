@@ -42,7 +42,7 @@ class SimulatedVolunteer:
     head_rotation, head_shift : float
         Amplitudes of the head's motion [rad], [m].
     skill : float
-        1 for a person who moves only the muscles that are asked for, 0 for the least skilled.
+        1 for a person who moves only the muscles of the instruction, 0 for the least skilled.
     speed : float
         Factor on the speed of all movements.
     asymmetry : float

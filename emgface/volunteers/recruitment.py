@@ -44,7 +44,7 @@ def draw_recruitment(
     instruction : str
         A to F.
     strongest : str
-        Muscle of the highest level in the table, which nobody leaves out.
+        Muscle of the highest level in the table, which is never omitted.
     world : World
         Sizes of the deviations.
     rng : Generator

@@ -190,7 +190,7 @@ def simulate_session(
     settings : VolunteerParameters
         Rests, electrodes and cameras.
     pools : mapping, optional
-        Motor units; noise in place of them when absent.
+        Motor units; default: noise.
     conduction : Conduction, optional
         Ways of the muscles to the electrodes where the world picks up through the tissue.
     noise : array, shape (14,), optional
@@ -200,7 +200,7 @@ def simulate_session(
     -------
     Dataset
         Recording with ``emg`` [V], ``position`` [m], ``true_excitation`` and ``true_activation`` [1] on
-        one clock. Its attributes tell world, person, mismatch, sigma_max and failed electrodes.
+        one clock. Its attributes contain world, person, mismatch, sigma_max and failed electrodes.
     """
     if settings.world.pick_up == "volume" and conduction is None:
         raise ConfigurationError(

@@ -2,7 +2,7 @@
 
 In the *matched* world a volunteer obeys the assumptions of the study: the same kind of mesh and laws,
 the muscles of the template, force without delay, bursts of the relevance table, electrodes that the
-mapping of Eqs 2-6 undoes. Scores there tell whether the chain is implemented correctly, and nothing
+mapping of Eqs 2-6 resolves. Scores there show that the chain is implemented correctly, and nothing
 about people. Each kind of mismatch takes one assumption back; the *mismatched* world has them all.
 """
 

@@ -221,7 +221,7 @@ def test_what_bids_cannot_hold_is_refused(trial: xr.Dataset, tmp_path: Path) -> 
     with pytest.raises(DataError, match="'V 1' cannot be the label of 'sub'"):
         write_bids(trial.assign_attrs(volunteer="V 1"), tmp_path)
     del trial.attrs["repetition"]
-    with pytest.raises(DataError, match="has no attribute repetition"):
+    with pytest.raises(DataError, match="specifies no repetition"):
         write_bids(trial, tmp_path)
     with pytest.raises(SchemaError):
         write_bids(trial.assign_attrs(origin="?"), tmp_path)

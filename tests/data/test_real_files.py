@@ -75,7 +75,7 @@ def test_one_command_lists_every_file(shared: Path, root: Path) -> None:
         assert [None if v != v else pytest.approx(v, rel=1e-6) for v in row] == list(expected)
     assert "mains hum of 60 Hz" in table.loc["subvocal-facial-emg/P001_A_Nao.csv.gz", "findings"]
     slow = table.loc["oxazepam-facial-emg/24_FMOV_preprocessed.txt", "findings"]
-    assert "2 channels" in slow and "sampled at 100 Hz, which holds nothing above 50 Hz" in slow
+    assert "2 channels" in slow and "sampled at 100 Hz, which contains nothing above 50 Hz" in slow
     assert "19 channels" in table.loc["pyomeca/markers_analogs.c3d", "findings"]
 
 

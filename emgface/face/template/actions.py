@@ -1,6 +1,6 @@
 """Simulated lip displacement of each muscle, compared with its anatomical action.
 
-Simulated with every muscle pair by itself, without gravity, with contact of the lips, from rest to a
+Simulated with every muscle pair alone, without gravity, with contact of the lips, from rest to a
 steady activation.
 """
 
@@ -45,7 +45,7 @@ class Action:
     Attributes
     ----------
     text, source : str
-        What the muscle does, and who says so.
+        Action of the muscle, and its source.
     signs : tuple
         Each a marker of the left side, an axis and the sign of its displacement; a comparison of
         two signs needs no threshold.

@@ -72,7 +72,7 @@ def template_face(
     radius : float
         Tissue nearer than this to a fibre is muscle [m].
     courses : CourseShift, optional
-        How the muscles of a person run beside the courses of the template.
+        Deviations of the muscle courses of a person from those of the template.
     name : str
         Name of the face; made from preset and seed if empty.
 
@@ -188,7 +188,7 @@ def volunteer_face(
         Of the whole set.
     index : int
         1 for the first volunteer; the same seed and index give the same person at every
-        resolution, whatever the order of the calls.
+        resolution, for any order of the calls.
     resolution, preset, radius
         As `template_face`.
     spread : float

@@ -1,7 +1,7 @@
 """Measurement of surfaces, and calibration of surfaces to given measures.
 
 Relief, curvature and the directions of the tissue shift landmarks by up to a few millimetres from
-where the construction was told to put them. The construction is therefore told something else, found
+at the positions passed to the construction. Other values are therefore passed to it, found
 by repeating: new parameter = old parameter + (wanted - measured).
 """
 
@@ -88,12 +88,12 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
     Returns
     -------
     Surfaces
-        Its own `measures` are what the construction had to be told.
+        Its `measures` are the values passed to the construction.
 
     Raises
     ------
     FaceError
-        A measure cannot be reached beside the others; the message names it.
+        A measure cannot be reached together with the others; the message states it.
     """
     told = {field.name: float(getattr(measures, field.name)) for field in fields(measures)}
     best: tuple[float, dict[str, float], Surfaces] | None = None

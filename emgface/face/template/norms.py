@@ -1,8 +1,8 @@
 """Norms of the lower face: means and spreads in millimetres, with sources and standing.
 
-Every number has a source, and a standing that says what was done to make sure of it. "found": means and
+Every number has a source, and a standing that states how it was verified. "found": means and
 deviations stand in the table that is named. "assumption": the number is quoted from the literature
-without the source at hand, was derived, or was chosen; the note says which.
+without access to the source, was derived, or was chosen; the note says which.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ CHOPRA: Final = "Chopra et al. 2015, Aesthet Surg J 35:1007-1013"
 OWN: Final = "choice of this template"
 
 Standing = Literal["found", "assumption"]
-_QUOTED: Final = "as commonly quoted; the source was not at hand"
+_QUOTED: Final = "as commonly quoted; the source was not available"
 _SHAPE: Final = "shapes the template; no published norm is claimed"
 
 
@@ -49,7 +49,7 @@ class Norm:
     standing : {"found", "assumption"}
         Whether they were found there, see the module.
     note : str
-        What else there is to know.
+        Further remarks.
     """
 
     name: str

@@ -91,7 +91,7 @@ def random_measures(
 ) -> Measures:
     """Draw the measures of one person of a group.
 
-    Every measure is drawn by itself from a normal distribution cut at 2.5 standard deviations;
+    Every measure is drawn independently from a normal distribution cut at 2.5 standard deviations;
     correlations between measures are not published for this set and are left out. A person whose
     measures contradict each other (see `Measures`) is drawn again.
 

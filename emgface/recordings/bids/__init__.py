@@ -1,6 +1,6 @@
 """Datasets in the Brain Imaging Data Structure, version 1.11: EMG-BIDS and Motion-BIDS.
 
-Names of files, tables beside the signals, the rules a dataset is held to, and the writer. The
+Names of files, tables of the signals, rules for datasets, and the writer. The
 signals themselves are read by `emgface.recordings.readers`.
 """
 

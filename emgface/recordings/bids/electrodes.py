@@ -23,7 +23,7 @@ def read_electrodes(path: Path, channels: pd.DataFrame) -> str | None:
     path : Path
         EMG file.
     channels : DataFrame
-        Table of the channels beside it.
+        Table of its channels.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def read_electrodes(path: Path, channels: pd.DataFrame) -> str | None:
         JSON object, the attribute ``electrodes`` of a recording: ``channels`` (electrodes and
         muscle of each channel, by the labels of the table), ``positions`` (place of each
         electrode, null where unknown), ``spaces`` (label of the coordinate system of each, where
-        told) and ``system`` (the coordinate system). None where nothing is told.
+        told) and ``system`` (the coordinate system). None if it is not specified.
 
     Raises
     ------

@@ -52,7 +52,7 @@ def bids_problems(root: str | Path) -> list[str]:
     Returns
     -------
     list of str
-        File, what was found and what the specification demands; empty where all is well. Only
+        File, problem, and requirement of the specification; empty if there is no problem. Only
         EMG and motion are examined, and the tables that all datasets have.
 
     Raises

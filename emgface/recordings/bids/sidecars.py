@@ -156,7 +156,7 @@ def device(description: dict[str, Any]) -> str:
     Returns
     -------
     str
-        Empty where neither is told.
+        Empty if neither is specified.
     """
     told = (description.get(key) for key in ("Manufacturer", "ManufacturersModelName"))
     return " ".join(str(text) for text in told if text and text != "n/a")
@@ -297,7 +297,7 @@ def start_times(path: Path) -> dict[str, datetime]:
     Returns
     -------
     dict of str to datetime
-        File name to instant, for those the table tells.
+        Instants by file name, as far as the table specifies them.
     """
     found = entities(path)
     own = {key: found[key] for key in ORDER[:2] if key in found}

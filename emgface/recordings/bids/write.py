@@ -144,7 +144,7 @@ def bids_entities(recording: xr.Dataset) -> dict[str, str]:
     if absent:
         raise DataError(
             f"The recording specifies no {absent[0]}; expected volunteer, instruction and repetition, "
-            "which name the files: give --subject, --task and --run, or set them as attributes."
+            "which form the file names: specify --subject, --task and --run, or set them as attributes."
         )
     given = {
         "sub": str(recording.attrs["volunteer"]),

@@ -39,7 +39,7 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
     emg : DataArray, dims (channel, time_emg) [V]
         Raw signal; it is filtered to 15-500 Hz here, and strong hum is removed.
     pairs : iterable of tuple of str, optional
-        Channels to compare; the neighbours on the face, as far as they are there, or all pairs
+        Channels to compare; the neighbours on the face, as far as they exist, or all pairs
         of channels that are no channels of the face.
 
     Returns
@@ -48,8 +48,8 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
         Columns ``channel``, ``neighbour``; ``correlation``, the cross-correlation coefficient r of
         largest magnitude for delays up to 10 ms, and its ``lag`` [s]
         (above 0 where the channel follows its neighbour); ``common`` = r^2, the part of
-        the power that both share; ``share``, the amplitude c with which each would hear the other.
-        Pairs with gaps, a constant channel or less than a second are left out.
+        the power that both share; ``share``, the relative amplitude c of each source at the other
+        electrode. Pairs with gaps, a constant channel or less than a second are left out.
 
     Raises
     ------
@@ -59,11 +59,11 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
     Notes
     -----
     r^2 as the common part: Winter, Fuglevand and Archer 1994, J Electromyogr Kinesiol 4:15-26.
-    Of two independent sources of powers P and Q, each heard by the other electrode with amplitude
+    Of two independent sources of powers P and Q, each picked up by the other electrode with amplitude
     c, the covariance is c (P + Q) and the sum of variances (1 + c^2) (P + Q). With q their ratio,
-    c = (1 - sqrt(1 - 4 q^2)) / (2 q), whatever the powers; a silent muscle beside a strong one has
-    a large r and a small c. Muscles that contract together do not correlate by that alone: their
-    motor units fire independently.
+    c = (1 - sqrt(1 - 4 q^2)) / (2 q), for any powers; a silent muscle beside a strong one has
+    a large r and a small c. Muscles that contract together are not correlated for this reason alone:
+    their motor units fire independently.
     """
     rate = sampling_rate(emg[TIME_EMG])
     signals = {

@@ -38,8 +38,8 @@ def overview_figure(recording: xr.Dataset, table: pd.DataFrame | None = None) ->
     -------
     matplotlib.figure.Figure
         Page of 8.3 by 11.7 inches: every channel and its spectrum, the distance of every marker
-        from its mean place, where it was lost, and the findings in words. Colour and word give
-        the verdict. No more than 24 rows of each are drawn; the page says how many are not.
+        from its mean position, its losses, and the findings as sentences. Colour and word give
+        the verdict. No more than 24 rows of each are drawn; the page states the number of the others.
     """
     table = check_recording(recording) if table is None else table
     figure = Figure(figsize=(8.27, 11.69), layout="constrained")
@@ -143,7 +143,9 @@ def _traces(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
     axes.set_xlabel("time [s]", fontsize=8)
     high = 2.0 * unit / 0.9
     told = f"{high * 1e6:.3g} \u00b5V" if high < 1e-3 else f"{high * 1e3:.3g} mV"
-    axes.set_title(f"EMG, one row is {told} high, or drawn \u00d7 or \u00f7 as it says", fontsize=9)
+    axes.set_title(
+        f"EMG, one row is {told} high, or scaled as indicated by \u00d7 or \u00f7", fontsize=9
+    )
 
 
 def _spectra(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:

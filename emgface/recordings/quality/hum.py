@@ -88,8 +88,8 @@ def mains_hum(values: np.ndarray, rate: float) -> Hum:
     Notes
     -----
     Two lines either side of the harmonic count for it (the width of the window), the median of the
-    lines 3 to 10 Hz away stands for the signal below it. In a trial of a second or two the spectrum
-    of any muscle has high and low lines; ``chance`` tells whether hum is needed to explain one.
+    lines 3 to 10 Hz away represents the signal below it. In a trial of a second or two the spectrum
+    of any muscle has high and low lines; ``chance`` is the probability of such a line without hum.
     """
     frequency, density = power_density(values, rate)
     step = float(frequency[1])
@@ -145,14 +145,14 @@ def remove_hum(
     """Remove mains hum with notches, forward and backward, so that nothing is delayed.
 
     A notch also removes EMG: 2 Hz in every 50 are about 4 % of its power. Use it where
-    `mains_hum` tells that there is need.
+    `mains_hum` shows that it is required.
 
     Parameters
     ----------
     signal : DataArray, dims (row, time_emg) [V]
         Raw signal.
     frequency : float [Hz]
-        50 or 60, or what the grid had.
+        50 or 60, or the measured frequency.
     harmonics : bool
         Remove all multiples below half the sampling rate, too.
     width : float [Hz]

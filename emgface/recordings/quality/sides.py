@@ -27,7 +27,7 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     """Compare the difference between the sides in EMG with that in the motion of the corners.
 
     A muscle of one side moves the mouth corner of that side more than the other. Where both sides
-    do the same the difference is noise and tells nothing: movements to one side decide.
+    do the same the difference is noise: only movements to one side are used.
 
     Parameters
     ----------

@@ -167,7 +167,7 @@ def assemble_parts(
     origin : str
         ``measured`` or ``simulated``.
     device : str
-        What recorded it, as the file says; empty where it does not.
+        Recording device, if the file specifies it; otherwise empty.
 
     Returns
     -------
@@ -253,7 +253,7 @@ def unique_labels(labels: Sequence[str], stem: str) -> tuple[list[str], dict[str
     Returns
     -------
     list of str
-        One label each, no two alike.
+        Unique labels.
     dict of str to str
         New label to the one in the file, where they differ.
     """

@@ -49,7 +49,7 @@ class Table(Parameters):
     delimiter, decimal : str
         As the file was written, ``;`` and ``,`` in some countries; one character each, which differ.
     encoding : str
-        Encoding of the text: ``utf-8``, ``latin-1``, ``utf-16`` or another that Python knows. A
+        Encoding of the text: ``utf-8``, ``latin-1``, ``utf-16`` or another one supported by Python. A
         byte order mark at the start of the file takes precedence.
     columns : list of str or None
         Labels of the columns, where the file names none.

@@ -61,7 +61,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     Raises
     ------
     DataError
-        If the file is another table, or it and the tables beside it do not agree.
+        If the file is another table, or it and its tables do not agree.
     UnitsError
         If the unit of the positions is absent or no length.
     """
@@ -90,8 +90,8 @@ def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:
     Returns
     -------
     list of Part
-        None or one; further tracking systems have a clock of their own and are named in
-        ``dropped``. Where ``*_scans.tsv`` tells when both began, the markers keep their lag.
+        None or one; further tracking systems have separate clocks and are listed in
+        ``dropped``. Where ``*_scans.tsv`` contains both start times, the markers keep their lag.
     """
     found = _partners(emg, "motion", ("motion.tsv",))
     if not found:

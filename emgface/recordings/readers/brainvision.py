@@ -40,7 +40,7 @@ def companions(path: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        Samples and markers, as far as they are there.
+        Samples and markers, if they exist.
     """
     common = _sections(path).get("Common Infos", {})
     named = [_beside(path, common.get(key, "")) for key in ("DataFile", "MarkerFile")]

@@ -26,8 +26,8 @@ The sidecar is the file to open::
 
 A table without a row of labels takes them from ``columns``; ``skip_rows`` leaves out lines before
 it. Counts of a converter become values by ``step * (count - zero)``, in the unit. ``delimiter``,
-``decimal`` and ``encoding`` say how the text was written. Entries that ``unconfirmed`` lists are guesses
-of `emgface.recordings.describe`; such a sidecar is refused.
+``decimal`` and ``encoding`` specify the format of the text. Entries that ``unconfirmed`` lists are
+guesses of `emgface.recordings.describe`; such a sidecar is refused.
 """
 
 import tomllib
@@ -74,7 +74,7 @@ def is_recording(path: Path) -> bool:
     Returns
     -------
     bool
-        Whether it says ``schema = "recording"``.
+        True if it contains ``schema = "recording"``.
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8")).get("schema") == "recording"

@@ -72,7 +72,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     Raises
     ------
     DataError
-        If the file is damaged, truncated, not continuous, or contradicts the tables beside it.
+        If the file is damaged, truncated, not continuous, or contradicts its tables.
     UnitsError
         If no channel carries a unit.
     """

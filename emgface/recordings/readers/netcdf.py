@@ -23,7 +23,7 @@ def is_recording(path: Path) -> bool:
     Returns
     -------
     bool
-        False where the file says that it is another kind of dataset.
+        False if the file declares another kind of dataset.
     """
     try:
         with open_netcdf(path) as opened:

@@ -1,4 +1,4 @@
-"""Running counts and sums over sliding windows: O(samples) whatever the window.
+"""Running counts and sums over sliding windows: O(samples) for any window.
 
 Source of the count: Eskes et al. 2017, Eq. 7.
 """
