@@ -111,7 +111,7 @@ def test_a_recording_becomes_something_that_moves(laboratory, tmp_path, monkeypa
     options = ("--out", "--page", "--movie", "--vtk")
     written = [text for pair in zip(options, files, strict=True) for text in pair]
     nothing = run("simulate", recording, "--study", study)
-    one_sentence(nothing, "nothing would be written, expected --out, --page, --movie or --vtk")
+    one_sentence(nothing, "no output is specified, expected --out, --page, --movie or --vtk")
     result = run("simulate", recording, "--strategy", "act_rel", "--study", study, "--surface",
                  *written)  # fmt: skip
     assert result.exit_code == 0, result.output

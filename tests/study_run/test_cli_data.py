@@ -190,7 +190,7 @@ def test_subject_task_and_run_are_given_where_a_file_names_none(foreign, tmp_pat
     other = stored(bare, tmp_path, "other.nc")
     convert = ("data", "convert", "--to", "bids", "--out", tmp_path / "bids")
     one_of = run(*convert, other)
-    assert one_of.exit_code == 2 and "give --subject, --task and --run" in one_of.stderr
+    assert one_of.exit_code == 2 and "specify --subject, --task and --run" in one_of.stderr
     named = ("--subject", "P07", "--task", "smile", "--run", 3)
     given = run(*convert, other, *named)
     assert given.exit_code == 0, given.output
