@@ -93,7 +93,7 @@ class Driven:
         """Line with mean and first moment of the activation, limited to 0-1.
 
         rise = 12/h int a (c - 1/2) dt, the projection onto linear functions of c = (time - t)/h, limited
-        so that the line stays in 0-1 at the `places` c where it is asked for; the mean is kept always.
+        so that the line stays in 0-1 at the `places` c where it is evaluated; the mean is always kept.
         """
         c, a = self.activation.within(t, t + h)
         mean, c = _mean(c, a), c[:, None] - 0.5

@@ -4,7 +4,7 @@ Node order is that of VTK: hexahedron 0-3 counter-clockwise in the bottom face s
 4-7 above them; wedge bottom triangle 0-2 at t = -1, top triangle 3-5 at t = +1. Quadrature: hexahedron
 2 x 2 x 2 Gauss, point k in the octant of node k; wedge three-point triangle rule times two Gauss points,
 point k next to node k; tetrahedron (node 3 above the counter-clockwise triangle 0-2) its centroid, which
-belongs to all four nodes alike.
+belongs equally to all four nodes.
 """
 
 from collections.abc import Callable

@@ -64,7 +64,7 @@ class NotConverged(SimulationError):
 class ToleranceMissed(SimulationError):
     """The smallest step of an error control does not reach the requested accuracy.
 
-    Nothing failed: every step found its equilibrium and no element inverted. It says nothing about the
+    No step failed to converge and no element inverted. The error does not concern the
     strength of the muscles.
 
     Attributes

@@ -47,7 +47,7 @@ class Matrix:
     values : (pattern.nnz,)
     products : tuple of Product
     stand_in : callable or None
-        Values to be added on the pattern, in place of the products, where a factor is made.
+        Values to be added on the pattern, instead of the products, for a factorisation.
     """
 
     pattern: Sparsity

@@ -70,7 +70,8 @@ def intervals(
     """Lay out steps of at most h [s] and outputs every so often [s]; the last step may be shorter.
 
     Instants are origin + i h with whole i where the start is one of them, so that a simulation that
-    goes on from a state ends its steps at the same numbers as one that never stopped; else start + i h.
+    continues from a state ends its steps at the same times as one without interruption; else start + i
+    h.
 
     Raises
     ------
@@ -142,10 +143,11 @@ def outputs_of(
 ) -> list[tuple[State, StepReport | None]]:
     """States at all instants of an interval, its end last; the report is None inside a step.
 
-    A cubic knows nothing of the tissue: it may invert an element that both its ends hold upright. Where
+    A cubic may invert an element that is not inverted at its ends. Where
     the smallest det F of a state inside falls below `KEPT` times that of the ends, the interval is
-    covered again by steps that end at its outputs. It knows nothing of what drives the motion either:
-    where the activation is farther than `STRAIGHT` from its straight line, steps end at the outputs.
+    covered again by steps that end at its outputs. It does not contain the excitation of the motion
+    either: where the activation is farther than `STRAIGHT` from its straight line, steps end at the
+    outputs.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ class SmallestJ:
 class StepErrors:
     """Estimated error of each step at named nodes, (marker, axis) [m].
 
-    NaN where the integrator has no estimate. Besides it what the iterations may have left of any node
+    NaN where the integrator has no estimate. In addition, the tolerance of the iterations for any node
     [m], 0 for a method that does not iterate.
 
     Attributes
@@ -228,8 +228,8 @@ class Contacts:
     """Contacts of every pairing: number, smallest gap [m], normal force [N].
 
     The gap is negative where a vertex lies inside, counted from where it was allowed to lie at the
-    start, and NaN where nothing is near. The force is the sum of the sizes of the normal forces of all
-    places.
+    start, and NaN if no surfaces are close. The force is the sum of the sizes of the normal forces of
+    all places.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Scene: a sum of frozen parts, compiled to a `sim.system.System`.
 
 The contracts that parts fulfil are written here. A new term, damping or reduction is a new class in a
-new file; nothing in the centre changes.
+new file, without changes elsewhere.
 """
 
 from collections.abc import Callable
@@ -188,7 +188,7 @@ Stiffness = Callable[[Array, Control], Array]
 
 
 class CompiledDamping(Protocol):
-    """A damping law laid out for one scene."""
+    """Compiled damping law."""
 
     @property
     def beta(self) -> float:
@@ -201,7 +201,7 @@ class CompiledDamping(Protocol):
         ...
 
     def __call__(self, q: Array, control: Control, K: Array | None = None) -> Array:
-        """Values of D = -df/dv on the pattern [N s/m]; K is the stiffness there, if at hand."""
+        """Values of D = -df/dv on the pattern [N s/m]; K is the stiffness there, if already computed."""
         ...
 
 

@@ -51,14 +51,15 @@ def simulate(
         `FixedStep` of 10 ms by default.
     every : float, optional
         Time between outputs [s], ``steps.h`` by default; a whole multiple of it or a whole part. Within
-        a step positions are interpolated by a cubic that knows the velocities at both ends, unless that
+        a step positions are interpolated by a cubic with the velocities at both ends, unless that
         would halve the smallest det F (`sim.outputs.outputs_of`); counts and residuals stand at the
         output at or after the end of their step. With contact or conditions, which hold at the ends of
         steps, no step passes an output.
     probes : sequence of Probe
     initial : State, optional
-        Rest by default. The final state of another simulation goes on from it, bit for bit as if that
-        had not stopped where steps, outputs and solver are the same (`sim.save_state`, `read_state`).
+        Rest by default. The final state of another simulation continues it, bitwise identical to a
+        simulation that had not stopped where steps, outputs and solver are the same (`sim.save_state`,
+        `read_state`).
     work : Workspace, optional
         Analysed solver, so that several simulations of a system analyse once; what it has solved before
         has no influence.
@@ -70,7 +71,8 @@ def simulate(
     trajectory : xarray.Dataset
         One variable per probe variable over ``time`` [s]; attrs say solver, largest step and run time,
         and ``unstable_from_s`` and ``unstable_until_s`` [s] where in between a matrix was not positive
-        definite or the motion snapped (`sim.snapping`), so that rounding may decide how it goes on.
+        definite or the motion snapped (`sim.snapping`), so that the further motion may depend on
+        rounding.
     final : State
 
     Raises

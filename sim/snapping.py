@@ -18,7 +18,7 @@ def snapped(system: System, before: State, after: State, control: Control) -> bo
 
     d . (f(q0) - f(q1)) < 0 with d = q1 - q0 and the forces f of all terms: the mean stiffness along d is
     negative. Small differences then grow, as where a column buckles, and rounding decides where to. The
-    matrix of a time step need not tell, because inertia and damping hold it positive definite. A
+    matrix of a time step need not show this, because inertia and damping hold it positive definite. A
     motion is found once what grows is most of it.
 
     Parameters

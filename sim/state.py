@@ -72,7 +72,7 @@ class Control:
     ----------
     activation : (n_muscles,) in 0-1, in the order of `System.muscles`.
     t : float
-        Time that it belongs to [s], for what moves by itself (shells of a contact).
+        Time that it belongs to [s], for prescribed motions (shells of a contact).
 
     Notes
     -----
@@ -121,7 +121,7 @@ class ControlAt(Protocol):
     """The control over time, and over one step.
 
     An integrator takes the control of its stages from a line over the step, not from the activation at
-    their instants: what the activation does between instants then arrives.
+    their instants: changes of the activation between instants are then included.
     """
 
     def __call__(self, t: float) -> Control:

@@ -211,7 +211,7 @@ class System(Described):
         return _total(f, [term.add_tangent(q, control, f, K) for term in self.terms]), K
 
     def damping(self, q: Array, control: Control, K: Array | None = None) -> Array:
-        """Values of the damping matrix -df/dv of the points [N s/m]; K is the stiffness, if at hand."""
+        """Values of the damping matrix -df/dv of the points [N s/m]; K is the stiffness, if computed."""
         if self._damping is None:
             return np.zeros(self.point_pattern.nnz)
         # a matrix of the step depends on its length; damping takes the relaxed stiffness always
@@ -235,7 +235,7 @@ class System(Described):
         return K
 
     def damping_matrix(self, pose: Pose, control: Control, K: Array | None = None) -> Matrix:
-        """The generalised damping matrix with its products; K is that of the points, if at hand."""
+        """The generalised damping matrix with its products; K is that of the points, if computed."""
         q, law = pose.q, self._damping
         values = self.damping(q, control, K)
         if law is None:
@@ -346,7 +346,7 @@ def compile_scene(scene: Scene) -> System:
     Raises
     ------
     SceneError
-        A free node has no mass, two muscles share a name, nothing is free, or contact is declared twice.
+        A free node has no mass, two muscles share a name, no node is free, or contact is declared twice.
     """
     mesh = scene.mesh
     mass = np.zeros(mesh.n_nodes)

@@ -1,6 +1,6 @@
 """Threads of the element loops and of dense linear algebra, with passive waiting.
 
-Dense linear algebra has one, so that its sums have one order whatever a machine is set to.
+Dense linear algebra uses one, so that the order of its sums does not depend on the machine.
 """
 
 import os
@@ -33,7 +33,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
 
 class _Threads:
-    """Number of threads of the element loops, and those beside the main one, started when needed."""
+    """Number of threads of the element loops, and the additional threads, started when needed."""
 
     def __init__(self) -> None:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()

@@ -1,10 +1,10 @@
 """Numba code of the mechanics, with a separate cache.
 
-A kernel takes contiguous arrays and scalars, writes into buffers of the caller, knows no classes and
+A kernel takes contiguous arrays and scalars, writes into buffers of the caller, uses no classes and
 reports trouble by value; the Python around it raises.
 
-The decorators of `sim._kernels.options` say how they are compiled, so that what is compiled in a process
-is the very code that others load from the cache, and gives the same bits.
+The decorators of `sim._kernels.options` specify how they are compiled, so that what is compiled in a
+process is the very code that others load from the cache, and gives the same bits.
 """
 
 from pathlib import Path

@@ -183,7 +183,7 @@ def evaluate(
     q, f (node, 3). Of all elements: region, row of the passive parameters; fibre_start, the fibres of
     element n are rows fibre_start[n]..fibre_start[n + 1], each filling fibre_weight of it; weight, a
     factor on the energy of every element, or empty; and the results energy and least_J. An element with
-    det F <= 0 contributes nothing, the caller reads least_J; one of weight zero is not looked at.
+    det F <= 0 does not contribute, and the caller reads least_J; one of weight zero is skipped.
     """
     x = np.empty((NODES, 3))
     w = rows(ROWS)

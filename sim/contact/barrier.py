@@ -26,7 +26,7 @@ CREEP = 0.01
 class BarrierContact:
     """Contact by a smooth barrier, E = sum over places of area * stiffness * distance * b(d/distance).
 
-    b(y) = -(y^2 - 1)^2 ln y^2 for y < 1 and nothing beyond, of the gap d between vertices and triangles
+    b(y) = -(y^2 - 1)^2 ln y^2 for y < 1 and 0 otherwise, of the gap d between vertices and triangles
     and between edges. It grows without bound as the gap closes, and every move of the iteration is
     stopped before it (continuous collision detection): surfaces never pass through each other, however
     long the step.
@@ -34,7 +34,7 @@ class BarrierContact:
     Attributes
     ----------
     pairings : tuple of Pairing
-        Surfaces that may touch; nothing else is searched.
+        Surfaces that may touch; others are not searched.
     friction : float
         Coulomb coefficient [1].
     distance : float
@@ -176,7 +176,7 @@ class CompiledBarrier:
         Raises
         ------
         NotConverged
-            Something is in the way of what is taken along, or of the shell.
+            The motion of the shell or of the advected nodes is obstructed.
         """
         blocked = [p for p in self.pairs if p.moves and self._share(p, q, q, t, control.t) < 1.0]
         moved = q.copy() if blocked else q

@@ -32,7 +32,7 @@ MARGIN = 1e-3
 def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
     """Pairing with separated surfaces: its shell is offset where tissue overlaps it.
 
-    Vertices of the shell give way until everything is clear by the distance of the barrier. The dents
+    Vertices of the shell are offset until all distances exceed that of the barrier. The dents
     move with the shell and stay. An overlap is measured along the normal of the nearest triangle, hence
     needs no closed shell.
 
@@ -45,7 +45,7 @@ def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
     Raises
     ------
     ContactFailure
-        Surfaces of the mesh touch or cross at rest, or a shell would have to give way by more than
+        Surfaces of the mesh touch or cross at rest, or a shell would have to be offset by more than
         DEEPEST.
     """
     shells = [s for s in pairing.surfaces if isinstance(s, RigidShell)]

@@ -5,7 +5,7 @@ surface and rows of directions D, forces f of the rows open them by W f with W =
 and how much, is found in a small dense matrix (`sim.contact.pushes`) however large the tissue is.
 
 A compliance outlives the factor that it was found by. Where tissue has since become stiffer, or softer,
-each motion u that a newer factor answers to forces f with corrects it,
+each displacement u = C f by a newer factor updates it,
 
     C <- C - C f f' C / (f' C f) + u u' / (f' u),
 
@@ -193,7 +193,7 @@ class RowCompliance:
         Returns
         -------
         missed, size : float
-            Largest error of the answer until now, and the largest motion of a row [m].
+            Largest error of the compliance so far, and the largest displacement of a row [m].
         """
         f, r = forces[self._known], self._directions @ motion
         Wf = self._between @ f

@@ -22,7 +22,7 @@ class ConstraintContact:
     Every vertex near the other surface of its pairing gets a row: the gap to its nearest face, along the
     direction from that face, stays >= 0; in a groove it gets one for each wall. Both surfaces take the
     part of the vertices, shells too: a tooth may be narrower than a face of the lip. Rows that would
-    pull let go. What still has come to lie inside is moved out by a correction of the positions that
+    pull let go. Remaining penetrations are removed by a correction of the positions that
     leaves the velocities alone.
 
     Attributes
@@ -33,7 +33,7 @@ class ConstraintContact:
     reach : float
         Largest distance at rest of a vertex and a face of the mesh that may touch where rows are in the
         matrix [m]; all such pairs have a place in it, so that it is analysed once. Steps of
-        `ConvergedEuler` without friction, conditions and products know no such bound.
+        `ConvergedEuler` without friction, constraints and products have no such bound.
     approach : float
         Rows are made for vertices nearer than this to a face [m]. A vertex that meets a face from
         farther away within one step is found by the way it takes, and its step is solved again.
@@ -56,11 +56,11 @@ class ConstraintContact:
     -----
     Overlap at the start: a vertex that begins inside a closed surface may stay as deep as it is and
     come out, and may never go back in; it does not jump. With initial_penetration = "removed" the depth
-    that is allowed falls by removal_speed h in a step of h until nothing is inside, which does the work
-    of a wall that rises at this speed. Behind an open surface, which has a front and
-    no inside, vertices farther away than `approach` are left alone, also those that pass around its
-    free edge. A surface never touches itself through its own thickness: faces that do not oppose a
-    vertex, and those it belongs to, are left out. Nodes that both surfaces of a pairing share belong to
+    that is allowed falls by removal_speed h in a step of h until no penetration remains, which does
+    the work of a wall that rises at this speed. Behind an open surface, which has a front and no
+    inside, vertices farther away than `approach` are left alone, also those that pass around its free
+    edge. A surface never touches itself through its own thickness: faces that do not oppose a vertex,
+    and those it belongs to, are left out. Nodes that both surfaces of a pairing share belong to
     neither's vertices.
 
     Only vertices meet faces, as published. Two sharp edges that cross between their vertices pass each

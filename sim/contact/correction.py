@@ -1,6 +1,6 @@
 """Post-step correction of penetrations.
 
-The velocities know nothing of it, so that no overlap, however it came about, throws anything.
+The velocities are not changed, so that the correction of an overlap does not accelerate bodies.
 """
 
 from collections.abc import Callable
@@ -80,7 +80,7 @@ def pressed(
     pattern : SymmetricPattern
     diagonal : (n_free,) of the stiffness [N/m].
     penalty : float
-        Multiple of the stiffness by which the matrix answers to rows that push.
+        Factor on the stiffness of active rows in the matrix.
     """
     factor = np.where(np.isin(rows.slot, pushing), penalty, 1.0)
     rho = factor * penalties(pattern, diagonal, rows, 1.0)

@@ -78,7 +78,7 @@ class Direction:
     Attributes
     ----------
     nodes : (n,) nodes of the scene that the vertices are, -1 of a shell.
-    slots : (n,) where what is remembered of each vertex stands.
+    slots : (n,) index of each vertex in the contact memory.
     """
 
     def __init__(

@@ -81,7 +81,7 @@ class CollisionPair:
     ----------
     pairing : Pairing
     shells : sequence of RigidShell
-        Stand in for those of the pairing, in its order.
+        Replacements of the surfaces of the pairing, in the same order.
     X : (n_nodes, 3) rest positions of the scene's mesh [m].
     barrier : Barrier
 

@@ -6,7 +6,7 @@ With the gap g and the relative displacement r of a row (`sim.contact.rows`), th
     f = max(0, lambda - rho g) n + tau min(1, bound/|tau|),   tau = lambda_t - rho (r - n n . r),
 
 with bound = friction lambda. It is minus the derivative of a convex potential; where the multipliers
-have converged it obeys 0 <= f_n, g >= 0, f_n g = 0 and Coulomb's law, whatever rho is.
+have converged it obeys 0 <= f_n, g >= 0, f_n g = 0 and Coulomb's law, for any rho.
 
 Source of the augmentation: Alart and Curnier 1991, A mixed formulation for frictional contact problems
 prone to Newton like solution methods; Simo and Laursen 1992, An augmented Lagrangian treatment of
@@ -76,7 +76,7 @@ class Multipliers:
     def stiffness(self, acting: "Acting", pushes: Flags | None = None) -> Array:
         """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m].
 
-        With `pushes` (k,) these rows count as pushing, whether they do or not.
+        With `pushes` (k,) these rows are treated as active.
         """
         n = self.rows.normal
         nn = n[:, :, None] * n[:, None, :]
@@ -138,7 +138,7 @@ class Acting:
     def miss(self, multipliers: Multipliers, pushes: Flags | None = None) -> float:
         """Largest violation [m]: gap of an active row, penetration of an inactive one, or slip.
 
-        With `pushes` (k,) those rows count as pushing that are among them.
+        With `pushes` (k,) the rows among them are treated as active.
         """
         pushing = self.force > 0.0
         if pushes is not None:

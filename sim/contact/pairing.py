@@ -19,7 +19,7 @@ class Pairing:
     ----------
     a : NodeSurface or RigidShell
     b : NodeSurface or RigidShell, optional
-        The same as `a`, or nothing, for self-contact.
+        Same as `a`, or None, for self-contact.
 
     Raises
     ------

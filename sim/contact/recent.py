@@ -14,7 +14,7 @@ Result = TypeVar("Result")
 class Recent(Generic[Result]):
     """Function of positions with a cache of its latest results.
 
-    A step asks for the same positions several times, those at its start and at its end in turn, and a
+    A step evaluates the same positions several times, those at its start and at its end in turn, and a
     shell that does not move has no others.
 
     Parameters

@@ -1,6 +1,6 @@
 """Contact rows, each of one vertex and one face, and the assembly of their stiffness.
 
-Of the relative displacement r of vertex and face since the start of the step, a row knows the gap
+Of the relative displacement r of vertex and face since the start of the step, a row contains the gap
 g = gap0 + n . r at the end of the step.
 """
 
@@ -35,7 +35,7 @@ class Rows:
     nodes, weight : (k, 4) the vertex with weight 1, then the nodes of the face with minus their
         barycentric weights; those of a shell have weight zero and repeat a node of the other.
     normal : (k, 3) out of the opposing face.
-    gap : (k,) gap at the end of the step if nothing of the mesh moved [m].
+    gap : (k,) gap at the end of the step without motion of the mesh [m].
     carried : (k, 3) displacement of a rigid face over the step, or minus that of a rigid vertex [m].
     friction : (k,) coefficient.
     pairing : (k,) index of the pairing.

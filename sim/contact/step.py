@@ -89,8 +89,9 @@ class ContactStep:
         """Rows of the closest faces with low-pass filtered normals.
 
         A vertex at a ridge is held along one face, slides past the ridge, is held along the other and
-        slides back: directions are those of the start of a step, so nothing within it stops that. Those
-        that pushed are remembered, turned with their face. Further walls of a groove keep theirs.
+        slides back: directions are those of the start of a step, so that this is not prevented within
+        it. Those that pushed are remembered, turned with their face. Further walls of a groove keep
+        theirs.
         """
         first = rows.foremost()
         before, normal = self._before[rows.slot[first]], rows.normal[first]

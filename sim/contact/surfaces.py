@@ -109,7 +109,7 @@ class RigidShell(_Triangles):
         Vertices, counter-clockwise seen from outside.
     name : str
     motion : callable, optional
-        Rotation and shift [m] at a time [s]; the shell rests without it.
+        Rotation and shift [m] at a time [s]; without it the shell is fixed.
 
     Raises
     ------
@@ -147,7 +147,7 @@ class RigidShell(_Triangles):
         Raises
         ------
         ContactFailure
-            The motion returns no rotation, or what is not finite.
+            The motion returns no rotation, or values that are not finite.
         """
         if self.motion is None:
             return self.vertices

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 class PhaseClock:
     """Wall time and calls of every phase.
 
-    It knows nothing of who uses it: a workspace and its solver share one, and a solver that knew its
+    It does not depend on its users: a workspace and its solver share one, and a solver that knew its
     workspace would keep both, and hundreds of megabytes of a scene, until garbage is collected.
 
     Attributes

@@ -41,7 +41,7 @@ Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
 class Settled:
     """Result of an iteration with contact: point of the potential, positions and memory.
 
-    Positions differ from those of the point by what had come to lie inside and was moved out; `here`
+    Positions differ from those of the point by the correction of penetrations; `here`
     is the evaluation at the point with the smallest det F of the positions.
     """
 
@@ -66,7 +66,7 @@ def minimise_in_contact(
     """Minimum of a potential with the rows of a contact.
 
     The potential with augmentation is minimised, the multipliers take the forces, again until the gaps
-    are closed; then the rows are found anew where the surfaces are now, until nothing lies inside. All
+    are closed; then rows are searched again at the present positions, until there is no penetration. All
     minima are of convex augmentations, so rows cannot come and go for ever.
 
     Parameters
@@ -92,7 +92,7 @@ def minimise_in_contact(
     InvertedElement
         Moving out what lies inside inverts an element.
     NotConverged
-        An iteration failed, the gaps did not close, or rows that were found anew again and again still
+        An iteration failed, the gaps did not close, or rows that were searched repeatedly still
         leave a vertex inside.
     SingularSystem
         A matrix could not be factorised.

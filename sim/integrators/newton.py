@@ -52,7 +52,8 @@ class Potential(Protocol):
     patience : int
         Iterations that a factor serves before it is renewed for being slow.
     haste : float
-        Share of `Tolerances.keep_factor` that counts as slow, less where an iteration costs more.
+        Share of `Tolerances.keep_factor` above which convergence is slow, smaller if an iteration is
+        expensive.
     """
 
     scale: float

@@ -14,9 +14,9 @@ Solve = Callable[[Array], Array]
 class SecantMemory:
     """Limited-memory BFGS inverse Hessian, from the latest steps and gradient changes.
 
-    Lets a factor serve many steps: each pair (s, y) tells how the present Hessian differs from the one
-    that was factorised. Source: Nocedal and Wright, Numerical Optimization, Algorithm 7.4, with the
-    old factor as initial inverse Hessian.
+    A factor can be reused in many steps: each pair (s, y) contains the difference of the present
+    Hessian from the one that was factorised. Source: Nocedal and Wright, Numerical Optimization,
+    Algorithm 7.4, with the old factor as initial inverse Hessian.
 
     Parameters
     ----------

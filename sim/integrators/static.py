@@ -24,7 +24,7 @@ class Static(Iterative):
     Time only carries the control: a load is applied in steps by an activation that grows with time, and
     `HalvingStep` divides the steps that are too large. Velocities are zero.
 
-    Attributes: as `Iterative`, with tolerances of their own.
+    Attributes: as `Iterative`, with separate tolerances.
 
     Notes
     -----

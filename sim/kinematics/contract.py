@@ -1,7 +1,7 @@
 """Maps between the coordinates of a scene and its points, v = R(q) w + gamma.
 
 Terms exert forces on points: the nodes of the meshes and the points of bodies. Integrators advance
-independent velocities w: those of free nodes and of bodies. Only a `Kinematics` knows R.
+independent velocities w: those of free nodes and of bodies. R is used only in a `Kinematics`.
 """
 
 from collections.abc import Mapping
@@ -16,9 +16,9 @@ class Kinematics(Protocol):
 
     Notes
     -----
-    An inertial velocity u is what momentum is linear in, whatever the pose: that of every point and the
+    The momentum is linear in the inertial velocity u for any pose: that of every point and the
     momentum of every body. The discrete equation of motion is written in differences of u, so that
-    inertial forces of a rotating R need no term of their own and momentum is conserved.
+    inertial forces of a rotating R need no separate term and momentum is conserved.
     """
 
     @property

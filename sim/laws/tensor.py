@@ -1,6 +1,6 @@
 """Laws that depend on the strain tensor.
 
-An isochoric law needs a bulk law beside it; the others answer for the change of volume themselves.
+An isochoric law requires a bulk law; the others determine the change of volume themselves.
 """
 
 from dataclasses import dataclass
@@ -148,7 +148,7 @@ class Fung:
 
     Notes
     -----
-    Defaults: mature skin; half of them for young, twice for old skin, each beside a bulk modulus of
+    Defaults: mature skin; half of them for young, twice for old skin, each with a bulk modulus of
     250 kPa. Source: values of the published face model with anisotropic skin; axis 1 runs along the
     relaxed skin tension lines.
     """

@@ -59,7 +59,7 @@ def linear_solver(name: str = "auto", *, indefinite: bool = False) -> Factor | R
     Raises
     ------
     SceneError
-        The name is unknown, or PARDISO was asked for and is not installed.
+        The name is unknown, or PARDISO is requested and not installed.
     """
     if name == "auto":
         name = INDEFINITE[_family()] if indefinite else _family()

@@ -26,7 +26,7 @@ class Iterate:
         Whether the error wanted was reached.
     smallest : float
         Smallest real part of the Ritz values, estimates of the eigenvalues of P^-1 A, which lie near one
-        where P is near A; infinite where nothing was iterated.
+        where P is near A; infinite without iteration.
     """
 
     x: Array
@@ -40,7 +40,7 @@ def gmres(
 ) -> Iterate:
     """Solve A x = b by GMRES, preconditioned from the left by P^-1.
 
-    What it minimises is |P^-1 (b - A x)|: with P near A the error of x itself, in the units of x. A
+    It minimises |P^-1 (b - A x)|: with P near A the error of x itself, in the units of x. A
     need not be definite, and neither need P.
 
     Parameters

@@ -35,22 +35,22 @@ class ReusedFactor:
     """GMRES on the present matrix, preconditioned by a factor that is reused while efficient.
 
     The factor is renewed when the solutions spent since it was made, beyond those that a new factor
-    needs, add up to the cost of a factorisation. The decision rests on counts alone, never on clock
+    needs, add up to the cost of a factorisation. The decision is based on counts, never on clock
     times, so that results do not depend on the load of the machine. The matrix need not be definite;
     where one to be factorised is not, its factor comes from `indefinite`.
 
-    An older factor does not know that the matrix has become singular or indefinite since, and the error
+    An older factor does not show that the matrix has become singular or indefinite, and the error
     that it estimates is too small by as much as the matrix is softer. The Ritz values of the iteration
     tell: where the smallest falls below `SINGULAR`, the matrix is factorised at once, which shows
-    whether it is definite. Where it is not, what is left of an error grows from step to step, and the
-    iteration goes on to `SENSITIVE` of the error asked for.
+    whether it is definite. If it is not, remaining errors grow from step to step, and the
+    iteration continues to `SENSITIVE` of the requested error.
 
     Parameters
     ----------
     factor : Factor
         Makes the factors.
     indefinite : callable
-        Makes, on demand, a solver that factorises what is not positive definite.
+        Function that returns a solver for indefinite matrices.
     whole : callable
         Makes, on demand, the direct solver that stands in where the iteration fails.
 
@@ -59,7 +59,7 @@ class ReusedFactor:
     iterations, factorisations : int
         Of the latest solution.
     definite : bool
-        Whether the matrix was positive definite, as far as its factor and the iteration tell.
+        Whether the matrix was positive definite, according to its factor and the iteration.
     timed : callable
         Context manager to time the phases "factorisation" and "solution" with.
     """
@@ -132,7 +132,7 @@ class ReusedFactor:
         product : callable, optional
             x -> A x, where the matrix is more than its values.
         to_factorise : callable, optional
-            Values to factorise then, near the matrix; asked for when a factor is made.
+            Function that returns the values to factorise, similar to the matrix.
 
         Raises
         ------

@@ -47,7 +47,7 @@ class SuperLU:
         Raises
         ------
         NotPositiveDefinite
-            A pivot is not positive, or lies beside the diagonal; not with partial pivoting.
+            A pivot is not positive, or off the diagonal; not with partial pivoting.
         SingularSystem
             The matrix is singular or holds NaN.
         """

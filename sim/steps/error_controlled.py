@@ -24,7 +24,7 @@ class ErrorControlledStep:
     """Steps h/2^k within every interval h, k by the estimated error at watched nodes.
 
     A step is accepted if its estimated error is at most tolerance * step/horizon (the tolerance where it
-    is longer than the horizon), or a quarter of what the steps before have left of the tolerance. Of
+    is longer than the horizon), or a quarter of the remaining tolerance. Of
     their errors e^(-time/horizon) is remembered, the horizon being the time over which the tissue
     forgets. A short transient, as after a jump of the load, may so take what steady motion does not
     need; the sum stays near the tolerance.

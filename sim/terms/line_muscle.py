@@ -203,7 +203,7 @@ class CompiledLineMuscles:
     """Compiled line muscles.
 
     The stiffness of all segment pairs, a few thousand numbers, goes to the matrix by one constant sparse
-    product, so that the embedding costs nothing but that.
+    product, which is the only cost of the embedding.
     """
 
     def __init__(self, term: LineMuscles, layout: Layout) -> None:

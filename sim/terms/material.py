@@ -23,8 +23,8 @@ class Material:
     ----------
     law : IsochoricLaw or TensorLaw
     bulk : BulkLaw or None
-        Pointwise law of the volume. None: `QuadraticBulk` beside an isochoric law, and nothing beside a
-        law that answers for the volume itself (`LinearElastic`, `CoRotational`).
+        Pointwise law of the volume. None: `QuadraticBulk` with an isochoric law, and none with a
+        law that determines the volume change itself (`LinearElastic`, `CoRotational`).
     density : float
         Rest density [kg/m^3].
     relaxation : Prony or None
@@ -33,7 +33,7 @@ class Material:
     Raises
     ------
     SceneError
-        The density is not positive, or two laws answer for the volume.
+        The density is not positive, or two laws determine the volume change.
     """
 
     law: IsochoricLaw | TensorLaw = field(default_factory=MooneyRivlin)

@@ -41,7 +41,7 @@ class Stiffening:
     -----
     Source: Stavness et al., Lip stiffness enables protrusion and rounding (on and off); Nazari et al.
     2010, a constitutive law that varies with muscle activation; the linear rule with the factor 10 is
-    that of the tongue model with line muscles in the same collection. Costs nothing where the term is
+    that of the tongue model with line muscles in the same collection. No cost where the term is
     absent, and no element is evaluated while no muscle is active.
     """
 

@@ -21,7 +21,7 @@ class Support:
     """Penalty walls, E = sum_n stiffness/2 min(0, gap + normal_n . (x_n - X_n))^2.
 
     The wall of node n lies `gap` behind its rest position and is plane, frictionless and at rest; it
-    stands for a bone on which tissue slides.
+    represents a bone on which tissue slides.
 
     Attributes
     ----------

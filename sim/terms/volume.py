@@ -24,7 +24,7 @@ class ElementVolume:
     Attributes
     ----------
     kappa : float or (n_elements,) array
-        Bulk modulus [Pa]; zero where another law answers for the volume.
+        Bulk modulus [Pa]; zero if another law determines the volume change.
 
     Raises
     ------
