@@ -180,7 +180,7 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
     Returns
     -------
     list of str
-        Sentences: what rho leaves open, what scores without the trial's EMG, what follows, and one
+        Sentences: the unexplained fraction, the baselines without the trial's EMG, conclusions, and one
         per strategy.
     """
     told = [

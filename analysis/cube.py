@@ -80,7 +80,7 @@ def build_cube(
         In any order.
     volunteers, instructions, repetitions, strategies, markers : sequence, optional
         The labels expected; those found in `results` where not given (in order of appearance,
-        repetitions sorted). Give them, so that trials that never came are seen to be missing.
+        repetitions sorted). Specify them so that absent trials are listed as missing.
     origin : {"measured", "simulated"}, optional
         Whether persons or a computer moved; taken from the trials where not given.
 

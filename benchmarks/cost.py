@@ -1,8 +1,9 @@
 """Cost of each part of a scene in a step, and a check that an absent part costs nothing.
 
 Scenes that differ by one part are evaluated in turn, round after round, so that a drift of the machine
-hits all of them. 'The same again' is a second, independently compiled copy of the first scene: what it
-differs by is the noise of the measurement, and a part that is switched off must not differ by more.
+hits all of them. 'The same scene again' is a second, independently compiled copy of the first scene:
+what it differs by is the noise of the measurement, and a part that is switched off must not differ by
+more.
 """
 
 import time

@@ -20,7 +20,7 @@ from analysis.statistics.simulated import STRATEGIES, simulated_scores
 from analysis.trajectory import names
 
 Outcome = dict[str, tuple[float, float]]
-"""Per test: p of a true null hypothesis, and 1 where the interval holds the truth."""
+"""Per test: p of a true null hypothesis, and 1 where the interval contains the true value."""
 
 PAIR: Final = (STRATEGIES[1], STRATEGIES[0])
 """The one contrast of which size and coverage are counted."""

@@ -95,7 +95,7 @@ def lining(face: xr.Dataset) -> Integers:
     Returns
     -------
     ndarray of int, shape (m, 3)
-        Nodes, outward: what of the inner side lies within `NEAR_TEETH` of an arch and is not wholly
+        Nodes, outward: the part of the inner side within `NEAR_TEETH` of an arch and is not wholly
         fixed, and the exposed surfaces of the lips. It is open.
 
     Raises

@@ -101,7 +101,7 @@ def figure(data: xr.Dataset) -> "Figure":
 
 
 def kind(data: xr.Dataset) -> str:
-    """Tell what a dataset is by its variables, one of `DRAWINGS`.
+    """Identify the kind of a dataset, one of `DRAWINGS`, by its variables.
 
     Raises
     ------

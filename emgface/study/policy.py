@@ -20,7 +20,7 @@ def lower_sigma_max(
 ) -> xr.Dataset:
     """Simulate, lowering sigma_max each time an element inverts or a step does not converge.
 
-    Weaker muscles cure what fails mechanically. An accuracy that is missed (`ToleranceMissed`) is not
+    Weaker muscles avoid mechanical failures. An accuracy that is missed (`ToleranceMissed`) is not
     such a failure and is raised at once: the motion would be another, not a better one.
 
     Parameters

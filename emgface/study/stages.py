@@ -82,7 +82,7 @@ class StoredFailure(Exception):
     run_time : float
         Seconds spent on all attempts.
     result : Result
-        What is stored of it.
+        Stored variables.
     """
 
     def __init__(

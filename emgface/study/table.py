@@ -98,7 +98,7 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
     """Read the recordings selected by a configuration, in the order of the design.
 
     A recording that names its trial but lacks something the study needs keeps its place, with the
-    error; its trials fail, the others go on.
+    error; its trials fail, the others continue.
 
     Parameters
     ----------

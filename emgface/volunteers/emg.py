@@ -254,7 +254,7 @@ def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator
         if muscle[:-2] not in PICKUP[channel[:-2]]:
             continue
         row, column = CHANNELS.index(channel), MUSCLES.index(muscle)
-        # At full activation all muscles under a pair give the gain together, as for noise.
+        # At full activation all muscles under a pair determine the gain together, as for noise.
         source[row] += weight[row, column] * pool_signal(pool, activation[column], rng)
     return source
 

@@ -193,7 +193,7 @@ def true_activation(
     co_contraction : float
         Peak activation of the muscles that are not of the instruction.
     recruitment : Recruitment, optional
-        How the person's muscles differ from those of the table; as the table when absent.
+        Deviations of the person's muscles from the table; default: none.
     duration : float
         Length of the trial in seconds.
     tail : float

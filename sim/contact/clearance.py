@@ -65,7 +65,7 @@ class _Dents:
     """Search for displacements of the vertices of a shell that separate it from the tissue.
 
     Every violated distance asks the vertices of the shell that it depends on to move along its
-    gradient, as little as possible; each vertex obeys the greatest demand.
+    gradient, as little as possible; the largest displacement applies to each vertex.
     """
 
     def __init__(self, pair: CollisionPair, shell: RigidShell, X: Array, distance: float) -> None:

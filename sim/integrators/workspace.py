@@ -76,7 +76,7 @@ class Workspace:
     factor : Factor
         Makes the factors, for it and for iterations of other kinds.
     timed, seconds, calls
-        Of the `PhaseClock` of all phases.
+        `PhaseClock` of all phases.
     """
 
     def __init__(self, system: System, linear: str = "auto") -> None:

@@ -32,7 +32,7 @@ class ConstantForce:
     force_max : float
         Tension at full activation [N].
     passive_fraction : float
-        Share that is always there [1].
+        Passive fraction of the tension [1].
 
     Raises
     ------

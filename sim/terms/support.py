@@ -12,7 +12,7 @@ from sim.state import Array, Control
 TOUCHED = 1e-9
 """Depth above which a wall contributes to the stiffness [m].
 
-At rest a node lies on its wall, give or take rounding, which must not choose the stiffness of the face.
+At rest a node lies on its wall up to rounding, which must not determine the stiffness of the face.
 """
 
 

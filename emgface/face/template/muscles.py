@@ -220,7 +220,7 @@ def place_muscles(
     surfaces : Surfaces
     grid : Grid
     position : ndarray, shape (nodes, 3)
-        Of the symmetric face, x counting to the right [m].
+        Positions of the symmetric face, x to the right [m].
     radius : float
         Distance from a fibre [m].
     shift : CourseShift, optional
