@@ -41,7 +41,10 @@ def study_faces(faces: xr.Dataset, body: Body) -> Figure:
     window = lips_window(known[np.isfinite(known).all(axis=1)], view)
     width = min(1.9, 9.0 / len(instructions))
     height = width * (window.top - window.bottom) / (window.right - window.left)
-    figure = blank(width * len(instructions) + 0.9, (height + 0.15) * len(strategies) + 0.9)
+    # As wide as its title at least.
+    figure = blank(
+        max(5.5, width * len(instructions) + 0.9), (height + 0.15) * len(strategies) + 0.9
+    )
     panels = grid(figure, len(strategies), len(instructions))
     for column, instruction in enumerate(instructions):
         for row, strategy in enumerate(strategies):

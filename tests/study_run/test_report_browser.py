@@ -1,16 +1,25 @@
 """The report in a real browser: it draws, the slider moves the face, and nothing leaves the page."""
 
+import base64
 import io
 import json
 import os
+import re
 import shutil
 import time
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from PIL import Image
+from scipy.ndimage import binary_erosion
+
+from emgface.pictures.body import body_of, skin_of
+from emgface.pictures.encoding import QUANTUM
+from emgface.pictures.render import VIEWS, Window, project, render
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -125,6 +134,35 @@ def test_slider_moves_the_face(browser, page: Path, query: str) -> None:
     marked = drawn(browser)
     blue = (marked[..., 2] > marked[..., 0] + 60) & ~(moved[..., 2] > moved[..., 0] + 60)
     assert blue.sum() > 50, "no simulated markers are seen"
+
+
+def test_the_page_draws_as_pictures_do(browser, page: Path, slab: xr.Dataset) -> None:
+    """The canvas against the picture of the same surface from the same side, pixel by pixel."""
+    skin = skin_of(slab)
+    opened(browser, page)
+    browser.execute_script(
+        "for (const id of ['simulated', 'measured']) document.getElementById(id).click()"
+    )
+    motions = json.loads(re.search(r'id="motions">(.*?)</script>', page.read_text())[1])
+    raw = zlib.decompress(base64.b64decode(motions["trials"][0]["skin"]))
+    low, high = np.frombuffer(raw, np.uint8).reshape(2, -1)[:, : 3 * len(skin.node)].astype(int)
+    rest = QUANTUM * (low | high << 8).astype(np.uint16).view(np.int16).reshape(-1, 3)
+    for name, view in VIEWS.items():
+        browser.execute_script(f"document.querySelector('[data-view={name}]').click()")
+        slide(browser, 0.0)
+        shown = drawn(browser)
+        height, width = shown.shape[:2]
+        spans = [np.ptp(project(rest, one)[:, :2], axis=0) for one in VIEWS.values()]
+        half = max(0.53 * max(up, right * height / width) for right, up in spans)
+        flat = project(rest, view)[:, :2]
+        u, v = (flat.min(axis=0) + flat.max(axis=0)) / 2
+        across = half * width / height
+        window = Window(u - across, v - half, u + across, v + half)
+        picture = render(body_of(slab, skin), rest, view, window, width)[:height].astype(int)
+        inside = binary_erosion(picture[..., 3] == 255, iterations=3)  # outlines are smoothed
+        inside[:60] = False  # buttons lie over the canvas
+        difference = abs(picture[..., :3] - shown[: len(picture)])[inside]
+        assert inside.mean() > 0.04 and np.percentile(difference, 98) <= 8, name
 
 
 def test_nothing_is_wrong_and_nothing_leaves(browser, page: Path) -> None:
