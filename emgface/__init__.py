@@ -21,11 +21,11 @@ for _name, _value in {
     _os.environ.setdefault(_name, _value)
 
 if TYPE_CHECKING:
-    from emgface.api import activate, face, read, score, simulate, study
+    from emgface.api import activate, face, read, score, show, simulate, study
 
     __version__: str
 
-__all__ = ["activate", "face", "read", "score", "simulate", "study"]
+__all__ = ["activate", "face", "read", "score", "show", "simulate", "study"]
 
 _CALLABLE_PACKAGES = ("face", "study")
 """Functions that share their name with a subpackage, which can be called (`emgface._callable`)."""

@@ -8,5 +8,6 @@ what it needs when it is called, so that importing this module costs nothing.
 from emgface.api.faces import face, simulate
 from emgface.api.recordings import activate, read, score
 from emgface.api.studies import study
+from emgface.api.views import show
 
-__all__ = ["activate", "face", "read", "score", "simulate", "study"]
+__all__ = ["activate", "face", "read", "score", "show", "simulate", "study"]

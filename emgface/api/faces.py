@@ -74,6 +74,7 @@ def simulate(
     study: "Given" = None,
     accuracy: str | None = None,
     settled: "xr.Dataset | None" = None,
+    surface: bool = False,
     probes: "tuple[Probe, ...]" = (),
     progress: "Show | bool | None" = None,
     **choices: Any,
@@ -95,6 +96,8 @@ def simulate(
         "draft", "study", "reference", "published", or the error wanted such as "0.1 mm".
     settled : Dataset, optional
         Face at rest (`emgface.face.motion.settle_face`) for the parameters, if it has been computed.
+    surface : bool
+        Whether the trajectory keeps the surface of the face, which `show` needs to move it.
     probes : tuple of sim.probes.Probe
         Probes in addition to markers and lip opening, such as ``sim.Positions()``.
     progress : bool or callable, optional
@@ -129,6 +132,8 @@ def simulate(
     from emgface.api.given import dataset_of, face_of, simulation_of, study_of
     from emgface.api.progress import shown
     from emgface.face.motion import settle_face, simulate_face
+    from emgface.pictures.body import skin_of
+    from emgface.pictures.surface import SurfaceProbe, with_surface
     from emgface.study.policy import lower_sigma_max
 
     plan = study_of(study)
@@ -139,6 +144,8 @@ def simulate(
         given = dataset_of(activation, "activation", "activation")
         drive, told = given["activation"], given.attrs
     model = face_of(face, plan)
+    skin = skin_of(model) if surface else None
+    further = (*probes, SurfaceProbe(skin.node)) if skin else probes
     with shown(progress, "simulating") as line:
 
         def once(chosen: Any) -> "xr.Dataset":
@@ -148,11 +155,13 @@ def simulate(
                 drive,
                 chosen,
                 settled=settled if same else settle_face(model, chosen),
-                further=probes,
+                further=further,
                 progress=line.show,
             )
 
         trajectory = lower_sigma_max(once, parameters, report=line.message)
-    keep = ("volunteer", "instruction", "repetition", "strategy")
+    if skin:
+        trajectory = with_surface(trajectory, model, skin)
+    keep = ("volunteer", "instruction", "repetition", "strategy", "montage")
     trajectory.attrs |= {name: told[name] for name in keep if name in told}
     return trajectory

@@ -1,5 +1,8 @@
 """The functions of ``import emgface as ef``: the same results as a study, from files or datasets."""
 
+import base64
+import html
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -111,3 +114,34 @@ def test_what_is_wrong_is_said(file, laboratory, tmp_path, slab):
     save_face(slab, tmp_path / "face.nc")
     with pytest.raises(DataError, match="expected a trajectory"):
         ef.score(file, tmp_path / "face.nc")
+
+
+@pytest.fixture(scope="module")
+def moving(file, slab):
+    """Trajectory with the surface of the slab, and its activation."""
+    activation = ef.activate(file, strategy="true", resampling={"steps": 4})
+    short = activation.isel(time=slice(0, 2))
+    return ef.simulate(short, slab, surface=True, **MECHANICS), short
+
+
+def test_a_moving_face_is_a_page_in_a_frame_with_a_still_picture(moving, tmp_path):
+    trajectory, activation = moving
+    view = ef.show(trajectory, activation=activation)
+    bundle = view._repr_mimebundle_()
+    assert set(bundle) == {"text/plain", "text/html", "image/png"}
+    assert base64.b64decode(bundle["image/png"]).startswith(b"\x89PNG")
+    assert bundle["text/html"].startswith("<iframe srcdoc=")
+    assert html.escape(view.page) in bundle["text/html"]
+    assert "Zygomaticus" in view.page or "zygomaticus" in view.page, "activations beside the face"
+    assert view.save(tmp_path / "face.html").read_text(encoding="utf-8") == view.page
+    assert view.save(tmp_path / "face.png").stat().st_size > 1000
+
+
+def test_what_does_not_move_is_a_figure(moving, result, tmp_path):
+    for shown in (moving[1], result.path):
+        bundle = ef.show(shown)._repr_mimebundle_()
+        assert set(bundle) == {"text/plain", "image/png"}
+    still = ef.show(moving[0].drop_vars("surface_position"), tmp_path / "markers.png")
+    assert not still.moving and (tmp_path / "markers.png").is_file()
+    with pytest.raises(DataError, match="expected a recording"):
+        ef.show(xr.Dataset({"a": 1.0}))

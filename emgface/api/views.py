@@ -1,0 +1,174 @@
+"""The function that shows datasets, in notebooks and in files."""
+
+import os
+from collections.abc import Mapping
+from functools import cached_property
+from html import escape
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from emgface.api.given import Data, File
+
+HEIGHT: Final = 620
+"""Height of a moving face in a notebook [CSS pixels]."""
+COLOURS: Final = 128
+"""Colours of a still picture, so that notebooks stay small."""
+DPI: Final = 72
+
+
+def show(
+    shown: "Data",
+    out: "File | None" = None,
+    *,
+    activation: "xr.Dataset | None" = None,
+    mapping: "Mapping[str, Any] | File | None" = None,
+) -> "View":
+    """Show a recording, activation, motion, scores, cube or face.
+
+    Parameters
+    ----------
+    shown : Dataset or path-like
+        A dataset of this package, its file, the folder of a finished study, or a recording in any known
+        format. The face of a trajectory moves where it was simulated with ``surface=True``.
+    out : path-like, optional
+        File to write as well: a page (``*.html``), a picture (``*.png``, ``*.pdf``, ``*.svg``) or a
+        movie (``*.gif``, ``*.mp4``).
+    activation : Dataset, optional
+        Activation (muscle, time) [1] that a trajectory was simulated from, shown beside the face.
+    mapping : mapping or path-like, optional
+        As for `read`, where `shown` is a recording.
+
+    Returns
+    -------
+    View
+        Displays itself in a notebook: faces as a page on which they turn and move, with a still picture
+        where pages cannot be displayed; everything else as a figure. `View.open` opens a browser.
+
+    Raises
+    ------
+    DataError
+        The dataset or file is none of these, or `out` cannot be written.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> ef.show(ef.face(resolution="coarse"), "face.html")  # doctest: +SKIP
+    """
+    from emgface.pictures.show import kind, opened
+
+    named = os.fspath(mapping) if isinstance(mapping, os.PathLike) else mapping
+    data = opened(shown, named)
+    view = View(data, kind(data), activation)
+    if out is not None:
+        view.save(out)
+    return view
+
+
+class View:
+    """A dataset that displays itself.
+
+    Parameters
+    ----------
+    data : Dataset
+        What is shown.
+    kind : str
+        Its kind, such as "trajectory".
+    activation : Dataset, optional
+        Activation beside a moving face.
+    """
+
+    def __init__(self, data: "xr.Dataset", kind: str, activation: "xr.Dataset | None") -> None:
+        self._data, self._kind, self._activation = data, kind, activation
+
+    @property
+    def moving(self) -> bool:
+        """Whether a face can be turned and, of a motion, moves."""
+        return self._kind == "face_model" or "surface_position" in self._data
+
+    @cached_property
+    def page(self) -> str:
+        """Page as HTML that loads nothing."""
+        from emgface.pictures.page import motion_page
+        from emgface.pictures.show import page
+
+        if self._kind == "trajectory" and self.moving:
+            return motion_page(self._data, self._activation)
+        return page(self._data)
+
+    @cached_property
+    def figure(self) -> "Figure":
+        """Still picture."""
+        from emgface.pictures.show import figure
+
+        return figure(self._data)
+
+    def save(self, path: "File") -> "Path":
+        """Write a page, a picture or, of a moving face, a movie, by the suffix of the file.
+
+        Raises
+        ------
+        DataError
+            The suffix is unknown, or the file cannot be written.
+        """
+        from pathlib import Path
+
+        from emgface.files import replace_file
+        from emgface.pictures.show import PAGES, show
+
+        path = Path(path)
+        if path.suffix.lower() not in PAGES:
+            return show(self._data, path)
+        replace_file(path, lambda target: target.write_text(self.page, encoding="utf-8"))
+        return path
+
+    def open(self) -> "Path":
+        """Open the page in a browser.
+
+        Raises
+        ------
+        DataError
+            There is no display.
+        """
+        import tempfile
+        import webbrowser
+        from pathlib import Path
+
+        from emgface.pictures.show import check_display
+
+        check_display()
+        path = self.save(Path(tempfile.mkdtemp(prefix="emgface-")) / "shown.html")
+        webbrowser.open(path.as_uri())
+        return path
+
+    def __repr__(self) -> str:
+        """Say what is shown and how to see it."""
+        return (
+            f"<emgface.View of a {self._kind}: save('view.html') writes it, open() opens a browser>"
+        )
+
+    def _repr_mimebundle_(self, **_: Any) -> dict[str, Any]:
+        """Still picture and, where a face moves, the page in a frame of its own."""
+        bundle: dict[str, Any] = {"text/plain": repr(self), "image/png": self._png()}
+        if self.moving:
+            bundle["text/html"] = (
+                f'<iframe srcdoc="{escape(self.page)}" title="{escape(self._kind)}" '
+                f'style="width:100%;height:{HEIGHT}px;border:0"></iframe>'
+            )
+        return bundle
+
+    def _png(self) -> str:
+        from base64 import b64encode
+        from io import BytesIO
+
+        from PIL import Image
+
+        drawn, small = BytesIO(), BytesIO()
+        self.figure.savefig(drawn, format="png", dpi=DPI)
+        picture = Image.open(drawn).convert("RGB").quantize(COLOURS)
+        picture.save(small, format="png", optimize=True)
+        return b64encode(small.getvalue()).decode("ascii")
