@@ -67,7 +67,7 @@ class StudyResult(Described):
             "design": design,
             "trials": ", ".join(f"{n} {s}" for s, n in zip(status, counts, strict=True)),
             "median rho": ", ".join(medians),
-            "cube": str(self.path),
+            "cube": "/".join(self.path.parts[-2:]),
             "computed": f"{len(self.computed())} of {len(self.events)} results",
         }
 
