@@ -27,6 +27,8 @@ def run(arguments: list[str]) -> None:
     known = measurements()
     name = arguments[0].replace("-", "_") if arguments else ""
     if name not in known:
+        if name not in ("", "__help"):
+            print(f"There is no measurement {arguments[0]!r}, expected one of:", file=sys.stderr)
         print("\n".join(f"{key:18s}{known[key]}" for key in known))
         raise SystemExit(0 if name in ("", "__help") else 2)
     show_warnings_as_sentences()

@@ -224,6 +224,7 @@ def test_the_command_lists_measurements_and_writes_files(tmp_path, capsys):
     assert all(name in said and told for name, told in measurements().items())
     with pytest.raises(SystemExit, match="2"):
         run(["stabilty"])
+    assert "no measurement 'stabilty'" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="0"):
         run(["stability", "--row", "10", "--out", str(tmp_path)])
     written = {"stability.csv", "stability-limits.csv"}
