@@ -42,7 +42,7 @@ def test_an_empty_file_is_the_published_study(tmp_path: Path) -> None:
 
 def test_a_study_file_of_another_version_is_refused_by_name(tmp_path: Path) -> None:
     assert load_study(written(tmp_path, "schema_version = 1\n")).schema_version == 1
-    with pytest.raises(ConfigurationError, match="version 3 of its form, expected version 1"):
+    with pytest.raises(ConfigurationError, match="version 3 of its format, expected version 1"):
         load_study(written(tmp_path, "schema_version = 3\n"))
 
 
