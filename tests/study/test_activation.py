@@ -185,7 +185,7 @@ def test_interval_is_that_of_emg_and_markers_together():
 def test_constant_channel():
     recording = recording_of()
     recording["emg"].loc["RIS_R"] = 0.3
-    with pytest.raises(SignalError, match="channel RIS_R contains one value throughout"):
+    with pytest.raises(SignalError, match="channel RIS_R holds one value throughout"):
         activation_of(recording, SignalChain())
     tolerant = chain_of(normalisation={"silent": "zero"}, feature={"kind": "rms"})
     result = activation_of(recording, tolerant)

@@ -214,7 +214,7 @@ def test_impossible_tissues_are_refused(text, said) -> None:
 @pytest.mark.parametrize(
     ("tissue", "said"),
     [
-        ({"elements": (10**6,)}, "refers to element 1000000"),
+        ({"elements": (10**6,)}, "lists element 1000000"),
         (
             {"elements": (1,), "layers": ("outer",), "muscles": ("MEN_L",)},
             "no element is in layers",
