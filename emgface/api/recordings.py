@@ -1,6 +1,6 @@
 """Functions on recordings: reading, activation, scores of a simulated motion."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,7 +64,7 @@ def activate(
     missing_side: str | None = None,
     missing_muscle: str | None = None,
     session: "xr.Dataset | None" = None,
-    reference: "xr.Dataset | None" = None,
+    reference: "xr.Dataset | Sequence[Data] | None" = None,
     **tables: Mapping[str, Any],
 ) -> "xr.Dataset":
     """Compute muscle activations from the sEMG of a recording.
@@ -91,7 +91,8 @@ def activate(
         "leave_out"), and of one that was recorded on neither side ("zero" or "leave_out").
     session, reference : Dataset, optional
         Range of the features, where ``normalisation`` has another reach than the trial
-        (`emgface.signals.activation.feature_range`).
+        (`emgface.signals.activation.feature_range`). `reference` may also be a sequence of
+        maximum-effort recordings of the same volunteer; the reach is then "reference".
     **tables : mapping
         Further tables of ``[signals]`` in a study file, such as ``normalisation={"silent": "zero"}``.
 
@@ -112,8 +113,10 @@ def activate(
     >>> import emgface as ef
     >>> activation = ef.activate("V1_A_1.nc", strategy="act_rel", band=(20, 400))  # doctest: +SKIP
     """
+    import xarray as xr
+
     from emgface.api.given import changed, merged, recording_of, study_of
-    from emgface.signals.activation import activation_of
+    from emgface.signals.activation import activation_of, feature_range
     from emgface.study.configuration import TRUE_STRATEGY
     from emgface.study.truth import true_activation_of
 
@@ -127,7 +130,12 @@ def activate(
     for table, named in options.items():
         chosen = {name: value for name, value in named.items() if value is not None}
         tables = merged(tables, {table: chosen} if chosen else {})
+    recorded = None if reference is None or isinstance(reference, xr.Dataset) else reference
+    if recorded is not None:
+        tables = merged(tables, {"normalisation": {"reach": "reference"}})
     chain = changed(study_of(study).signals, tables, "signals")
+    if recorded is not None:
+        reference = feature_range((recording_of(one, mapping) for one in recorded), chain)
     if strategy == TRUE_STRATEGY:
         return true_activation_of(given, chain.resampling)
     return activation_of(

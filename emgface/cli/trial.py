@@ -39,6 +39,15 @@ def activate(
     feature: FeatureOption = None,
     missing_side: MissingSideOption = None,
     missing_muscle: MissingMuscleOption = None,
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Maximum-effort recording of the volunteer, whose range normalises; repeatable."
+        ),
+    ] = None,
+    clip: Annotated[
+        bool, typer.Option("--clip", help="Limit activations that exceed the range to 0-1.")
+    ] = False,
     plot: Annotated[Path | None, typer.Option(help="Picture of the activations to write.")] = None,
 ) -> None:
     """Compute muscle activations from the sEMG of a recording."""
@@ -56,6 +65,8 @@ def activate(
         feature=feature,
         missing_side=missing_side,
         missing_muscle=missing_muscle,
+        reference=reference or None,
+        normalisation={"outside": "clip"} if clip else {},
     )
     write_netcdf(activation, out_path, "activation")
     show_table(activation_rows(activation), f"{recording.name}, {activation.attrs['origin']}")
