@@ -40,7 +40,7 @@ def score_rows(scores: xr.Dataset) -> Rows:
 
 
 def draw_activation(activation: xr.Dataset, path: Path) -> None:
-    """Draw the activation of all muscles over time, left solid and right dashed.
+    """Draw the activation over time, left solid and right dashed; name muscles without any.
 
     Raises
     ------
@@ -51,11 +51,13 @@ def draw_activation(activation: xr.Dataset, path: Path) -> None:
     from matplotlib.figure import Figure
 
     values = activation["activation"]
-    names = list(dict.fromkeys(str(m).rsplit("_", 1)[0] for m in values["muscle"].values))
-    figure = Figure(figsize=(8, 10), layout="constrained")
+    every = list(dict.fromkeys(str(m).rsplit("_", 1)[0] for m in values["muscle"].values))
+    silent = [n for n in every if not values.sel(muscle=[f"{n}_L", f"{n}_R"]).any()]
+    names = [name for name in every if name not in silent] or every
+    figure = Figure(figsize=(8, 1.5 + 0.9 * len(names)), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(len(names), 1, sharex=True)
-    for panel, name in zip(np.atleast_1d(panels), names, strict=True):
+    panels = np.atleast_1d(figure.subplots(len(names), 1, sharex=True))
+    for panel, name in zip(panels, names, strict=True):
         for side, line in (("L", "-"), ("R", "--")):
             one = values.sel(muscle=f"{name}_{side}")
             panel.plot(one["time"], one, line, color="black", lw=1, label=side)
@@ -64,7 +66,10 @@ def draw_activation(activation: xr.Dataset, path: Path) -> None:
     panels[-1].set_xlabel("time [s]")
     attrs = activation.attrs
     label = [str(attrs.get(k, "")) for k in ("volunteer", "instruction", "repetition", "strategy")]
-    figure.suptitle(f"muscle activation [1], {' '.join(label)} ({attrs['origin']})")
+    title = f"muscle activation [1], {' '.join(filter(None, label))} ({attrs['origin']})"
+    if silent and len(silent) < len(every):
+        title += f"\nwithout activation: {', '.join(silent)}"
+    figure.suptitle(title, fontsize="medium")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=150)
