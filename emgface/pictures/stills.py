@@ -1,5 +1,6 @@
 """Figures of faces: at rest with their muscles, moved, and coloured by displacement."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, cast
@@ -260,7 +261,8 @@ def body_figure(
             ScalarMappable(norm, colours), ax=np.array(panels), shrink=0.7, pad=0.01
         )
         bar.set_label("displacement [mm], simulated")
-    cast(Any, figure).suptitle(title)
+    wide = round(11 * figure.get_figwidth())  # letters across the figure
+    cast(Any, figure).suptitle(textwrap.fill(title, wide))
     return figure
 
 

@@ -43,7 +43,7 @@ def study_faces(faces: xr.Dataset, body: Body) -> Figure:
     height = width * (window.top - window.bottom) / (window.right - window.left)
     # As wide as its title at least.
     figure = blank(
-        max(5.5, width * len(instructions) + 0.9), (height + 0.15) * len(strategies) + 0.9
+        max(7.0, width * len(instructions) + 0.9), (height + 0.15) * len(strategies) + 0.9
     )
     panels = grid(figure, len(strategies), len(instructions))
     for column, instruction in enumerate(instructions):

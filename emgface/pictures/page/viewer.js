@@ -191,7 +191,7 @@ function webgl() {
   function symbol(kind) {
     const picture = Object.assign(document.createElement("canvas"), { width: 64, height: 64 });
     const pen = picture.getContext("2d");
-    mark(pen, kind, 32, 32, 23, 5);
+    mark(pen, kind, 32, 32, 23, 7);
     const map = new THREE.CanvasTexture(picture);
     map.colorSpace = THREE.SRGBColorSpace;
     return map;
@@ -208,7 +208,7 @@ function webgl() {
     eye.lookAt(...middle);
     normals();
     for (const name of ["position", "normal", "color"]) geometry.attributes[name].needsUpdate = true;
-    const size = (13 * half) / (height / 2);  // pixels
+    const size = (15 * half) / (height / 2);  // pixels
     for (const kind of Object.keys(markers)) {
       markers[kind].forEach((one, m) => {
         const at = points[kind][m];
