@@ -269,7 +269,7 @@ def test_inverted_element_is_named(models: Path, tmp_path: Path) -> None:
 
 
 def test_too_small_a_radius_leaves_a_muscle_empty(models: Path) -> None:
-    with pytest.raises(FaceError, match=r"muscle \w+_L owns no element"):
+    with pytest.raises(FaceError, match=r"muscle \w+_L has no element"):
         import_artisynth(models, radius=1e-4)
 
 

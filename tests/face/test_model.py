@@ -83,7 +83,7 @@ def test_inverted_wedge(small_face: xr.Dataset) -> None:
 
 def test_muscle_without_element(small_face: xr.Dataset) -> None:
     keep = small_face["bundle_muscle"].values != 4
-    with pytest.raises(FaceError, match="muscle BUC_L owns no element"):
+    with pytest.raises(FaceError, match="muscle BUC_L has no element"):
         check_face(small_face.isel(bundle_element=keep))
 
 

@@ -142,7 +142,7 @@ def test_cube_has_the_axes_as_dims(varied: Path) -> None:
 def test_report_shows_what_choices_change(varied: Path) -> None:
     text = render(open_results(varied), faces=False)
     assert 'id="figure-choices"' in text and "as_printed" in text
-    assert "There is one strategy, act_rel: there is no comparison." in text
+    assert "There is one strategy, act_rel; there is no comparison." in text
 
 
 def test_resuming_reuses_what_choices_share(varied: Path, laboratory: Path) -> None:

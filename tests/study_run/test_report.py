@@ -189,10 +189,10 @@ def test_all_trials_failed(tmp_path: Path) -> None:
 
 def test_one_strategy_and_one_volunteer(tmp_path: Path) -> None:
     cube = scores(volunteers=2).isel(strategy=[0])
-    assert "There is one strategy, act_all: there is no comparison." in contents.verdict(cube)
+    assert "There is one strategy, act_all; there is no comparison." in contents.verdict(cube)
     assert contents.inference(cube).table is None
     two = contents.verdict(scores(volunteers=2))
-    assert "There are 2 volunteers; intervals require 5 or more." in two
+    assert "There are 2 volunteers; intervals require 5 or more and are not given." in two
     one = scores(volunteers=1)
     assert any("There is one volunteer" in sentence for sentence in contents.verdict(one))
     assert contents.inference(one).conclusions == [
@@ -348,7 +348,7 @@ def test_the_error_of_the_time_steps_is_told_beside_the_motion() -> None:
         coords={**labels, "strategy": ["act_all"]},
     )
     (told,) = contents.accuracy(cube)
-    assert "1.1 mm in the median trial and 2 mm at most, beside a median motion of 5 mm" in told
+    assert "1.1 mm in the median trial and 2 mm at most, with a median motion of 5 mm" in told
     assert "a tenth of the motion in 1 trial, flagged as inaccurate" in told
     assert (
         "not estimated in any"
