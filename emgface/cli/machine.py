@@ -1,6 +1,9 @@
 """Properties of the machine: cores, threads, compiled kernels."""
 
 import os
+import sys
+import webbrowser
+from pathlib import Path
 
 from emgface.cli.console import say
 
@@ -31,3 +34,16 @@ def announce_compilation() -> None:
             "Compiling the numerical kernels; this is done once and takes about ten seconds "
             f"(stored in {cache_root()})."
         )
+
+
+def show_page(page: Path) -> None:
+    """Open a page in the browser where a person sits before a display."""
+    from emgface.errors import DataError
+    from emgface.pictures.show import check_display
+
+    try:
+        check_display()
+    except DataError:
+        return
+    if sys.stdout.isatty():
+        webbrowser.open(page.resolve().as_uri())

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from emgface.cli.console import BAD_INPUT, PARTIAL, ProgressObserver, out, progress, say
-from emgface.cli.machine import announce_compilation, cores
+from emgface.cli.machine import announce_compilation, cores, show_page
 
 if TYPE_CHECKING:
     from emgface.study.configuration import StudyConfiguration
+    from emgface.study.report import Report
+    from emgface.study.run import StudyResult
 
 AccuracyOption = Annotated[
     str | None,
@@ -65,20 +67,33 @@ def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "
 
 def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> int:
     """Run a study, print its tables and return the exit code."""
-    from analysis.axes import NOT_IN_DESIGN
-    from emgface.study.report import write_report
-    from emgface.study.run import run_study
-
-    announce_compilation()
-    with progress(f"study {configuration.name}") as bar:
-        result = run_study(configuration, out_path, workers=workers, observer=ProgressObserver(bar))
-    report = write_report(result.cube, out_path)
+    result, report = _results(configuration, out_path, workers)
     out.print(report.summary, markup=False, highlight=False, soft_wrap=True)
     for sentence in report.meaning:
         out.print(sentence, markup=False, highlight=False, soft_wrap=True)
     computed, reused = len(result.computed()), len(result.events) - len(result.computed())
     say(f"{computed} results were computed, {reused} were already stored.")
     say(f"Cube: {result.path}. Tables: {report.folder}.")
+    return _code(result, report)
+
+
+def _results(
+    configuration: "StudyConfiguration", out_path: Path, workers: int
+) -> "tuple[StudyResult, Report]":
+    """Run a study and write its tables."""
+    from emgface.study.report import write_report
+    from emgface.study.run import run_study
+
+    announce_compilation()
+    with progress(f"study {configuration.name}") as bar:
+        result = run_study(configuration, out_path, workers=workers, observer=ProgressObserver(bar))
+    return result, write_report(result.cube, out_path)
+
+
+def _code(result: "StudyResult", report: "Report") -> int:
+    """Say which trials failed; exit code."""
+    from analysis.axes import NOT_IN_DESIGN
+
     planned = result.cube["reason"].values != NOT_IN_DESIGN
     status = result.cube["status"].values[planned].tolist()
     n_ok = status.count("ok")
@@ -91,17 +106,20 @@ def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> i
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="Folder of a study that contains cube.nc.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of a study that contains cube.nc, or of a demonstration.")
+    ],
     out_path: Annotated[
         Path | None, typer.Option("--out", help="Page to write, such as report.html.")
     ] = None,
     faces: Annotated[bool, typer.Option(help="Include the moving face.")] = True,
 ) -> None:
     """Print the tables of a finished study; with --out, write its report as one page."""
-    from emgface.report.results import open_results
+    from emgface.report.results import study_cube, study_folder
     from emgface.study.report import write_report
 
-    written = write_report(open_results(folder).cube, folder)
+    folder = study_folder(folder)
+    written = write_report(study_cube(folder), folder)
     for table in written.tables.values():
         out.print(table.text(), markup=False, highlight=False, soft_wrap=True)
     for sentence in written.meaning:
@@ -109,6 +127,11 @@ def report(
     say(f"Tables as CSV, Markdown and LaTeX: {written.folder}.")
     if out_path is None:
         return
+    _page(folder, out_path, faces=faces)
+
+
+def _page(folder: Path, out_path: Path, *, faces: bool = True) -> None:
+    """Write the page of a study and say where it is."""
     from emgface.report.write import write_page
 
     announce_compilation()
@@ -128,33 +151,35 @@ def demo(
     out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")] = Path(
         "emgface-demo"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer instructions.")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="All six instructions instead of pursing and smiling.")
+    ] = False,
     accuracy: AccuracyOption = None,
 ) -> None:
-    """Simulate two volunteers on the generated template face and run a study of them."""
+    """Simulate two volunteers, run a study of them and write its report with the moving face."""
     from emgface.face.file import save_face
-    from emgface.study.demo import demo_study, demo_volunteers
+    from emgface.muscles import INSTRUCTIONS
+    from emgface.study.demo import SHORT, STRATEGIES, demo_study, demo_volunteers
     from emgface.study.faces import study_face
     from emgface.study.store import write_text
     from emgface.study.template import study_template
     from emgface.volunteers.simulate import make_volunteers
 
-    plan, workers = _as_accurate(demo_study(out_path, quick=quick), accuracy), cores()
-    say("Volunteers, sEMG and motion of this demonstration are simulated.")
-    face = study_face(plan.face)
-    save_face(face, out_path / "face.nc")
-    announce_compilation()
-    settings = demo_volunteers()
+    instructions = tuple(INSTRUCTIONS) if full else SHORT
+    plan = _as_accurate(demo_study(out_path, instructions=instructions), accuracy)
+    settings, workers = demo_volunteers(), cores()
     say(
-        f"The volunteers belong to the {settings.world.label}: they differ from the "
-        "assumptions of the study."
+        "Volunteers, sEMG and motion of this demonstration are simulated. The volunteers belong to the "
+        f"{settings.world.label}: they differ from the assumptions of the study."
     )
+    save_face(study_face(plan.face), out_path / "face.nc")
+    announce_compilation()
     with progress("simulated volunteers") as bar:
         make_volunteers(
             None,
             out_path / "volunteers",
             n=2,
-            instructions=plan.recordings.instructions,
+            instructions=instructions,
             seed=plan.seed,
             parameters=plan.simulation,
             settings=settings,
@@ -162,10 +187,20 @@ def demo(
             observer=ProgressObserver(bar),
         )
     write_text(study_template(plan), out_path / "study.toml")
-    code = _run(plan, out_path / "study", workers)
+    result, tables = _results(plan, out_path / "study", workers)
+    out.print(tables.summary, markup=False, highlight=False, soft_wrap=True)
+    for name, meaning in STRATEGIES.items():
+        out.print(f"{name}: {meaning}.", markup=False, highlight=False, soft_wrap=True)
+    page = out_path / "report.html"
+    _page(out_path / "study", page)
     say(
-        f"Face: {out_path / 'face.nc'}. Recordings: "
-        f"{out_path / 'volunteers' / 'recordings'}. Study file, which can be changed and run "
-        f"again by 'emgface study run': {out_path / 'study.toml'}."
+        "The page shows the face of the study as the sEMG of each volunteer moves it, and beside it "
+        "the recorded lip markers, for every instruction and strategy. The score rho is the "
+        "correlation of the two motions in space: 1 means the same motion but for its size."
     )
-    raise typer.Exit(code)
+    say(
+        f"To continue, change {out_path / 'study.toml'}, for example its strategies, and run "
+        f"'emgface study run {out_path / 'study.toml'} --out {out_path / 'changed'}'."
+    )
+    show_page(page)
+    raise typer.Exit(_code(result, tables))

@@ -11,7 +11,6 @@ from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import Body, Skin, body_of, skin_of
 from emgface.pictures.encoding import body_data, deltas, levels, middle_of, muscle_names, whole
 from emgface.report.results import FAILURES, Results, Trial, representative
-from emgface.report.skin import skin_motion
 
 LARGEST: Final = 9_000_000
 """Limit of the characters of all motions, above which every second frame is omitted."""
@@ -60,7 +59,8 @@ def moving_faces(
             trial = results.trial(place, strategy)
             assert results.laboratory is not None
             activation = trial.activation["activation"]
-            moved = skin_motion(results.laboratory, activation, trial.motion, skin, label).dataset
+            sigma_max = float(trial.motion.attrs["sigma_max"])
+            moved = results.laboratory.skin_motion(activation, sigma_max, label).dataset
         except FAILURES as error:
             results.notes.append(f"The moving face of {label} is omitted: {error}")
             continue

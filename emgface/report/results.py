@@ -129,6 +129,31 @@ class Results:
         )
 
 
+def study_folder(folder: Path) -> Path:
+    """Return the folder of a study: the one given, or the only one inside it that holds a cube."""
+    if (folder / "cube.nc").is_file():
+        return folder
+    inside = [path.parent for path in folder.glob("*/cube.nc")]
+    return inside[0] if len(inside) == 1 else folder
+
+
+def study_cube(folder: Path) -> xr.Dataset:
+    """Read the cube of a finished study.
+
+    Raises
+    ------
+    DataError
+        The folder has no cube, or it cannot be read.
+    """
+    path = folder / "cube.nc"
+    if not path.is_file():
+        raise DataError(
+            f"{folder} contains no cube.nc, expected the folder of a finished study: specify "
+            "the folder of 'emgface study run --out', or run the study again to complete it"
+        )
+    return read_netcdf(path, "cube")
+
+
 def open_results(folder: Path) -> Results:
     """Open the folder of a finished study.
 
@@ -147,13 +172,7 @@ def open_results(folder: Path) -> Results:
     DataError
         The folder has no cube, or it cannot be read.
     """
-    path = folder / "cube.nc"
-    if not path.is_file():
-        raise DataError(
-            f"{folder} contains no cube.nc, expected the folder of a finished study: specify "
-            "the folder of 'emgface study run --out', or run the study again to complete it"
-        )
-    results = Results(folder, read_netcdf(path, "cube"))
+    results = Results(folder, study_cube(folder))
     text = results.cube.attrs.get("configuration")
     if text is None:
         results.notes.append(

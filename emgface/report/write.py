@@ -1,5 +1,6 @@
 """Write the report of a study."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +20,10 @@ from emgface.pictures.stills import recording_label
 from emgface.report import contents, figures, provenance
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
-from emgface.report.results import Results, open_results
+from emgface.report.results import Results, open_results, study_folder
 from emgface.report.simulated import simulated_limits
+from emgface.schema.netcdf import read_netcdf
+from emgface.study.digest import code_version, file_digest, text_digest
 from emgface.study.store import write_text
 from sim.threads import one_blas_thread
 
@@ -57,9 +60,9 @@ def write_page(
     Parameters
     ----------
     folder : Path
-        Given to ``emgface study run --out``.
+        Given to ``emgface study run --out``, or one that holds such a folder.
     out : Path
-        The page, ``*.html``.
+        The page, ``*.html``; kept as it is where it was written from the same cube, recordings and code.
     faces : bool
         Whether the moving face and the rendered ones are in it; they need a simulation per
         instruction and strategy, which is stored for the next time.
@@ -82,10 +85,29 @@ def write_page(
     The page requests nothing: a content security policy forbids every request, and its scripts are
     named there by their digests.
     """
-    results = open_results(folder)
+    mark = f"<!-- {_digest(study_folder(folder), faces)} -->\n"
+    if out.is_file() and out.read_bytes().endswith(mark.encode()):
+        return Page(out, out.stat().st_size, [])
+    results = open_results(study_folder(folder))
     text = render(results, faces=faces, say=say)
-    write_text(text, out)
+    write_text(text if results.notes else text.rstrip() + "\n" + mark, out)
     return Page(out, out.stat().st_size, results.notes)
+
+
+def _digest(folder: Path, faces: bool) -> str:
+    """Digest of all that a page depends on: cube, recordings as files, code and templates."""
+    cube = folder / "cube.nc"
+    found = [str(faces), file_digest(cube) if cube.is_file() else ""]
+    found.append(code_version(("analysis", "emgface")))
+    package = Path(__file__).parents[1]
+    pages = [*package.glob("report/page/*"), *package.glob("pictures/page/*")]
+    found += [file_digest(path) for path in sorted(pages)]
+    if cube.is_file():
+        configuration = read_netcdf(cube, "cube").attrs.get("configuration", "{}")
+        recordings = Path(json.loads(str(configuration)).get("recordings", {}).get("folder", ""))
+        for path in sorted(recordings.glob("**/*")) if recordings.is_dir() else ():
+            found.append(f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}")
+    return text_digest("\n".join(found))
 
 
 def render(

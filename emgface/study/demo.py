@@ -1,6 +1,7 @@
 """Study of the demonstration: two simulated volunteers on the generated template face."""
 
 from pathlib import Path
+from typing import Final
 
 from emgface.choices import configure
 from emgface.muscles import INSTRUCTIONS
@@ -8,22 +9,33 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.volunteers.settings import VolunteerParameters
 
 RESOLUTION = "coarse"
+SHORT: Final = ("A", "D")
+"""Instructions of the demonstration: purse lips, and smile."""
+
+DURATION, OUTPUT = 1.2, 0.02
+"""Length of a trial; largest step and time between recorded instants [s]."""
+
+STRATEGIES: Final = {
+    "act_all": "all ten muscles of a side follow the EMG",
+    "act_3": "only the three muscles of the largest variance follow the EMG",
+    "act_rel": "only the muscles that anatomy relates to the instruction follow the EMG",
+}
 
 
 def demo_volunteers() -> VolunteerParameters:
     """Volunteers of the demonstration: individual faces, in the mismatched world."""
-    return VolunteerParameters(resolution=RESOLUTION)
+    return VolunteerParameters(resolution=RESOLUTION, duration=DURATION)
 
 
-def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
+def demo_study(out: Path, *, instructions: tuple[str, ...] = SHORT) -> StudyConfiguration:
     """Configure the demonstration.
 
     Parameters
     ----------
     out : Path
         Folder of the demonstration; the recordings are expected in ``volunteers/recordings``.
-    quick : bool
-        Two instructions instead of all six.
+    instructions : tuple of str
+        Some of A to F.
 
     Returns
     -------
@@ -31,20 +43,27 @@ def demo_study(out: Path, *, quick: bool = False) -> StudyConfiguration:
 
     Notes
     -----
-    The accuracy is that of a draft, so that the demonstration ends within minutes; ``--accuracy
-    study`` is the default of studies. Muscles whose feature never exceeds the threshold are taken
-    as silent (Eq. 8 would be 0/0), which the published chain does not foresee.
+    The accuracy is that of a draft, and trials are short, so that the demonstration ends within a
+    minute; ``--accuracy study`` is the default of studies. Muscles whose feature never exceeds the
+    threshold are taken as silent (Eq. 8 would be 0/0), which the published chain does not foresee.
     """
+    every = instructions == tuple(INSTRUCTIONS)
     return configure(
         StudyConfiguration,
         {
-            "name": "demonstration, quick" if quick else "demonstration",
+            "name": "demonstration, all instructions" if every else "demonstration",
             "recordings": {
                 "folder": (out / "volunteers" / "recordings").resolve(),
-                "instructions": ["B", "E"] if quick else list(INSTRUCTIONS),
+                "instructions": list(instructions),
             },
             "face": {"template": {"resolution": RESOLUTION}},
             "signals": {"normalisation": {"silent": "zero"}},
-            "simulation": {"sigma_max": 100e3, "accuracy": "draft"},
+            "simulation": {
+                "sigma_max": 100e3,
+                "accuracy": "draft",
+                "step": OUTPUT,
+                "output": OUTPUT,
+            },
+            "strategies": list(STRATEGIES),
         },
     )

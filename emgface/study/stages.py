@@ -4,6 +4,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import xarray as xr
 from analysis.align import align
 from analysis.scores import score
 from emgface.errors import FeatureWarning
-from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
+from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.signals.activation import activation_of, feature_range
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
@@ -20,6 +21,7 @@ from emgface.study.digest import dataset_digest
 from emgface.study.measured import measured_during
 from emgface.study.mechanics import MECHANICS
 from emgface.study.policy import lower_sigma_max
+from emgface.study.skin import SkinMotions
 from emgface.study.store import Result, Stage, Store
 from emgface.study.table import Recording
 from emgface.study.truth import true_activation_of
@@ -121,6 +123,15 @@ class Laboratory:
     def __post_init__(self) -> None:  # noqa: D105
         self.face_digest = dataset_digest(self.face)
 
+    @cached_property
+    def skin(self) -> SkinMotions:
+        """Simulations of this laboratory, which keep the motion of the skin."""
+        return SkinMotions(self)
+
+    def skin_motion(self, activation: xr.DataArray, sigma_max: float, label: str) -> Result:
+        """Return the motion of the skin in a trial, as `SkinMotions.motion`."""
+        return self.skin.motion(activation, sigma_max, activation_digest(activation), label)
+
     @property
     def alignment(self) -> dict[str, Any]:
         """Options of `analysis.align.align`, equal for all motions compared with a recording."""
@@ -185,7 +196,10 @@ class Laboratory:
             ),
             label=label,
         )
-        if result.dataset.attrs["warnings"]:
+        noted = result.dataset.attrs["warnings"].splitlines()
+        if chain.normalisation.silent == "zero":  # muscles may be silent
+            noted = [text for text in noted if " is zero in every window" not in text]
+        if noted:
             self.muted.add(recording.label)
         return result
 
@@ -216,7 +230,7 @@ class Laboratory:
             MOTION,
             {"face": self.face_digest, "activation": activation_digest(activation)},
             self.study.simulation.model_dump(mode="json"),
-            lambda: self._move(activation),
+            lambda: self._move(activation, label),
             label=label,
         )
         attrs = result.dataset.attrs
@@ -228,14 +242,14 @@ class Laboratory:
             )
         return result
 
-    def _move(self, activation: xr.DataArray) -> xr.Dataset:
+    def _move(self, activation: xr.DataArray, label: str) -> xr.Dataset:
         tried: list[float] = []
         started = time.perf_counter()
 
         def once(parameters: SimulationParameters) -> xr.Dataset:
             tried.append(parameters.sigma_max)
-            settled = self.rest(parameters).dataset
-            return simulate_face(self.face, activation, parameters, settled=settled)
+            digest = activation_digest(activation)
+            return self.skin.simulate(activation, parameters, digest, label)
 
         try:
             return lower_sigma_max(once, self.study.simulation, report=self.report)

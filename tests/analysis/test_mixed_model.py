@@ -276,6 +276,7 @@ def test_a_strategy_without_scores_is_left_out() -> None:
     assert "no pair of scored trials" in str(found["sentence"].values[0])
 
 
+@pytest.mark.slow
 def test_instructions_taken_as_fixed_reject_too_often_of_instructions_in_general() -> None:
     """SD 0.3 of instruction x strategy: the size holds with the term and is far off without."""
     model = {"instructions": 6, "sd_instruction_strategy": 0.3, "repetitions": 1, "markers": 1}

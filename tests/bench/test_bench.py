@@ -231,6 +231,7 @@ def test_the_command_lists_measurements_and_writes_files(tmp_path, capsys):
     assert {path.name for path in tmp_path.iterdir()} == written
 
 
+@pytest.mark.slow
 def test_a_fresh_process_tells_its_phases_and_its_memory():
     seconds, peak = start.first_result(None, "pointwise")
     assert list(seconds) == list(start.PHASES)

@@ -5,13 +5,10 @@ Only their code cells are needed for that, in order and in one namespace; Jupyte
 
 import ast
 import json
-import os
 import re
 import warnings
 from pathlib import Path
 from typing import Any
-
-os.environ.setdefault("MKL_NUM_THREADS", "1")  # heard where no other test has loaded it before
 
 import matplotlib
 import pytest

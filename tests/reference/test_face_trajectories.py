@@ -13,6 +13,7 @@ def rows_of(shared, name, until):
     return {row["time_s"]: row for row in compare(shared / "artisynth_reference", case, until)}
 
 
+@pytest.mark.slow
 def test_hard_volumes_and_the_trapezoidal_rule(shared):
     """The published demonstration: equal but for rounding (target of 1e-6 mm)."""
     row = rows_of(shared, "B_demo_hardelem_generic_trap_ZYG", 0.1)[0.1]

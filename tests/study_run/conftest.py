@@ -1,10 +1,7 @@
 """A slab of tissue with twenty muscles, small enough that a simulation takes a moment."""
 
-import os
 import warnings
 from pathlib import Path
-
-os.environ.setdefault("MKL_NUM_THREADS", "1")  # heard where no other test has loaded it before
 
 import numpy as np
 import pytest

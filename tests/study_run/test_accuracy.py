@@ -110,6 +110,7 @@ def test_error_control_of_a_scheme_of_one_solution_is_refused():
         configure(SimulationParameters, {"solver": "linearly_implicit", "error_tolerance": 1e-4})
 
 
+@pytest.mark.slow
 def test_every_solver_moves_the_face_alike(face):
     base = {"gravity": False, "sigma_max": 100e3}
 

@@ -29,9 +29,9 @@ from emgface.pictures.encoding import ABSENT, QUANTUM, deltas, whole
 from emgface.pictures.page import THREE, resource
 from emgface.report import contents
 from emgface.report.methods import methods
-from emgface.report.results import Results, open_results, representative
+from emgface.report.results import Results, open_results, representative, study_folder
 from emgface.report.simulated import simulated_limits
-from emgface.report.write import render
+from emgface.report.write import render, write_page
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
 
@@ -123,6 +123,21 @@ def test_motion_in_the_page_is_that_of_the_study(page: Path) -> None:
     assert abs(simulated - wanted.values).max() <= QUANTUM / 2 * (1 + 1e-6)
     skin = decoded("skin", data["nodes"])
     assert skin.shape[1] == len(rest) and abs(np.ptp(skin, axis=0)).max() * QUANTUM > 1e-4
+
+
+def test_the_skin_is_kept_when_trials_run_and_not_simulated_again(page: Path) -> None:
+    results = open_results(page.parent / "study")
+    assert results.laboratory is not None
+    trial = results.trial(("S01", "B", 1), "act_rel")
+    runs = (page.parent / "study" / "times.jsonl").read_text(encoding="utf-8")
+    stages = [json.loads(line)["stage"] for line in runs.splitlines()]
+    assert stages.count("skin") == stages.count("motion") > 0  # by the study, not by the report
+    before = len(results.laboratory.store.events)
+    sigma_max = float(trial.motion.attrs["sigma_max"])
+    moved = results.laboratory.skin_motion(trial.activation["activation"], sigma_max, "again")
+    assert [e.outcome for e in results.laboratory.store.events[before:]] == ["reused"]
+    assert moved.dataset["surface_position"].dtype == np.float32
+    assert "surface_position" not in trial.motion
 
 
 def test_whole_numbers_keep_what_is_absent() -> None:
@@ -355,3 +370,20 @@ def test_the_error_of_the_time_steps_is_told_beside_the_motion() -> None:
         in contents.accuracy(cube.assign(numerical_error=over(*[np.nan] * 3)))[0]
     )
     assert contents.accuracy(cube.drop_vars("motion")) == []
+
+
+def test_a_folder_with_a_study_inside_is_taken_for_it(page: Path, tmp_path: Path) -> None:
+    assert study_folder(page.parent) == page.parent / "study"
+    assert study_folder(page.parent / "study") == page.parent / "study"
+    assert study_folder(tmp_path) == tmp_path
+
+
+def test_a_page_is_written_again_only_where_something_changed(page: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.html"
+    copy.write_bytes(page.read_bytes())
+    before = copy.stat().st_mtime_ns
+    assert write_page(page.parent, copy).size == page.stat().st_size
+    assert copy.stat().st_mtime_ns == before
+    assert 'id="motions"' in copy.read_text(encoding="utf-8")
+    write_page(page.parent, copy, faces=False)
+    assert 'id="motions"' not in copy.read_text(encoding="utf-8")

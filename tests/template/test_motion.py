@@ -93,6 +93,7 @@ def test_all_muscles_act_as_in_the_atlas(name: str, request: pytest.FixtureReque
     check_actions(request.getfixturevalue(name))
 
 
+@pytest.mark.slow
 def test_the_motion_converges_with_the_mesh() -> None:
     """Grids refined in proportion by 1, 2, 3: an error h^1 would fall by 4, one that jumps by less."""
     smile = {"ZYG_L": 0.3, "ZYG_R": 0.3}

@@ -1,0 +1,122 @@
+"""The motion of the skin of a face in a trial, which is kept when the trial is simulated."""
+
+from typing import TYPE_CHECKING, Final
+
+import xarray as xr
+
+from emgface.face.motion import simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.pictures.body import skin_of
+from emgface.pictures.surface import SurfaceProbe, frame_stride
+from emgface.study.mechanics import MECHANICS
+from emgface.study.store import Result, Stage
+
+if TYPE_CHECKING:
+    from emgface.study.stages import Laboratory
+
+SKIN: Final = Stage("skin", (*MECHANICS, "emgface.pictures.body", "emgface.study.skin"))
+
+
+class SkinMotions:
+    """Simulations of a laboratory, each with the motion of the skin beside that of the markers.
+
+    Parameters
+    ----------
+    laboratory : Laboratory
+        Store, face and configuration of the study.
+    """
+
+    def __init__(self, laboratory: "Laboratory") -> None:
+        self._laboratory, self._probe = laboratory, SurfaceProbe(skin_of(laboratory.face).node)
+
+    def simulate(
+        self, activation: xr.DataArray, parameters: SimulationParameters, digest: str, label: str
+    ) -> xr.Dataset:
+        """Simulate a trial, keep the motion of its skin and return that of its markers.
+
+        Parameters
+        ----------
+        activation : DataArray
+            What drives the trial.
+        parameters : SimulationParameters
+            With the sigma_max to use.
+        digest : str
+            Of the activation.
+        label : str
+            Names the trial in the store.
+        """
+        moved = self._moved(activation, parameters)
+        self._kept(parameters, digest, label, moved)
+        return moved.drop_vars("surface_position")
+
+    def motion(self, activation: xr.DataArray, sigma_max: float, digest: str, label: str) -> Result:
+        """Return the motion of the skin at about 25 frames per second; computed where it is absent.
+
+        Parameters
+        ----------
+        activation : DataArray
+            What drove the trial.
+        sigma_max : float
+            Value with which it could be simulated [Pa].
+        digest : str
+            Of the activation.
+        label : str
+            Names the trial in the store.
+
+        Returns
+        -------
+        Result
+            ``surface_position(time, surface_node, axis)`` [m] in single precision, stored to 0.01 mm,
+            and ``position(time, marker, axis)`` [m].
+
+        Raises
+        ------
+        SimulationError
+            The trial cannot be simulated, which it could before.
+        """
+        study = self._laboratory.study.simulation
+        return self._kept(
+            study.model_copy(update={"sigma_max": sigma_max}), digest, label, activation
+        )
+
+    def _moved(self, activation: xr.DataArray, parameters: SimulationParameters) -> xr.Dataset:
+        return simulate_face(
+            self._laboratory.face,
+            activation,
+            parameters,
+            settled=self._laboratory.rest(parameters).dataset,
+            further=(self._probe,),
+        )
+
+    def _kept(
+        self,
+        parameters: SimulationParameters,
+        digest: str,
+        label: str,
+        given: xr.Dataset | xr.DataArray,
+    ) -> Result:
+        """Store the skin of a motion, or of that which an activation gives."""
+        every = frame_stride(parameters.output)
+
+        def frames() -> xr.Dataset:
+            moved = given
+            if isinstance(moved, xr.DataArray):
+                moved = self._moved(moved, parameters)
+            chosen = moved[["surface_position", "position"]].isel(time=slice(None, None, every))
+            chosen = chosen.transpose("time", "surface_node", "marker", "axis")
+            chosen["surface_position"] = chosen["surface_position"].astype("f4")
+            chosen["surface_position"].encoding = {"zlib": True, "least_significant_digit": 5}
+            chosen.attrs = {"origin": "simulated", "sigma_max": parameters.sigma_max}
+            return chosen
+
+        return self._laboratory.store.get_or_compute(
+            SKIN,
+            {"face": self._laboratory.face_digest, "activation": digest},
+            {
+                **parameters.model_dump(mode="json"),
+                "nodes": len(self._probe.node),
+                "every": every,
+            },
+            frames,
+            label=label,
+        )
