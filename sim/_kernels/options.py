@@ -7,7 +7,7 @@ reordered their last digits differ. Threads are Python's and not numba's: a loop
 parallel is typed twice and optimised three times, and its threads wait by spinning.
 """
 
-# pyright: basic
+# pyright: basic, reportCallIssue=false
 
 from collections.abc import Callable, Iterator
 from functools import wraps
