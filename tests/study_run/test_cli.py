@@ -154,7 +154,9 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(
     assert "Flag weak_match: the aligned components share less" in run(*steps[-1]).output
     report = run("report", tmp_path / "study")
     assert report.exit_code == 0 and "S01" in report.stdout
-    assert report.stdout.startswith("rho per strategy, simulated recordings, mismatched world but")
+    assert report.stdout.startswith(
+        "rho per strategy, simulated recordings, mismatched world except"
+    )
     assert report.stdout.isascii() and "\x1b" not in report.stdout  # plain, for a pipe or a paper
     assert (tmp_path / "study" / "tables" / "trials.csv").read_text().startswith("origin,")
 
