@@ -225,7 +225,7 @@ def test_a_check_says_which_later_step_would_refuse(foreign: Path, tmp_path: Pat
     assert "1 pass every later step" in treated.stderr
     alone = read_recording(foreign).drop_dims(["time_marker", "marker"])
     blind = run("data", "check", stored(alone, tmp_path, "alone.nc"), "--missing-side", "zero")
-    assert "'emgface score' would refuse it: it holds no marker positions" in blind.stderr
+    assert "'emgface score' would refuse it: it contains no marker positions" in blind.stderr
 
 
 def test_a_table_is_folded_to_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
