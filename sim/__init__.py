@@ -2,6 +2,7 @@
 
 from sim import waiting as _waiting  # noqa: F401  # before NumPy is loaded
 from sim.activation import Activation, resting
+from sim.bodies import Body, body_of_surface
 from sim.constraints import HardElementVolume
 from sim.contact import (
     BarrierContact,
@@ -37,6 +38,7 @@ from sim.integrators import (
     Trapezoidal,
     Workspace,
 )
+from sim.kinematics import Fixed, InElement, OnBody, PrescribedBody, PrescribedNodes
 from sim.laws import (
     Blemker,
     Constant,
@@ -59,6 +61,7 @@ from sim.prestretch import IN_VIVO, initial_stretch, stretch_field
 from sim.probes import (
     Contacts,
     Energies,
+    Frames,
     Iterations,
     Markers,
     Opening,
@@ -66,9 +69,8 @@ from sim.probes import (
     SmallestJ,
     StepErrors,
 )
-from sim.reductions import Fixed
 from sim.restart import read_state, save_state
-from sim.scene import Scene
+from sim.scene import NO_TISSUE, Scene
 from sim.simulate import simulate
 from sim.state import Control, ControlAt, Line, State, StepReport
 from sim.steps import ErrorControlledStep, FixedStep, HalvingStep
@@ -90,6 +92,7 @@ from sim.terms import (
 __all__ = [
     "Activation",
     "BarrierContact",
+    "Body",
     "Blemker",
     "CoRotational",
     "Constant",
@@ -108,12 +111,14 @@ __all__ = [
     "FiveTermMooneyRivlin",
     "Fixed",
     "FixedStep",
+    "Frames",
     "Fung",
     "Generic",
     "Gravity",
     "HalvingStep",
     "HardElementVolume",
     "IN_VIVO",
+    "InElement",
     "InvertedElement",
     "Iterations",
     "LineFibre",
@@ -129,17 +134,21 @@ __all__ = [
     "MeshError",
     "MooneyRivlin",
     "Muscles",
+    "NO_TISSUE",
     "NeoHooke",
     "NodalVolume",
     "NodeLoad",
     "NodeSurface",
     "NotConverged",
     "Ogden",
+    "OnBody",
     "Opening",
     "Pairing",
     "PassiveRayleigh",
     "Peck",
     "Positions",
+    "PrescribedBody",
+    "PrescribedNodes",
     "Prony",
     "QuadraticBulk",
     "Rayleigh",
@@ -164,6 +173,7 @@ __all__ = [
     "ToleranceMissed",
     "Trapezoidal",
     "Workspace",
+    "body_of_surface",
     "boundary_surface",
     "compile_scene",
     "displace_held",

@@ -111,7 +111,7 @@ class Driven:
         """Largest distance of the activation from its straight line over an interval [1]."""
         c, a = self.activation.within(t0, t1)
         line = self.moments(t0, t1 - t0, ())
-        return float(np.abs(a - line.mean - (c[:, None] - 0.5) * line.rise).max())
+        return float(np.abs(a - line.mean - (c[:, None] - 0.5) * line.rise).max(initial=0.0))
 
 
 def _mean(c: Array, a: Array) -> Array:

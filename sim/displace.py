@@ -57,6 +57,10 @@ def displace_held(
             f"the target of held nodes has shape {target.shape} or holds NaN, expected finite "
             f"{state.q.shape}"
         )
+    if system.kinematics.matrix_varies:
+        raise SceneError(
+            "nodes of a scene with bodies or attachments cannot be displaced: prescribe their motion"
+        )
     integrator = integrator or Static()
     work = work or Workspace(system)
     silent = Control(np.zeros(len(system.muscles)))

@@ -23,14 +23,19 @@ class Product:
     ----------
     G : (m, n_free) sparse.
     k : (m,)
+    R : (n_free, n) sparse or None
+        With one the matrix is R'G' diag(k) G R.
     """
 
     G: csr_array
     k: Array
+    R: csr_array | None = None
 
     def times(self, x: Array) -> Array:
-        """Product with a vector (n_free,)."""
-        return self.G.T @ (self.k * (self.G @ x))
+        """Product with a vector (n_free,), or (n,) with R."""
+        if self.R is None:
+            return self.G.T @ (self.k * (self.G @ x))
+        return self.R.T @ (self.G.T @ (self.k * (self.G @ (self.R @ x))))
 
     def scaled(self, factor: float) -> "Product":
         """The same matrix times a number."""
@@ -48,12 +53,20 @@ class Matrix:
     products : tuple of Product
     stand_in : callable or None
         Values to be added on the pattern, instead of the products, for a factorisation.
+    offset : (n,) or None
+        Of a damping matrix, the force by what is prescribed to move [N].
     """
 
     pattern: Sparsity
     values: Array
     products: tuple[Product, ...] = ()
     stand_in: Callable[[], Array] | None = None
+    offset: Array | None = None
+
+    def force(self, w: Array) -> Array:
+        """Product with velocities (n,) and the offset."""
+        f = self.times(w)
+        return f if self.offset is None else f + self.offset
 
     def times(self, x: Array) -> Array:
         """Product with a vector (n,)."""
@@ -93,15 +106,20 @@ def merged(products: Sequence[Product]) -> tuple[Product, ...]:
     """Sum of products, as one where their G are equal, whether or not they are one object."""
     found: list[Product] = []
     for part in products:
-        same = [i for i, other in enumerate(found) if _same(other.G, part.G)]
+        same = [i for i, other in enumerate(found) if _same(other, part)]
         if same:
-            found[same[0]] = Product(part.G, found[same[0]].k + part.k)
+            found[same[0]] = replace(part, k=found[same[0]].k + part.k)
         else:
             found.append(part)
     return tuple(found)
 
 
-def _same(a: csr_array, b: csr_array) -> bool:
+def _same(one: Product, other: Product) -> bool:
+    a, b = one.G, other.G
+    if (one.R is None) != (other.R is None) or (
+        one.R is not None and other.R is not None and one.R.data is not other.R.data
+    ):
+        return False
     if a is b:
         return True
     return np.array_equal(a.data, b.data) and np.array_equal(a.indices, b.indices)

@@ -57,6 +57,8 @@ class Mesh(Described):
     ----------
     X : (n_nodes, 3) rest positions [m].
     blocks : tuple of Block
+    n_points : int
+        The last so many nodes belong to no element, as the points of bodies and the ends of muscles.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class Mesh(Described):
 
     X: Array
     blocks: tuple[Block, ...]
+    n_points: int = 0
 
     def __post_init__(self) -> None:
         """Check nodes and elements."""
@@ -76,6 +79,7 @@ class Mesh(Described):
                 f"node positions have shape {self.X.shape} or hold NaN, expected finite (n, 3)"
             )
         used = np.zeros(n, dtype=bool)
+        used[n - self.n_points :] = True
         first = 0
         for block in self.blocks:
             if block.nodes.size and (block.nodes.min() < 0 or block.nodes.max() >= n):
@@ -118,7 +122,15 @@ class Mesh(Described):
 
     def volumes(self) -> Array:
         """Rest volume of every element [m^3], shape (n_elements,), by quadrature."""
-        return np.concatenate([b.gradients(self.X)[1] @ b.kind.weights for b in self.blocks])
+        volumes = [b.gradients(self.X)[1] @ b.kind.weights for b in self.blocks]
+        return np.concatenate([*volumes, np.empty(0)])
+
+    def with_points(self, points: Array) -> "Mesh":
+        """The same mesh with nodes (k, 3) appended that belong to no element."""
+        X = np.concatenate([self.X, points])
+        return Mesh(
+            np.ascontiguousarray(X, dtype=np.float64), self.blocks, self.n_points + len(points)
+        )
 
 
 def mesh_from_arrays(X: ArrayLike, **connectivity: Iterable[Iterable[int]]) -> Mesh:

@@ -3,7 +3,10 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from sim.errors import ControlError
+from sim.kinematics import rotations
 from sim.state import Array, State, StepReport
 from sim.steps.contract import Watch
 
@@ -40,9 +43,32 @@ def between(before: State, after: State, t: float) -> State:
     def along(w0: float, w1: float, slope: float) -> Array:
         return slope * turn / h + w0 * before.v + w1 * after.v
 
-    q = before.q + h * along(s * (1.0 - s) ** 2, s**2 * (s - 1.0), s**2 * (3.0 - 2.0 * s))
-    v = along(1.0 - 4.0 * s + 3.0 * s**2, 3.0 * s**2 - 2.0 * s, 6.0 * s * (1.0 - s))
-    return State(t, q, v)
+    here = (s * (1.0 - s) ** 2, s**2 * (s - 1.0), s**2 * (3.0 - 2.0 * s))
+    rate = (1.0 - 4.0 * s + 3.0 * s**2, 3.0 * s**2 - 2.0 * s, 6.0 * s * (1.0 - s))
+    q, v = before.q + h * along(*here), along(*rate)
+    if not len(before.frames):
+        return State(t, q, v)
+    return State(t, q, v, {}, *_bodies_between(before, after, here, rate))
+
+
+def _bodies_between(
+    before: State, after: State, here: tuple[float, float, float], rate: tuple[float, float, float]
+) -> tuple[Array, Array]:
+    """Frames and twists by the same cubic, of rotation vectors since the start of the step."""
+    h = after.t - before.t
+    way = after.frames[:, :3] - before.frames[:, :3]
+    theta = rotations.difference(before.frames[:, 3:], after.frames[:, 3:])
+    ends = before.twists, after.twists.copy()
+    ends[1][:, 3:] = rotations.vector_rate(theta, ends[1][:, 3:])
+    turn = np.concatenate([way, theta], axis=1)
+    d = h * (here[2] * turn / h + here[0] * ends[0] + here[1] * ends[1])
+    twists = rate[2] * turn / h + rate[0] * ends[0] + rate[1] * ends[1]
+    # dexp(theta) is the transpose of that of -theta
+    twists[:, 3:] = rotations.vector_gradient(-d[:, 3:], twists[:, 3:])
+    frames = before.frames.copy()
+    frames[:, :3] += d[:, :3]
+    frames[:, 3:] = rotations.turned(frames[:, 3:], d[:, 3:])
+    return frames, twists
 
 
 @dataclass(frozen=True)

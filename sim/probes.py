@@ -179,7 +179,34 @@ class Energies:
     ) -> tuple[Array | float, ...]:
         """Return v' M v / 2 and the sum of the terms' energies."""
         kinetic = 0.5 * dot(system.node_mass, (state.v**2).sum(axis=1))
+        kinetic += system.kinematics.kinetic_energy(state)
         return kinetic, system.force(state.q, control).energy
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Centres [m] and quaternions of all bodies.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Bodies in the order of the scene.
+    """
+
+    names: tuple[str, ...]
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Variables ``body_position`` and ``body_quaternion``."""
+        body = {"body": self.names}
+        centre = Variable("body_position", "m", ("body", "axis"), body | {"axis": AXES})
+        parts = body | {"part": ("w", "x", "y", "z")}
+        return centre, Variable("body_quaternion", "1", ("body", "part"), parts)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Copy the frames."""
+        return state.frames[:, :3].copy(), state.frames[:, 3:].copy()
 
 
 @dataclass(frozen=True)

@@ -50,12 +50,21 @@ def save_state(state: State, path: str | PathLike[str]) -> None:
         As `sim.simulate` returns it.
     path : path
     """
+    blocks = {
+        "position": (("node", "axis"), state.q, {"units": "m"}),
+        "velocity": (("node", "axis"), state.v, {"units": "m s-1"}),
+        "time": ((), state.t, {"units": "s"}),
+    }
+    if len(state.frames):
+        frames, twists = state.frames, state.twists
+        blocks |= {
+            "body_position": (("body", "axis"), frames[:, :3], {"units": "m"}),
+            "body_quaternion": (("body", "quaternion"), frames[:, 3:], {"units": "1"}),
+            "body_velocity": (("body", "axis"), twists[:, :3], {"units": "m s-1"}),
+            "body_angular_velocity": (("body", "axis"), twists[:, 3:], {"units": "rad s-1"}),
+        }
     data = xr.Dataset(
-        {
-            "position": (("node", "axis"), state.q, {"units": "m"}),
-            "velocity": (("node", "axis"), state.v, {"units": "m s-1"}),
-            "time": ((), state.t, {"units": "s"}),
-        },
+        blocks,
         attrs={"kind": _KIND, "memory": list(state.memory) or ""},
     )
     for i, array in enumerate(state.memory.values()):
@@ -84,7 +93,14 @@ def read_state(path: str | PathLike[str]) -> State:
             names = np.atleast_1d(data.attrs["memory"]).tolist()
             arrays = [data[f"memory_{i}"].values for i in range(len(names) if names != [""] else 0)]
             q, v = data["position"].values, data["velocity"].values
-            return State(float(data["time"]), q, v, dict(zip(names, arrays, strict=False)))
+            memory = dict(zip(names, arrays, strict=False))
+            if "body_position" not in data:
+                return State(float(data["time"]), q, v, memory)
+            frames, twists = (
+                np.concatenate([data[f"body_{name}"].values for name in pair], axis=1)
+                for pair in (("position", "quaternion"), ("velocity", "angular_velocity"))
+            )
+            return State(float(data["time"]), q, v, memory, frames, twists)
     except (OSError, ValueError, KeyError) as error:
         raise SceneError(
             f"{path} contains no state of a simulation ({error}), expected a file of sim.save_state"

@@ -5,13 +5,16 @@ new file, without changes elsewhere.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.bodies import Body
 from sim.described import Described, listed
+from sim.joints.contract import Joint
+from sim.kinematics.members import Member
 from sim.matrix import Product
 from sim.mesh import Mesh
 from sim.pattern import SymmetricPattern
@@ -108,6 +111,15 @@ class HasProduct(CompiledTerm, Protocol):
 
     def add_stand_in(self, q: Array, K: Array) -> None:
         """Add an approximation of the product on the pattern, for the preconditioner."""
+        ...
+
+
+@runtime_checkable
+class Damps(Protocol):
+    """A compiled term with forces -D(q) v besides those of its potential."""
+
+    def add_damping(self, q: Array, control: Control, D: Array) -> None:
+        """D += -df/dv [N s/m] in the values of the pattern."""
         ...
 
 
@@ -213,14 +225,6 @@ class Damping(Protocol):
         ...
 
 
-class Reduction(Protocol):
-    """A kinematic condition that removes unknowns."""
-
-    def held(self, mesh: Mesh) -> Index:
-        """Indices of the fixed unknowns among 3 n_nodes."""
-        ...
-
-
 class CompiledConstraint(Protocol):
     """Compiled bilateral constraints c(q) = 0.
 
@@ -261,25 +265,55 @@ class Scene(Described):
     Attributes
     ----------
     mesh : Mesh
+        Tissue; `NO_TISSUE` for a scene of bodies alone.
     terms : tuple of Term
-    reductions : tuple of Reduction
+    reductions : tuple of Member
+        Nodes and bodies that are fixed, attached, or move as prescribed.
     damping : Damping or None
     constraints : tuple of Constraint
+    bodies : tuple of Body
+    points : (k, 3) rest positions of points without mass [m], such as ends of muscles. They are numbered
+        after the nodes of the mesh, and each is held by a member; the centres of bodies follow.
+    joints : tuple of Joint
     """
 
     mesh: Mesh
     terms: tuple[Term, ...]
-    reductions: tuple[Reduction, ...] = ()
+    reductions: tuple[Member, ...] = ()
     damping: Damping | None = None
     constraints: tuple[Constraint, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    points: Array = field(default_factory=lambda: np.empty((0, 3)))
+    joints: tuple[Joint, ...] = ()
+
+    @property
+    def first_centre(self) -> int:
+        """Number of the point that is the centre of the first body; the others follow."""
+        return self.mesh.n_nodes + len(self.points)
+
+    @property
+    def whole(self) -> Mesh:
+        """The mesh with all points and the centres of bodies."""
+        if not len(self.points) and not self.bodies:
+            return self.mesh
+        return self.mesh.with_points(np.array([*self.points, *(b.centre for b in self.bodies)]))
 
     def facts(self) -> dict[str, str]:
-        """Mesh, terms, fixed unknowns, damping and constraints."""
-        held = len({int(i) for reduction in self.reductions for i in reduction.held(self.mesh)})
-        facts = {
-            **self.mesh.facts(),
-            "terms": listed(self.terms),
-            "held": f"{held} of {3 * self.mesh.n_nodes} unknowns",
-            "damping": type(self.damping).__name__ if self.damping else "none",
-        }
-        return facts | ({"conditions": listed(self.constraints)} if self.constraints else {})
+        """Mesh, terms, fixed unknowns, damping, constraints, joints and bodies."""
+        facts = {**self.mesh.facts(), "terms": listed(self.terms)}
+        numbers = {body.name: b for b, body in enumerate(self.bodies)}
+        members = [member.attach(self.whole, numbers) for member in self.reductions]
+        held = len({(int(n), axis) for a in members for n in a.nodes for axis in a.axes})
+        facts["held"] = f"{held} of {3 * self.mesh.n_nodes} unknowns"
+        facts["damping"] = type(self.damping).__name__ if self.damping else "none"
+        if self.constraints:
+            facts["conditions"] = listed(self.constraints)
+        if self.joints:
+            facts["joints"] = listed(self.joints)
+        if self.bodies:
+            facts["bodies"] = ", ".join(body.name for body in self.bodies)
+        return facts
+
+
+NO_TISSUE = Mesh(np.empty((0, 3)), ())
+"""Mesh of a scene without tissue."""

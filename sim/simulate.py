@@ -165,12 +165,14 @@ def _told(unstable: list[float]) -> Generator[None]:
 
 
 def _require_finite(state: State) -> None:
-    for name, values in (("position", state.q), ("velocity", state.v)):
+    blocks = {"position": state.q, "velocity": state.v}
+    blocks |= {"frame": state.frames, "twist": state.twists}
+    for name, values in blocks.items():
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():
-            node = int(np.argmin(finite))
+            node, kind = int(np.argmin(finite)), "body" if name in ("frame", "twist") else "node"
             raise SceneError(
-                f"{name} of node {node} in the initial state is not finite ({values[node].tolist()}), "
+                f"{name} of {kind} {node} in the initial state is not finite ({values[node].tolist()}), "
                 "expected numbers: repair it, or start from rest"
             )
 

@@ -11,13 +11,17 @@ from sim.contact.compiled import CompiledContact
 from sim.contact.constraint import ConstraintContact, RowsApart
 from sim.described import Described
 from sim.errors import ControlError, SceneError
-from sim.kinematics import Kinematics, Selection
+from sim.joints.compiled import Rows
+from sim.kinematics import Kinematics, lay_out_kinematics
+from sim.linear.contract import symmetric_product
 from sim.matrix import Matrix, Product, merged
-from sim.pattern import Sparsity, SymmetricPattern, symmetric_pattern
+from sim.mesh import Mesh
+from sim.pattern import Sparsity, SymmetricPattern
 from sim.scene import (
     CompiledDamping,
     CompiledTerm,
     Contribution,
+    Damps,
     Deforms,
     HasMass,
     HasMuscles,
@@ -25,6 +29,7 @@ from sim.scene import (
     HasSparse,
     Index,
     Layout,
+    MeasuresContact,
     Remembering,
     Remembers,
     Scene,
@@ -40,6 +45,8 @@ class System(Described):
     Attributes
     ----------
     scene : Scene
+    mesh : Mesh
+        That of the scene with its points.
     node_mass : (n_points,) [kg]
     point_pattern : SymmetricPattern
         Sparsity of the tangents that terms add to, over the components of points that move.
@@ -49,17 +56,21 @@ class System(Described):
     muscles : names, the order of every activation
     constraints : Constraints or None
         All conditions of the scene on its free unknowns.
+    rows : Rows or None
+        Those of all joints.
     sparse : System or None
         The same mechanics with a part of the tangents as `products`, if a term can leave them so.
     """
 
     scene: Scene
+    mesh: Mesh
     node_mass: Array
     point_pattern: SymmetricPattern
     kinematics: Kinematics
     terms: tuple[CompiledTerm, ...]
     muscles: tuple[str, ...]
     constraints: Constraints | None = None
+    rows: Rows | None = None
     sparse: "System | None" = None
     _damping: CompiledDamping | None = None
     _in_step: bool = False
@@ -89,9 +100,10 @@ class System(Described):
         }
 
     def rest_state(self) -> State:
-        """Rest positions, no velocity, t = 0."""
-        X = self.scene.mesh.X
-        return State(0.0, X.copy(), np.zeros_like(X))
+        """Rest positions, no velocity but what is prescribed, t = 0."""
+        still, kinematics = np.zeros(self.pattern.n), self.kinematics
+        start = Pose(self.mesh.X, kinematics.rest_frames, 0.0)
+        return kinematics.state(kinematics.advance(start, still, 0.0), still, {})
 
     def during(self, state: State, h: float) -> "System":
         """System over a step of length h [s] (infinite: to static equilibrium) from a state.
@@ -210,49 +222,86 @@ class System(Described):
         f, K = np.zeros_like(q), np.zeros(self.point_pattern.nnz)
         return _total(f, [term.add_tangent(q, control, f, K) for term in self.terms]), K
 
+    @property
+    def is_damped(self) -> bool:
+        """Whether any force depends on velocities."""
+        bodies = any(max(b.damping) > 0.0 for b in self.scene.bodies)
+        return self._damping is not None or bodies or bool(self._damped_terms)
+
+    @cached_property
+    def _damped_terms(self) -> tuple[Damps, ...]:
+        return tuple(term for term in self.terms if isinstance(term, Damps))
+
     def damping(self, q: Array, control: Control, K: Array | None = None) -> Array:
         """Values of the damping matrix -df/dv of the points [N s/m]; K is the stiffness, if computed."""
-        if self._damping is None:
-            return np.zeros(self.point_pattern.nnz)
-        # a matrix of the step depends on its length; damping takes the relaxed stiffness always
-        return self._damping(q, control, None if self._in_step else K)
+        D = np.zeros(self.point_pattern.nnz)
+        if self._damping is not None:
+            # a matrix of the step depends on its length; damping takes the relaxed stiffness always
+            D = self._damping(q, control, None if self._in_step else K)
+        if self._damped_terms:
+            D = D.copy()  # that of rest is made once
+            for term in self._damped_terms:
+                term.add_damping(q, control, D)
+        return D
 
-    def products(self, q: Array) -> tuple[Product, ...]:
-        """Matrix-free products of the stiffness at q, in addition to `tangent`."""
+    def products(self, pose: Pose) -> tuple[Product, ...]:
+        """Matrix-free products of the generalised stiffness, in addition to `tangent`."""
+        return self._generalised(self._products_of_points(pose.q), pose)
+
+    def _products_of_points(self, q: Array) -> tuple[Product, ...]:
         return tuple(term.product(q) for term in self.terms if isinstance(term, HasProduct))
+
+    @cached_property
+    def _products_at_rest(self) -> tuple[Product, ...]:
+        return self._products_of_points(self.mesh.X)
+
+    def _generalised(self, parts: tuple[Product, ...], pose: Pose) -> tuple[Product, ...]:
+        return tuple(self.kinematics.product(part, pose) for part in parts)
 
     @property
     def has_products(self) -> bool:
         """True if the stiffness has matrix-free products."""
         return any(isinstance(term, HasProduct) for term in self.terms)
 
-    def stand_in(self, q: Array) -> Array:
-        """Approximation of the products at q, for the preconditioner."""
+    def stand_in(self, pose: Pose) -> Array:
+        """Approximation of the products, for the preconditioner."""
         K = np.zeros(self.point_pattern.nnz)
         for term in self.terms:
             if isinstance(term, HasProduct):
-                term.add_stand_in(q, K)
-        return K
+                term.add_stand_in(pose.q, K)
+        return self.kinematics.generalised_matrix(K, None, pose)
 
     def damping_matrix(self, pose: Pose, control: Control, K: Array | None = None) -> Matrix:
         """The generalised damping matrix with its products; K is that of the points, if computed."""
-        q, law = pose.q, self._damping
-        values = self.damping(q, control, K)
-        if law is None:
-            return Matrix(self.pattern, np.zeros(self.pattern.nnz))
-        values = self.kinematics.generalised_matrix(values, None, pose)
-        products = self.products(q) if law.rest is None else self._products_at_rest
-        return Matrix(self.pattern, values, tuple(part.scaled(law.beta) for part in products))
+        law, kinematics = self._damping, self.kinematics
+        of_points = self.damping(pose.q, control, K)
+        values = kinematics.generalised_matrix(of_points, None, pose)
+        kinematics.add_damping(values)
+        products: tuple[Product, ...] = ()
+        if law is not None:
+            rest = self._products_at_rest if law.rest is not None else None
+            parts = self.products(pose) if rest is None else self._generalised(rest, pose)
+            products = tuple(part.scaled(law.beta) for part in parts)
+        offset, drift = None, kinematics.drift(pose, control.t)
+        if drift is not None:
+            offset = self._damped(of_points, products, drift, pose)
+        return Matrix(self.pattern, values, products, offset=offset)
 
-    @cached_property
-    def _products_at_rest(self) -> tuple[Product, ...]:
-        return self.products(self.scene.mesh.X)
+    def _damped(
+        self, of_points: Array, products: tuple[Product, ...], drift: Array, pose: Pose
+    ) -> Array:
+        """Generalised damping force (n,) of velocities of the points (n_points, 3)."""
+        f, v = np.zeros(drift.size), drift.reshape(-1)[self.free]
+        f[self.free] = symmetric_product(self.point_pattern, of_points, v)
+        for part in products:
+            f[self.free] += replace(part, R=None).times(v)
+        return self.kinematics.generalised_force(f.reshape(-1, 3), pose)
 
     def stiffness_matrix(self, pose: Pose, K: Array, f: Array) -> Matrix:
         """The generalised stiffness with its products, from forces and stiffness of the points."""
-        values, q = self.kinematics.generalised_matrix(K, f, pose), pose.q
-        products = self.products(q)
-        stand_in = (lambda: self.stand_in(q)) if products else None
+        values = self.kinematics.generalised_matrix(K, f, pose)
+        products = self.products(pose)
+        stand_in = (lambda: self.stand_in(pose)) if products else None
         return Matrix(self.pattern, values, products, stand_in)
 
     def implicit_matrix(
@@ -274,13 +323,13 @@ class System(Described):
         inertia : Pose, optional
             Of the mass, by default the same.
         """
-        q, kinematics = pose.q, self.kinematics
+        kinematics = self.kinematics
         values = by_damping * D.values
         stiffness = kinematics.generalised_matrix(K, here.f, pose)
         np.multiply(stiffness, by_stiffness, out=stiffness)
         np.add(values, stiffness, out=values)
         kinematics.add_mass(values, pose if inertia is None else inertia)
-        products = self.products(q)
+        products = self.products(pose)
         if not products:
             return Matrix(self.pattern, values)
         beta = 0.0 if self._damping is None else self._damping.beta
@@ -294,7 +343,7 @@ class System(Described):
                     *(part.scaled(by_damping) for part in D.products),
                 ]
             ),
-            lambda: share * self.stand_in(q),
+            lambda: share * self.stand_in(pose),
         )
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
@@ -348,8 +397,9 @@ def compile_scene(scene: Scene) -> System:
     SceneError
         A free node has no mass, two muscles share a name, no node is free, or contact is declared twice.
     """
-    mesh = scene.mesh
+    mesh = scene.whole
     mass = np.zeros(mesh.n_nodes)
+    mass[scene.first_centre :] = [body.mass for body in scene.bodies]
     names: list[str] = []
     for term in scene.terms:
         if isinstance(term, HasMass):
@@ -362,28 +412,47 @@ def compile_scene(scene: Scene) -> System:
     if repeated:
         raise SceneError(f"muscle name {sorted(repeated)[0]!r} occurs twice, expected unique names")
     empty = [np.empty(0, dtype=np.int64)]
-    held = np.unique(np.concatenate(empty + [r.held(mesh) for r in scene.reductions]))
     keys = np.concatenate(
         empty + [part.pair_keys(mesh) for part in (*scene.terms, *scene.constraints)]
     )
-    pattern = symmetric_pattern(mesh.n_nodes, keys, held)
-    if pattern.n == 0:
-        raise SceneError("every node is fixed, expected at least one free unknown")
-    if not (mass[pattern.free // 3] > 0.0).all():
-        node = int(pattern.free[np.argmin(mass[pattern.free // 3] > 0.0)] // 3)
-        raise SceneError(f"free node {node} has no mass: add a solid or fix the node")
+    pattern, kinematics = lay_out_kinematics(mesh, mass, keys, scene.bodies, scene.reductions)
     layout = Layout(mesh, mass, pattern, tuple(names))
     terms = tuple(term.compile(layout) for term in scene.terms)
+    apart = scene.constraints or any(isinstance(term, MeasuresContact) for term in terms)
+    if (kinematics.matrix_varies or scene.joints) and apart:
+        raise SceneError(
+            "contact and hard volumes are not implemented for scenes with bodies, joints or "
+            "attachments: leave one of the two out"
+        )
     conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
     sparse = _sparse(scene, terms)
-    kinematics = Selection(pattern, mass[pattern.free // 3])
-    system = System(scene, mass, pattern, kinematics, terms, layout.muscles, conditions, sparse)
+    system = System(
+        scene,
+        mesh,
+        mass,
+        pattern,
+        kinematics,
+        terms,
+        layout.muscles,
+        conditions,
+        _rows(scene, kinematics, mesh),
+        sparse,
+    )
     if scene.damping is None:
         return system
     # a barrier is stiff only where it is touched: a damping by it would hold surfaces together
     tissue = replace(system, terms=tuple(t for t in terms if not isinstance(t, StopsMoves)))
     damping = scene.damping.compile(layout, lambda q, control: tissue.tangent(q, control)[1])
     return replace(system, _damping=damping)
+
+
+def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> Rows | None:
+    if not scene.joints:
+        return None
+    start = Pose(mesh.X, kinematics.rest_frames, 0.0)
+    rest = kinematics.advance(start, np.zeros(kinematics.pattern.n), 0.0)
+    numbers = {body.name: b for b, body in enumerate(scene.bodies)}
+    return Rows(scene.joints, numbers, kinematics, rest)
 
 
 def _sparse(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:

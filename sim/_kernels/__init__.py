@@ -17,6 +17,7 @@ with kernel_cache(Path(__file__).parent):
         crossing,
         element,
         grid,
+        joints,
         lanes,
         laws,
         matrix,
@@ -31,6 +32,7 @@ with kernel_cache(Path(__file__).parent):
         tensor_point,
         tensor_solid,
         triangles,
+        triple,
         volume,
     )
 
@@ -39,6 +41,7 @@ __all__ = [
     "crossing",
     "element",
     "grid",
+    "joints",
     "kernel_cache",
     "lanes",
     "laws",
@@ -54,5 +57,6 @@ __all__ = [
     "tensor_point",
     "tensor_solid",
     "triangles",
+    "triple",
     "volume",
 ]

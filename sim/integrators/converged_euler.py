@@ -65,6 +65,6 @@ class ConvergedEuler(Converged):
                 f0 = system.force(state.q, line.at(0.0)).f
             Q0 = kinematics.generalised_force(f0, state.pose)
             u1 = kinematics.inertial(end.w, end.pose)
-            gained = kinematics.momentum(u1 - u0, end.pose) - h * (Q0 - D.times(w0))
+            gained = kinematics.momentum(u1 - u0, end.pose) - h * (Q0 - D.force(w0))
         error = self._freed(system, error, 0.5 * gained, D, h, end.pose, work)
         return kinematics.state(end.pose, end.w, memory), report_of(h, [end], error)

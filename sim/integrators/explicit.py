@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from sim.errors import SceneError
 from sim.integrators.contract import require_upright
+from sim.integrators.held import held_acceleration
 from sim.integrators.workspace import Workspace
 from sim.state import Array, Control, ControlAt, Pose, State, StepReport
 from sim.system import System
@@ -21,16 +22,19 @@ def _acceleration(system: System, state: State, control: Control, work: Workspac
     kinematics = system.kinematics
     with work.timed("force"):
         f = kinematics.generalised_force(system.force(state.q, control).f, state.pose)
-    if system.scene.damping is not None:
+    if system.is_damped:
         with work.timed("tangent"):
             D = system.damping_matrix(state.pose, control)
-        f = f - D.times(kinematics.velocities(state))
-    return kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
+        f = f - D.force(kinematics.velocities(state))
+    a = kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
+    return a if system.rows is None else held_acceleration(system, system.rows, a, state)
 
 
 def _finish(
     system: System, pose: Pose, w: Array, state: State, h: float
 ) -> tuple[State, StepReport]:
+    if system.rows is not None:
+        pose, w = system.rows.projected(pose, w)
     over = system.during(state, h)
     least, element = over.smallest_J(pose.q)
     require_upright(element, least, state.t + h)

@@ -38,9 +38,9 @@ class PotentialOfMoves(BySecants):
         """Positions of all points (n_points, 3)."""
         return self.pose(d).q
 
-    def coordinates(self, q: Array) -> Array:
-        """Motion d (n,) to positions q (n_points, 3) in the frames of the base."""
-        return self.system.kinematics.between(self.base, replace(self.base, q=q))
+    def coordinates(self, pose: Pose) -> Array:
+        """Motion d (n,) from the base to a pose."""
+        return self.system.kinematics.between(self.base, pose)
 
     def largest_step(self, d: Array, direction: Array) -> float:
         """Largest feasible fraction in (0, 1] of a displacement by `direction` from d."""
@@ -115,10 +115,14 @@ class IncrementalPotential(PotentialOfMoves):
         here, K = self.system.tangent(pose.q, self._control)
         return self.system.implicit_matrix(pose, here, K, self._D, self._s, self.scale)
 
-    def start(self, state_q: Array, at_state: Evaluation | None = None) -> Point:
-        """Start at the inertial guess d = s v if it is feasible and better, otherwise at the state."""
-        here = self.point(self.coordinates(state_q), at_state)
-        guess = self._s * self._u
+    def inertial_guess(self) -> Array:
+        """Motion d = s v of the stage without forces."""
+        return self._s * self._u
+
+    def start(self, state: Pose, at_state: Evaluation | None = None) -> Point:
+        """Start at the inertial guess if it is feasible and better, otherwise at the state."""
+        here = self.point(self.coordinates(state), at_state)
+        guess = self.inertial_guess()
         share = self.largest_step(here.d, guess - here.d)
         if share < 1.0:
             guess = here.d + share * (guess - here.d)
@@ -127,3 +131,62 @@ class IncrementalPotential(PotentialOfMoves):
         moved = self.point(guess)
         better = moved.here.smallest_J > 0.0 and moved.residual < here.residual
         return moved if better else here
+
+
+class VaryingInertia(IncrementalPotential):
+    """The same stage where R, and with it the mass, depends on the pose.
+
+    Forces of inertia, m (u(w) - u)/s in the coordinates of the end, and of damping then have no
+    potential. Between two iterates they are those of the quadratic d' (M/s^2 + D/s) d/2 - c . d, with
+    the mass M at the last iterate and c such that its gradient there is exact: a line search then lowers
+    a potential, and what the iteration brings to zero is the exact residual. Parameters: as of
+    `IncrementalPotential`.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        base: Pose,
+        u: Array,
+        control: Control,
+        s: float,
+        D: Matrix,
+        work: Workspace,
+    ) -> None:
+        super().__init__(system, base, u, control, s, D, work)
+        self._at, self._pull = base, np.zeros(system.pattern.n)
+
+    def point(self, d: Array, here: Evaluation | None = None) -> Point:
+        """Evaluate the model of the potential, and its exact gradient."""
+        kinematics, pose = self.system.kinematics, self.pose(d)
+        if here is None:
+            here = self._evaluate(pose)
+        force = self._resistance(d, pose) - kinematics.generalised_force(here.f, pose)
+        return Point(d, kinematics.gradient(force, d), self._phi(d, here), here)
+
+    def _resistance(self, d: Array, pose: Pose) -> Array:
+        """Forces of inertia and damping."""
+        kinematics, w = self.system.kinematics, d / self._s
+        u = kinematics.inertial(w, pose) - self._u
+        return kinematics.momentum(u, pose) / self._s + self._D.force(w)
+
+    def _quadratic(self, d: Array) -> Array:
+        mass = self.system.kinematics.apply_mass(d, self._at) / self.scale
+        return mass + self._D.times(d) / self._s
+
+    def _phi(self, d: Array, here: Evaluation) -> float:
+        return 0.5 * dot(d, self._quadratic(d)) - dot(self._pull, d) + here.energy
+
+    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
+        """As `BySecants.direction`, with the quadratic of this iterate."""
+        kinematics, d = self.system.kinematics, point.d
+        self._at = self.pose(d)
+        exact = kinematics.gradient(self._resistance(d, self._at), d)
+        self._pull = self._quadratic(d) - exact
+        return super().direction(replace(point, phi=self._phi(d, point.here)), work)
+
+    def inertial_guess(self) -> Array:
+        """Motion of the momentum of the base."""
+        kinematics, base = self.system.kinematics, self.base
+        u = self._u - kinematics.inertial(np.zeros(self.system.pattern.n), base)
+        return self._s * kinematics.solve_mass(kinematics.momentum(u, base), base)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sim.errors import SceneError
 from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.newton import Iteration, Point, Tolerances, minimise
 from sim.integrators.workspace import Workspace
@@ -40,6 +41,10 @@ class Iterative:
 
         Factors belong to this integrator and s, its implicit part of a step [s].
         """
+        if system.rows is not None:
+            raise SceneError(
+                f"{type(self).__name__} does not hold joints: use LinearlyImplicitEuler or RungeKutta4"
+            )
         tolerances = Tolerances(
             self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
         )

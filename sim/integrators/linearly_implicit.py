@@ -9,6 +9,7 @@ from sim.errors import InvertedElement
 from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_upright
 from sim.integrators.estimate import relaxed
+from sim.integrators.held import held_solution
 from sim.integrators.workspace import Solution, Workspace
 from sim.linear import NotReached
 from sim.matrix import Matrix
@@ -65,10 +66,13 @@ def predicted_pose(system: System, state: State, h: float) -> Pose:
 
 
 def momentum_at(system: System, state: State, predicted: Pose) -> Array:
-    """Momentum (n,) of a state in the coordinates of the predicted pose."""
+    """Momentum (n,) of a state in coordinates of the predicted pose, less what is prescribed there."""
     kinematics = system.kinematics
     w = kinematics.velocities(state)
-    return kinematics.momentum(kinematics.inertial(w, state.pose), predicted)
+    u = kinematics.inertial(w, state.pose)
+    if kinematics.matrix_varies:
+        u = u - kinematics.inertial(np.zeros_like(w), predicted)
+    return kinematics.momentum(u, predicted)
 
 
 Equation = Callable[[System], LinearStep]
@@ -133,6 +137,12 @@ def linear_step(
         touched = LinearContact(system, state, equation, h, work).solve()
         v1, pose = touched.w, replace(pose0, q=touched.q, t=t1)
         found = Solution(v1, touched.solutions, touched.factorisations, touched.definite)
+    elif system.rows is not None:
+        start, now = work.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
+        limit = error / (moves * h)
+        found, _ = held_solution(system, system.rows, A, rhs, start, now, h, limit, work)
+        pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * found.x), t1)
+        pose, v1 = system.rows.projected(pose, found.x)
     elif conditions is None:
         start = work.extrapolated(state.t, h, v0)
         found = work.solve_any(A, rhs, start, error / (moves * h))
@@ -202,8 +212,8 @@ def _estimate(
             at_start = system.force(state.q, line.at(0.0))
         at_end = system.force(end.q, line.at(1.0))
     inertia = kinematics.momentum(kinematics.inertial(w1, end) - kinematics.inertial(w0, pose), end)
-    gained = inertia - h * (kinematics.generalised_force(at_start.f, pose) - D.times(w0))
-    unbalanced = h * (kinematics.generalised_force(at_end.f, end) - D.times(w1)) - inertia
+    gained = inertia - h * (kinematics.generalised_force(at_start.f, pose) - D.force(w0))
+    unbalanced = h * (kinematics.generalised_force(at_end.f, end) - D.force(w1)) - inertia
     return relaxed(system, error, 0.5 * gained - unbalanced, D, h, found.roughly, end)
 
 

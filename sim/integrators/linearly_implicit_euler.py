@@ -57,12 +57,14 @@ class LinearlyImplicitEuler:
 
         def equation(system: System) -> LinearStep:
             with work.timed("tangent"):
-                here, K = system.tangent(state.q, at_end)
-                D = system.damping_matrix(state.pose, at_end, K)
+                pose = system.kinematics.at(state.pose, at_end.t)
+                here, K = system.tangent(pose.q, at_end)
+                D = system.damping_matrix(pose, at_end, K)
                 predicted = predicted_pose(system, state, h)
-                A = system.implicit_matrix(state.pose, here, K, D, h, h * h, predicted)
+                A = system.implicit_matrix(pose, here, K, D, h, h * h, predicted)
             require_upright(here.element, here.smallest_J, state.t)
-            Q = system.kinematics.generalised_force(here.f, state.pose)
+            Q = system.kinematics.generalised_force(here.f, pose)
+            Q = Q if D.offset is None else Q - D.offset
             rhs = momentum_at(system, state, predicted) + h * Q
             return LinearStep(A, rhs, 1.0, Missed(line, D, here))
 

@@ -47,16 +47,18 @@ class LinearlyImplicitTrapezoidal:
 
         def equation(system: System) -> LinearStep:
             with work.timed("tangent"):
-                here, K = system.tangent(state.q, at_end)
-                D = system.damping_matrix(state.pose, at_end, K)
+                pose = system.kinematics.at(state.pose, at_end.t)
+                here, K = system.tangent(pose.q, at_end)
+                D = system.damping_matrix(pose, at_end, K)
                 predicted = predicted_pose(system, state, h)
-                A = system.implicit_matrix(state.pose, here, K, D, 0.5 * h, 0.25 * h * h, predicted)
+                A = system.implicit_matrix(pose, here, K, D, 0.5 * h, 0.25 * h * h, predicted)
             require_upright(here.element, here.smallest_J, state.t)
             kinematics = system.kinematics
             w0 = kinematics.velocities(state)
             # (M - h/2 D - h^2/4 K) w0 is twice the mass less the matrix
             momentum = momentum_at(system, state, predicted) + kinematics.apply_mass(w0, predicted)
-            Q = kinematics.generalised_force(here.f, state.pose)
+            Q = kinematics.generalised_force(here.f, pose)
+            Q = Q if D.offset is None else Q - D.offset
             rhs = momentum - A.times(w0) + h * Q
             return LinearStep(A, rhs, 0.5)
 

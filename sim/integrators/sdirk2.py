@@ -74,7 +74,7 @@ class Sdirk2(Converged):
             at_start = system.during(state, 0.0).force(state.q, line.at(0.0))
         u2 = kinematics.inertial(end.w, end.pose)
         rates = (
-            kinematics.generalised_force(at_start.f, state.pose) - D.times(w0),
+            kinematics.generalised_force(at_start.f, state.pose) - D.force(w0),
             kinematics.momentum(u1 - u0, first.pose) / s,
             kinematics.momentum(u2 - u, end.pose) / s,
         )

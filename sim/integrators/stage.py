@@ -9,7 +9,7 @@ import numpy as np
 from sim.contact.step import ContactStep
 from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.estimate import relaxed
-from sim.integrators.incremental import IncrementalPotential
+from sim.integrators.incremental import IncrementalPotential, VaryingInertia
 from sim.integrators.iterative import Iterative
 from sim.integrators.newton import Iteration
 from sim.integrators.workspace import Workspace
@@ -71,12 +71,13 @@ class Converged(Iterative):
         here: Evaluation | None = None,
     ) -> Solved:
         """Solve a stage; `here` is the evaluation at the state's positions under its control."""
-        phi = IncrementalPotential(
-            system, stage.base, stage.u, stage.control, stage.s, stage.D, work
-        )
+        varies = system.kinematics.matrix_varies
+        made = VaryingInertia if varies else IncrementalPotential
+        phi = made(system, stage.base, stage.u, stage.control, stage.s, stage.D, work)
         settle = self._minimiser(system, work, stage.s, stage.t)
         q0 = system.carried(state, stage.control)
-        start = phi.start(q0, here if q0 is state.q else None)
+        known = here if q0 is state.q and not varies else None
+        start = phi.start(replace(state.pose, q=q0), known)
 
         if system.contact is None:
             end, went = settle(phi, start)

@@ -53,7 +53,7 @@ class Static(Iterative):
         system = work.form(system).during(state, math.inf)
         energy = _Energy(system, state, control(state.t + h), work)
         q0 = system.carried(state, control(state.t + h))
-        start = energy.point(energy.coordinates(q0))
+        start = energy.point(energy.coordinates(replace(state.pose, q=q0)))
         require_upright(start.here.element, start.here.smallest_J, state.t)
         until, memory = state.t + h, dict[str, Array]()
         settle = self._minimiser(system, work, 0.0, until)
@@ -90,7 +90,9 @@ class _Energy(PotentialOfMoves):
         """Evaluate E and its gradient."""
         pose = self.pose(d)
         here = self._evaluate(pose)
-        return Point(d, -self.system.kinematics.generalised_force(here.f, pose), here.energy, here)
+        kinematics = self.system.kinematics
+        g = kinematics.gradient(-kinematics.generalised_force(here.f, pose), d)
+        return Point(d, g, here.energy, here)
 
     def matrix(self, d: Array) -> Matrix:
         """Second derivative K at d."""

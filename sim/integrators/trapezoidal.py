@@ -42,7 +42,7 @@ class Trapezoidal(Converged):
             D = middle_damping(over, state, line, h)
         kinematics = system.kinematics
         w0 = kinematics.velocities(state)
-        Q0 = kinematics.generalised_force(here.f, state.pose) - D.times(w0)
+        Q0 = kinematics.generalised_force(here.f, state.pose) - D.force(w0)
         base = kinematics.advance(state.pose, half * w0, state.t + half)
         u0 = kinematics.inertial(w0, state.pose)
         u = kinematics.kicked(u0, half * Q0, half, state)

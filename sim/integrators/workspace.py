@@ -23,7 +23,7 @@ from sim.linear import (
 from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.linear.saddle import Saddle
 from sim.matrix import Matrix
-from sim.pattern import Sparsity
+from sim.pattern import Index, Sparsity
 from sim.state import Array, State
 from sim.system import System
 
@@ -96,6 +96,7 @@ class Workspace:
         self._compliance_by: int | None = None
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
+        self._columns: tuple[Array | None, Array] | None = None
         self.factor_of: tuple[str, float] | None = None
         """Integrator and step of the latest factor."""
         self.factor_number = 0
@@ -310,6 +311,15 @@ class Workspace:
             return Solution(x, *counts, done.definite, done.roughly)
         solve, definite = self.solver_of(A.values)
         return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve)
+
+    def columns(self, of: Index, solve: Callable[[Array], Array]) -> Array:
+        """Solutions (k, n) for unit vectors as `Solution.roughly` gives them, kept with a factor."""
+        made_of = self.linear.factored if isinstance(self.linear, ReusedFactor) else None
+        if self._columns is None or made_of is None or self._columns[0] is not made_of:
+            unit = np.zeros((len(of), self._pattern.n))
+            unit[np.arange(len(of)), of] = 1.0
+            self._columns = made_of, np.array([solve(e) for e in unit])
+        return self._columns[1]
 
     def extrapolated(self, t: float, h: float, v: Array) -> Array:
         """Initial guess of the velocities at t + h from those at t.

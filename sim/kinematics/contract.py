@@ -7,8 +7,15 @@ independent velocities w: those of free nodes and of bodies. R is used only in a
 from collections.abc import Mapping
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from sim.matrix import Product
 from sim.pattern import Sparsity
 from sim.state import Array, Pose, State
+
+Index = NDArray[np.int64]
 
 
 class Kinematics(Protocol):
@@ -36,6 +43,11 @@ class Kinematics(Protocol):
         """True if R depends on the pose."""
         ...
 
+    @property
+    def rest_frames(self) -> Array:
+        """Frames (n_bodies, 7) at rest."""
+        ...
+
     def velocities(self, state: State) -> Array:
         """Independent velocities w (n,) of a state."""
         ...
@@ -52,6 +64,10 @@ class Kinematics(Protocol):
         """Pose at time t after the motion d (n,): nodes add, bodies turn by the exponential map."""
         ...
 
+    def at(self, pose: Pose, t: float) -> Pose:
+        """Pose with what is prescribed moved to a time [s]."""
+        ...
+
     def between(self, start: Pose, end: Pose) -> Array:
         """Motion d (n,) that advances one pose to another."""
         ...
@@ -60,12 +76,28 @@ class Kinematics(Protocol):
         """Rate dd/dt (n,) of a motion d since some pose by velocities w: w but for rotations."""
         ...
 
+    def gradient(self, g: Array, d: Array) -> Array:
+        """Derivative by a motion d of an energy with generalised gradient g: g but for rotations."""
+        ...
+
+    def add_damping(self, values: Array) -> None:
+        """Add the damping of bodies against space to values on `pattern`."""
+        ...
+
     def generalised_force(self, f: Array, pose: Pose) -> Array:
         """R'f (n,) of forces on points (n_points, 3) [N]."""
         ...
 
     def generalised_matrix(self, K: Array, f: Array | None, pose: Pose) -> Array:
         """Values of R'K R - dR'f on `pattern`, from values K on the pattern of the points."""
+        ...
+
+    def product(self, part: Product, pose: Pose) -> Product:
+        """A product over the components of points as one over w."""
+        ...
+
+    def drift(self, pose: Pose, t: float) -> Array | None:
+        """Velocities gamma (n_points, 3) by what is prescribed at a time, None where nothing is."""
         ...
 
     def inertial(self, w: Array, pose: Pose) -> Array:
@@ -81,11 +113,27 @@ class Kinematics(Protocol):
         ...
 
     def solve_mass(self, p: Array, pose: Pose) -> Array:
-        """Solution w (n,) of M(q) w = p."""
+        """Solution w of M(q) w = p, each (n,) or (n, k)."""
         ...
 
     def add_mass(self, values: Array, pose: Pose) -> None:
         """Add M(q) to values on `pattern`."""
+        ...
+
+    def kinetic_energy(self, state: State) -> float:
+        """Kinetic energy [J] of the bodies, besides that of the masses of points."""
+        ...
+
+    def matrix(self, pose: Pose) -> csr_array:
+        """R (3 n_points, n) at a pose."""
+        ...
+
+    def body_columns(self, n_bodies: int) -> Index:
+        """First velocity of every body, -1 where it is not free, and -1 once more for space."""
+        ...
+
+    def prescribed_twists(self, t: float) -> Array:
+        """Twists (n_bodies, 6) of prescribed bodies at a time, zero of others."""
         ...
 
     def inertial_force(self, state: State) -> Array:

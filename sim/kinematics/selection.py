@@ -1,11 +1,13 @@
 """Kinematics of meshes whose nodes are free or fixed: R selects unknowns and is constant."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from sim.pattern import SymmetricPattern
+from sim.matrix import Product
+from sim.pattern import Index, SymmetricPattern
 from sim.state import Array, Pose, State
 
 
@@ -22,6 +24,7 @@ class Selection:
     pattern: SymmetricPattern
     mass: Array
     matrix_varies = False
+    rest_frames: Array = field(default_factory=lambda: np.zeros((0, 7)))
 
     def velocities(self, state: State) -> Array:
         """Free components of the nodal velocities."""
@@ -43,6 +46,10 @@ class Selection:
         q.reshape(-1)[self.pattern.free] += d
         return replace(pose, q=q, t=t)
 
+    def at(self, pose: Pose, t: float) -> Pose:
+        """The pose: nothing is prescribed."""
+        return pose
+
     def between(self, start: Pose, end: Pose) -> Array:
         """Difference of the free components."""
         return self._of(end.q) - self._of(start.q)
@@ -51,6 +58,13 @@ class Selection:
         """The velocities."""
         return w
 
+    def gradient(self, g: Array, d: Array) -> Array:
+        """The gradient."""
+        return g
+
+    def add_damping(self, values: Array) -> None:
+        """Nothing to add."""
+
     def generalised_force(self, f: Array, pose: Pose) -> Array:
         """Free components of nodal forces."""
         return self._of(f)
@@ -58,6 +72,14 @@ class Selection:
     def generalised_matrix(self, K: Array, f: Array | None, pose: Pose) -> Array:
         """K itself, which is assembled over the free components."""
         return K
+
+    def product(self, part: Product, pose: Pose) -> Product:
+        """The product itself."""
+        return part
+
+    def drift(self, pose: Pose, t: float) -> Array | None:
+        """None: nothing is prescribed."""
+        return None
 
     def inertial(self, w: Array, pose: Pose) -> Array:
         """The velocities."""
@@ -73,11 +95,29 @@ class Selection:
 
     def solve_mass(self, p: Array, pose: Pose) -> Array:
         """Quotient by the diagonal mass."""
-        return p / self.mass
+        return (p.T / self.mass).T
 
     def add_mass(self, values: Array, pose: Pose) -> None:
         """Add the mass to the diagonal."""
         values[self.pattern.diagonal] += self.mass
+
+    def kinetic_energy(self, state: State) -> float:
+        """None: there are no bodies."""
+        return 0.0
+
+    def matrix(self, pose: Pose) -> csr_array:
+        """Unit vectors of the free components."""
+        free, n = self.pattern.free, self.pattern.n
+        place = free, np.arange(n)
+        return csr_array((np.ones(n), place), shape=(3 * self.pattern.n_nodes, n))
+
+    def body_columns(self, n_bodies: int) -> Index:
+        """No body."""
+        return np.array([-1], dtype=np.int64)
+
+    def prescribed_twists(self, t: float) -> Array:
+        """None."""
+        return np.zeros((0, 6))
 
     def inertial_force(self, state: State) -> Array:
         """None, since R is constant."""

@@ -90,6 +90,11 @@ class ReusedFactor:
         self._pattern = pattern
         self.factor.analyse(pattern)
 
+    @property
+    def factored(self) -> Array | None:
+        """Values of the matrix behind the factor at hand, None without one."""
+        return None if self._active is None else self._factored
+
     def forget(self) -> None:
         """Discard the factor."""
         self._active = None

@@ -68,6 +68,8 @@ class LineMuscles:
     law : LineLaw, or one per name.
     stiffness : float
         Of a passive spring along every fibre [N/m]; it also resists shortening.
+    damping : float
+        Of a damper along every fibre, force by its rate of lengthening [N s/m].
     tolerance : float
         How far outside the mesh an embedded point may lie, as `sim.embedding.embed`.
 
@@ -89,6 +91,7 @@ class LineMuscles:
     fibres: Sequence[LineFibre]
     law: LineLaw | Sequence[LineLaw] = field(default_factory=ConstantForce)
     stiffness: float = 0.0
+    damping: float = 0.0
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
@@ -103,8 +106,10 @@ class LineMuscles:
             )
         if isinstance(self.law, Sequence) and len(self.law) != len(self.names):
             raise SceneError(f"{len(self.law)} line laws for {len(self.names)} muscles")
-        if not 0.0 <= self.stiffness < np.inf:
-            raise SceneError(f"LineMuscles: stiffness = {self.stiffness!r} N/m, expected >= 0")
+        for name, unit in (("stiffness", "N/m"), ("damping", "N s/m")):
+            value = getattr(self, name)
+            if not 0.0 <= value < np.inf:
+                raise SceneError(f"LineMuscles: {name} = {value!r} {unit}, expected >= 0")
 
     def laws(self) -> tuple[LineLaw, ...]:
         """One law per name."""
@@ -123,7 +128,7 @@ class LineMuscles:
 
     def compile(self, layout: Layout) -> "CompiledLineMuscles":
         """Lay out segments and the map from them to the matrix."""
-        return CompiledLineMuscles(self, layout)
+        return (DampedLineMuscles if self.damping else CompiledLineMuscles)(self, layout)
 
 
 class _Strands:
@@ -158,7 +163,8 @@ class _Strands:
             )
         laws = term.laws()
         coupled = np.array(
-            [laws[f.muscle].has_slope or term.stiffness > 0.0 for f in term.fibres], dtype=bool
+            [laws[f.muscle].has_slope or term.stiffness + term.damping > 0.0 for f in term.fibres],
+            dtype=bool,
         )
         own = np.arange(n)
         later = [
@@ -211,7 +217,7 @@ class CompiledLineMuscles:
         self._D, self._Dt = strands.D, strands.D.T.tocsr()
         self._fibre, self._n_fibres = strands.fibre, len(term.fibres)
         self._first, self._second = strands.first, strands.second
-        self._stiffness = term.stiffness
+        self._stiffness, self._damping = term.stiffness, term.damping
         self._share = np.array([fibre.share for fibre in term.fibres])
         muscle = np.array([fibre.muscle for fibre in term.fibres])
         self._muscle = np.array([layout.muscles.index(name) for name in term.names])[muscle]
@@ -277,6 +283,17 @@ class CompiledLineMuscles:
         blocks[own] += across * (np.eye(3) - direction[:, :, None] * direction[:, None, :])
         K[self._entries] += _product(self._spread, blocks.ravel())
         return Contribution(energy)
+
+
+class DampedLineMuscles(CompiledLineMuscles):
+    """Line muscles with dampers, f = -d (dL/dq)' dL/dt along every fibre."""
+
+    def add_damping(self, q: Array, control: Control, D: Array) -> None:
+        """D += d (dL/dq)' dL/dq."""
+        _, direction, _ = self._lengths(q)
+        s, t = self._first, self._second
+        blocks = self._damping * direction[s][:, :, None] * direction[t][:, None, :]
+        D[self._entries] += _product(self._spread, blocks.ravel())
 
 
 def _placed(fibre: LineFibre, mesh: Mesh, tolerance: float) -> tuple[Index, Array]:

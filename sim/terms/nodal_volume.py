@@ -117,6 +117,8 @@ class _NodalPressures:
 
         share = self._volumes.rest[element, point]
         self._rest: Array = np.bincount(owner, share, mesh.n_nodes).astype(np.float64)
+        tissue = self._rest > 0.0  # not the points of bodies
+        self._rest[~tissue] = 1.0
         kappa = kappa_by_element(term.kappa, mesh)
         self._kappa: Array = np.full(mesh.n_nodes, kappa[0])
         if np.ptp(kappa) > 0.0:
@@ -124,7 +126,7 @@ class _NodalPressures:
             self._kappa = np.bincount(owner, own, mesh.n_nodes).astype(np.float64) / self._rest
         moves = np.zeros(mesh.n_nodes, dtype=bool)
         moves[pattern.free // 3] = True
-        self._counts = np.ones(mesh.n_nodes) if term.at_fixed else moves.astype(np.float64)
+        self._counts = (tissue if term.at_fixed else tissue & moves).astype(np.float64)
         self._stiffness = self._counts * self._kappa / self._rest
         self._nodal = np.empty(mesh.n_nodes)
         self._g = np.empty((len(self._star), 3))

@@ -207,7 +207,7 @@ def test_a_state_of_another_scene_or_solver_brings_no_solver_memory():
 
 
 def test_a_file_that_is_no_state_is_refused(tmp_path):
-    with pytest.raises(sim.SceneError, match=r"none\.nc is no file"):
+    with pytest.raises(sim.SceneError, match=r"none\.nc is not a file"):
         sim.read_state(tmp_path / "none.nc")
     path = tmp_path / "text.nc"
     path.write_text("no netCDF")

@@ -1,0 +1,37 @@
+"""The congruence R'KR of a symmetric matrix on fixed patterns."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels.options import kernel
+
+Array = NDArray[np.float64]
+Places = NDArray[np.int32]
+
+
+@kernel
+def congruence(
+    K: Array,
+    R: Array,
+    place: Places,
+    entry: Places,
+    target: Places,
+    left: Places,
+    right: Places,
+    out: Array,
+) -> None:
+    """Add R'KR to `out`: entries that are kept as they are, and products left K right.
+
+    Parameters
+    ----------
+    K : values of the upper triangle over points.
+    R : values of R.
+    place : where each entry of K goes as it is, -1 where R is not one there.
+    entry, target, left, right : of every product R[left] K[entry] R[right] the place in K, in `out` and
+        in R.
+    """
+    for e in range(len(place)):
+        if place[e] >= 0:
+            out[place[e]] += K[e]
+    for k in range(len(entry)):
+        out[target[k]] += R[left[k]] * K[entry[k]] * R[right[k]]

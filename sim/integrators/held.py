@@ -1,0 +1,106 @@
+"""Linearly implicit and explicit steps under the rows of joints, by their Schur complement."""
+
+import numpy as np
+
+from sim.errors import NotConverged, SceneError
+from sim.integrators.workspace import Solution, Workspace
+from sim.joints.compiled import Rows
+from sim.matrix import Matrix
+from sim.state import Array, Pose, State
+from sim.system import System
+
+LIMIT = 40
+"""Refinements of a solution by an older factor."""
+
+BESIDE = 1e-5
+"""Time between the poses whose difference tells how rows turn [s]."""
+
+
+def held_solution(
+    system: System,
+    rows: Rows,
+    A: Matrix,
+    rhs: Array,
+    start: Array,
+    pose: Pose,
+    h: float,
+    error: float,
+    work: Workspace,
+) -> tuple[Solution, Array]:
+    """Velocities of A w = rhs + h G'f with the forces f of rows, and f.
+
+    Rigid rows hold for the velocities, G w = -drift; with a time a = h + damping time yielding ones
+    are c + a (G w + drift) + compliance f = 0, and inequalities c + h (G w + drift) >= 0. S = h G X G'
+    with X = A^-1 E of the velocities that rows act on is their Delassus matrix. An older factor refines
+    the solution: what it leaves of A w - h G'f is solved for again under the rows.
+
+    Raises
+    ------
+    NotConverged
+        The refinement did not settle.
+    SingularSystem
+        The matrix could not be factorised.
+    """
+    now, columns = rows.evaluate(pose), rows.columns
+    found = work.solve_any(A, rhs, start, error)
+    solve = found.roughly
+    assert solve is not None  # `solve_any` tells it
+    X = work.columns(columns, solve)
+    time = np.where(rows.unilateral, h, h + rows.damping_time)
+    S = h * now.G @ X[:, columns] @ now.G.T
+    S[np.diag_indices_from(S)] += rows.compliance / time
+    target = now.drift + np.where(rows.rigid, 0.0, now.c / time)
+    before = np.zeros(len(target))
+
+    def with_rows(free: Array) -> tuple[Array, Array]:
+        f = rows.forces(S, now.G @ free[columns] + target, before)
+        return free + h * (now.G.T @ f) @ X, f
+
+    w, f = with_rows(found.x)
+    solutions = found.iterations
+    for _ in range(LIMIT):
+        left = rhs - A.times(w)
+        left[columns] += h * (now.G.T @ f)
+        change = solve(left)
+        free = w + change - h * (now.G.T @ f) @ X
+        before = f
+        new, f = with_rows(free)
+        moved, w, solutions = float(np.abs(new - w).max()), new, solutions + 1
+        if moved <= error:
+            break
+    else:
+        raise NotConverged((), pose.t, "the solution under joints does not settle")
+
+    def roughly(r: Array) -> Array:
+        x = solve(r)
+        on = ~rows.unilateral | (f > 0.0)
+        G, held = now.G[on], S[np.ix_(on, on)]
+        return x - h * (G.T @ np.linalg.solve(held, G @ x[columns])) @ X if on.any() else x
+
+    return Solution(w, solutions, found.factorisations, found.definite, roughly), f
+
+
+def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> Array:
+    """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, from those without rows.
+
+    Raises
+    ------
+    SceneError
+        A row yields or is an inequality.
+    """
+    if not rows.rigid.all():
+        raise SceneError(
+            "an explicit integrator holds rigid joints alone: use LinearlyImplicitEuler for limits and "
+            "joints with compliance"
+        )
+    kinematics, pose, columns = system.kinematics, state.pose, rows.columns
+    w = kinematics.velocities(state)
+
+    def rate(after: float) -> Array:
+        now = rows.evaluate(kinematics.advance(pose, after * w, pose.t + after))
+        return now.G @ w[columns] + now.drift
+
+    G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
+    turning = (rate(BESIDE) - rate(-BESIDE)) / (2.0 * BESIDE)
+    f = np.linalg.solve(G @ X[columns] @ G.T, -(G @ a[columns] + turning))
+    return a + X @ (G.T @ f)

@@ -1,0 +1,30 @@
+"""Joints: rows over the velocities of bodies and points, bilateral or unilateral, rigid or yielding."""
+
+from sim.joints.contract import Joint, Row
+from sim.joints.joints import (
+    JOINTS,
+    Cylindrical,
+    Limit,
+    Planar,
+    PointOnCurve,
+    PointOnPlane,
+    Prismatic,
+    Revolute,
+    Spherical,
+    Weld,
+)
+
+__all__ = [
+    "JOINTS",
+    "Cylindrical",
+    "Joint",
+    "Limit",
+    "Planar",
+    "PointOnCurve",
+    "PointOnPlane",
+    "Prismatic",
+    "Revolute",
+    "Row",
+    "Spherical",
+    "Weld",
+]

@@ -1,0 +1,205 @@
+"""Rows of all joints of a scene: values, derivatives by velocities, forces from the Schur complement."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels.joints import RowTable, evaluate_rows
+from sim.contact.pushes import pushes
+from sim.errors import SceneError
+from sim.joints.contract import Joint, Row, number_of
+from sim.kinematics import Kinematics
+from sim.state import Array, Pose
+
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+REDUNDANT = 1e-9
+"""Share of its own mobility 1/m that a row must keep beside the rows before it."""
+
+PROJECTIONS, DRIFT = 5, 1e-13
+"""Most projections of positions after a step, and what they leave [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowValues:
+    """Rows at a pose.
+
+    Attributes
+    ----------
+    c : (m,) values [m or rad].
+    G : (m, k) derivatives by the velocities of `Rows.columns`.
+    drift : (m,) rates by what is prescribed.
+    """
+
+    c: Array
+    G: Array
+    drift: Array
+
+
+class Rows:
+    """Rows laid out for a scene.
+
+    Parameters
+    ----------
+    joints : sequence of Joint
+    bodies : numbers of bodies by name.
+    kinematics : Kinematics
+    rest : Pose
+
+    Attributes
+    ----------
+    names : of the rows.
+    columns : (k,) velocities that any row acts on.
+    unilateral : (m,) whether a row is an inequality.
+    rigid : (m,) whether it is an equation without compliance.
+    compliance, damping_time : (m,)
+
+    Raises
+    ------
+    SceneError
+        A body does not exist, a row acts on nothing that moves, or a rigid row repeats others.
+    """
+
+    def __init__(
+        self, joints: Sequence[Joint], bodies: Mapping[str, int], kinematics: Kinematics, rest: Pose
+    ) -> None:
+        rows = [row for joint in joints for row in joint.rows()]
+        self.names = tuple(row.name for row in rows)
+        self._kinematics, self._table = kinematics, _table(rows, bodies, rest)
+        self.unilateral: Flags = np.array([row.unilateral for row in rows], dtype=bool)
+        self.compliance = np.array([row.compliance for row in rows])
+        self.damping_time = np.array([row.damping_time for row in rows])
+        self.rigid: Flags = ~self.unilateral & (self.compliance == 0.0)
+        self._number = kinematics.body_columns(len(rest.frames))
+        points = np.unique(self._table.point[self._table.point >= 0])
+        R = kinematics.matrix(rest)[(3 * points[:, None] + np.arange(3)).ravel()]
+        touched = np.zeros(kinematics.pattern.n, dtype=bool)
+        touched[R.indices] = True
+        for side in (self._table.body_a, self._table.body_b):
+            first = self._number[side]
+            touched[(first[first >= 0][:, None] + np.arange(6)).ravel()] = True
+        self.columns: Index = np.flatnonzero(touched)
+        self._require_independent(rest)
+
+    def evaluate(self, pose: Pose) -> RowValues:
+        """Values and derivatives at a pose."""
+        m, table, kinematics = len(self.names), self._table, self._kinematics
+        c, JA, JB, JP = np.empty(m), np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 3))
+        evaluate_rows(table, pose.frames, pose.q, c, JA, JB, JP)
+        G, drift = np.zeros((m, len(self.columns))), np.zeros(m)
+        own = np.arange(m)
+        for side, J in ((table.body_a, JA), (table.body_b, JB)):
+            first = self._number[side]
+            k = np.flatnonzero(first >= 0)
+            place = np.searchsorted(self.columns, first[k])[:, None] + np.arange(6)
+            G[own[k, None], place] += J[k]
+        held = np.flatnonzero(table.point >= 0)
+        if len(held):
+            R = kinematics.matrix(pose)
+            for k in held.tolist():
+                part = R[3 * table.point[k] : 3 * table.point[k] + 3]
+                G[k] += JP[k] @ part[:, self.columns].toarray()
+        moved = kinematics.drift(pose, pose.t)
+        if moved is not None:
+            twists = kinematics.prescribed_twists(pose.t)
+            for side, J in ((table.body_a, JA), (table.body_b, JB)):
+                k = np.flatnonzero(side >= 0)
+                drift[k] += (J[k] * twists[side[k]]).sum(axis=1)
+            drift[held] += (JP[held] * moved[table.point[held]]).sum(axis=1)
+        return RowValues(c, G, drift)
+
+    def forces(self, S: Array, r: Array, before: Array) -> Array:
+        """Forces (m,) with S f + r = 0, for inequalities 0 <= f and S f + r >= 0, one of them zero.
+
+        Bilateral rows are eliminated, which leaves a linear complementarity problem of the others.
+        """
+        b, u = np.flatnonzero(~self.unilateral), np.flatnonzero(self.unilateral)
+        f = np.zeros(len(r))
+        if not len(u):
+            return np.linalg.solve(S, -r)
+        Sbu, found = S[b[:, None], u], np.zeros((len(b), len(u) + 1))
+        if len(b):
+            found = np.linalg.solve(S[b[:, None], b], np.column_stack([Sbu, r[b]]))
+        W = S[u[:, None], u] - Sbu.T @ found[:, :-1]
+        f[u] = pushes(W, r[u] - Sbu.T @ found[:, -1], before[u] > 0.0)
+        f[b] = -found[:, -1] - found[:, :-1] @ f[u]
+        return f
+
+    def inverse_mass(self, pose: Pose) -> Array:
+        """Solutions (n, k) of M x = e for the velocities of `columns`."""
+        unit = np.zeros((self._kinematics.pattern.n, len(self.columns)))
+        unit[self.columns, np.arange(len(self.columns))] = 1.0
+        return self._kinematics.solve_mass(unit, pose)
+
+    def projected(self, pose: Pose, w: Array) -> tuple[Pose, Array]:
+        """Pose and velocities brought back to the rows, by the least change in the norm of the mass."""
+        X = self.inverse_mass(pose)
+        for _ in range(PROJECTIONS):
+            now = self.evaluate(pose)
+            on = self.rigid | (self.unilateral & (now.c < -DRIFT))
+            if not np.abs(now.c[on]).max(initial=0.0) > DRIFT:
+                break
+            back = X @ _least(now.G[on], X[self.columns], -now.c[on])
+            pose = self._kinematics.advance(pose, back, pose.t)
+        now = self.evaluate(pose)
+        G, rate = now.G[self.rigid], (now.G @ w[self.columns] + now.drift)[self.rigid]
+        return pose, w + X @ _least(G, X[self.columns], -rate)
+
+    def _require_independent(self, rest: Pose) -> None:
+        if not self.names:
+            return
+        G, X = self.evaluate(rest).G, self.inverse_mass(rest)[self.columns]
+        S, left = G @ X @ G.T, list[int]()
+        for k in np.flatnonzero(self.rigid).tolist():
+            own = S[k, k]
+            if left and own > 0.0:
+                others = S[np.ix_(left, left)]
+                own -= S[k, left] @ np.linalg.solve(others, S[left, k])
+            if not own > REDUNDANT * S[k, k]:
+                why = (
+                    "acts on nothing that moves" if not S[k, k] > 0.0 else "repeats rows before it"
+                )
+                raise SceneError(
+                    f"joint row {self.names[k]!r} {why}: leave it out or give the joint a compliance"
+                )
+            left.append(k)
+
+
+def _least(G: Array, X: Array, wanted: Array) -> Array:
+    """Impulses G'f (k,) that change the rows as wanted."""
+    return G.T @ np.linalg.solve(G @ X @ G.T, wanted) if len(G) else np.zeros(len(X))
+
+
+def _table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> RowTable:
+    a = [number_of(row.body_a, bodies, row.name) for row in rows]
+    b = [number_of(row.body_b, bodies, row.name) for row in rows]
+    for row in rows:
+        if row.point >= len(rest.q):
+            raise SceneError(f"joint row {row.name} names point {row.point} of {len(rest.q)}")
+
+    def origins(of: list[int]) -> Array:
+        centres = np.vstack([rest.frames[:, :3], np.zeros(3)])
+        return np.array([row.origin - centres[k] for row, k in zip(rows, of, strict=True)])
+
+    def whole(values: list[int]) -> Index:
+        return np.array(values, dtype=np.int64)
+
+    axes = np.array([row.axes for row in rows], dtype=np.float64).reshape(-1, 3, 3)
+    return RowTable(
+        whole([row.kind for row in rows]),
+        whole(a),
+        whole(b),
+        whole([row.point for row in rows]),
+        whole([row.i for row in rows]),
+        whole([row.j for row in rows]),
+        np.array([row.sign for row in rows]),
+        np.array([row.offset for row in rows]),
+        origins(a).reshape(-1, 3),
+        axes,
+        origins(b).reshape(-1, 3),
+        axes,
+        np.array([row.curve for row in rows]).reshape(-1, 6),
+    )

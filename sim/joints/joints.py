@@ -1,0 +1,278 @@
+"""Joints of two bodies, points on surfaces, and limits."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels.joints import ALIGNED, ANGLE, CURVE, TRAVEL
+from sim.errors import SceneError
+from sim.joints.contract import Array, Joint, Row, unit_axes
+
+_AXES = "xyz"
+_PAIRS = ((1, 2), (0, 2), (0, 1))
+"""Axes of A and B that stay perpendicular where the rotation about x, y, z is locked."""
+
+
+@dataclass(frozen=True, eq=False)
+class _BodyJoint:
+    """Two bodies with frames that coincide at rest.
+
+    Attributes
+    ----------
+    name : str
+    a, b : str or None
+        Bodies; None is space.
+    origin : (3,) of the joint at rest [m].
+    axis : (3,) third axis of the joint; the axis or normal that its name tells.
+    compliance : float
+        Yielding of every row [m/N, 1/(N m)]; 0 is rigid.
+    damping_time : float
+        Time over which a yielding row relaxes [s].
+
+    Raises
+    ------
+    SceneError
+        The axis is zero or a number negative.
+    """
+
+    name: str
+    a: str | None
+    b: str | None
+    origin: tuple[float, float, float] | Array
+    axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
+    compliance: float = 0.0
+    damping_time: float = 0.0
+    travels: ClassVar[tuple[int, ...]] = ()
+    turns: ClassVar[tuple[int, ...]] = ()
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (self.compliance >= 0.0 and self.damping_time >= 0.0):
+            raise SceneError(
+                f"joint {self.name}: compliance {self.compliance!r} and damping time "
+                f"{self.damping_time!r}, expected numbers >= 0"
+            )
+        unit_axes(np.asarray(self.axis))
+
+    def rows(self) -> tuple[Row, ...]:
+        """One row per locked direction."""
+        place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
+        yielding = {"compliance": self.compliance, "damping_time": self.damping_time}
+        moves = (
+            Row(f"{self.name} travel {_AXES[i]}", self.a, self.b, *place, i=i, **yielding)
+            for i in self.travels
+        )
+        turns = (
+            Row(
+                f"{self.name} turn {_AXES[k]}",
+                self.a,
+                self.b,
+                *place,
+                kind=ALIGNED,
+                i=_PAIRS[k][0],
+                j=_PAIRS[k][1],
+                **yielding,
+            )
+            for k in self.turns
+        )
+        return (*moves, *turns)
+
+
+class Spherical(_BodyJoint):
+    """Common point; all rotations free."""
+
+    travels = (0, 1, 2)
+
+
+class Revolute(_BodyJoint):
+    """Hinge about the axis."""
+
+    travels, turns = (0, 1, 2), (0, 1)
+
+
+class Cylindrical(_BodyJoint):
+    """Sliding along and turning about the axis."""
+
+    travels, turns = (0, 1), (0, 1)
+
+
+class Prismatic(_BodyJoint):
+    """Sliding along the axis without turning."""
+
+    travels, turns = (0, 1), (0, 1, 2)
+
+
+class Planar(_BodyJoint):
+    """Motion within the plane across the axis, turning about it."""
+
+    travels, turns = (2,), (0, 1)
+
+
+class Weld(_BodyJoint):
+    """No relative motion; its reactions are what a section would carry."""
+
+    travels, turns = (0, 1, 2), (0, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """Smallest and largest angle about, or travel along, the axis of a joint.
+
+    Attributes
+    ----------
+    name : str
+    a, b : str or None
+    origin, axis : as of joints.
+    lower, upper : float
+        Of the motion of b against a since rest [rad or m]; angles within pi.
+    travel : bool
+        Whether travel rather than the angle is limited.
+
+    Raises
+    ------
+    SceneError
+        lower is not below upper.
+    """
+
+    name: str
+    a: str | None
+    b: str | None
+    origin: tuple[float, float, float] | Array
+    axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
+    lower: float = -np.inf
+    upper: float = np.inf
+    travel: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the order."""
+        if not self.lower < self.upper:
+            raise SceneError(f"limit {self.name}: {self.lower!r} is not below {self.upper!r}")
+
+    def rows(self) -> tuple[Row, ...]:
+        """One inequality per finite bound."""
+        place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
+        kind, bounds = TRAVEL if self.travel else ANGLE, ((self.lower, 1.0), (self.upper, -1.0))
+        return tuple(
+            Row(
+                f"{self.name} {'lower' if sign > 0.0 else 'upper'}",
+                self.a,
+                self.b,
+                *place,
+                kind=kind,
+                i=2,
+                sign=sign,
+                offset=bound,
+                unilateral=True,
+            )
+            for bound, sign in bounds
+            if np.isfinite(bound)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PointOnPlane:
+    """A point stays in a plane of a body, or on the side that its normal points to.
+
+    Attributes
+    ----------
+    name : str
+    point : int
+        Node or point.
+    body : str or None
+        Body of the plane; None is space.
+    origin, normal : (3,) at rest [m], [1].
+    unilateral : bool
+    compliance, damping_time : float
+        As of joints.
+    """
+
+    name: str
+    point: int
+    body: str | None
+    origin: tuple[float, float, float] | Array
+    normal: tuple[float, float, float] | Array
+    unilateral: bool = False
+    compliance: float = 0.0
+    damping_time: float = 0.0
+
+    def rows(self) -> tuple[Row, ...]:
+        """One row."""
+        return (
+            Row(
+                self.name,
+                self.body,
+                None,
+                np.asarray(self.origin, dtype=np.float64),
+                unit_axes(np.asarray(self.normal)),
+                i=2,
+                point=self.point,
+                unilateral=self.unilateral,
+                compliance=self.compliance,
+                damping_time=self.damping_time,
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PointOnCurve:
+    """A point stays on a surface that a curve sweeps, or above it: z = f(x) in axes of a body.
+
+    Attributes
+    ----------
+    name : str
+    point : int
+    body : str or None
+    origin : (3,) of the curve at rest [m].
+    normal, forward : (3,) directions of z and x.
+    coefficients : (4,) of f = sum_k coefficients_k x^k [m^(1 - k)].
+    reach : (2,) first and last x of the polynomial [m]; f goes straight on beyond.
+    unilateral : bool
+        Whether the point may leave the surface to the side of z.
+
+    Notes
+    -----
+    The value is the height above the curve, so that a force is per unit of height, not along the
+    normal. Source: condylar guidance as strips of a cubic, Hannam et al. 2008, J. Biomech. 41, 1069.
+    """
+
+    name: str
+    point: int
+    body: str | None
+    origin: tuple[float, float, float] | Array
+    normal: tuple[float, float, float] | Array
+    forward: tuple[float, float, float] | Array
+    coefficients: NDArray[np.float64]
+    reach: tuple[float, float]
+    unilateral: bool = False
+
+    def rows(self) -> tuple[Row, ...]:
+        """One row."""
+        return (
+            Row(
+                self.name,
+                self.body,
+                None,
+                np.asarray(self.origin, dtype=np.float64),
+                unit_axes(np.asarray(self.normal), np.asarray(self.forward)),
+                kind=CURVE,
+                point=self.point,
+                curve=np.array([*self.reach, *self.coefficients], dtype=np.float64),
+                unilateral=self.unilateral,
+            ),
+        )
+
+
+JOINTS: tuple[type[Joint], ...] = (
+    Spherical,
+    Revolute,
+    Cylindrical,
+    Prismatic,
+    Planar,
+    Weld,
+    Limit,
+    PointOnPlane,
+    PointOnCurve,
+)
+"""Every joint; the tests walk this tuple."""

@@ -1,0 +1,222 @@
+"""Members: nodes and bodies that are fixed, attached, or moved as a given function of time.
+
+A node or point without a member is free. Each member tells in an `Attachment` which nodes it holds; a
+node has at most one.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.bodies import Motion
+from sim.embedding import Embedding, embed
+from sim.errors import SceneError
+from sim.mesh import Mesh
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+NodeMotion = Callable[[float], ArrayLike]
+"""Positions (k, 3) [m] at a time [s]."""
+
+
+def _none() -> Index:
+    return np.empty(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """Nodes of one member and what they follow.
+
+    Attributes
+    ----------
+    name : str
+        Of the member, for messages.
+    nodes : (k,) nodes and points that it holds.
+    axes : tuple of int
+        Directions held in space; the others are free.
+    holders, weights : (k, m) nodes that each is interpolated from, and weights; m = 0 without.
+    body : int
+        Body that they are rigid on, -1 without.
+    path : callable or None
+        Their positions over time.
+    motion : (body, Motion or None), optional
+        Body whose motion is prescribed; None where it stays.
+    """
+
+    name: str
+    nodes: Index = field(default_factory=_none)
+    axes: tuple[int, ...] = ()
+    holders: Index = field(default_factory=lambda: np.empty((0, 0), dtype=np.int64))
+    weights: Array = field(default_factory=lambda: np.empty((0, 0)))
+    body: int = -1
+    path: NodeMotion | None = None
+    motion: tuple[int, Motion | None] | None = None
+
+
+class Member(Protocol):
+    """A kinematic condition on nodes, points or a body."""
+
+    def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
+        """Lay the member out for a mesh with points and bodies by name.
+
+        Raises
+        ------
+        SceneError
+            A node or body does not exist.
+        """
+        ...
+
+
+def _checked(member: object, nodes: ArrayLike, mesh: Mesh) -> Index:
+    found = np.asarray(nodes, dtype=np.int64)
+    if found.size and (found.min() < 0 or found.max() >= mesh.n_nodes):
+        bad = int(found.max() if found.max() >= mesh.n_nodes else found.min())
+        name = type(member).__name__
+        raise SceneError(f"{name} names node {bad}, expected 0..{mesh.n_nodes - 1}")
+    return found
+
+
+def _number(name: str, bodies: Mapping[str, int]) -> int:
+    if name not in bodies:
+        raise SceneError(f"no body is called {name!r}, expected one of {list(bodies)}")
+    return bodies[name]
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """Nodes that keep their position, in all or some directions.
+
+    Attributes
+    ----------
+    nodes : (k,) array of int
+        Node indices.
+    axes : tuple of int
+        Directions held, 0 = x, 1 = y, 2 = z.
+
+    Raises
+    ------
+    SceneError
+        A node index is out of range (on compiling).
+    """
+
+    nodes: Index
+    axes: tuple[int, ...] = (0, 1, 2)
+
+    def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
+        """Nodes held in space."""
+        return Attachment("Fixed", _checked(self, self.nodes, mesh), axes=self.axes)
+
+
+@dataclass(frozen=True, eq=False)
+class OnBody:
+    """Nodes and points that are rigid on a body, where they lie at rest.
+
+    Attributes
+    ----------
+    body : str
+        Name of the body.
+    nodes : (k,) array of int
+
+    Raises
+    ------
+    SceneError
+        A node or the body does not exist (on compiling).
+    """
+
+    body: str
+    nodes: Index
+
+    def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
+        """Nodes rigid on a body."""
+        nodes = _checked(self, self.nodes, mesh)
+        return Attachment(f"OnBody({self.body!r})", nodes, body=_number(self.body, bodies))
+
+
+@dataclass(frozen=True, eq=False)
+class InElement:
+    """Nodes and points held inside elements: they move by the shape functions there.
+
+    Attributes
+    ----------
+    nodes : (k,) array of int
+    embedding : Embedding, optional
+        Holding elements; by default those that contain the rest positions.
+    tolerance : float
+        As `sim.embed`.
+
+    Raises
+    ------
+    SceneError
+        A node does not exist (on compiling).
+    MeshError
+        A node lies in no element (on compiling).
+    """
+
+    nodes: Index
+    embedding: Embedding | None = None
+    tolerance: float = 1e-6
+
+    def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
+        """Nodes interpolated from those of an element."""
+        nodes = _checked(self, self.nodes, mesh)
+        found = self.embedding or embed(mesh, mesh.X[nodes], tolerance=self.tolerance)
+        return Attachment("InElement", nodes, holders=found.nodes, weights=found.weights)
+
+
+@dataclass(frozen=True, eq=False)
+class PrescribedNodes:
+    """Nodes that move as a function of time.
+
+    Attributes
+    ----------
+    nodes : (k,) array of int
+    path : callable
+        Positions (k, 3) [m] at a time [s], smooth; velocities are its differences over 0.1 ms.
+
+    Raises
+    ------
+    SceneError
+        A node does not exist (on compiling).
+    """
+
+    nodes: Index
+    path: NodeMotion
+
+    def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
+        """Nodes on a path."""
+        nodes = _checked(self, self.nodes, mesh)
+        return Attachment("PrescribedNodes", nodes, path=self.path)
+
+
+@dataclass(frozen=True, eq=False)
+class PrescribedBody:
+    """A body that moves as a function of time, or stays.
+
+    Attributes
+    ----------
+    body : str
+    motion : callable, optional
+        Position of its centre (3,) [m] and unit quaternion (4,) at a time [s], smooth; without one it
+        stays as at rest.
+
+    Raises
+    ------
+    SceneError
+        The body does not exist (on compiling).
+    """
+
+    body: str
+    motion: Motion | None = None
+
+    def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
+        """Body on a path."""
+        name = f"PrescribedBody({self.body!r})"
+        return Attachment(name, motion=(_number(self.body, bodies), self.motion))
+
+
+MEMBERS: tuple[type[Member], ...] = (Fixed, OnBody, InElement, PrescribedNodes, PrescribedBody)
+"""Every member; the tests walk this tuple."""
