@@ -59,7 +59,7 @@ def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
         return read_netcdf(Path(given), kind)
     if variable not in given:
         raise SchemaError(
-            f"the dataset holds {', '.join(map(str, given.data_vars)) or 'no variable'}, expected "
+            f"the dataset contains {', '.join(map(str, given.data_vars)) or 'no variable'}, expected "
             f"{variable}, as of a stored {kind}: give the result of the stage before"
         )
     return given
