@@ -109,10 +109,10 @@ def test_what_is_wrong_is_said(file, laboratory, tmp_path, slab):
         ef.activate(file, mormalisation={})
     with pytest.raises(SchemaError, match="contains emg.*expected activation"):
         ef.simulate(ef.read(file).drop_vars("true_activation"), slab)
-    with pytest.raises(DataError, match="is a recording; expected a activation"):
+    with pytest.raises(DataError, match="of kind 'recording', expected 'activation'"):
         ef.simulate(file, slab)
     save_face(slab, tmp_path / "face.nc")
-    with pytest.raises(DataError, match="expected a trajectory"):
+    with pytest.raises(DataError, match="expected 'trajectory'"):
         ef.score(file, tmp_path / "face.nc")
 
 
