@@ -130,12 +130,12 @@ def activate(
     for table, named in options.items():
         chosen = {name: value for name, value in named.items() if value is not None}
         tables = merged(tables, {table: chosen} if chosen else {})
-    recorded = None if reference is None or isinstance(reference, xr.Dataset) else reference
-    if recorded is not None:
+    extent = reference if isinstance(reference, xr.Dataset) else None
+    if reference is not None and extent is None:
         tables = merged(tables, {"normalisation": {"reach": "reference"}})
     chain = changed(study_of(study).signals, tables, "signals")
-    if recorded is not None:
-        reference = feature_range((recording_of(one, mapping) for one in recorded), chain)
+    if reference is not None and not isinstance(reference, xr.Dataset):
+        extent = feature_range((recording_of(one, mapping) for one in reference), chain)
     if strategy == TRUE_STRATEGY:
         return true_activation_of(given, chain.resampling)
     return activation_of(
@@ -144,7 +144,7 @@ def activate(
         strategy=strategy,
         instruction=instruction,
         session=session,
-        reference=reference,
+        reference=extent,
     )
 
 
