@@ -18,6 +18,7 @@ import xarray as xr
 
 from benchmarks.report import Chart, face_of, finish, say
 from benchmarks.unit import STEP, unit_seconds
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -51,6 +52,7 @@ def scenes(face: xr.Dataset) -> dict[str, tuple[Scene, float]]:
 
     def scene(**changes: Any) -> Scene:
         base = {"sigma_max": SIGMA_MAX, "gravity": False, "alpha": 0.0, "beta": 0.0}
+        base["contact"] = NO_CONTACT
         return compose_scene(face, SimulationParameters.model_validate(base | changes))
 
     def bare(made: Scene, **changes: Any) -> Scene:

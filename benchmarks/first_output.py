@@ -21,6 +21,7 @@ def work() -> None:
     path, volume = task["face"], task["volume"]
     name = "emgface.face.template" if path is None else "emgface.face.file"
     source = importlib.import_module(name)  # a face from a file needs no template
+    from emgface.face.contact_parameters import NO_CONTACT
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.simulation_parameters import SimulationParameters
 
@@ -29,6 +30,7 @@ def work() -> None:
     print(PHASES[1])
     parameters = SimulationParameters(
         sigma_max=100e3,
+        contact=NO_CONTACT,
         incompressibility=volume,
         bulk_potential="logarithmic" if volume == "pointwise" else "quadratic",
     )

@@ -22,10 +22,10 @@ from scipy.spatial import KDTree
 import sim
 from benchmarks.report import finish, markdown, say
 from emgface.face.artisynth import import_artisynth
-from emgface.face.contact import contact_term
-from emgface.face.contact_parameters import ContactParameters
+from emgface.face.contact import contact_terms
 from emgface.face.parts import FREE, arches_of
 from emgface.face.penetration import depths
+from emgface.face.simulation_parameters import SimulationParameters
 
 RAMP = 0.1  # s
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
@@ -119,7 +119,7 @@ def their_face(folder: Path, case: Case) -> sim.System:
     touching: tuple[sim.scene.Term, ...] = ()
     if case.contact:
         published = import_artisynth(folder.parent / "artisynth_models")
-        touching = (contact_term(published, ContactParameters(method="constraint")),)
+        touching = contact_terms(published, SimulationParameters())
     return sim.compile_scene(
         sim.Scene(
             mesh,

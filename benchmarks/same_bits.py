@@ -64,12 +64,14 @@ def of_face() -> dict[str, str]:
 
     from analysis.align import align
     from analysis.scores import score
+    from emgface.face.contact_parameters import NO_CONTACT
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.face.template import template_face
     from emgface.muscles import MUSCLES
 
-    face, base = template_face(resolution="coarse"), SimulationParameters()
+    face = template_face(resolution="coarse")
+    base = SimulationParameters(contact=NO_CONTACT)
     rest = settle_face(face, base)
     found = {"rest of the face": digest(rest["node_position"])}
     time = np.linspace(0.0, 0.2, 21)

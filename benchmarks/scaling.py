@@ -14,6 +14,7 @@ from benchmarks.drives import gesture
 from benchmarks.refine import refine_face
 from benchmarks.report import Chart, face_of, finish, say
 from benchmarks.unit import STEP, step_matrix
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import FixedStep, LinearlyImplicitEuler, System, Workspace, compile_scene, simulate
@@ -130,7 +131,7 @@ def main(out: Path = Path("bench"), face: Path | None = None, refine: bool = Tru
     faces = [
         face_of(face, name) for name in (("coarse", "medium", "fine") if face is None else "-")
     ]
-    table = measure(faces, SimulationParameters(), refine=refine)
+    table = measure(faces, SimulationParameters(contact=NO_CONTACT), refine=refine)
     chart = Chart("elements", tuple(f"{p} ms" for p in PHASES), "time [ms]", log=True)
     finish("scaling", table, out, chart)
     finish("scaling-exponents", exponents(table), out)

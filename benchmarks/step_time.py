@@ -23,6 +23,7 @@ import pandas as pd
 import sim
 from benchmarks.report import finish, say
 from benchmarks.unit import unit_seconds
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.file import load_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -73,7 +74,9 @@ def cases(face, bulks, integrators, sigma_max):
     """Every configuration, compiled."""
     found = []
     for bulk in bulks:
-        parameters = SimulationParameters(sigma_max=sigma_max, gravity=False, **BULK[bulk])
+        parameters = SimulationParameters(
+            sigma_max=sigma_max, gravity=False, contact=NO_CONTACT, **BULK[bulk]
+        )
         scene = compose_scene(face, parameters)
         for name in integrators:
             integrator, damping = INTEGRATORS[name]

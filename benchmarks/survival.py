@@ -18,6 +18,7 @@ import pandas as pd
 
 import sim
 from benchmarks.report import markdown
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.file import load_face
 from emgface.face.recipe import compose_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
@@ -57,6 +58,7 @@ def attempt(face, muscle, solver, kilopascal, options):
         sigma_max=1e3 * kilopascal,
         sigma_max_policy={"minimum": 1e3},
         gravity=False,
+        contact=NO_CONTACT,
         incompressibility=options.incompressibility,
         bulk_potential="logarithmic" if pointwise else "quadratic",
     )

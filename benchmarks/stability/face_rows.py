@@ -10,6 +10,7 @@ import sim
 from benchmarks.integrators import CONVERGED, IMPLICIT, STATIC
 from benchmarks.stability.trial import Judge, Trial, stays
 from emgface.errors import FaceError
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.lips import lip_surface
 from emgface.face.parts import LIPS, arches_of
 from emgface.face.penetration import Penetration
@@ -30,7 +31,7 @@ DEPTH = 1e-4
 
 
 def _system(face: xr.Dataset, **changes: object) -> Callable[[], sim.System]:
-    values = {"gravity": False} | changes
+    values = {"gravity": False, "contact": NO_CONTACT} | changes
     return lambda: sim.compile_scene(
         compose_scene(face, SimulationParameters.model_validate(values))
     )

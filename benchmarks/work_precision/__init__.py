@@ -10,6 +10,7 @@ from pathlib import Path
 from benchmarks.report import Chart, face_of, finish, say
 from benchmarks.work_precision.measure import TIME, measure, worst
 from benchmarks.work_precision.models import MODELS, Model
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.simulation_parameters import SimulationParameters
 
 
@@ -27,7 +28,7 @@ def main(
     """Measure, print and store errors of time stepping, error control and discretisation."""
     found = measure(
         face_of(face),
-        SimulationParameters(sigma_max=sigma_max),
+        SimulationParameters(sigma_max=sigma_max, contact=NO_CONTACT),
         instructions=instruction,
         models=[Model.named(name) for name in model],
         full=full,

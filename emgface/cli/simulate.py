@@ -54,6 +54,9 @@ def simulate(
         str | None, typer.Option(help="Instruction A to F, if the recording does not specify it.")
     ] = None,
     mapping: MappingOption = None,
+    contact: Annotated[
+        bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
+    ] = True,
 ) -> None:
     """Move the face by an activation or a recording; store the motion, or show it."""
     if not (out_path or page or movie or vtk):
@@ -77,6 +80,8 @@ def simulate(
     probes = (*([SurfaceProbe(skin.node)] if skin else []), *([Positions()] if vtk else []))
     given = {"sigma_max": sigma_max, "solver": solver}
     changes: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
+    if not contact:
+        changes["contact"] = {"method": "none"}
     announce_compilation()
     with progress("simulating") as bar:
         trajectory = ef.simulate(

@@ -4,21 +4,42 @@ import numpy as np
 import xarray as xr
 
 from emgface.face.contact_parameters import ContactParameters
+from emgface.face.lip_shape import has_mouth
 from emgface.face.lips import exposed, lining, lip_surface
 from emgface.face.parts import LIPS, MANDIBLE, arches_of
+from emgface.face.simulation_parameters import SimulationParameters
 from sim.contact import BarrierContact, ConstraintContact, NodeSurface, Pairing, RigidShell
 from sim.scene import Term
 
 
-def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pairing, ...]:
-    """Return the pairs of surfaces of a face that may touch.
+def touching(face: xr.Dataset, parameters: SimulationParameters) -> tuple[str, ...]:
+    """Return "lips" and "teeth" as far as they may touch: none, as given, or those that the face has.
+
+    Where walls behind the inner sheet stand for the teeth (`support`), those of the face are left out.
+    """
+    contact = parameters.contact
+    if contact.method == "none":
+        return ()
+    if contact.between is not None:
+        return contact.between
+    lips = ("lips",) if "lip_triangle" in face or has_mouth(face) else ()
+    teeth = ("teeth",) if arches_of(face) and parameters.support == 0.0 else ()
+    return (*lips, *teeth)
+
+
+def contact_pairings(
+    face: xr.Dataset, method: str, between: tuple[str, ...] = ("lips", "teeth")
+) -> tuple[Pairing, ...]:
+    """Pair the surfaces of a face that may touch.
 
     Parameters
     ----------
     face : Dataset
         Face model.
-    contact : ContactParameters
-        Its method and what touches what.
+    method : str
+        "constraint" or "barrier".
+    between : tuple of str
+        "lips", "teeth" or both.
 
     Returns
     -------
@@ -34,15 +55,15 @@ def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pair
         A surface is unfit, see `sim.contact`.
     """
     pairings: list[Pairing] = []
-    if "lips" in contact.between:
+    if "lips" in between:
         lips = [lip_surface(face, lip) for lip in LIPS]
-        if contact.method == "barrier":
+        if method == "barrier":
             lips = [lip[exposed(face, lip)] for lip in lips]
         upper, lower = (
             NodeSurface(lip, f"{name} lip") for name, lip in zip(LIPS, lips, strict=True)
         )
         pairings.append(Pairing(upper, lower))
-    if "teeth" in contact.between:
+    if "teeth" in between:
         soft = NodeSurface(lining(face), "lining of the mouth")
         for arch in arches_of(face):
             name = "mandible" if arch.bone == MANDIBLE else "maxilla"
@@ -52,10 +73,13 @@ def contact_pairings(face: xr.Dataset, contact: ContactParameters) -> tuple[Pair
     return tuple(pairings)
 
 
-def contact_term(face: xr.Dataset, contact: ContactParameters) -> Term:
-    """Contact term of the scene of a face; arguments and errors as in `contact_pairings`."""
-    pairings = contact_pairings(face, contact)
-    return METHODS[contact.method](pairings, contact)
+def contact_terms(face: xr.Dataset, parameters: SimulationParameters) -> tuple[Term, ...]:
+    """Contact of a face as a part of its scene, or no part; errors as of `contact_pairings`."""
+    contact, between = parameters.contact, touching(face, parameters)
+    if not between:
+        return ()
+    pairings = contact_pairings(face, contact.method, between)
+    return (METHODS[contact.method](pairings, contact),)
 
 
 def _constraint(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Term:

@@ -1,6 +1,6 @@
 """Parameters of the contact of lips and teeth."""
 
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import model_validator
 
@@ -11,17 +11,20 @@ class ContactParameters(Parameters):
     """Contact of the lips with each other, and of lips and cheeks with teeth and bone."""
 
     method: Literal["none", "constraint", "barrier"] = choice(
-        "none",
+        "constraint",
         "'constraint': compressive forces prevent nodes from passing the opposite surface; "
         "'barrier': a repulsive force grows without bound as the gap closes and prevents "
-        "any penetration.",
+        "any penetration; 'none': surfaces pass through each other.",
         source=f"{STAVNESS}, Contact handling (constraint); {OWN} (barrier)",
-        note="'barrier' requires an iterative solver and the package ipctk",
+        note="'constraint' requires implicit Euler and takes about nine times as long as 'none'; "
+        "'barrier' requires an iterative solver and the package ipctk",
     )
-    between: tuple[Literal["lips", "teeth"], ...] = choice(
-        ("lips", "teeth"),
-        "Surfaces that may touch: 'lips' (each other), 'teeth' (lips and cheeks).",
+    between: tuple[Literal["lips", "teeth"], ...] | None = choice(
+        None,
+        "Surfaces that may touch: 'lips' (each other), 'teeth' (lips and cheeks); absent: both, where "
+        "the face has them.",
         source=f"{STAVNESS}, Contact handling",
+        note="where `support` stands for the teeth, absent means the lips alone",
     )
     friction: float = parameter(
         0.0,
@@ -62,6 +65,8 @@ class ContactParameters(Parameters):
 
     @model_validator(mode="after")
     def _something_touches(self) -> "ContactParameters":
+        if self.between is None:
+            return self
         if not self.between or len(set(self.between)) < len(self.between):
             raise ValueError(
                 f"between = {list(self.between)}: expected 'lips', 'teeth' or both, each "
@@ -84,5 +89,10 @@ class ContactParameters(Parameters):
         }
         if self.method == "constraint" and self.initial_penetration == "removed":
             how["constraint"] += f", initial overlap removed at {1e3 * self.removal_speed:g} mm/s"
-        where = " and ".join(pairs[name] for name in self.between)
+        where = " and ".join(pairs[name] for name in self.between or pairs)
+        where += "" if self.between else ", where the face has them"
         return f"contact {where} ({how[self.method]}, {rubbing})"
+
+
+NO_CONTACT: Final = ContactParameters(method="none")
+"""Tissue that passes through tissue and teeth."""

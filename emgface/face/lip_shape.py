@@ -74,6 +74,15 @@ def lip_rim(face: xr.Dataset) -> LipRim:
     return LipRim(upper.astype(np.int64), lower.astype(np.int64))
 
 
+def has_mouth(face: xr.Dataset) -> bool:
+    """Whether the skin of a face has a mouth opening, see `lip_rim`."""
+    try:
+        lip_rim(face)
+    except FaceError:
+        return False
+    return True
+
+
 def _walk(start: int, neighbours: dict[int, list[int]]) -> Integers:
     """Nodes of the closed boundary through a node, in order; empty if there is none."""
     loop, before, here = [start], -1, start

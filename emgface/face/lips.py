@@ -107,7 +107,7 @@ def lining(face: xr.Dataset) -> Integers:
     if not arches:
         raise FaceError(
             "the face has no teeth, expected dental arches: import it from a folder that contains "
-            "mandible.obj and maxilla.obj, or generate one"
+            "mandible.obj and maxilla.obj, generate one, or leave contact.between out"
         )
     position = face["position"].values
     skin = np.zeros(len(position), dtype=bool)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from emgface.face.bundles import project_into_mesh
 from emgface.face.check import sheet_nodes
-from emgface.face.contact import contact_term
+from emgface.face.contact import contact_terms
 from emgface.face.parts import INNER, OUTER
 from emgface.face.quality import is_wedge
 from emgface.face.simulation_parameters import SimulationParameters
@@ -133,8 +133,7 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
         terms.append(NodalVolume(_kappa(materials, region)))
     if p.support > 0.0:
         terms.append(inner_support(face, p.support))
-    if p.contact.method != "none":
-        terms.append(contact_term(face, p.contact))
+    terms.extend(contact_terms(face, p))
     if p.gravity:
         terms.append(Gravity(GRAVITY))
     damping = DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None

@@ -76,10 +76,11 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         if self.contact.method == "constraint" and self.solver in ("trapezoidal", "sdirk2"):
             raise ValueError(
                 f"solver = '{self.solver}' cannot be combined with contact.method = "
-                "'constraint': choose 'converged' or a linearly implicit solver, or method "
-                "= 'barrier'"
+                "'constraint', the default: choose 'converged' or a linearly implicit solver, or "
+                "method = 'barrier' or 'none'"
             )
-        if self.support > 0.0 and self.contact.method != "none" and "teeth" in self.contact.between:
+        against = self.contact.between if self.contact.method != "none" else None
+        if self.support > 0.0 and "teeth" in (against or ()):
             raise ValueError(
                 f"support = {self.support:g} N/m represents the teeth, which contact already "
                 "contains: set support = 0, or contact.between = ['lips']"

@@ -6,6 +6,7 @@ from pydantic import model_validator
 
 from emgface.choices import ESKES, OWN, Parameters, choice, parameter, positive
 from emgface.face.accuracy import PRESETS, accuracy_settings
+from emgface.face.contact_parameters import ContactParameters
 
 
 class TimeStepping(Parameters):
@@ -17,8 +18,8 @@ class TimeStepping(Parameters):
         "mm'; determines solver, step, iteration_tolerance and error_tolerance, unless "
         "these are specified.",
         source=f"{OWN}: points measured by `python -m benchmarks work_precision`",
-        note="the default is 'study'; with contact.method = 'constraint', the solver is implicit "
-        "Euler with the same error control",
+        note="the default is 'study'; with contact.method = 'constraint', the default, the solver is "
+        "implicit Euler with the same error control",
     )
     solver: Literal[
         "converged",
@@ -27,11 +28,12 @@ class TimeStepping(Parameters):
         "linearly_implicit",
         "linearly_implicit_trapezoidal",
     ] = choice(
-        "sdirk2",
+        "converged",
         "Integrator: implicit Euler iterated to its tolerance ('converged'), the "
         "trapezoidal rule, the L-stable second-order SDIRK2, or the Euler method or the "
         "trapezoidal rule with one linear solution per step.",
-        note="'linearly_implicit' is the method of the published simulator",
+        note="without contact by constraints the default is 'sdirk2'; 'linearly_implicit' is the "
+        "method of the published simulator",
     )
     step: float = parameter(
         0.01,
@@ -87,14 +89,19 @@ class TimeStepping(Parameters):
         if not isinstance(data, dict):
             return data
         contact = data.get("contact") or {}
-        method = contact.get("method") if isinstance(contact, dict) else contact.method
-        if data.get("accuracy") is not None or (method == "constraint" and "solver" not in data):
-            wanted = str(data.get("accuracy") or "study")
+        if isinstance(contact, dict):
+            method = contact.get("method", ContactParameters.model_fields["method"].default)
+        else:
+            method = contact.method
+        if data.get("accuracy") is not None:
+            wanted = str(data["accuracy"])
             settings = accuracy_settings(wanted, constrained=method == "constraint")
             if wanted in PRESETS and str(data.get("solver")).startswith("linearly_implicit"):
                 settings["error_tolerance"] = None  # a solver of one's own choice, without control
             return settings | data
-        return {"error_tolerance": None} | data if "solver" in data else data
+        if "solver" in data:
+            return {"error_tolerance": None} | data
+        return data if method == "constraint" else {"solver": "sdirk2"} | data
 
     @model_validator(mode="after")
     def _runnable(self) -> "TimeStepping":

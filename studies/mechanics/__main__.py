@@ -125,6 +125,7 @@ def probes(face: xr.Dataset, out: Path) -> None:
             {
                 "gravity": False,
                 "sigma_max": 100e3,
+                "contact": {"method": "none"},
                 "skin": {"kappa": 250e3},
                 "prestress": {"method": method, "along": stress},
             }

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.face.check import sheet_nodes
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.parts import OUTER
 from emgface.face.simulation_parameters import SimulationParameters
@@ -124,7 +125,7 @@ def express(
     points : mapping, optional
         Name to node; `landmarks` by default.
     parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa, no gravity, walls in place of teeth and bone.
+        By default sigma_max = 100 kPa, no gravity, walls in place of teeth and bone, and no contact.
     progress : callable, optional
         Receives a sentence per run.
 
@@ -144,7 +145,9 @@ def express(
     -----
     Without contact of the lips: they may pass through each other.
     """
-    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, support=WALL)
+    base = parameters or SimulationParameters(
+        sigma_max=SIGMA_MAX, gravity=False, support=WALL, contact=NO_CONTACT
+    )
     points = landmarks(face) if points is None else points
     rows: list[dict[str, object]] = []
     positions: dict[tuple[str, str], Floats] = {}

@@ -7,6 +7,7 @@ from typing import Final
 import pandas as pd
 import xarray as xr
 
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.lip_shape import lip_rim, lip_shape
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.simulation_parameters import SimulationParameters
@@ -64,7 +65,7 @@ def round_lips(
     levels : sequence of float
         Activations.
     parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa and no gravity; stiffening and support are set here.
+        By default sigma_max = 100 kPa, no gravity and no contact; stiffening and support are set here.
     progress : callable, optional
         Receives a sentence per run.
 
@@ -82,7 +83,9 @@ def round_lips(
     experiment: Stavness et al., Lip stiffness enables protrusion and rounding, Fig. 11.10; Teeth support
     lip protrusion, Fig. 11.12.
     """
-    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
+    base = parameters or SimulationParameters(
+        sigma_max=SIGMA_MAX, gravity=False, contact=NO_CONTACT
+    )
     rim = lip_rim(face)
     left = int(face["marker_node"].values[list(face["marker"].values).index("corner_left")])
     rows: list[dict[str, float | bool]] = []

@@ -74,7 +74,7 @@ def protrude_lips(
     rows: list[dict[str, object]] = []
     motion: dict[tuple[str, float], xr.Dataset] = {}
     for name, between in backing.items():
-        values = {"method": method, "between": between} if between else {}
+        values = {"method": method, "between": between} if between else {"method": "none"}
         contact = ContactParameters.model_validate(values)
         for factor in stiffening:
             if progress is not None:

@@ -7,8 +7,7 @@ import xarray as xr
 import sim
 from emgface.choices import configure
 from emgface.errors import ConfigurationError, FaceError
-from emgface.face.contact import contact_pairings
-from emgface.face.contact_parameters import ContactParameters
+from emgface.face.contact import contact_pairings, touching
 from emgface.face.penetration import Penetration, depths
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -24,20 +23,33 @@ def face(coarse: xr.Dataset) -> xr.Dataset:
 @pytest.mark.parametrize("method", METHODS)
 def test_lips_and_teeth_are_paired_as_asked(face: xr.Dataset, method: str) -> None:
     def paired(**more: object) -> list[str]:
-        contact = ContactParameters.model_validate({"method": method, **more})
-        return [pairing.name for pairing in contact_pairings(face, contact)]
+        return [pairing.name for pairing in contact_pairings(face, method, **more)]
 
     lips, maxilla, mandible = paired()
     assert lips == "upper lip on lower lip"
     assert maxilla == "lining of the mouth on maxilla"
     assert mandible == "lining of the mouth on mandible"
-    assert paired(between=["lips"]) == [lips]
-    assert paired(between=["teeth"]) == [maxilla, mandible]
-    for pairing in contact_pairings(face, ContactParameters.model_validate({"method": method})):
+    assert paired(between=("lips",)) == [lips]
+    assert paired(between=("teeth",)) == [maxilla, mandible]
+    for pairing in contact_pairings(face, method):
         pairing.check(compose_scene(face, SimulationParameters()).mesh)
     without = face.drop_dims(["arch_point", "arch_facet"])
     with pytest.raises(FaceError, match="the face has no teeth"):
-        contact_pairings(without, ContactParameters.model_validate({"method": method}))
+        contact_pairings(without, method)
+
+
+def test_contact_is_on_where_the_face_has_something_to_touch(face: xr.Dataset) -> None:
+    """By default of all that is there; walls in place of the teeth leave the teeth out."""
+    default = SimulationParameters()
+    assert default.contact.method == "constraint" and default.solver == "converged"
+    assert touching(face, default) == ("lips", "teeth")
+    assert touching(face.drop_dims(["arch_point", "arch_facet"]), default) == ("lips",)
+    plain = face.drop_dims(["arch_point", "arch_facet"]).drop_vars("lip_opening_node")
+    assert touching(plain, default) == ()
+    assert touching(face, SimulationParameters(support=1000.0)) == ("lips",)
+    asked = SimulationParameters.model_validate({"contact": {"between": ["lips", "teeth"]}})
+    with pytest.raises(FaceError, match="expected dental arches: .* leave contact.between out"):
+        compose_scene(plain.assign(lip_opening_node=face["lip_opening_node"]), asked)
 
 
 def test_a_scene_has_contact_only_where_it_is_declared(face: xr.Dataset) -> None:
@@ -45,7 +57,7 @@ def test_a_scene_has_contact_only_where_it_is_declared(face: xr.Dataset) -> None
         scene = compose_scene(face, SimulationParameters.model_validate(values))
         return [term for term in scene.terms if "Contact" in type(term).__name__]
 
-    assert contacts() == []
+    assert contacts(contact={"method": "none"}) == []
     for method in METHODS:
         (term,) = contacts(contact={"method": method, "friction": 0.3})
         assert getattr(term, "friction") == 0.3  # noqa: B009  # either kind of contact
@@ -62,8 +74,11 @@ def test_a_scene_has_contact_only_where_it_is_declared(face: xr.Dataset) -> None
             {"contact": {"method": "barrier"}, "solver": "linearly_implicit"},
             "requires an iteration",
         ),
-        ({"contact": {"method": "constraint"}, "solver": "sdirk2"}, "or method = 'barrier'"),
-        ({"contact": {"method": "barrier"}, "support": 10.0}, "represents the teeth"),
+        (
+            {"contact": {"method": "constraint"}, "solver": "sdirk2"},
+            "method = 'barrier' or 'none'",
+        ),
+        ({"contact": {"between": ["teeth"]}, "support": 10.0}, "represents the teeth"),
     ],
 )
 def test_what_does_not_go_together_is_said(values: dict[str, object], message: str) -> None:

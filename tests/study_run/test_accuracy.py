@@ -12,6 +12,9 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.study.policy import lower_sigma_max
 from sim import Sdirk2
 
+FREE = {"contact": {"method": "none"}}
+"""Without contact every solver may be chosen, and it is cheap."""
+
 
 @pytest.fixture(scope="module")
 def face(coarse: xr.Dataset) -> xr.Dataset:
@@ -28,7 +31,7 @@ def activation(face, duration=0.08):
 
 
 def test_a_preset_sets_what_is_not_given():
-    chosen = configure(SimulationParameters, {"accuracy": "reference"})
+    chosen = configure(SimulationParameters, FREE | {"accuracy": "reference"})
     assert (chosen.solver, chosen.step) == ("sdirk2", PRESETS["reference"]["step"])
     assert configure(SimulationParameters, {"accuracy": "draft", "step": 0.005}).step == 0.005
     again = SimulationParameters.model_validate(chosen.model_dump())
@@ -36,7 +39,7 @@ def test_a_preset_sets_what_is_not_given():
 
 
 def test_the_accuracy_of_given_parameters_is_changed():
-    given = SimulationParameters(solver="linearly_implicit", step=0.002, sigma_max=80e3)
+    given = SimulationParameters(**FREE, solver="linearly_implicit", step=0.002, sigma_max=80e3)
     chosen = given.as_accurate("draft")
     assert (chosen.solver, chosen.step, chosen.sigma_max) == (
         "sdirk2",
@@ -47,9 +50,10 @@ def test_the_accuracy_of_given_parameters_is_changed():
 
 
 def test_what_is_not_asked_for_is_solved_as_a_study():
-    plain = SimulationParameters().model_dump()
-    assert {name: plain[name] for name in PRESETS["study"]} == PRESETS["study"]
-    assert integrator_of(SimulationParameters()) == Sdirk2(5e-6, 1e-4)
+    plain = SimulationParameters(**FREE)
+    values = plain.model_dump()
+    assert {name: values[name] for name in PRESETS["study"]} == PRESETS["study"]
+    assert integrator_of(plain) == Sdirk2(5e-6, 1e-4)
     published = configure(SimulationParameters, {"accuracy": "published"})
     assert (published.solver, published.step) == ("linearly_implicit", 0.01)
     assert published.error_tolerance is None
@@ -59,6 +63,7 @@ def test_what_is_not_asked_for_is_solved_as_a_study():
 def test_contact_by_constraints_is_solved_by_a_method_that_takes_it():
     touching = {"contact": {"method": "constraint"}}
     plain = configure(SimulationParameters, touching)
+    assert plain == SimulationParameters(), "the default"
     assert (plain.solver, plain.step, plain.error_tolerance) == ("converged", 0.01, 1e-4)
     assert plain.as_accurate("draft").solver == "converged"
     fine = configure(SimulationParameters, touching | {"accuracy": "0.1 mm"})
@@ -69,7 +74,7 @@ def test_contact_by_constraints_is_solved_by_a_method_that_takes_it():
 
 
 def test_a_solver_of_ones_own_has_no_error_control_unless_asked():
-    assert SimulationParameters(solver="sdirk2", step=0.005).error_tolerance is None
+    assert SimulationParameters(**FREE, solver="sdirk2", step=0.005).error_tolerance is None
     assert SimulationParameters(step=0.005).error_tolerance == 1e-4
     own = configure(SimulationParameters, {"accuracy": "study", "solver": "linearly_implicit"})
     assert own.error_tolerance is None
@@ -78,7 +83,7 @@ def test_a_solver_of_ones_own_has_no_error_control_unless_asked():
 
 
 def test_outputs_do_not_depend_on_the_accuracy(face):
-    base = {"gravity": False, "sigma_max": 30e3}
+    base = FREE | {"gravity": False, "sigma_max": 30e3}
     times = [
         simulate_face(
             face, activation(face, 0.07), configure(SimulationParameters, base | {"accuracy": name})
@@ -112,7 +117,7 @@ def test_error_control_of_a_scheme_of_one_solution_is_refused():
 
 @pytest.mark.slow
 def test_every_solver_moves_the_face_alike(face):
-    base = {"gravity": False, "sigma_max": 100e3}
+    base = FREE | {"gravity": False, "sigma_max": 100e3}
 
     def corner(values):
         parameters = configure(SimulationParameters, base | values)
@@ -130,7 +135,7 @@ def test_every_solver_moves_the_face_alike(face):
 
 def test_the_estimated_error_of_a_motion_is_near_the_true_one(face):
     def run(values):
-        base = {"gravity": False, "sigma_max": 100e3}
+        base = FREE | {"gravity": False, "sigma_max": 100e3}
         drive = activation(face, 0.16)
         return simulate_face(face, drive, configure(SimulationParameters, base | values))
 
@@ -170,7 +175,7 @@ FINE = {"solver": "sdirk2", "step": 1e-3, "iteration_tolerance": 1e-6}
 def test_muscles_that_are_active_from_the_start_keep_their_strength(face):
     """A jump of the load at the first instant is no failure of the mechanics."""
     time = np.linspace(0.0, 0.06, 7)
-    drive, base = drive_of(face, time, np.full(7, 0.3), ""), {"gravity": False}
+    drive, base = drive_of(face, time, np.full(7, 0.3), ""), FREE | {"gravity": False}
 
     def run(values):
         return simulate_face(face, drive, configure(SimulationParameters, base | values))
@@ -190,7 +195,7 @@ def test_a_burst_between_two_steps_moves_the_face(face, at):
     drive = drive_of(face, time, np.array([0.0, 0.0, 1.0, 0.0, 0.0]), "OOP")
 
     def run(values):
-        base = {"gravity": False, "sigma_max": 100e3}
+        base = FREE | {"gravity": False, "sigma_max": 100e3}
         return simulate_face(face, drive, configure(SimulationParameters, base | values))
 
     fine = run(FINE)

@@ -306,16 +306,18 @@ def test_methods_know_every_choice_of_the_mechanics() -> None:
     told: dict[str, set[str]] = {}
     for name in ("solver", "incompressibility", "fibre_law", "muscle_form", "damping_tangent"):
         options = get_args(fields[name].annotation)
-        extra = {"bulk_potential": "quadratic"} if name == "incompressibility" else {}
+        extra: dict[str, object] = {"contact": {"method": "none"}}
+        extra |= {"bulk_potential": "quadratic"} if name == "incompressibility" else {}
         told[name] = {chosen(**{name: option}, **extra) for option in options}
         assert len(told[name]) == len(options), name
-    assert "chosen by an error of 0.1 mm" in chosen(solver="sdirk2", error_tolerance=1e-4)
+    assert "chosen by an error of 0.1 mm" in chosen(solver="converged", error_tolerance=1e-4)
+    assert "lips and cheeks with the teeth, where the face has them" in chosen(), "the default"
     assert "support of 5 N/m" in chosen(support=5.0)
     held = chosen(contact={"method": "barrier", "between": ["lips"], "friction": 0.2})
     assert (
         "contact of the lips with each other (incremental potential contact, friction 0.2)" in held
     )
-    assert "contact" not in chosen()
+    assert "contact" not in chosen(contact={"method": "none"})
 
 
 def test_methods_know_every_choice_of_the_signals() -> None:

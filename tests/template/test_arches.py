@@ -8,6 +8,7 @@ from emgface.errors import DataError, FaceError
 from emgface.face.closed import check_closed
 from emgface.face.file import load_face, save_face
 from emgface.face.parts import MANDIBLE, SKULL, Arch, arches_of, facets_of
+from emgface.face.penetration import Penetration
 from emgface.face.surface import boundary_faces, triangles, winding_number
 from emgface.face.template import Measures, dental_arches, random_measures, template_face
 from emgface.face.template.arches import CLEARANCE, EXPOSURE, OVERBITE, OVERJET
@@ -76,7 +77,11 @@ def test_the_upper_incisors_stand_before_and_over_the_lower() -> None:
     assert upper.points[:, 2].min() == pytest.approx(0.5 * m.lip_gap - EXPOSURE)
     top = lower.points[:, 2].max()
     assert top == pytest.approx(upper.points[:, 2].min() + OVERBITE)
-    front = [a.points[np.abs(a.points[:, 0]) < 1e-9, 1].max() for a in (upper, lower)]
+    edges = (upper.points[:, 2].min(), top)
+    front = [
+        a.points[(np.abs(a.points[:, 0]) < 1e-9) & (a.points[:, 2] == z), 1].max()
+        for a, z in zip((upper, lower), edges, strict=True)
+    ]
     assert front[0] - front[1] == pytest.approx(OVERJET, abs=0.2e-3)
 
 
@@ -92,6 +97,19 @@ def test_arches_touch_nothing_at_rest(seed: int | None) -> None:
         assert np.abs(winding_number(arch.points[::4], surface)).max() < 0.5
         gap = np.linalg.norm(arch.points[:, None] - position[None], axis=2).min(axis=1)
         assert gap.min() > 0.5 * CLEARANCE
+
+
+@pytest.mark.parametrize("asymmetry", [0.0, 1.0])
+def test_lips_and_corners_rest_on_the_teeth(asymmetry: float) -> None:
+    """Their lining lies within 2 mm of an arch, as the thicknesses of the lips say, and not in it."""
+    face = template_face(resolution="coarse", measures=random_measures(2, asymmetry=asymmetry))
+    inner = sheets(face)[:, : 1 + 1, 0]  # the two rings of the red of the lips
+    inner = inner[np.abs(inner[..., 2]) > 1e-3]  # beside the slit the margins curve away
+    points = np.concatenate([a.points[a.triangles].mean(axis=1) for a in arches_of(face)])
+    points = np.concatenate([points, *(a.points for a in arches_of(face))])
+    gap = np.linalg.norm(inner[:, None] - points[None], axis=2).min(axis=1)
+    assert np.quantile(gap, 0.9) < 3e-3
+    assert Penetration(face).at_rest() == {"maxilla": (0, 0.0), "mandible": (0, 0.0)}
 
 
 def test_clearance() -> None:

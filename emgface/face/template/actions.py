@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from emgface.choices import STAVNESS
 from emgface.errors import ActivationError
-from emgface.face.contact_parameters import ContactParameters
 from emgface.face.lip_shape import lip_opening
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.penetration import Penetration
@@ -49,11 +48,14 @@ class Action:
     signs : tuple
         Each a marker of the left side, an axis and the sign of its displacement; a comparison of
         two signs needs no threshold.
+    closes : bool
+        Whether the opening between the lips becomes smaller.
     """
 
     text: str
     source: str
     signs: tuple[tuple[str, str, int], ...]
+    closes: bool = False
 
 
 PASSED: Final = 1e-4
@@ -94,11 +96,8 @@ ACTIONS: Final[Mapping[str, Action]] = {
     "OOM": Action(
         "narrows the mouth and closes the lips",
         STAVNESS,
-        (
-            ("corner_left", "x", 1),
-            ("upper_paramedian_left", "z", -1),
-            ("lower_paramedian_left", "z", 1),
-        ),
+        (("corner_left", "x", 1),),
+        closes=True,
     ),
     "DLI": Action(
         "draws the lower lip down and a little laterally",
@@ -219,8 +218,7 @@ def muscle_actions(
     muscles : sequence of str
         Some of `emgface.muscles.MODELLED`.
     parameters : SimulationParameters, optional
-        Laws and loads; by default sigma_max is 100 kPa, gravity off, and the lips hold each other apart
-        by constraints.
+        Laws and loads; by default sigma_max is 100 kPa and gravity off; lips and teeth touch.
 
     Returns
     -------
@@ -238,8 +236,7 @@ def muscle_actions(
     """
     runs = [{f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles]
     if parameters is None:
-        apart = ContactParameters(method="constraint", between=("lips",))
-        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, contact=apart)
+        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
     position, smallest = steady_positions(face, runs, parameters=parameters)
     moved = 1e3 * (position - face["position"].values)
     marker = {
@@ -253,15 +250,21 @@ def muscle_actions(
         for name in ("corner_left", "upper_paramedian_left", "lower_paramedian_left"):
             for axis, value in zip("xyz", moved[k, marker[name]], strict=True):
                 row[f"{name.removesuffix('_left')} {axis}"] = float(value)
-        row["opening"] = 1e3 * lip_opening(face, position[k])
+        opening = lip_opening(face, position[k])
+        row["opening"] = 1e3 * opening
         depth = penetration.lips(position[k])
         row["lips in lips"] = 1e3 * depth
         row["smallest det F"] = float(smallest[k])
         action = ACTIONS[muscle]
         row["action"], row["source"] = action.text, action.source
-        row["agrees"] = depth <= PASSED and all(
-            sign * moved[k, marker[name], "xyz".index(axis)] > 0.0
-            for name, axis, sign in action.signs
+        closed = opening < lip_opening(face, face["position"].values)
+        row["agrees"] = (
+            depth <= PASSED
+            and (closed or not action.closes)
+            and all(
+                sign * moved[k, marker[name], "xyz".index(axis)] > 0.0
+                for name, axis, sign in action.signs
+            )
         )
         rows[muscle] = row
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("muscle")

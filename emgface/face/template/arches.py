@@ -1,9 +1,11 @@
 """Dental arches of the template: rigid bodies behind lips and cheeks, for contact.
 
-Each arch is a closed wall on a catenary, the form most often found (Aljayousi et al. 2021, BMC Oral
-Health 21:105: 47 % of maxillae and 41 % of mandibles), from the incisal edges to the fornix of the
-vestibule. In the midline it stands where the thickness of the lips puts the incisors; wherever it
-would still enter resting tissue it is moved back, so that at rest it touches nothing.
+Each arch is a closed wall from the incisal edges to the fornix of the vestibule. The lips and the
+corners of the mouth rest on it: thicknesses of the lips are measured to the incisors and to the bone
+(Arnett et al. 1999; Stephan and Simpson 2008), and teeth stand where the pressures of tongue, lips
+and cheeks balance (Proffit 1978, Angle Orthod 48:175-186). Beyond the corner of the mouth it leaves
+the cheek, whose fat pad the template does not have, and turns back to the width and depth of
+published casts.
 """
 
 from dataclasses import dataclass
@@ -12,7 +14,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
-from scipy.optimize import brentq
 
 from emgface.errors import FaceError
 from emgface.face.parts import MANDIBLE, SKULL, Arch
@@ -38,8 +39,10 @@ class ArchForm:
     depth: float
 
 
-FORMS: Final = {SKULL: ArchForm(0.55, 0.58), MANDIBLE: ArchForm(0.53, 0.52)}
-"""About 55 and 53 mm between the outer faces of the first molars, 29 and 26 mm deep, for a mean jaw."""
+FORMS: Final = {SKULL: ArchForm(0.57, 0.58), MANDIBLE: ArchForm(0.55, 0.52)}
+"""About 57 and 55 mm between the outer faces of the first molars, 29 and 26 mm deep, for a mean jaw."""
+_BEYOND: Final = {SKULL: (2e-3, 5e-3), MANDIBLE: (1e-3, 3.5e-3)}
+"""How far beyond the corner of the mouth an arch follows the cheek, and its least half width [m]."""
 EXPOSURE: Final = 4.3e-3
 """Upper incisors below the margin of the relaxed upper lip [m]: mean of 3.9 (men) and 4.7 mm (women)
 as commonly quoted from Arnett et al. 1999."""
@@ -51,9 +54,12 @@ _EDGE: Final = 3e-3
 """Thickness of the incisal edge [m]; chosen."""
 _ROOT: Final = 5e-3
 """Thickness at the fornix [m]; chosen."""
-_RECLINE: Final = {SKULL: 0.25, MANDIBLE: 0.10}
-"""Inclination of the wall over its height; chosen."""
-_COLUMNS, _ROWS = 41, 9
+_BEHIND: Final = 4e-3
+"""Height over which the lower incisors recede to the overjet behind the upper ones [m]; chosen."""
+_NEAR: Final = 1e-3
+"""How far aside, above and below the lining nearest to the teeth counts [m]; chosen."""
+_COLUMNS, _ROWS = 17, 6
+"""Of a half: chords of 3 mm leave the curve by 0.04 mm, and contact pays for every vertex."""
 
 
 def dental_arches(measures: Measures, *, clearance: float = CLEARANCE) -> tuple[Arch, Arch]:
@@ -88,20 +94,31 @@ def arches_behind(
     lining = _lining(surfaces)
     margin = 0.5 * measures.lip_gap
     edge = margin - EXPOSURE
+    walls: list[Floats] = []
     # Where the bone begins to hold the tissue, and a little beyond.
-    upper = _wall(SKULL, measures, edge, 0.85 * measures.upper_lip_height)
-    lower = _wall(MANDIBLE, measures, edge + OVERBITE, -0.9 * measures.lower_lip_height)
-    front = np.linspace(edge, margin + 8e-3, 20)
-    incisor = float(lining(np.zeros(20), front).min()) - clearance
-    upper[..., 1] += incisor
-    lower[..., 1] += incisor - OVERJET
-    walls = []
-    for wall in (upper, lower):
-        front = wall[:, :, 0]
-        before = lining(front[..., 0], front[..., 2]) - clearance
-        back = np.where(before < front[..., 1], front[..., 1] - before, 0.0)
-        wall[..., 1] -= back[..., None]
-        walls.append(wall)
+    for bone, tip, root in (
+        (SKULL, edge, 0.85 * measures.upper_lip_height),
+        (MANDIBLE, edge + OVERBITE, -0.9 * measures.lower_lip_height),
+    ):
+        x, drop = _plan(bone, measures, lining)
+        height = np.linspace(tip, root, _ROWS)
+        # Beside the slit the margins of the lips curve back within a millimetre or two.
+        around = [
+            lining(*np.meshgrid(np.abs(x + aside), height + above, indexing="ij"))
+            for aside in (-_NEAR, 0.0, _NEAR)
+            for above in (-_NEAR, 0.0, _NEAR)
+        ]
+        front = np.fmin.reduce(around) - clearance
+        for row in range(2, _ROWS):  # beside the chin the root lies below the lining that moves
+            onward = 2.0 * front[:, row - 1] - front[:, row - 2]
+            front[:, row] = np.where(np.isnan(front[:, row]), onward, front[:, row])
+        if bone == MANDIBLE:
+            # Above the upper incisal edge the lower incisors stand behind the upper ones.
+            before = walls[0][:, 0, 0]
+            upper = np.interp(x, before[:, 0], before[:, 1])[:, None]
+            share = np.clip(1.0 + (height - edge) / _BEHIND, 0.0, 1.0)
+            front = np.where(share > 0.0, np.minimum(front, upper - share * OVERJET), front)
+        walls.append(_wall(x, front - drop[:, None], height))
     return _arch(SKULL, walls[0]), _arch(MANDIBLE, walls[1])
 
 
@@ -117,29 +134,40 @@ def _lining(surfaces: Surfaces) -> LinearNDInterpolator:
     return LinearNDInterpolator(points[:, [0, 2]], points[:, 1])
 
 
-def _wall(bone: int, measures: Measures, edge: float, root: float) -> Floats:
-    """Left half (columns, rows, 2, 3) of a wall whose front is at y = 0; rows run from the edge.
+def _plan(bone: int, measures: Measures, lining: LinearNDInterpolator) -> tuple[Floats, Floats]:
+    """Places x of the columns, and how far behind the lining each of them lies [m].
+
+    A quarter of an ellipse leads from the lining beside the corner to the last molars.
+    """
+    form, corner, half_jaw = FORMS[bone], 0.5 * measures.mouth_width, 0.5 * measures.jaw_width
+    follows, least = (corner + beyond for beyond in _BEYOND[bone])
+    width = max(form.half_width * half_jaw, least)
+    angle = np.linspace(0.0, 0.5 * np.pi, 200)
+    x = np.concatenate(
+        [np.linspace(0.0, follows, 200), follows + (width - follows) * np.sin(angle)]
+    )
+    y = lining(x, np.zeros_like(x))
+    leaving = np.concatenate([np.zeros(200), 1.0 - np.cos(angle)])
+    drop = leaving * max(float(y[-1] - y[0]) + form.depth * half_jaw, 0.0)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y - drop)))])
+    column = np.linspace(0.0, arc[-1], _COLUMNS)
+    return np.interp(column, arc, x), np.interp(column, arc, drop)
+
+
+def _wall(x: Floats, front: Floats, height: Floats) -> Floats:
+    """Left half (columns, rows, 2, 3) of a wall from the y of its front; rows run from the edge.
 
     Front and back are the two sides of the wall; the back of the edge lies a little within it.
     """
-    form = FORMS[bone]
-    width, depth = (0.5 * measures.jaw_width * share for share in (form.half_width, form.depth))
-    a = brentq(lambda a: a * (np.cosh(width / a) - 1.0) - depth, 0.2 * width, 50.0 * width)
-    assert isinstance(a, float)
-    arc = np.linspace(0.0, a * np.sinh(width / a), _COLUMNS)
-    x = a * np.arcsinh(arc / a)
-    y = a * (1.0 - np.cosh(x / a))
-    height = np.linspace(edge, root, _ROWS)
     wall = np.empty((_COLUMNS, _ROWS, 2, 3))
     wall[..., 0] = x[:, None, None]
-    wall[..., 1] = (y[:, None] - _RECLINE[bone] * np.abs(height - edge))[..., None]
+    wall[..., 1] = front[..., None]
     wall[..., 2] = height[:, None]
-    wall[:, 0, 1, 2] += 0.3 * _EDGE * np.sign(root)
-    # Towards the middle of the arch, less than to the centre of its curvature.
-    slope = np.stack([-np.sinh(x / a), -np.ones_like(x)], axis=1)
-    slope /= np.linalg.norm(slope, axis=1, keepdims=True)
-    thickness = np.linspace(_EDGE, min(_ROOT, 0.5 * a), _ROWS)
-    inward = thickness[:, None] * slope[:, None]
+    wall[:, 0, 1, 2] += 0.3 * _EDGE * np.sign(height[-1])
+    # The back turns evenly from behind the incisors to beside the molars, so that it never folds.
+    angle = np.linspace(0.0, 0.5 * np.pi, _COLUMNS)
+    slope = np.stack([-np.sin(angle), -np.cos(angle)], axis=1)
+    inward = np.linspace(_EDGE, _ROOT, _ROWS)[:, None] * slope[:, None]
     inward[..., 0] = np.maximum(inward[..., 0], -0.9 * x[:, None])
     wall[:, :, 1, :2] += inward
     return wall

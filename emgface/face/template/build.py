@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 from emgface.face.model import build_face
-from emgface.face.parts import Bundle, Fibre
+from emgface.face.parts import Arch, Bundle, Fibre
 from emgface.face.quality import element_centres
 from emgface.face.template.arches import arches_behind
 from emgface.face.template.attachments import (
@@ -141,10 +141,13 @@ def _built(
     if courses is not None:
         attrs = {**attrs, **{f"course_shift_{k}": v for k, v in muscles.shifted.items()}}
     face_markers = face_marker_positions(surfaces)
+    arches = arches_behind(surfaces, own)
     if own.width_asymmetry or own.droop:
         warp = _asymmetry(own, surfaces.mouth_half_width)
         muscles = _warped(muscles, element_centres(position, grid.connectivity), warp)
         position, face_markers = warp(position), warp(face_markers)
+        # Teeth lie within a millimetre of the tissue and go with it.
+        arches = tuple(Arch(a.bone, warp(a.points), a.triangles) for a in arches)
     return build_face(
         position=position,
         connectivity=grid.connectivity,
@@ -156,7 +159,7 @@ def _built(
         face_marker_position=face_markers,
         lip_opening_node=lip_opening_nodes(grid),
         facets=lip_surfaces(grid, position, 0.5 * own.mouth_width),
-        arches=arches_behind(surfaces, own),
+        arches=arches,
         name=name,
         origin="generated",
         source="emgface.face.template",

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from emgface.errors import DataError
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.support import WALL
 from emgface.face.template.actions import steady_positions
 
 Floats = NDArray[np.float64]
@@ -18,7 +17,7 @@ Floats = NDArray[np.float64]
 _SMILE: Final = {"ZYG": 0.5, "RIS": 0.3, "LAO": 0.3, "LLSAN": 0.2}
 GESTURES: Final[Mapping[str, tuple[str, Mapping[str, float], Mapping[str, float]]]] = {
     # Name; activation of the left and of the right muscles.
-    "A": ("purse lips", {"OOP": 0.5, "OOM": 0.1, "BUC": 0.05}, {}),
+    "A": ("purse lips", {"OOP": 0.5, "OOM": 0.4, "BUC": 0.05}, {}),
     "B": ("raise upper lip", {"LLSAN": 0.5}, {}),
     "C": ("depress mouth corners", {"DAO": 0.5, "MEN": 0.2}, {}),
     "D": ("voluntary smile", {**_SMILE, "DLI": 0.1, "DAO": 0.05}, {}),
@@ -74,8 +73,7 @@ def gesture_positions(
     instructions : tuple of str
         Some of A to F.
     parameters : SimulationParameters, optional
-        Laws and loads; by default sigma_max is 100 kPa, gravity off and the lining of lips and
-        cheeks supported by walls where it rests, as by teeth and gums.
+        Laws and loads; by default sigma_max is 100 kPa and gravity off; lips and teeth touch.
 
     Returns
     -------
@@ -91,6 +89,6 @@ def gesture_positions(
     """
     runs = [gesture_activation(instruction) for instruction in instructions]
     if parameters is None:
-        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, support=WALL)
+        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
     positions, _ = steady_positions(face, runs, parameters=parameters)
     return dict(zip(instructions, positions, strict=True))

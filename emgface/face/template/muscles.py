@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 from emgface.face.bundles import fibre_directions
-from emgface.face.parts import OUTER, Bundle, Fibre
+from emgface.face.parts import CENTRE, INNER, OUTER, Bundle, Fibre
 from emgface.face.quality import element_centres
 from emgface.face.shares import shares_within
 from emgface.face.template.grid import Grid
@@ -37,13 +37,20 @@ RINGS: Final[Mapping[str, tuple[float, float]]] = {
     "OOM": (0.0, VERMILION),
     "OOP": (VERMILION + (PERIORAL - VERMILION) / 3.0, PERIORAL),
 }
-"""Rings s of the parts of orbicularis oris, in the two layers below the skin.
+"""Rings s of the parts of orbicularis oris, in the layers of `RING_LAYERS`.
 
 The peripheral part begins a third of the way from the vermilion border to the edge of the perioral
 region: the further out it lies, the more the lips protrude (Stavness et al., section Lip morphology
 affects protrusion and rounding), and at the border itself the template draws them in.
 """
-_RING_DEPTH: Final = 0.4
+RING_LAYERS: Final[Mapping[str, tuple[int, ...]]] = {"OOM": (CENTRE,), "OOP": (INNER, CENTRE)}
+"""Layers that the parts of orbicularis oris fill.
+
+The marginal part lies superficially, beneath the red of the lip (Standring, as commonly quoted). A
+superficial ring closes the lips and a deep one opens and protrudes them (Stavness et al., the same
+section): in both layers the marginal part would close the mouth by a tenth of a millimetre.
+"""
+_RING_DEPTH: Final = {"OOM": 0.65, "OOP": 0.4}
 _MIRROR: Final = np.array([-1.0, 1.0, 1.0])
 
 Course = tuple[tuple[float, float, float], ...]
@@ -250,10 +257,11 @@ def place_muscles(
             if shift is not None and muscle == "OOP":
                 low = _inner_edge(surfaces.measures, shift.insertion[muscle][1])
             middle = 0.5 * (grid.s[1:] + grid.s[:-1])[ring[soft]]
-            element = soft[(middle > low) & (middle < high)]
+            layer = np.isin(grid.layer[soft], RING_LAYERS[muscle])
+            element = soft[(middle > low) & (middle < high) & layer]
             direction = along[element]
             share = np.ones(len(element))
-            left = [_ring_fibre(surfaces, grid, 0.5 * (low + high))]
+            left = [_ring_fibre(surfaces, grid, 0.5 * (low + high), _RING_DEPTH[muscle])]
         else:
             left, shifted[muscle] = _in_tissue(surfaces, muscle, rays[muscle], shift)
             share = shares_within(position, grid.connectivity[soft], left, radius)
@@ -311,10 +319,10 @@ def _in_space(surfaces: Surfaces, muscle: str, course: Course) -> Floats:
         raise FaceError(f"{muscle}: {error}") from error
 
 
-def _ring_fibre(surfaces: Surfaces, grid: Grid, s: float) -> Floats:
+def _ring_fibre(surfaces: Surfaces, grid: Grid, s: float, depth: float) -> Floats:
     q, lip = grid.left_rays
     skin, inner = surfaces.sheets(q, lip, np.array([s]))
-    points = (inner + _RING_DEPTH * (skin - inner))[:, 0] * _MIRROR
+    points = (inner + depth * (skin - inner))[:, 0] * _MIRROR
     points[[0, -1], 0] = 0.0
     return points
 
