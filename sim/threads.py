@@ -73,7 +73,7 @@ def set_thread_count(count: int) -> None:
 def in_shares(
     work: Callable[..., None], first: int, last: int, least: int, arguments: tuple[Any, ...]
 ) -> None:
-    """Call work(begin, end, *arguments) for equal shares of first..last, in threads.
+    """Call ``work(begin, end, *arguments)`` for equal shares of first..last, in threads.
 
     Shares have at least `least`; with fewer than two of them, `work` is called once.
     """
