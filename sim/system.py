@@ -234,15 +234,15 @@ class System(Described):
 
     def damping(self, q: Array, control: Control, K: Array | None = None) -> Array:
         """Values of the damping matrix -df/dv of the points [N s/m]; K is the stiffness, if computed."""
-        D = np.zeros(self.point_pattern.nnz)
+        values = np.zeros(self.point_pattern.nnz)
         if self._damping is not None:
             # a matrix of the step depends on its length; damping takes the relaxed stiffness always
-            D = self._damping(q, control, None if self._in_step else K)
+            values = self._damping(q, control, None if self._in_step else K)
         if self._damped_terms:
-            D = D.copy()  # that of rest is made once
+            values = values.copy()  # that of rest is made once
             for term in self._damped_terms:
-                term.add_damping(q, control, D)
-        return D
+                term.add_damping(q, control, values)
+        return values
 
     def products(self, pose: Pose) -> tuple[Product, ...]:
         """Matrix-free products of the generalised stiffness, in addition to `tangent`."""

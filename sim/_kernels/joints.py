@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from sim._kernels.options import inner, kernel
 
+Array = NDArray[np.float64]
+
 TRAVEL, ALIGNED, CURVE, ANGLE = 0, 1, 2, 3
 
 
@@ -95,7 +97,9 @@ def _height(curve, x):
 
 
 @kernel
-def evaluate_rows(table, frames, q, c, JA, JB, JP):
+def evaluate_rows(
+    table: RowTable, frames: Array, q: Array, c: Array, JA: Array, JB: Array, JP: Array
+) -> None:
     """Values c (m,), and their derivatives by twists of both bodies (m, 6) and points (m, 3)."""
     xa, xb, r = np.empty(3), np.empty(3), np.empty(3)
     n, u, v = np.empty(3), np.empty(3), np.empty(3)

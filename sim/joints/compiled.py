@@ -91,11 +91,11 @@ class Rows:
         evaluate_rows(table, pose.frames, pose.q, c, JA, JB, JP)
         G, drift = np.zeros((m, len(self.columns))), np.zeros(m)
         own = np.arange(m)
-        for side, J in ((table.body_a, JA), (table.body_b, JB)):
+        for side, slope in ((table.body_a, JA), (table.body_b, JB)):
             first = self._number[side]
             k = np.flatnonzero(first >= 0)
             place = np.searchsorted(self.columns, first[k])[:, None] + np.arange(6)
-            G[own[k, None], place] += J[k]
+            G[own[k, None], place] += slope[k]
         held = np.flatnonzero(table.point >= 0)
         if len(held):
             R = kinematics.matrix(pose)
@@ -105,9 +105,9 @@ class Rows:
         moved = kinematics.drift(pose, pose.t)
         if moved is not None:
             twists = kinematics.prescribed_twists(pose.t)
-            for side, J in ((table.body_a, JA), (table.body_b, JB)):
+            for side, slope in ((table.body_a, JA), (table.body_b, JB)):
                 k = np.flatnonzero(side >= 0)
-                drift[k] += (J[k] * twists[side[k]]).sum(axis=1)
+                drift[k] += (slope[k] * twists[side[k]]).sum(axis=1)
             drift[held] += (JP[held] * moved[table.point[held]]).sum(axis=1)
         return RowValues(c, G, drift)
 
@@ -119,7 +119,7 @@ class Rows:
         b, u = np.flatnonzero(~self.unilateral), np.flatnonzero(self.unilateral)
         f = np.zeros(len(r))
         if not len(u):
-            return np.linalg.solve(S, -r)
+            return np.asarray(np.linalg.solve(S, -r), dtype=np.float64)
         Sbu, found = S[b[:, None], u], np.zeros((len(b), len(u) + 1))
         if len(b):
             found = np.linalg.solve(S[b[:, None], b], np.column_stack([Sbu, r[b]]))

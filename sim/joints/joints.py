@@ -1,6 +1,6 @@
 """Joints of two bodies, points on surfaces, and limits."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -59,12 +59,10 @@ class _BodyJoint:
     def rows(self) -> tuple[Row, ...]:
         """One row per locked direction."""
         place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
-        yielding = {"compliance": self.compliance, "damping_time": self.damping_time}
-        moves = (
-            Row(f"{self.name} travel {_AXES[i]}", self.a, self.b, *place, i=i, **yielding)
-            for i in self.travels
-        )
-        turns = (
+        moves = [
+            Row(f"{self.name} travel {_AXES[i]}", self.a, self.b, *place, i=i) for i in self.travels
+        ]
+        turns = [
             Row(
                 f"{self.name} turn {_AXES[k]}",
                 self.a,
@@ -73,11 +71,13 @@ class _BodyJoint:
                 kind=ALIGNED,
                 i=_PAIRS[k][0],
                 j=_PAIRS[k][1],
-                **yielding,
             )
             for k in self.turns
+        ]
+        return tuple(
+            replace(row, compliance=self.compliance, damping_time=self.damping_time)
+            for row in (*moves, *turns)
         )
-        return (*moves, *turns)
 
 
 class Spherical(_BodyJoint):

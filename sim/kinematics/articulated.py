@@ -60,7 +60,7 @@ class Articulated:
         self._chains, self._n = chains, points.n_nodes
         self._paths = Paths(chains.paths, motions, bodies)
         self.free_bodies: Index = np.flatnonzero(~self._paths.moved)
-        own = [bodies[b] for b in self.free_bodies.tolist()]
+        own: list[Body] = [bodies[int(b)] for b in self.free_bodies]
         inertia = [np.asarray(b.inertia, dtype=np.float64) for b in own]
         self._inertia = np.array(inertia).reshape(-1, 3, 3)
         self._damping = np.array([b.damping for b in own], dtype=np.float64).reshape(-1, 2)

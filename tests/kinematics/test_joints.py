@@ -104,7 +104,7 @@ def test_compound_pendulum_has_its_period():
 
 @pytest.mark.parametrize(
     "integrator, steps",
-    [(sim.LinearlyImplicitEuler(), (20, 40, 80)), (sim.RungeKutta4(), (20, 40, 80))],
+    [(sim.LinearlyImplicitEuler(), (40, 80, 160)), (sim.RungeKutta4(), (20, 40, 80))],
 )
 def test_order_and_drift_with_a_joint(integrator, steps):
     system = pendulum()
