@@ -1,6 +1,6 @@
 """sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
 
-from sim import waiting as _waiting  # noqa: F401  # before NumPy is loaded
+from sim import waiting as _waiting  # noqa: F401  # before NumPy is loaded  # pyright: ignore[reportUnusedImport]
 from sim.activation import Activation, resting
 from sim.bodies import Body, body_of_surface
 from sim.constraints import HardElementVolume

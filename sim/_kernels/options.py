@@ -9,7 +9,7 @@ parallel is typed twice and optimised three times, and its threads wait by spinn
 
 # pyright: basic, reportCallIssue=false
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from functools import wraps
 
 import numba as nb
@@ -27,7 +27,7 @@ inner = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
 kernel = nb.njit(**_ALL, cache=True, nogil=True)
 kernel_and_inner = nb.njit(**_ALL, cache=True, forceinline=True)
 
-Ranges = Iterator[tuple[int, int]]
+Ranges = Iterable[tuple[int, int]]
 
 
 def by_colour(q, part, *_) -> Ranges:

@@ -63,9 +63,10 @@ class LinearlyImplicitEuler:
                 predicted = predicted_pose(system, state, h)
                 A = system.implicit_matrix(pose, here, K, D, h, h * h, predicted)
             require_upright(here.element, here.smallest_J, state.t)
-            Q = system.kinematics.generalised_force(here.f, pose)
-            Q = Q if D.offset is None else Q - D.offset
-            rhs = momentum_at(system, state, predicted) + h * Q
+            force = system.kinematics.generalised_force(here.f, pose)
+            if D.offset is not None:
+                force = force - D.offset
+            rhs = momentum_at(system, state, predicted) + h * force
             return LinearStep(A, rhs, 1.0, Missed(line, D, here))
 
         return step_of(equation, system, state, h, self.tolerance, work)

@@ -57,9 +57,10 @@ class LinearlyImplicitTrapezoidal:
             w0 = kinematics.velocities(state)
             # (M - h/2 D - h^2/4 K) w0 is twice the mass less the matrix
             momentum = momentum_at(system, state, predicted) + kinematics.apply_mass(w0, predicted)
-            Q = kinematics.generalised_force(here.f, pose)
-            Q = Q if D.offset is None else Q - D.offset
-            rhs = momentum - A.times(w0) + h * Q
+            force = kinematics.generalised_force(here.f, pose)
+            if D.offset is not None:
+                force = force - D.offset
+            rhs = momentum - A.times(w0) + h * force
             return LinearStep(A, rhs, 0.5)
 
         return step_of(equation, system, state, h, self.tolerance, work)

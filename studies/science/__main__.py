@@ -29,7 +29,8 @@ HEAD = """# What a simulated study can and cannot show
     {command}
 
 generates this page: {volunteers} simulated volunteers, instructions {instructions}, {repetitions}
-repetitions, seed {seed}, faces of resolution {resolution}, accuracy "{accuracy}". **All recordings are
+repetitions, seed {seed}, faces of resolution {resolution}, accuracy "{accuracy}", no contact of the
+lips. **All recordings are
 simulated.** The scores on this page do not estimate how well the method predicts the motion of people.
 """
 
