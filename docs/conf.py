@@ -86,7 +86,8 @@ class PublicNames(Autosummary):
         for name in sorted(module.__all__, key=str.lower):
             value = getattr(module, name)
             home = str(getattr(value, "__module__", ""))
-            if not home.startswith(root):  # a constant does not say where it is defined
+            if not home.startswith(root) or not hasattr(value, "__name__"):
+                # a constant does not say where it is defined
                 loaded = (m for m in sys.modules if m.startswith(f"{root}.") and m != package)
                 home = next(m for m in loaded if getattr(sys.modules[m], name, None) is value)
             names.append(f"~{home}.{name}")

@@ -115,6 +115,8 @@ class Mesh(Described):
 
     def facts(self) -> dict[str, str]:
         """Nodes, elements by type and size of the mesh."""
+        if not len(self.X):
+            return {"nodes": "0"}
         low, high = self.X.min(axis=0), self.X.max(axis=0)
         size = " x ".join(f"{1e3 * edge:.3g}" for edge in high - low)
         blocks = ", ".join(f"{len(block.nodes)} {block.kind.name}" for block in self.blocks)

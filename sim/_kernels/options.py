@@ -23,9 +23,31 @@ _ALL = {
     "error_model": "numpy",
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},  # never all of it: it assumes NaN away
 }
-inner = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
+_inner = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
 kernel = nb.njit(**_ALL, cache=True, nogil=True)
 kernel_and_inner = nb.njit(**_ALL, cache=True, forceinline=True)
+
+
+def inner(function):
+    """Function for kernels alone; a call from Python raises TypeError.
+
+    It has no wrapper for Python, and numba would jump to an address that is none. Versions are
+    therefore kept from the table that calls from Python use.
+    """
+    compiled = _inner(function)
+
+    def refuse(*_, **__):
+        raise TypeError(
+            f"{function.__name__} can be called in kernels alone: call it in a function that "
+            "is decorated with numba.njit"
+        )
+
+    def keep(version):
+        compiled.overloads[tuple(version.signature.args)] = version
+
+    compiled._compile_for_args, compiled.add_overload = refuse, keep
+    return compiled
+
 
 Ranges = Iterable[tuple[int, int]]
 

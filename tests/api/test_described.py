@@ -33,6 +33,15 @@ def test_scene_and_system_count_what_they_hold():
         assert shown.startswith("<sim.") and len(shown) < 400
 
 
+def test_a_scene_of_bodies_alone_is_described():
+    ball = sim.Body("ball", 0.25, 1e-4 * np.eye(3))
+    assert repr(sim.NO_TISSUE) == "<sim.Mesh>\n  nodes  0"
+    assert sim.Scene(sim.NO_TISSUE, (), bodies=(ball,)).facts()["bodies"] == "ball"
+    assert (
+        sim.compile_scene(sim.Scene(sim.NO_TISSUE, (), bodies=(ball,))).facts()["mass"] == "250 g"
+    )
+
+
 def test_html_escapes_and_lists_the_same_facts():
     class Odd(sim.Scene):
         def facts(self):

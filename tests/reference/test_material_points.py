@@ -6,6 +6,7 @@ D_ijkl = F_iI F_jJ F_kK F_lL D_IJKL / J of the material ones, in the component o
 
 import json
 
+import numba as nb
 import numpy as np
 import pytest
 
@@ -13,6 +14,10 @@ import sim
 from sim._kernels import tensor_laws, tensor_point
 from sim._kernels.symmetric import COLUMN, PLACE, ROW
 from sim.laws.fibre import N_FIBRE
+
+project = nb.njit(lambda *arguments: tensor_point.project(*arguments))
+add_fibre = nb.njit(lambda *arguments: tensor_point.add_fibre(*arguments))
+tensor_law = nb.njit(lambda *arguments: tensor_laws.tensor_law(*arguments))
 
 FIBRE_LAWS = {"blemker": sim.Blemker, "generic": sim.Generic}
 WORK = np.empty((4, 6, 6))
@@ -46,7 +51,7 @@ def isochoric(F, add):
     J, C = np.linalg.det(F), F.T @ F
     Sb, Db, S, D = (np.zeros(shape) for shape in (6, (6, 6), 6, (6, 6)))
     add(J, six(C), Sb, Db)
-    tensor_point.project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True, WORK)
+    project(Sb, Db, J, six(C), six(np.linalg.inv(C)), S, D, True, WORK)
     return pushed_forward(F, S, D)
 
 
@@ -55,7 +60,7 @@ def passive(F, law):
 
     def add(J, C, Sb, Db):
         _, code, p = form
-        tensor_laws.tensor_law(code, np.array(p), J ** (-2 / 3) * C, np.eye(3), Sb, Db, True, WORK)
+        tensor_law(code, np.array(p), J ** (-2 / 3) * C, np.eye(3), Sb, Db, True, WORK)
 
     return isochoric(F, add)
 
@@ -65,7 +70,7 @@ def fibre(F, law, activation, a0):
     p[: len(law.parameters())] = law.parameters()
 
     def add(J, C, Sb, Db):
-        tensor_point.add_fibre(law.code, p, activation, 1.0, a0, J, C, Sb, Db, True)
+        add_fibre(law.code, p, activation, 1.0, a0, J, C, Sb, Db, True)
 
     return isochoric(F, add)
 
