@@ -169,9 +169,8 @@ def gestures() -> str:
     table = pd.DataFrame.from_dict(moved, orient="index").rename_axis("instruction (mm)")
     rest = 1e3 * lip_opening(fine, fine["position"].values)
     return f"""Displacement from rest by the muscles of Table 1 of Eskes et al. 2017, simulated.
-Walls behind the lining of lips and cheeks represent teeth and gums; contact between the lips is not
-modelled. The opening is {rest:.2f} mm at rest, and negative where the lips have passed through each
-other.
+Lips and teeth are in contact, by constraints. The opening is {rest:.2f} mm at
+rest, and negative where the lips have passed through each other.
 
 ![Rest and six gestures](gestures.jpg)
 

@@ -127,10 +127,13 @@ def _activation(
 ) -> "xr.Dataset":
     """Activation of a file, computed where the file is a recording."""
     import emgface as ef
-    from emgface.schema.netcdf import kind_of, read_netcdf
+    from emgface.schema.netcdf import open_netcdf, read_netcdf
 
-    if source.suffix.lower() == ".nc" and kind_of(source) == "activation":
-        return read_netcdf(source, "activation")
+    if source.suffix.lower() == ".nc":
+        with open_netcdf(source) as opened:
+            is_activation = "activation" in opened.variables
+        if is_activation:
+            return read_netcdf(source, "activation")
     return ef.activate(
         source, strategy=strategy, instruction=instruction, mapping=mapping, study=study
     )

@@ -109,7 +109,7 @@ def test_sensitivity_puts_the_farthest_axis_on_top() -> None:
     for line, axis, level in zip(marks, found["axis"].values, found["level"].values, strict=True):
         label = f"{axis} = {level}".replace("_", " ")
         assert abs(line.get_ydata()[0] - heights[label]) < 0.5
-    assert figure.get_suptitle() == "what moves rho (simulated recordings)"
+    assert figure.get_suptitle() == "effect of the choices on rho (simulated recordings)"
 
 
 @pytest.mark.parametrize("suffix", ["svg", "pdf"])

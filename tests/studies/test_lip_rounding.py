@@ -45,5 +45,5 @@ def test_what_cannot_be_held_is_refused(coarse: xr.Dataset) -> None:
     p = SimulationParameters(gravity=False)
     with pytest.raises(ActivationError, match="unknown muscle 'NOSE_L'"):
         equilibria(coarse, {"NOSE_L": 1.0}, p)
-    with pytest.raises(ActivationError, match="are not ascending"):
+    with pytest.raises(ActivationError, match="do not ascend"):
         equilibria(coarse, {"OOP_L": 1.0}, p, levels=(0.0, 0.5, 0.5))

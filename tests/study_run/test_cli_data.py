@@ -144,7 +144,7 @@ def test_features_of_a_real_recording(shared: Path) -> None:
     path = shared / "recordings" / "pyomeca" / "markers_analogs.c3d"
     result = run("data", "features", path, "--channels", ".EMG")
     assert result.exit_code == 0, result.output
-    assert "11 of 16 channels are live." in result.stderr
+    assert "11 of 16 channels contain a signal." in result.stderr
     assert "measured" in result.stdout and "15-500 Hz" in result.stdout
     assert result.stdout.count("constant") == 5
 

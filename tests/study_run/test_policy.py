@@ -9,7 +9,7 @@ from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SigmaMaxPolicy, SimulationParameters
 from emgface.face.stability import stability_warning
 from emgface.report.results import open_results
-from emgface.study import stages
+from emgface.study import skin
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.policy import lower_sigma_max
 from emgface.study.run import run_study
@@ -114,7 +114,7 @@ def test_a_value_lowered_for_one_trial_holds_for_its_volunteer(
             raise InvertedElement(1, -0.1, 0.3)
         return simulate_face(face, activation, parameters, **rest)
 
-    monkeypatch.setattr(stages, "simulate_face", fragile)
+    monkeypatch.setattr(skin, "simulate_face", fragile)
     study = configure(
         StudyConfiguration,
         {

@@ -135,7 +135,7 @@ def test_normalised_timing_takes_one_step_per_sample(slab, settled) -> None:
         (
             lambda a: a.isel(muscle=[0, *range(len(MUSCLES))]),
             ActivationError,
-            f"names {MUSCLES[0]} more than once",
+            f"contains {MUSCLES[0]} more than once",
         ),
         (lambda a: a.isel(time=slice(None, None, -1)), ActivationError, "expected ascending"),
         (lambda a: a + 1.5, ControlError, "1.5"),

@@ -331,7 +331,7 @@ def test_every_file_says_its_world_and_a_study_has_one(slab, tmp_path: Path) -> 
         )  # fmt: skip
         recording = read_recording(made[0], study=True)
         # A face of a file keeps its mesh and muscles, and the label says so.
-        expected = "matched world" if world is MATCHED else "mismatched world but for mesh, courses"
+        expected = "matched world" if world is MATCHED else "mismatched world except mesh, courses"
         assert recording.attrs["world"] == expected and expected in recording.attrs["source"]
         assert recording.attrs["origin"] == "simulated"
     for made in (
