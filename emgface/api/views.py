@@ -87,7 +87,7 @@ class View:
 
     @property
     def moving(self) -> bool:
-        """Whether a face can be turned and, of a motion, moves."""
+        """Return True where a face can be turned or moves."""
         return self._kind == "face_model" or "surface_position" in self._data
 
     @cached_property

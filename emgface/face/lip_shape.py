@@ -75,7 +75,7 @@ def lip_rim(face: xr.Dataset) -> LipRim:
 
 
 def has_mouth(face: xr.Dataset) -> bool:
-    """Whether the skin of a face has a mouth opening, see `lip_rim`."""
+    """Return True where the skin of a face has a mouth opening, see `lip_rim`."""
     try:
         lip_rim(face)
     except FaceError:

@@ -13,7 +13,7 @@ LIMIT = 40
 """Refinements of a solution by an older factor."""
 
 BESIDE = 1e-5
-"""Time between the poses whose difference tells how rows turn [s]."""
+"""Time between the poses from which the turning of rows is differenced [s]."""
 
 
 def held_solution(

@@ -48,7 +48,7 @@ class Paths:
         self.moved = np.array([path is not None for path in motions], dtype=bool)
 
     def __bool__(self) -> bool:
-        """Whether anything moves."""
+        """Return True if anything moves."""
         return bool(self._nodes) or bool(self._motions)
 
     def set_positions(self, q: Array, t: float) -> None:

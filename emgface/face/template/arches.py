@@ -42,7 +42,7 @@ class ArchForm:
 FORMS: Final = {SKULL: ArchForm(0.57, 0.58), MANDIBLE: ArchForm(0.55, 0.52)}
 """About 57 and 55 mm between the outer faces of the first molars, 29 and 26 mm deep, for a mean jaw."""
 _BEYOND: Final = {SKULL: (2e-3, 5e-3), MANDIBLE: (1e-3, 3.5e-3)}
-"""How far beyond the corner of the mouth an arch follows the cheek, and its least half width [m]."""
+"""Distance over which an arch follows the cheek beyond the corner, and its least half width [m]."""
 EXPOSURE: Final = 4.3e-3
 """Upper incisors below the margin of the relaxed upper lip [m]: mean of 3.9 (men) and 4.7 mm (women)
 as commonly quoted from Arnett et al. 1999."""
@@ -57,7 +57,7 @@ _ROOT: Final = 5e-3
 _BEHIND: Final = 4e-3
 """Height over which the lower incisors recede to the overjet behind the upper ones [m]; chosen."""
 _NEAR: Final = 1e-3
-"""How far aside, above and below the lining nearest to the teeth counts [m]; chosen."""
+"""Distance aside, above and below within which the lining nearest to the teeth counts [m]; chosen."""
 _COLUMNS, _ROWS = 17, 6
 """Of a half: chords of 3 mm leave the curve by 0.04 mm, and contact pays for every vertex."""
 
