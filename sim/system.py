@@ -224,7 +224,7 @@ class System(Described):
 
     @property
     def is_damped(self) -> bool:
-        """Whether any force depends on velocities."""
+        """Return True if any force depends on velocities."""
         bodies = any(max(b.damping) > 0.0 for b in self.scene.bodies)
         return self._damping is not None or bodies or bool(self._damped_terms)
 

@@ -1,4 +1,4 @@
-"""What is drawn of a face: its parts, the smooth surface between its nodes, the dark behind the lips."""
+"""Drawn body of a face: parts, the smooth surface between the nodes, the dark behind the lips."""
 
 import numpy as np
 import pytest
