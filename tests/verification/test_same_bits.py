@@ -222,8 +222,8 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
 
 def run_processes(root: Path, *options: str) -> str:
     """Output of the command that compares processes; it fails where they differ."""
-    command = [sys.executable, str(root / "benchmarks" / "same_bits.py"), *options]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    command = [sys.executable, "-m", "benchmarks", "same_bits", *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1800, cwd=root)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
