@@ -33,10 +33,12 @@ LIGHT: Final[Mapping[str, object]] = {
     "gloss": 0.10,
     "power": 22.0,
     "shadow": (0.10, -0.02, -0.08),
+    "inside": 0.45,
 }
 """Light in the frame of the camera (right, up, towards it). The brightness of a colour is
 ambient + sky (1 + up) / 2 + key max(0, n·key_from); what lies in shadow turns by `shadow`, warm as skin
-does; gloss is a Blinn-Phong highlight."""
+does; gloss is a Blinn-Phong highlight. A surface seen from within has the share `inside` of its colour
+and the rest of the dark of the mouth."""
 
 DISPLACEMENT: Final = (
     (0.955, 0.925, 0.855),
@@ -136,7 +138,7 @@ def render(
     lit = shaded(paint, normal @ axes_of(view).T)[triangle]
     a, b, c = (on_screen[triangle[:, k]] for k in range(3))
     behind = _twice_the_area(a, b, c) >= 0.0
-    lit[behind] = MOUTH
+    lit[behind] = MOUTH + float(LIGHT["inside"]) * (lit[behind] - MOUTH)  # pyright: ignore[reportArgumentType]
     own = (weight[:, :, None] * lit[face]).sum(axis=1)
     picture = np.zeros((size[0] * size[1], 4))
     picture[pixel, :3], picture[pixel, 3] = own, 1.0

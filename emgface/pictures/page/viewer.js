@@ -162,7 +162,7 @@ const FRAGMENT = `
     float bright = ${number(data.light.ambient)} + ${number(data.light.sky / 2)} * (1.0 + m.y) + ${number(data.light.key)} * direct;
     float shine = ${number(data.light.gloss)} * pow(max(0.0, dot(m, ${vector(HALF)})), ${number(data.light.power)});
     vec3 skin = c * (1.0 + ${vector(data.light.shadow)} * (1.0 - direct)) * bright + shine;
-    gl_FragColor = vec4(gl_FrontFacing ? skin : ${vector(data.mouth)}, 1.0);
+    gl_FragColor = vec4(gl_FrontFacing ? skin : mix(${vector(data.mouth)}, skin, ${number(data.light.inside)}), 1.0);
   }`;
 
 function webgl() {
