@@ -1,6 +1,6 @@
 """Face model: geometry, muscles and markers as one labelled dataset.
 
-Called, the package generates or reads a face: `emgface.api.face`.
+The package can be called to generate or read a face (`emgface.api.face`).
 """
 
 from emgface._callable import make_callable

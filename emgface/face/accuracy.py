@@ -43,25 +43,12 @@ _LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
 
 
 def accuracy_settings(accuracy: str, *, constrained: bool = False) -> dict[str, Any]:
-    """Settings of a preset or a desired error.
+    """Settings of a preset or a desired error: solver, step [s] and tolerances [m].
 
-    Parameters
-    ----------
-    accuracy : str
-        "draft", "study", "reference", "published", or a length such as "0.1 mm": the error of the lip
-        markers that the steps are chosen by.
-    constrained : bool
-        Whether contact is held by constraints.
-
-    Returns
-    -------
-    dict
-        Values of ``solver``, ``step`` [s], ``iteration_tolerance`` and ``error_tolerance`` [m].
-
-    Raises
-    ------
-    ValueError
-        Neither a preset nor a length above zero.
+    `accuracy` is "draft", "study", "reference", "published", or a length such as "0.1 mm", the
+    error of the lip markers that determines the steps. `constrained` states that contact is
+    enforced by constraints. The keys are ``solver``, ``step``, ``iteration_tolerance`` and
+    ``error_tolerance``. Raises ValueError for anything but a preset or a positive length.
     """
     if accuracy in PRESETS:
         return dict((CONSTRAINED if constrained else PRESETS)[accuracy])

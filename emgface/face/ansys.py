@@ -1,7 +1,7 @@
 """Readers of ANSYS node lists, element lists and id lists.
 
-The lists have fixed columns that may touch (a negative coordinate of full width follows its node
-id without a blank), so lines are cut by column, never split on blanks.
+The lists have fixed columns, which may not be separated by blanks (a negative coordinate of full
+width follows its node id directly). Lines are therefore split by column.
 """
 
 import re
@@ -45,27 +45,12 @@ class ElementList:
 
 
 def read_nodes(path: Path) -> NodeList:
-    """Read a node list: id, x, y, z per line.
+    """Read a node list: id, x, y, z per line, in the unit of the file.
 
-    A file whose first line is 8 + 3 x 20 characters wide is read by column; a shorter line may
-    lack trailing blanks but no digits. Any other file is read by a pattern of numbers separated
-    by blanks or, before x, by its sign.
-
-    Parameters
-    ----------
-    path : Path
-        The `.node` file.
-
-    Returns
-    -------
-    NodeList
-        Ids as in the file, coordinates in the unit of the file.
-
-    Raises
-    ------
-    FaceError
-        A line is cut short or holds something other than numbers, or an id occurs twice; the
-        message names file and line.
+    A file whose first line is 8 + 3 x 20 characters wide is read by column; a shorter line may lack
+    trailing blanks but no digits. Any other file is read by a pattern of numbers separated by
+    blanks or, before x, by its sign. Raises FaceError, with file and line, if a line is truncated
+    or contains anything but numbers, or an id occurs twice.
     """
     ids: list[int] = []
     rows: list[tuple[float, float, float]] = []
@@ -94,20 +79,9 @@ def read_nodes(path: Path) -> NodeList:
 def read_elements(path: Path) -> ElementList:
     """Read an element list: 13 integers of 6 columns each, then the element id.
 
-    Parameters
-    ----------
-    path : Path
-        The `.elem` file. Columns 1-8 are node ids (0 = unused), 10 is the element type.
-
-    Returns
-    -------
-    ElementList
-        All lines of the file, links and contact elements included.
-
-    Raises
-    ------
-    FaceError
-        A line is cut short or holds something other than integers, or an element id occurs twice.
+    Columns 1-8 are node ids (0 = unused), column 10 is the element type; links and contact elements
+    are included. Raises FaceError if a line is truncated or contains anything but integers, or an
+    id occurs twice.
     """
     ids: list[int] = []
     nodes: list[list[int]] = []
@@ -139,13 +113,8 @@ def read_elements(path: Path) -> ElementList:
 def solid_nodes(elements: ElementList, path: Path) -> NDArray[np.int64]:
     """Node ids of hexahedra and wedges in VTK order, shape (n, 8).
 
-    A wedge is written as the degenerate hexahedron I J K K M N O O; its six nodes are
-    I J K M N O, followed by -1, -1.
-
-    Raises
-    ------
-    FaceError
-        An element is neither of the two.
+    A wedge is written as the degenerate hexahedron I J K K M N O O; its six nodes are I J K M N O,
+    followed by -1, -1. Raises FaceError for any other element.
     """
     node = elements.node_id
     result = node.copy()
@@ -169,17 +138,8 @@ def solid_nodes(elements: ElementList, path: Path) -> NDArray[np.int64]:
 def read_ids(path: Path, *, base: int) -> NDArray[np.int64]:
     """Read a list of ids, one per line, and return them counted from 1.
 
-    Parameters
-    ----------
-    path : Path
-        The list.
-    base : {0, 1}
-        0 if the file holds positions counted from 0, 1 if it holds ids.
-
-    Raises
-    ------
-    FaceError
-        A line is not one integer of that base, or an id occurs twice.
+    `base` is 0 if the file contains positions counted from 0, and 1 if it contains ids. Raises
+    FaceError if a line is not one integer of that base, or an id occurs twice.
     """
     if base not in (0, 1):
         raise ValueError(f"base is {base}, expected 0 or 1")
@@ -215,11 +175,11 @@ def _node_by_column(
 
 
 def _digits(text: str) -> int:
-    """Count the digits of a mantissa; -1 if its exponent is cut short."""
+    """Count the digits of a mantissa; -1 if its exponent is truncated."""
     mantissa, letter, exponent = text.strip().upper().replace("D", "E").partition("E")
     if letter and len(exponent.strip("+-")) < 2:
         return -1
-    # A number with an exponent spends one digit on its leading zero.
+    # A number with an exponent has one digit less, because of its leading zero.
     return sum(c.isdigit() for c in mantissa) - (1 if letter else 0)
 
 
@@ -229,7 +189,7 @@ def _real(text: str) -> float:
 
 
 def lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines of a text file that are not blank, with their numbers; FaceError if it cannot be read."""
+    """Lines of a text file that are not blank, with numbers; FaceError if it cannot be read."""
     try:
         text = path.read_text(encoding="ascii")
     except OSError as error:

@@ -1,9 +1,9 @@
 """Import of the published reference face from its ANSYS files.
 
 The files are those of the public repository `artisynth_models` (directory
-`src/artisynth/models/face/geometry/refmodel`, with two atlas lists one folder up), read either from
-a checkout or from a folder `face_reference` that holds copies of them. Lengths are in millimetres
-there and in metres from here on.
+`src/artisynth/models/face/geometry/refmodel`, and two atlas lists in its parent), read from a
+checkout or from a folder `face_reference` with copies of them. Lengths are converted from
+millimetres to metres.
 
 Source: Nazari et al. 2010 and Stavness et al. 2013 (the face); Eskes et al. 2017 (its use).
 """
@@ -74,45 +74,40 @@ def import_artisynth(
     marker_ring_offset: int = 0,
     bones: BoneChoice = "whole",
 ) -> xr.Dataset:
-    """Read the reference face as a face_model.
+    """Read the reference face as a face_model, with the origin "published geometry, imported".
 
     Parameters
     ----------
     folder : path-like
         A checkout of `artisynth_models`, its `refmodel` folder, or a folder (or the parent of a
-        folder `face_reference`) that holds copies of the files.
+        folder `face_reference`) with copies of the files.
     radius : float
-        Elements whose centre lies nearer than this to a muscle's fibres belong to it [m]; 5 mm in
-        Eskes et al. 2017, 3 mm in the demonstration that ships with the model.
+        Distance [m] from a muscle's fibres below which the centre of an element belongs to it;
+        5 mm in Eskes et al. 2017, 3 mm in the demonstration distributed with the model.
     oop : {"oldoop", "active", "block", "radius"}
-        Elements of orbicularis oris peripheralis: the hand-made set of 322 of the demonstration,
+        Elements of orbicularis oris peripheralis: the manual set of 322 of the demonstration,
         the 408 activated in ANSYS, the full block of 420, or by radius.
     oom : {"active", "radius"}
-        Elements of orbicularis oris marginalis: the hand-made set (466 once mirrored) or by
-        radius. Hand-made sets are split into left and right by the x of the element centre.
+        Elements of orbicularis oris marginalis: the manual set (466 after mirroring) or by
+        radius. Manual sets are split into left and right by the x of the element centre.
     lao_fibres : {"both", "lateral"}
-        Both fibres of levator anguli oris, or the lateral one alone, as a later grouping has it.
+        Both fibres of levator anguli oris, or the lateral one only, as in a later grouping.
     marker_ring_offset : int
-        Moves the proposed lip markers this many rings of skin nodes away from the mouth opening
-        (negative: towards it), to see what their choice changes.
+        Number of rings of skin nodes by which the proposed lip markers are moved away from the mouth
+        opening (negative: towards it), to measure the influence of their choice.
     bones : {"whole", "patch"}
-        Closed shells of teeth and alveolar processes, or their open parts that face the lips. Shells
-        and surfaces of the lips are taken where their files lie beside; contact needs them.
-
-    Returns
-    -------
-    xarray.Dataset
-        Of schema face_model, origin "published geometry, imported".
+        Closed shells of teeth and alveolar processes, or their open parts opposite the lips. Shells
+        and surfaces of the lips, required by contact, are read if their files are present.
 
     Raises
     ------
     FaceError
-        A file is absent (the message says where it was sought), garbled, or does not fit the
+        A file is absent (the message states the folders searched), damaged, or inconsistent with the
         others; or the face fails `emgface.face.validity.check_face`.
 
     Notes
     -----
-    Directions interpolate the segments of both sides together, as the published simulator does.
+    Directions interpolate the segments of both sides together, as in the published simulator.
     """
     _check_choice("oop", oop, get_args(OopChoice))
     _check_choice("oom", oom, get_args(OomChoice))
@@ -221,7 +216,7 @@ def _layers(
     """Layer: inner or outer if an element has nodes of that surface, otherwise centre."""
     on_inner, on_outer = np.zeros(n_nodes + 1, dtype=bool), np.zeros(n_nodes + 1, dtype=bool)
     on_inner[inner], on_outer[outer] = True, True
-    # Index -1 of wedges picks the last, unused entry.
+    # Index -1 of wedges refers to the last, unused entry.
     touches_inner = on_inner[connectivity].any(axis=1)
     touches_outer = on_outer[connectivity].any(axis=1)
     if (touches_inner & touches_outer).any():

@@ -1,7 +1,7 @@
 """Bones and lips of the published reference face as surfaces for contact.
 
-Two formats: Wavefront OBJ, of which the lines `v x y z` and `f a b c` are read (millimetres, counted
-from 1), and lists `f a b c` of triangles over the nodes of the face (ids, counted from 1).
+There are two formats: Wavefront OBJ with lines `v x y z` and `f a b c` (millimetres, indices
+counted from 1), and lists `f a b c` of triangles over the nodes of the face (ids, counted from 1).
 """
 
 import re
@@ -35,20 +35,8 @@ _LISTED = re.compile(r"\[?\s*f\s+(\d+)\s+(\d+)\s+(\d+)\s*\]?")
 def published_bones(files: PublishedFiles, choice: BoneChoice) -> list[Arch]:
     """Teeth and alveolar processes of maxilla and mandible; none if the files are absent.
 
-    Parameters
-    ----------
-    files : PublishedFiles
-    choice : {"whole", "patch"}
-        Closed shells, or the open parts of them that face the lips.
-
-    Returns
-    -------
-    list of Arch
-
-    Raises
-    ------
-    FaceError
-        One of the two files is absent, a file is garbled, or a whole shell is not closed.
+    `choice` is "whole" for closed shells, or "patch" for their open parts opposite the lips. Raises
+    FaceError if one of the two files is absent, a file is damaged, or a whole shell is not closed.
     """
     found = files.beside(BONE_FILES[choice])
     if found is None:
@@ -67,23 +55,9 @@ def published_lips(
 ) -> dict[str, Integers]:
     """Closed surfaces of the lips over the nodes of the face; none if the files are absent.
 
-    Parameters
-    ----------
-    files : PublishedFiles
-    index : mapping
-        Node id to its index.
-    position : ndarray, shape (nodes, 3)
-        [m]
-
-    Returns
-    -------
-    dict
-        Lip to node indices (m, 3) of its triangles, outward.
-
-    Raises
-    ------
-    FaceError
-        One of the two files is absent or garbled, names an unknown node, or is not closed.
+    `index` maps node ids to indices. The result contains node indices (m, 3) of outward triangles
+    by lip. Raises FaceError if one of the two files is absent, damaged, contains an unknown node,
+    or is not closed.
     """
     found = files.beside(LIP_FILES)
     if found is None:
@@ -100,13 +74,10 @@ def published_lips(
 
 
 def read_obj(path: Path) -> tuple[Floats, Integers]:
-    """Vertices (n, 3) in the unit of the file, and 0-based triangles (m, 3), of an OBJ file.
+    """Vertices (n, 3) in the unit of the file, and triangles (m, 3) from 0, of an OBJ file.
 
-    Raises
-    ------
-    FaceError
-        A vertex is not three numbers, a face is no triangle or names a vertex that is not there, or
-        there are none.
+    Raises FaceError if a vertex is not three numbers, a face is not a triangle of existing
+    vertices, or there are none.
     """
     points: list[list[float]] = []
     triangles: list[list[int]] = []
@@ -135,10 +106,7 @@ def read_obj(path: Path) -> tuple[Floats, Integers]:
 def read_triangles(path: Path) -> Integers:
     """Node ids (m, 3) of a list of triangles over the nodes of a mesh.
 
-    Raises
-    ------
-    FaceError
-        A line is not `f a b c`, or there are none.
+    Raises FaceError if a line is not `f a b c`, or there are none.
     """
     found: list[tuple[int, ...]] = []
     for number, line in lines(path):

@@ -43,21 +43,7 @@ class PublishedFiles:
         )
 
     def beside(self, names: Sequence[str]) -> list[Path] | None:
-        """Paths of optional files: all of them, or None.
-
-        Parameters
-        ----------
-        names : sequence of str
-
-        Returns
-        -------
-        list of Path or None
-
-        Raises
-        ------
-        FaceError
-            Some are there and others are not.
-        """
+        """Paths of optional files: all, or None; FaceError if some are present and others not."""
         there = [any((place / name).is_file() for place in self._places) for name in names]
         return [self[name] for name in names] if any(there) else None
 

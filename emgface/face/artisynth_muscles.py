@@ -1,4 +1,4 @@
-"""Muscles of the published reference face: fibres by their points, elements by hand or by distance."""
+"""Muscles of the published reference face: fibres by points, elements by list or by distance."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -56,7 +56,7 @@ MIDLINE_POINTS: Final = frozenset({134227, 134228})
 
 
 def muscle_points(path: Path, position: Floats, connectivity: Integers) -> dict[int, Floats]:
-    """Muscle points by id [m], those outside the mesh moved to its surface."""
+    """Muscle points by id [m], projected onto the surface of the mesh if outside."""
     listed = read_nodes(path)
     place = {int(point): k for k, point in enumerate(listed.id)}
     left = {point for fibres in FIBRES_LEFT.values() for fibre in fibres for point in fibre}

@@ -1,7 +1,7 @@
 """Muscle elements of fibres: membership by radius, directions by interpolation.
 
 A fibre is a polyline of points (k, 3) [m]. An element belongs to a muscle if its centre (the mean
-of its nodes at rest) lies nearer than a radius to one of the muscle's segments. Its direction
+of its nodes at rest) is nearer than a radius to one of the muscle's segments. Its direction
 interpolates the unit vectors of the segments from their midpoints.
 
 Source: the muscle bundles of the reference face used by Eskes et al. 2017 (radius 5 mm), as
@@ -31,10 +31,7 @@ FLAT = 1e-6
 def segments(fibres: Sequence[Floats]) -> tuple[Floats, Floats]:
     """Start and end of every segment of the fibres, each of shape (n, 3).
 
-    Raises
-    ------
-    FaceError
-        A fibre has fewer than two points, or two consecutive points coincide.
+    Raises FaceError if a fibre has fewer than two points, or two consecutive points coincide.
     """
     for k, fibre in enumerate(fibres):
         if len(fibre) < 2:
@@ -66,12 +63,9 @@ def distance_to_fibres(points: Floats, fibres: Sequence[Floats]) -> Floats:
 
 
 def elements_within(centres: Floats, fibres: Sequence[Floats], radius: float) -> NDArray[np.int64]:
-    """Return the elements whose centre lies nearer than `radius` [m] to a fibre.
+    """Return the elements whose centre is nearer than `radius` [m] to a fibre.
 
-    Raises
-    ------
-    FaceError
-        The radius is not positive.
+    Raises FaceError unless the radius is positive.
     """
     if not radius > 0:
         raise FaceError(f"the muscle radius is {radius} m, expected a positive length")
@@ -79,30 +73,14 @@ def elements_within(centres: Floats, fibres: Sequence[Floats], radius: float) ->
 
 
 def fibre_directions(points: Floats, fibres: Sequence[Floats]) -> Floats:
-    """Return the unit fibre direction at each point; its sign has no meaning.
+    """Return the unit fibre direction (n, 3) at points (n, 3) [m]; its sign is arbitrary.
 
     The unit vectors d_i of the segments are placed at the segment midpoints and interpolated
-    linearly in the Delaunay tetrahedralisation of the midpoints; a point outside the hull takes
-    the value at the nearest point of the hull. The sum of w_i d_i runs in decreasing weight and
-    flips every vector that opposes the running sum. Midpoints in one plane or on one line are
-    triangulated there.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Element centres [m].
-    fibres : sequence of ndarray, shape (k, 3)
-        Points of the fibres of one muscle [m].
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Unit vectors [1].
-
-    Raises
-    ------
-    FaceError
-        There is no fibre, or a segment has no length.
+    linearly in the Delaunay tetrahedralisation of the midpoints; for a point outside the hull, the
+    nearest point of the hull is used. The sum of w_i d_i is formed in the order of decreasing
+    weight, with the sign of each vector chosen along the partial sum. Midpoints in one plane or on
+    one line are triangulated there. Raises FaceError if there is no fibre, or a segment has no
+    length.
     """
     start, end = segments(fibres)
     if len(start) == 0:
@@ -117,45 +95,24 @@ def fibre_directions(points: Floats, fibres: Sequence[Floats]) -> Floats:
 def symmetric_directions(points: Floats, fibres: Sequence[Floats]) -> Floats:
     """Symmetric `fibre_directions` for fibres that are mirror images in x = 0.
 
-    Mirrored midpoints lie four by four on circles, where the tetrahedralisation has more than one
-    solution; directions are therefore taken on the side x <= 0 and mirrored to the other.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-    fibres : sequence of ndarray, shape (k, 3)
-        Fibres of both sides.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Unit vectors [1].
+    Groups of four mirrored midpoints lie on circles, where the tetrahedralisation is not unique;
+    directions are therefore computed on the side x <= 0 and mirrored to the other.
     """
     mirror = np.where(points[:, :1] > 0.0, [[-1.0, 1.0, 1.0]], [[1.0, 1.0, 1.0]])
     return fibre_directions(points * mirror, fibres) * mirror
 
 
 def interpolation_weights(points: Floats, sites: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Sites and weights of the linear Delaunay interpolation, clamped to the hull.
+    """Sites and weights (n, k) of the linear Delaunay interpolation, clamped to the hull.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-    sites : ndarray, shape (m, 3)
-        At least one; they may coincide with a plane, a line or a point.
-
-    Returns
-    -------
-    site : ndarray of int, shape (n, k)
-        k = dimension of the sites + 1.
-    weight : ndarray, shape (n, k)
-        Not negative; each row sums to 1.
+    There is at least one of the `sites` (m, 3); they may lie in a plane, on a line or at a point,
+    and k is their dimension + 1. Weights are not negative, and each row sums to 1.
     """
     centre = sites.mean(axis=0)
     _, extent, axes = np.linalg.svd(sites - centre, full_matrices=False)
     size = float(extent[0]) if len(extent) else 0.0
     dimension = int(np.sum(extent > FLAT * size)) if size > 0 else 0
-    # Distances within the sites' own plane or line decide there, so both are projected into it.
+    # Sites in a plane or on a line are interpolated there, with points projected onto it.
     flat_sites = (sites - centre) @ axes[:dimension].T
     flat_points = (points - centre) @ axes[:dimension].T
     if dimension == 0:
@@ -168,19 +125,9 @@ def interpolation_weights(points: Floats, sites: Floats) -> tuple[NDArray[np.int
 def project_into_mesh(
     points: Floats, position: Floats, connectivity: NDArray[np.integer]
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Move points outside the mesh to the nearest point of its surface.
+    """Move points (n, 3) [m] outside the mesh to the nearest point of its surface.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        For instance fibre points [m].
-    position, connectivity : ndarray
-        Nodes (nodes, 3) [m] and elements (elements, 8) of the mesh.
-
-    Returns
-    -------
-    projected : ndarray, shape (n, 3)
-    outside : ndarray of bool, shape (n,)
+    Returns the points and a mask of those that were outside.
     """
     faces, _ = boundary_faces(connectivity)
     corners = position[triangles(faces, position)]

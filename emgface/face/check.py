@@ -32,14 +32,10 @@ MM, MM2, MM3 = 1e3, 1e6, 1e9
 class FaceReport:
     """Tables of one face.
 
-    Attributes
-    ----------
-    summary : pandas.DataFrame
-        Index `quantity`; columns `value` and `unit`.
-    muscles : pandas.DataFrame
-        Index `muscle`; columns `fibres`, `elements`, `hexahedra`, `wedges`, `inner`, `centre`,
-        `outer`, `volume` [mm3] and `shared`, the elements shared with the same muscle of the
-        other side.
+    `summary` has the index `quantity` and the columns `value` and `unit`; `muscles` the index
+    `muscle` and the columns `fibres`, `elements`, `hexahedra`, `wedges`, `inner`, `centre`,
+    `outer`, `volume` [mm3] and `shared`, the number of elements shared with the same muscle of the
+    other side.
     """
 
     summary: pd.DataFrame
@@ -47,19 +43,9 @@ class FaceReport:
 
 
 def face_report(ds: xr.Dataset, *, density: float = DENSITY) -> FaceReport:
-    """Count and measure a face.
+    """Count and measure a face; lengths in mm, areas in mm2, volumes in mm3, mass in kg.
 
-    Parameters
-    ----------
-    ds : xarray.Dataset
-        A face_model that passed `emgface.face.validity.check_face`.
-    density : float
-        Density of the tissue [kg/m3], for its mass.
-
-    Returns
-    -------
-    FaceReport
-        Lengths in mm, areas in mm2, volumes in mm3, mass in kg.
+    `density` [kg/m3] determines the mass.
     """
     position, connectivity = ds["position"].values, ds["connectivity"].values
     layer, fixed = ds["layer"].values, ds["fixed"].values
@@ -104,7 +90,7 @@ def face_report(ds: xr.Dataset, *, density: float = DENSITY) -> FaceReport:
 
 
 def sheet_nodes(ds: xr.Dataset, layer: int) -> NDArray[np.int64]:
-    """Nodes that belong only to elements of one layer: 0 the inner surface, 2 the skin."""
+    """Nodes that belong only to elements of one layer: 0 for the inner surface, 2 for the skin."""
     connectivity = ds["connectivity"].values
     mine = connectivity[ds["layer"].values == layer]
     rest = connectivity[ds["layer"].values != layer]

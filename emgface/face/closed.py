@@ -10,15 +10,7 @@ from emgface.face.surface import Floats, Indices
 def open_edges(triangles: Indices) -> NDArray[np.int64]:
     """Edges (n, 2) that do not belong to exactly two triangles with opposite orientation.
 
-    Parameters
-    ----------
-    triangles : ndarray of int, shape (m, 3)
-        Counter-clockwise seen from outside.
-
-    Returns
-    -------
-    ndarray of int, shape (n, 2)
-        Smaller node first; empty for a closed surface.
+    Triangles (m, 3) are counter-clockwise seen from outside; the smaller node of an edge is first.
     """
     run = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     sense = np.where(run[:, 0] < run[:, 1], 1, -1)
@@ -29,21 +21,10 @@ def open_edges(triangles: Indices) -> NDArray[np.int64]:
 
 
 def check_closed(points: Floats, triangles: Indices, what: str) -> None:
-    """Require a closed surface of outward triangles with positive area.
+    """Require a closed surface of outward triangles with positive area, called `what` in messages.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        [m]
-    triangles : ndarray of int, shape (m, 3)
-    what : str
-        Name of the surface for the message.
-
-    Raises
-    ------
-    FaceError
-        A triangle has no area or occurs twice, an edge is open or has more than two triangles, or the
-        triangles look inwards.
+    Raises FaceError if a triangle has no area or occurs twice, an edge does not belong to two
+    triangles, or the triangles are oriented inwards.
     """
     corners = points[triangles]
     area = 0.5 * np.linalg.norm(

@@ -13,9 +13,9 @@ from sim.scene import Term
 
 
 def touching(face: xr.Dataset, parameters: SimulationParameters) -> tuple[str, ...]:
-    """Return "lips" and "teeth" as far as they may touch: none, as given, or those that the face has.
+    """Return the surfaces in contact, "lips" and "teeth": as specified, or those of the face.
 
-    Where walls behind the inner sheet stand for the teeth (`support`), those of the face are left out.
+    If walls behind the inner sheet represent the teeth (`support`), those of the face are omitted.
     """
     contact = parameters.contact
     if contact.method == "none":
@@ -32,27 +32,11 @@ def contact_pairings(
 ) -> tuple[Pairing, ...]:
     """Pair the surfaces of a face that may touch.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    method : str
-        "constraint" or "barrier".
-    between : tuple of str
-        "lips", "teeth" or both.
-
-    Returns
-    -------
-    tuple of Pairing
-        Upper on lower lip, closed for 'constraint', which distinguishes inside and outside, and
-        without what runs through the tissue for 'barrier'; the lining of the mouth on each bone.
-
-    Raises
-    ------
-    FaceError
-        As `emgface.face.lips.lip_surface` and `emgface.face.lips.lining`.
-    ContactFailure
-        A surface is unfit, see `sim.contact`.
+    The pairings are upper on lower lip, and the lining of the mouth on each bone. For the method
+    "constraint", which distinguishes inside and outside, the lips are closed surfaces; for
+    "barrier" they are without the parts within the tissue. Raises FaceError as
+    `emgface.face.lips.lip_surface` and `emgface.face.lips.lining`, and ContactFailure if a surface
+    is not valid (`sim.contact`).
     """
     pairings: list[Pairing] = []
     if "lips" in between:
@@ -74,7 +58,7 @@ def contact_pairings(
 
 
 def contact_terms(face: xr.Dataset, parameters: SimulationParameters) -> tuple[Term, ...]:
-    """Contact of a face as a part of its scene, or no part; errors as of `contact_pairings`."""
+    """Contact terms of the scene of a face, if any; errors as of `contact_pairings`."""
     contact, between = parameters.contact, touching(face, parameters)
     if not between:
         return ()

@@ -14,22 +14,8 @@ from emgface.schema.rules import one_line
 def save_face(ds: xr.Dataset, path: str | os.PathLike[str]) -> Path:
     """Check a face and write it as netCDF; an existing file is replaced only on success.
 
-    Parameters
-    ----------
-    ds : xarray.Dataset
-        A face_model.
-    path : path-like
-        File to write; its folder is made if absent.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    FaceError, SchemaError, UnitsError
-        As `check_face`, or the file cannot be written.
+    Raises FaceError, SchemaError or UnitsError as `check_face`, or FaceError if it cannot be
+    written.
     """
     ds = check_face(ds)
     path = Path(path)
@@ -44,12 +30,7 @@ def save_face(ds: xr.Dataset, path: str | os.PathLike[str]) -> Path:
 def load_face(path: str | os.PathLike[str]) -> xr.Dataset:
     """Read a face_model netCDF into memory and check it.
 
-    Raises
-    ------
-    FaceError
-        The file is absent, truncated or no netCDF file, or as `check_face`.
-    SchemaError, UnitsError
-        As `check_face`.
+    Raises FaceError if the file is absent, truncated or not netCDF, and errors of `check_face`.
     """
     path = Path(path)
     if not path.is_file():

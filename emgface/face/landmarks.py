@@ -20,29 +20,11 @@ MIDLINE = 5e-5
 def ring_of_nodes(
     position: Floats, connectivity: Integers, sheet: Integers, rim_node: int
 ) -> NDArray[np.int64]:
-    """Number the rings of nodes of a surface around an opening.
+    """Number the rings of nodes of a surface around an opening, shape (nodes,).
 
-    Ring 0 is the boundary loop of the sheet that holds `rim_node`; the ring of a node is its edge
-    distance from it.
-
-    Parameters
-    ----------
-    position : ndarray, shape (nodes, 3)
-    connectivity : ndarray of int, shape (elements, 8)
-    sheet : ndarray of int
-        Nodes of one sheet of the boundary, for instance the skin.
-    rim_node : int
-        A node of the loop.
-
-    Returns
-    -------
-    ndarray of int, shape (nodes,)
-        -1 outside the sheet.
-
-    Raises
-    ------
-    FaceError
-        `rim_node` lies on no boundary loop of the sheet.
+    Ring 0 is the boundary loop of the sheet (its nodes, for instance the skin) that contains
+    `rim_node`; the ring of a node is its edge distance from it, and -1 outside the sheet. Raises
+    FaceError if `rim_node` is not on a boundary loop of the sheet.
     """
     n = len(position)
     faces, _ = faces_among(connectivity, sheet)
@@ -68,26 +50,9 @@ def shift_rings(
     nodes: Integers,
     offset: int,
 ) -> NDArray[np.int64]:
-    """Move nodes to the nearest node `offset` rings further from an opening.
+    """Replace nodes of a sheet by the nearest node `offset` rings further from an opening.
 
-    Parameters
-    ----------
-    position, connectivity, sheet, rim_node
-        As `ring_of_nodes`.
-    nodes : ndarray of int
-        Nodes of the sheet.
-    offset : int
-        Rings to move; 0 leaves the nodes.
-
-    Returns
-    -------
-    ndarray of int
-        As many nodes.
-
-    Raises
-    ------
-    FaceError
-        There is no such ring.
+    Other arguments as for `ring_of_nodes`. Raises FaceError if there is no such ring.
     """
     nodes = np.asarray(nodes, dtype=np.int64)
     if offset == 0:
@@ -106,31 +71,14 @@ def shift_rings(
 
 
 def face_markers(position: Floats, fixed: Integers, inner: Integers, outer: Integers) -> Floats:
-    """Six points of the skin that move with the skull, for the reference face.
+    """Six points (6, 3) [m] of the skin that move with the skull, for the reference face.
 
     Candidates are skin nodes whose nearest node of the inner sheet is fixed to the skull. In the
-    upper half of the face: nasion, the deepest midline candidate; rhinion, the lowest one;
+    upper half of the face: nasion, the most posterior midline candidate; rhinion, the lowest one;
     forehead, the candidate nearest in front view to 40 % of the half width and 95 % of the height;
     temple, the one nearest in side view to the height of the nasion and the middle of the depth.
-    The right side mirrors the left.
-
-    Parameters
-    ----------
-    position : ndarray, shape (nodes, 3)
-        Rest positions [m].
-    fixed : ndarray of int, shape (nodes,)
-    inner, outer : ndarray of int
-        Nodes of the inner and outer sheet.
-
-    Returns
-    -------
-    ndarray, shape (6, 3)
-        In the order of `emgface.muscles.FACE_MARKERS` [m].
-
-    Raises
-    ------
-    FaceError
-        No such candidates.
+    The right side mirrors the left; the order is that of `emgface.muscles.FACE_MARKERS`. Raises
+    FaceError if there are no candidates.
     """
     below = inner[KDTree(position[inner]).query(position[outer])[1]]
     skin = position[outer[fixed[below] == SKULL]]

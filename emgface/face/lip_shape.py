@@ -24,10 +24,7 @@ SAMPLES = 201
 class LipRim:
     """Margins of the lips, at which the skin ends at the mouth opening.
 
-    Attributes
-    ----------
-    upper, lower : ndarray of int
-        Nodes from the left to the right corner; the corners belong to both.
+    `upper` and `lower` are nodes from the left to the right corner; the corners belong to both.
     """
 
     upper: Integers
@@ -37,19 +34,8 @@ class LipRim:
 def lip_rim(face: xr.Dataset) -> LipRim:
     """Find the boundary loop of the skin at the mouth and divide it at the mouth corners.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model with `lip_opening_node`.
-
-    Returns
-    -------
-    LipRim
-
-    Raises
-    ------
-    FaceError
-        The face has no lip opening, or its nodes lie on no closed boundary of the skin.
+    Raises FaceError if the face has no `lip_opening_node`, or they are not on a closed boundary of
+    the skin.
     """
     if "lip_opening_node" not in face:
         raise FaceError("the face has no lip_opening_node, expected one node of each lip")
@@ -75,7 +61,7 @@ def lip_rim(face: xr.Dataset) -> LipRim:
 
 
 def has_mouth(face: xr.Dataset) -> bool:
-    """Return True where the skin of a face has a mouth opening, see `lip_rim`."""
+    """Return True if the skin of a face has a mouth opening (`lip_rim`)."""
     try:
         lip_rim(face)
     except FaceError:
@@ -101,45 +87,23 @@ UP: Final = (0.0, 0.0, 1.0)
 
 
 def lip_opening(face: xr.Dataset, position: Floats) -> float:
-    """Height of the margin of the upper lip above that of the lower in the midline.
+    """Height of the margin of the upper lip above that of the lower in the midline [m].
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model with `lip_opening_node`.
-    position : ndarray, shape (nodes, 3)
-        [m]
-
-    Returns
-    -------
-    float
-        Along `UP`, negative where the margins have passed each other [m]; also that of
-        ``lip_opening`` of a trajectory.
+    It is measured along `UP` and negative if the margins have passed each other; ``lip_opening`` of
+    a trajectory is the same quantity.
     """
     top, bottom = (int(node) for node in face["lip_opening_node"].values)
     return float((position[top] - position[bottom]) @ np.array(UP))
 
 
 def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, float]:
-    """Measure the mouth opening of a deformed face.
+    """Measure the mouth opening of a face with deformed positions (nodes, 3) [m].
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model; the geometry it stores is the rest from which protrusion counts.
-    rim : LipRim
-        Of the same face.
-    position : ndarray, shape (nodes, 3)
-        [m]
-
-    Returns
-    -------
-    dict
-        `width` between the corners of the opening along x [m]; `height` of the opening in the midline,
-        as `lip_opening` [m]; `area` of the opening seen from
-        the front and `overlap` of the lips likewise [m^2]; `roundness`, height over width [1];
-        `protrusion`, mean forward displacement of the four paramedian markers, and
-        `margin_protrusion`, of the two margins in the midline [m].
+    The result contains `width` between the corners of the opening along x [m]; `height` of the
+    opening in the midline (`lip_opening`) [m]; `area` of the opening and `overlap` of the lips in
+    front view [m^2]; `roundness`, height over width [1]; `protrusion`, the mean anterior
+    displacement from the geometry of `face` of the four paramedian markers; and
+    `margin_protrusion`, that of the two margins in the midline [m].
     """
     top, bottom = (int(node) for node in face["lip_opening_node"].values)
     upper, lower = position[rim.upper], position[rim.lower]

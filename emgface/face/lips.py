@@ -1,7 +1,8 @@
 """Surfaces of the lips and of the lining of the mouth, as triangles over the nodes of a face.
 
-A face may bring closed surfaces of its lips along, as the published one does; for any other they are
-found from its elements. The lips taper towards the corners of the mouth, where their tissue is one.
+A face may contain closed surfaces of its lips, as the published one does; otherwise they are
+derived from its elements. The lips taper towards the corners of the mouth, where their tissue is
+one.
 """
 
 from typing import Final
@@ -27,31 +28,13 @@ NEAR_TEETH: Final = 15e-3
 
 
 def lip_surface(face: xr.Dataset, lip: str) -> Integers:
-    """Closed surface of one lip.
+    """Closed surface of the "upper" or "lower" lip: nodes (m, 3), counter-clockwise from outside.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model with `lip_triangle`, or else with `lip_opening_node`.
-    lip : str
-        "upper" or "lower".
-
-    Returns
-    -------
-    ndarray of int, shape (m, 3)
-        Nodes, counter-clockwise seen from outside. Part of it runs through the tissue and closes the
-        surface there, see `exposed`.
-
-    Raises
-    ------
-    FaceError
-        The lip is unknown, the face has no mouth, or the surface is not closed.
-
-    Notes
-    -----
-    Where the face brings no surface: the elements beneath those facets of the skin that lie within
-    `DEPTH` of the margin, counted in rings of facets round the mouth, and no further rings from the
-    margin than facets from the corner. So the lips share no nodes.
+    A part of it passes through the tissue and closes the surface (`exposed`). If the face contains
+    no surface, that of the elements beneath the facets of the skin within `DEPTH` of the margin is
+    used, counted in rings of facets around the mouth, with no more rings from the margin than
+    facets from the corner, so that the lips share no nodes. Raises FaceError if the lip is unknown,
+    the face has no mouth, or the surface is not closed.
     """
     if lip not in LIPS:
         raise FaceError(f"unknown lip {lip!r}, expected {' or '.join(LIPS)}")
@@ -65,18 +48,7 @@ def lip_surface(face: xr.Dataset, lip: str) -> Integers:
 
 
 def exposed(face: xr.Dataset, surface: Integers) -> NDArray[np.bool_]:
-    """Mask of the triangles that lie on the boundary of the tissue of a face.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    surface : ndarray of int, shape (m, 3)
-
-    Returns
-    -------
-    ndarray of bool, shape (m,)
-    """
+    """Mask (m,) of the triangles on the boundary of the tissue of a face."""
     faces, _ = boundary_faces(face["connectivity"].values)
     corners = {key for row in np.sort(faces, axis=1).tolist() for key in _thirds(row)}
     return np.array(
@@ -85,23 +57,11 @@ def exposed(face: xr.Dataset, surface: Integers) -> NDArray[np.bool_]:
 
 
 def lining(face: xr.Dataset) -> Integers:
-    """Surface of lips and cheeks that may touch the teeth.
+    """Surface (m, 3) of lips and cheeks that may touch the teeth, outward and open.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model with arches.
-
-    Returns
-    -------
-    ndarray of int, shape (m, 3)
-        Nodes, outward: the part of the inner side within `NEAR_TEETH` of an arch and is not wholly
-        fixed, and the exposed surfaces of the lips. It is open.
-
-    Raises
-    ------
-    FaceError
-        The face has no arches, or as `lip_surface`.
+    It consists of the inner side within `NEAR_TEETH` of an arch, except facets with fixed nodes
+    only, and of the exposed surfaces of the lips. Raises FaceError if the face has no arches, or as
+    `lip_surface`.
     """
     arches = arches_of(face)
     if not arches:
@@ -126,7 +86,7 @@ def _without_overlap(parts: list[Integers]) -> Integers:
     kept: list[Integers] = []
     taken: set[tuple[int, int]] = set()
     for part in reversed(parts):
-        # a directed edge has one triangle
+        # a directed edge belongs to one triangle
         runs = [{(a, b), (b, c), (c, a)} for a, b, c in part.tolist()]
         free = np.array([not (run & taken) for run in runs], dtype=bool)
         kept.append(part[free])

@@ -1,7 +1,7 @@
 """Assembly of the face model as one labelled Dataset.
 
-The Dataset holds nodes, elements, fixed nodes, muscle fibres, muscle elements with directions and
-markers, as `data_schema/face_model.json` declares. Every face, imported or generated, is built here.
+The Dataset contains nodes, elements, fixed nodes, muscle fibres, muscle elements with directions,
+and markers (`data_schema/face_model.json`). All faces, imported or generated, are assembled here.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,7 +41,7 @@ def build_face(
     lips: Mapping[str, Integers] | None = None,
     attrs: Mapping[str, str | int | float] | None = None,
 ) -> xr.Dataset:
-    """Assemble a face_model Dataset and check it.
+    """Assemble a face_model Dataset and check it; errors as of `check_face`.
 
     Parameters
     ----------
@@ -62,28 +62,17 @@ def build_face(
     lip_opening_node : ndarray of int, shape (2,)
         Midline node of the upper and of the lower lip margin.
     name, origin, source : str
-        What the face is called, how it came about and from where.
+        Name, kind of origin and source of the face.
     node_id, element_id : ndarray of int, optional
-        Names in the source; counted from 1 if absent.
+        Ids in the source; default: counted from 1.
     facets : mapping, optional
-        Parts of the boundary by name, such as the inner surface of a lip: nodes of each facet
-        (facets, 4), outward.
+        Nodes (facets, 4), outward, of named parts of the boundary, such as the inner surface of a lip.
     arches : sequence of Arch
         Rigid surfaces that the tissue may touch.
     lips : mapping, optional
-        Closed surface of each lip, "upper" and "lower": nodes (m, 3) of its triangles, outward.
+        Nodes (m, 3) of the outward triangles of the closed surface of each lip, "upper" and "lower".
     attrs : mapping, optional
         Further attributes, such as the options of an import.
-
-    Returns
-    -------
-    xarray.Dataset
-        Of schema face_model.
-
-    Raises
-    ------
-    FaceError, SchemaError, UnitsError
-        As `check_face`.
     """
     n_nodes, n_elements = len(position), len(connectivity)
     if node_id is None:

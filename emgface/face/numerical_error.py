@@ -13,30 +13,17 @@ def largest_motion(trajectory: xr.Dataset) -> float:
 def numerical_error(
     step_error: xr.DataArray, memory: float, iteration_error: xr.DataArray | None = None
 ) -> xr.DataArray:
-    """Accumulate the errors of the steps with exponential decay.
+    """Accumulate the errors of the steps with exponential decay: ``(time,)`` [m], largest marker.
 
-    e(t + h) = exp(-h/memory) e(t) + error of the step, per marker and axis; to the length of that of the
-    steps the same sum of what the iterations left is added.
+    e(t + h) = exp(-h/memory) e(t) + error of the step, per marker and axis; the same sum of the
+    iteration errors is added to the length of that of the steps.
 
-    Parameters
-    ----------
-    step_error : DataArray
-        ``(marker, axis, time)`` [m], as `sim.StepErrors` records it.
-    memory : float
-        Time within which a disturbance dies [s]; that of tissue with stiffness damping is beta, since a
-        mode much slower than its inertia relaxes as exp(-t/beta). 0: no accumulation.
-    iteration_error : DataArray, optional
-        ``(time,)`` [m], bound of what the iterations of a step have left of a position.
-
-    Returns
-    -------
-    DataArray
-        ``(time,)`` [m], the largest of all markers; NaN where the integrator has no estimate.
-
-    Notes
-    -----
-    Of time stepping alone: the error of the mesh is separate. How often it holds on activations of EMG
-    is measured by ``python -m benchmarks error_coverage`` (docs/accuracy.md).
+    `step_error` (marker, axis, time) [m] is recorded by `sim.StepErrors`; the result is NaN if the
+    integrator has no estimate. `memory` [s] is the time within which a disturbance decays: beta for
+    tissue with stiffness damping, since a mode much slower than its inertia relaxes as
+    exp(-t/beta); 0 for no accumulation. `iteration_error` (time) [m] bounds the error of a position
+    at the end of the iteration. The estimate excludes the error of the mesh. ``python -m benchmarks
+    error_coverage`` measures how often it holds for activations from EMG (docs/accuracy.md).
     """
     values = step_error.transpose("time", "marker", "axis").values
     h = np.diff(step_error["time"].values)

@@ -32,7 +32,7 @@ class Fibre:
 class Bundle:
     """Elements of one muscle: 0-based `element` (k,), unit `direction` (k, 3).
 
-    `weight` (k,) is the share of each element that the muscle fills [1]; None is 1.
+    `weight` (k,) is the fraction of each element filled by the muscle [1]; None is 1.
     """
 
     muscle: str
@@ -80,9 +80,9 @@ def surface_names(ds: xr.Dataset) -> list[str]:
 
 
 def facets_of(ds: xr.Dataset, surface: str) -> NDArray[np.integer]:
-    """Nodes (facets, 4), outward, of one named part of the boundary, such as `upper_lip_inner`.
+    """Nodes (facets, 4), outward, of a named part of the boundary, such as `upper_lip_inner`.
 
-    Raises DataError if the face names no such part.
+    Raises DataError if the face has no such part.
     """
     names = surface_names(ds)
     if surface not in names:

@@ -20,18 +20,9 @@ BAND: Final = 2e-3
 
 
 def depths(points: Floats, corners: Floats) -> Floats:
-    """Depth of points inside a closed surface, 0 outside.
+    """Depth (n,) of points (n, 3) inside a closed surface of outward triangles, 0 outside.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-    corners : ndarray, shape (m, 3, 3)
-        Closed, outward triangles.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Distance to the nearest point of the surface where the winding number is above a half.
+    It is the distance to the nearest point of the surface if the winding number exceeds one half.
     """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     found = np.zeros(len(points))
@@ -45,15 +36,7 @@ def depths(points: Floats, corners: Floats) -> Floats:
 class Penetration:
     """Depths of the lips in each other and of the lining in the teeth of one face.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model; the teeth count where it has closed arches.
-
-    Raises
-    ------
-    FaceError
-        As `emgface.face.lips.lip_surface`.
+    Teeth are included if the face has closed arches. Errors as of `emgface.face.lips.lip_surface`.
     """
 
     def __init__(self, face: xr.Dataset) -> None:
@@ -80,8 +63,8 @@ class Penetration:
     def gap(self, q: Floats) -> float:
         """Largest gap between the lips within `MIDDLE` of the midline, for positions q [m].
 
-        At every place from left to right: the smallest distance from a node of the upper lip there to
-        the surface of the lower lip; 0 where nodes stand inside it.
+        For each position from left to right the gap is the smallest distance from a node of the
+        upper lip to the surface of the lower lip, and 0 for nodes inside it.
         """
         corners = q[self._lips[1][self._shown[1]]]
         nodes = np.setdiff1d(self._lips[0][self._shown[0]], self._lips[1])

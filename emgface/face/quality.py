@@ -1,6 +1,6 @@
 """Geometry of hexahedra and wedges at rest: Jacobians, volumes, element quality.
 
-Elements are rows of 8 node indices in VTK order; a wedge fills its last two with -1.
+Elements are rows of 8 node indices in VTK order; the last two of a wedge are -1.
 """
 
 from dataclasses import dataclass
@@ -16,16 +16,11 @@ Indices = NDArray[np.integer]
 
 @dataclass(frozen=True)
 class ElementQuality:
-    """Per element, each of shape (elements,).
+    """Measures of every element, each of shape (elements,).
 
-    Attributes
-    ----------
-    volume : ndarray
-        Integral of det J over the quadrature points [m3].
-    smallest_det : ndarray
-        Smallest det J over quadrature points and corners [m3 per unit of natural volume].
-    scaled_jacobian : ndarray
-        Smallest scaled Jacobian [1].
+    `volume` is the integral of det J over the quadrature points [m3], `smallest_det` the smallest
+    det J over quadrature points and corners [m3 per unit of natural volume], and `scaled_jacobian`
+    the smallest scaled Jacobian [1].
     """
 
     volume: Floats
@@ -50,25 +45,13 @@ def element_quality(position: Floats, connectivity: Indices) -> ElementQuality:
 
     The scaled Jacobian is det J over the product of the lengths of its columns, smallest over the
     corners (and the centre of a hexahedron); a cube has 1, and wedges are scaled by 2/sqrt(3) so
-    that a prism on an equilateral triangle has 1.
-
-    Parameters
-    ----------
-    position : ndarray, shape (nodes, 3)
-        Rest positions [m].
-    connectivity : ndarray of int, shape (elements, 8)
-        Node indices in VTK order, -1 in the last two columns of a wedge.
-
-    Returns
-    -------
-    ElementQuality
-        Arrays of shape (elements,).
+    that a prism on an equilateral triangle has 1. `position` (nodes, 3) is in [m].
     """
     connectivity = np.asarray(connectivity)
     n = len(connectivity)
     result = ElementQuality(np.empty(n), np.empty(n), np.empty(n))
     wedge = is_wedge(connectivity)
-    # Each natural derivative is bilinear, so its mean over the corners is its value at the centre.
+    # Natural derivatives are bilinear; their mean over the corners is the value at the centre.
     centre = HEX8.dN_corners.mean(axis=0, keepdims=True)
     _fill(result, ~wedge, position, connectivity, HEX8, np.concatenate([HEX8.dN_corners, centre]))
     _fill(result, wedge, position, connectivity, WEDGE6, WEDGE6.dN_corners, 2.0 / np.sqrt(3.0))

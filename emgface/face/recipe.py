@@ -61,12 +61,8 @@ DAMPING = {"current": Rayleigh, "passive": PassiveRayleigh, "rest": RestRayleigh
 class ElementOrder:
     """Numbering of the elements of a face in the scene: hexahedra first, then wedges.
 
-    Attributes
-    ----------
-    face_index : array of int, shape (n_elements,)
-        Element of the face at each place of the scene.
-    scene_index : array of int, shape (n_elements,)
-        Place in the scene of each element of the face.
+    `face_index` maps elements of the scene to the face, `scene_index` those of the face to the
+    scene.
     """
 
     face_index: NDArray[np.int64]
@@ -74,17 +70,7 @@ class ElementOrder:
 
 
 def element_order(face: xr.Dataset) -> ElementOrder:
-    """Order the elements of a face by type.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-
-    Returns
-    -------
-    ElementOrder
-    """
+    """Order the elements of a face by type."""
     wedge = is_wedge(face["connectivity"].values)
     face_index = np.concatenate([np.flatnonzero(~wedge), np.flatnonzero(wedge)])
     scene_index = np.empty_like(face_index)
@@ -93,19 +79,7 @@ def element_order(face: xr.Dataset) -> ElementOrder:
 
 
 def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
-    """Declare the scene of a face: tissue with muscles, gravity, damping, fixed nodes.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    parameters : SimulationParameters
-        Laws and loads.
-
-    Returns
-    -------
-    Scene
-    """
+    """Declare the scene of a face: tissue with muscles, gravity, damping, fixed nodes, contact."""
     p = parameters
     order = element_order(face)
     materials, region = _tissue(face, order, p)
@@ -163,7 +137,7 @@ def _mesh(face: xr.Dataset, p: SimulationParameters) -> Mesh:
     if p.prestress.method == "displaced":
         inner = sheet_nodes(face, INNER)
         middle = 0.5 * (position.min(axis=0) + position.max(axis=0))
-        middle[1] = position[:, 1].min()  # of the head, not of its front
+        middle[1] = position[:, 1].min()  # centre of the head instead of the face
         position[inner] = middle + p.prestress.scale * (position[inner] - middle)
     return mesh_from_arrays(
         position, **{kind: nodes for kind, nodes in blocks.items() if len(nodes)}
@@ -177,7 +151,7 @@ def _bulk(p: SimulationParameters, kappa: float) -> BulkLaw:
 def _tissue(
     face: xr.Dataset, order: ElementOrder, p: SimulationParameters
 ) -> tuple[tuple[Material, ...], NDArray[np.int64] | None]:
-    """Materials with their bulk laws, and the one of each element, in the order of the scene."""
+    """Materials with their bulk laws, and the index of that of each element of the scene."""
     tissue = Material(MooneyRivlin(p.C10, p.C20), _bulk(p, p.kappa), density=p.density)
     skin = Material(
         MooneyRivlin(p.skin.stiffness * p.C10, p.skin.stiffness * p.C20),
@@ -196,7 +170,7 @@ def _tissue(
 
 
 def _without_bulk(material: Material) -> Material:
-    """Remove the bulk law where a term or a constraint determines the volume."""
+    """Remove the bulk law if a term or a constraint determines the volume."""
     return material if material.bulk is None else replace(material, bulk=QuadraticBulk(0.0))
 
 
@@ -245,7 +219,7 @@ def _prestretch(
     materials: tuple[Material, ...],
     region: NDArray[np.int64] | None,
 ) -> NDArray[np.float64] | None:
-    """Initial stretch of every element of the scene, for the commonest tissue of the skin."""
+    """Initial stretch of every element of the scene, for the most frequent tissue of the skin."""
     if p.prestress.method != "stretch":
         return None
     outer = face["layer"].values[order.face_index] == OUTER

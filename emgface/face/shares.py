@@ -1,7 +1,8 @@
 """Fraction of each element within a distance from muscle fibres.
 
-Membership by the centre of an element lets a muscle jump from row to row when the mesh is refined.
-The share of its volume does not: the sum of share times volume is that of the tube at any resolution.
+With membership by the centre of an element, a muscle gains or loses whole rows of elements as the
+mesh is refined. The sum of fraction times volume, in contrast, equals that of the tube at any
+resolution.
 """
 
 from collections.abc import Sequence
@@ -30,34 +31,13 @@ def shares_within(
     *,
     spacing: float = SPACING,
 ) -> Floats:
-    """Fraction of the volume of each hexahedron within a radius of a fibre.
+    """Fraction (elements,) of the volume of each hexahedron within a radius [m] of a fibre.
 
-    The element is divided into cells of about `spacing`, equal in natural coordinates and weighted
-    by det J at their centres. A cell of edge c whose centre lies at the distance d counts with
-    clip(1/2 + (radius - d) / c, 0, 1), which is exact for a plane boundary parallel to a face.
-
-    Parameters
-    ----------
-    position : ndarray, shape (nodes, 3)
-        [m].
-    connectivity : ndarray of int, shape (elements, 8)
-        Hexahedra in VTK order.
-    fibres : sequence of ndarray, shape (k, 3)
-        Points of the fibres of one muscle [m].
-    radius : float
-        [m].
-    spacing : float
-        Wanted edge of the cells [m].
-
-    Returns
-    -------
-    ndarray, shape (elements,)
-        0 to 1.
-
-    Raises
-    ------
-    FaceError
-        Radius or spacing is not positive, or as `emgface.face.bundles.segments`.
+    The element is divided into cells of about `spacing` [m], equal in natural coordinates and
+    weighted by det J at their centres. A cell of edge c with its centre at the distance d has the
+    fraction clip(1/2 + (radius - d) / c, 0, 1), which is exact for a plane boundary parallel to a
+    face. Raises FaceError unless radius and spacing are positive, or as
+    `emgface.face.bundles.segments`.
     """
     if not radius > 0:
         raise FaceError(f"the muscle radius is {radius} m, expected a positive length")
@@ -92,7 +72,7 @@ def shares_within(
 
 def _cells(corners: Floats, spacing: float) -> tuple[Floats, int]:
     """Natural coordinates (cells, 3) of the centres of equal cells, and their number."""
-    # Mean of the four edges along each natural direction, the longest of the elements.
+    # Mean length of the four edges along each natural direction; maximum over the elements.
     pairs = (((0, 1), (3, 2), (4, 5), (7, 6)), ((0, 3), (1, 2), (4, 7), (5, 6)))
     pairs = (*pairs, ((0, 4), (1, 5), (2, 6), (3, 7)))
     along: list[Floats] = []

@@ -20,22 +20,10 @@ of the error requested by a study."""
 def rounding_sensitivity(
     system: System, start: State, motion: xr.Dataset, again: Callable[[State], xr.Dataset]
 ) -> float:
-    """Largest change of a marker position for a start perturbed by rounding.
+    """Largest change of a marker position [m] for a start perturbed by rounding.
 
-    Parameters
-    ----------
-    system : System
-    start : State
-        Where the motion started.
-    motion : Dataset
-        ``position(marker, axis, time)`` [m].
-    again : callable
-        Simulates the same from another start.
-
-    Returns
-    -------
-    float
-        [m]; infinite where the motion from the start that was moved fails.
+    `motion` is ``position(marker, axis, time)`` [m] from `start`, and `again` simulates it from
+    another start. The result is infinite if the motion from the perturbed start fails.
     """
     q = start.q.copy()
     signs = np.random.default_rng(0).choice([-1.0, 1.0], size=len(system.free))
@@ -51,17 +39,9 @@ def rounding_sensitivity(
 def stability_warning(motion: xr.Dataset) -> str:
     """Warning for a motion that depends on rounding, or whose sigma_max was lowered as a result.
 
-    Parameters
-    ----------
-    motion : Dataset
-        Trajectory with the attributes ``unstable_from_s``, ``unstable_until_s`` [s] and
-        ``rounding_sensitivity`` [m] if its equilibrium lost stability, and ``lowered_after`` if that
-        of a run with a larger sigma_max did (`emgface.study.policy`).
-
-    Returns
-    -------
-    str
-        Empty if neither is the case.
+    The trajectory has the attributes ``unstable_from_s``, ``unstable_until_s`` [s] and
+    ``rounding_sensitivity`` [m] if its equilibrium lost stability, and ``lowered_after`` if that of
+    a run with a larger sigma_max did (`emgface.study.policy`). The text is empty otherwise.
     """
     lowered = str(motion.attrs.get("lowered_after", ""))
     lowered = f"sigma_max was lowered after {lowered}" if lowered else ""

@@ -18,24 +18,9 @@ WALL: Final = 1000.0
 def inner_support(face: xr.Dataset, stiffness: float) -> Support:
     """Return a frictionless wall behind every free node of the inner surface, at its rest position.
 
-    The normal of a wall is the mean normal of the faces of the inner sheet round the node, into the
-    tissue. The lips may thus be lifted from the teeth and slide on them, but not enter them.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    stiffness : float
-        Of each wall [N/m].
-
-    Returns
-    -------
-    Support
-
-    Raises
-    ------
-    FaceError
-        No node of the inner sheet is free.
+    The normal of a wall is the mean normal of the faces of the inner sheet at the node, into the
+    tissue. The lips can thus separate from the teeth and slide on them, but not penetrate them.
+    `stiffness` is that of each wall [N/m]. Raises FaceError if no node of the inner sheet is free.
     """
     position = face["position"].values
     inner = sheet_nodes(face, INNER)
@@ -44,7 +29,7 @@ def inner_support(face: xr.Dataset, stiffness: float) -> Support:
     area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal = np.zeros_like(position)
     for corner in range(4):
-        np.add.at(normal, faces[:, corner], -area)  # faces look out of the tissue
+        np.add.at(normal, faces[:, corner], -area)  # normals of faces are outward
     length = np.linalg.norm(normal, axis=1)
     nodes = inner[(face["fixed"].values[inner] == FREE) & (length[inner] > 0.0)]
     if not len(nodes):

@@ -26,32 +26,23 @@ _WEDGE_EDGES: Final = np.array(
 
 
 def element_edges(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All edges of all elements, shape (edges, 2) with the smaller node first, and the element."""
+    """Edges (n, 2) of all elements, with the smaller node first, and the element of each."""
     return _parts(connectivity, _HEX_EDGES, _WEDGE_EDGES, ordered=True)
 
 
 def element_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All faces of all elements.
+    """Faces (n, 4) of all elements, outward, and the element of each.
 
-    Parameters
-    ----------
-    connectivity : ndarray of int, shape (elements, 8)
-        VTK order, -1 in the last two columns of a wedge.
-
-    Returns
-    -------
-    faces : ndarray, shape (faces, 4)
-        Node indices, outward; a triangle repeats its last node.
-    element : ndarray, shape (faces,)
-        Index of the element a face belongs to.
+    `connectivity` (elements, 8) is in VTK order, with -1 in the last two columns of a wedge. A
+    triangle repeats its last node.
     """
     return _parts(connectivity, _HEX_FACES, _WEDGE_FACES)
 
 
 def boundary_faces(connectivity: Indices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Faces that belong to one element only, and that element, as `element_faces` gives them."""
+    """Faces that belong to one element only, and that element (`element_faces`)."""
     faces, element = element_faces(connectivity)
-    # Which node a triangle repeats differs between its two elements, so it does not identify it.
+    # The repeated node of a triangle differs between its two elements; unique nodes identify it.
     key = np.sort(np.where(faces[:, [3]] == faces[:, [2]], [[1, 1, 1, 0]], 1) * (faces + 1), axis=1)
     _, inverse, counts = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     once = counts[inverse.reshape(-1)] == 1
@@ -76,7 +67,7 @@ def boundary_edges(faces: Indices) -> NDArray[np.int64]:
 
 
 def triangles(faces: Indices, position: Floats) -> NDArray[np.int64]:
-    """Split quadrilaterals along their shorter diagonal; triangles stay, shape (n, 3).
+    """Split quadrilaterals along their shorter diagonal; triangles are unchanged, shape (n, 3).
 
     The shorter diagonal, unlike a fixed corner, treats mirrored faces in the same way.
     """
@@ -109,19 +100,10 @@ def face_areas(position: Floats, faces: Indices) -> Floats:
 
 
 def winding_number(points: Floats, corners: Floats) -> Floats:
-    """Winding number of closed, outward triangles around each point: 1 inside, 0 outside.
+    """Winding number (n,) of closed, outward triangles around points: 1 inside, 0 outside.
 
     Sum of the signed solid angles over 4 pi, each by the formula of Van Oosterom and Strackee
-    (1983).
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-    corners : ndarray, shape (triangles, 3, 3)
-
-    Returns
-    -------
-    ndarray, shape (n,)
+    (1983). `corners` has the shape (triangles, 3, 3).
     """
     result = np.empty(len(points))
     for k, point in enumerate(points):
@@ -139,19 +121,9 @@ def winding_number(points: Floats, corners: Floats) -> Floats:
 
 
 def nearest_on_triangles(point: Floats, corners: Floats) -> tuple[Floats, int, Floats]:
-    """Closest points on a set of triangles.
+    """Point nearest to `point` (3,) on a set of triangles (m, 3, 3).
 
-    Parameters
-    ----------
-    point : ndarray, shape (3,)
-    corners : ndarray, shape (triangles, 3, 3)
-
-    Returns
-    -------
-    nearest : ndarray, shape (3,)
-    triangle : int
-    weights : ndarray, shape (3,)
-        Barycentric coordinates of the nearest point in that triangle, none negative.
+    Returns the point (3,), its triangle, and its barycentric coordinates (3,) in that triangle.
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, ac, ap = b - a, c - a, point - a
@@ -162,7 +134,7 @@ def nearest_on_triangles(point: Floats, corners: Floats) -> tuple[Floats, int, F
     v = (d22 * p1 - d12 * p2) / safe
     w = (d11 * p2 - d12 * p1) / safe
     weights = np.stack([1.0 - v - w, v, w], axis=1)
-    # Foot of the perpendicular inside, or else the nearest of the three clamped edges.
+    # Foot of the perpendicular if inside, otherwise the nearest point of the three edges.
     candidates = [weights]
     for i, j in ((0, 1), (1, 2), (2, 0)):
         edge = corners[:, j] - corners[:, i]

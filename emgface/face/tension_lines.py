@@ -19,26 +19,12 @@ REACH = 0.01
 def skin_axes(face: xr.Dataset, *, reach: float = REACH) -> tuple[NDArray[np.int64], Floats]:
     """Axes of the skin: along the tension line, across it in the skin, and outwards.
 
-    Relaxed skin tension lines run at right angles to the pull of the muscles beneath (Borges 1984). The
-    pull at a place is the largest principal direction, within the skin, of the fibre segments around
-    it, each weighted by its length times exp(-(distance/reach)^2 / 2).
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    reach : float
-        [m]
-
-    Returns
-    -------
-    element : (n,) elements of the outer layer with a face on the skin, ascending.
-    axes : (n, 3, 3) orthonormal axes in the rows [1]; the sign of a tension line is arbitrary.
-
-    Raises
-    ------
-    FaceError
-        The face has no skin or no fibres.
+    Relaxed skin tension lines are perpendicular to the pull of the muscles beneath (Borges 1984).
+    The pull at a point is the largest principal direction, within the skin, of the fibre segments
+    around it, each weighted by its length times exp(-(distance/reach)^2 / 2), with `reach` in [m].
+    Returns the elements (n,) of the outer layer with a face on the skin, ascending, and their
+    orthonormal axes (n, 3, 3) in the rows [1]; the sign of a tension line is arbitrary. Raises
+    FaceError if the face has no skin or no fibres.
     """
     position, connectivity = face["position"].values, face["connectivity"].values
     faces, element = faces_among(connectivity, sheet_nodes(face, OUTER))
@@ -51,7 +37,7 @@ def skin_axes(face: xr.Dataset, *, reach: float = REACH) -> tuple[NDArray[np.int
         )
     corners = position[faces]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    flat = np.linalg.norm(normal, axis=1) == 0.0  # a triangle repeats its last node
+    flat = np.linalg.norm(normal, axis=1) == 0.0  # triangles repeat their last node
     normal[flat] = np.cross(
         corners[flat, 1] - corners[flat, 0], corners[flat, 2] - corners[flat, 0]
     )
@@ -66,7 +52,7 @@ def skin_axes(face: xr.Dataset, *, reach: float = REACH) -> tuple[NDArray[np.int
     length = np.linalg.norm(segments, axis=1)
     unit = segments / length[:, None]
     away = np.linalg.norm(centre[:, None] - middle[None], axis=2)
-    # relative to the nearest segment, so that far skin follows its nearest muscle
+    # relative to the nearest segment, which dominates at large distances
     weight = length * np.exp(-0.5 * (away**2 - away.min(axis=1, keepdims=True) ** 2) / reach**2)
     pull = np.einsum("es,si,sj->eij", weight, unit, unit)
     tangent = np.eye(3) - outward[:, :, None] * outward[:, None, :]
@@ -88,20 +74,9 @@ def _segments(face: xr.Dataset) -> tuple[Floats, Floats]:
 
 
 def skin_prestretch(face: xr.Dataset, stretches: Floats, *, reach: float = REACH) -> Floats:
-    """F0 of every element: the stretches along the axes of the skin, none elsewhere.
+    """F0 (elements, 3, 3): the stretches along the axes of the skin, the identity elsewhere.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    stretches : (3,)
-        Along the tension line, across it and through the skin [1].
-    reach : float
-        As `skin_axes`.
-
-    Returns
-    -------
-    (n_elements, 3, 3) in the order of the face.
+    `stretches` (3,) are those along the tension line, across it and through the skin [1].
     """
     F0 = np.tile(np.eye(3), (face.sizes["element"], 1, 1))
     element, axes = skin_axes(face, reach=reach)

@@ -137,14 +137,9 @@ class Tissue(Parameters):
         return replace(law, **{n: _times(self.stiffness, getattr(law, n)) for n in moduli})
 
     def material(self, bulk: BulkLaw | None, density: float) -> Material:
-        """Material, with the bulk law and density of the face unless the tissue has its own.
+        """Material, with the bulk law and density [kg/m^3] of the face unless specified for the tissue.
 
-        Parameters
-        ----------
-        bulk : BulkLaw or None
-            Pointwise law of the volume for an isochoric law.
-        density : float
-            [kg/m^3]
+        `bulk` is the pointwise law of the volume for an isochoric law, or None.
         """
         law = self.passive_law()
         own = None if isinstance(law, LinearElastic | CoRotational) else bulk
@@ -179,10 +174,7 @@ class Tissue(Parameters):
     def chosen(self, face: xr.Dataset) -> NDArray[np.bool_]:
         """Mask of the elements of a face to which the tissue applies, shape (n_elements,).
 
-        Raises
-        ------
-        FaceError
-            The face lacks an element that is named, or no element meets the conditions.
+        Raises FaceError if the face lacks a listed element, or no element meets the conditions.
         """
         chosen = np.ones(face.sizes["element"], dtype=bool)
         if self.layers:
@@ -215,23 +207,10 @@ def _times(factor: float, value: Coefficient) -> Coefficient:
 
 
 def material_axes(face: xr.Dataset) -> NDArray[np.float64]:
-    """Axes of every element in columns, those of the nearest element of the skin.
+    """Axes (elements, 3, 3) of every element in columns, those of the nearest element of the skin.
 
-    The first column runs along the tension line, the second across it, the third outwards.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-
-    Returns
-    -------
-    (n_elements, 3, 3) in the order of the face.
-
-    Raises
-    ------
-    FaceError
-        The face has no skin or no fibres.
+    The columns are along the tension line, across it, and outwards. Raises FaceError if the face
+    has no skin or no fibres.
     """
     element, axes = skin_axes(face)
     centres = element_centres(face["position"].values, face["connectivity"].values)

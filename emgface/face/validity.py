@@ -10,26 +10,13 @@ from emgface.schema.validation import validate
 
 
 def check_face(ds: xr.Dataset) -> xr.Dataset:
-    """Check a face against its schema and the requirements of the mechanics.
+    """Check a face against its schema and the requirements of the mechanics, and return it.
 
-    Parameters
-    ----------
-    ds : xarray.Dataset
-        A face_model.
-
-    Returns
-    -------
-    xarray.Dataset
-        The face as the schema returns it.
-
-    Raises
-    ------
-    SchemaError, UnitsError
-        Names, dims, units or ranges differ from the schema.
-    FaceError
-        An element refers to a node that does not exist or mixes node counts, or is inverted at a
-        quadrature point or corner; a node belongs to no element; a muscle owns no element or one
-        twice; a marker or lip-opening node is fixed; that of the upper lip lies below that of the lower.
+    Raises SchemaError or UnitsError if names, dims, units or ranges differ from the schema, and
+    FaceError if an element refers to a node that does not exist, has an invalid number of nodes, or
+    is inverted at a quadrature point or corner; a node belongs to no element; a muscle has no
+    element or one twice; a marker or lip-opening node is fixed; or that of the upper lip is below
+    that of the lower.
     """
     _check_indices(ds)
     ds = validate(ds, "face_model")
@@ -68,7 +55,7 @@ def _check_indices(ds: xr.Dataset) -> None:
     """Check references between variables, with node ids of the source in messages."""
     needed = ("position", "node_id", "element_id", "connectivity", "marker_node", "bundle_index")
     if any(name not in ds for name in needed):
-        return  # The schema names what is absent.
+        return  # the schema check reports absent variables
     n = ds.sizes.get("node", 0)
     connectivity = ds["connectivity"].values
     if connectivity.ndim != 2 or connectivity.shape[1] != 8:

@@ -1,8 +1,8 @@
-"""The accessor ``emg`` of xarray objects: steps of the signal chain, one after the other.
+"""Steps of the signal chain as the accessor ``emg`` of xarray objects.
 
-``recording.emg.bandpass(low=20).emg.wamp()`` computes what `emgface.signals.activation.activation_of`
-computes in the same steps. On a Dataset the steps take its variable ``emg``. Each returns a DataArray
-that has the accessor again.
+``recording.emg.bandpass(low=20).emg.wamp()`` computes the same as
+`emgface.signals.activation.activation_of`. For a Dataset the steps use its variable ``emg``. Each
+step returns a DataArray, which has the accessor again.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ StepT = TypeVar("StepT", bound=Callable[..., xr.DataArray])
 
 
 def _choosing(model: type[BaseModel], *names: str) -> Callable[[StepT], StepT]:
-    """Give a step the parameters of a model as its keywords, for help and completion."""
+    """Add the parameters of a model to the signature of a step, for help and completion."""
 
     def signed(step: StepT) -> StepT:
         from inspect import Parameter, signature
@@ -58,8 +58,8 @@ class Steps:
     Parameters
     ----------
     given : DataArray or Dataset
-        Array of one time and one other dim, such as channels or muscles; of a Dataset its variable
-        ``emg`` [V].
+        Array of one time and one other dim, such as channels or muscles; for a Dataset its variable
+        ``emg`` [V] is used.
 
     Notes
     -----
@@ -177,7 +177,7 @@ class Steps:
         Parameters
         ----------
         names : sequence of str
-            Muscles to compute, where a recording holds the channels of some only.
+            Muscles to compute, if a recording contains the channels of some only.
         **choices : Any
             ``oom``: "text" or "as_printed", the reading of Eq. 3.
 
@@ -225,7 +225,7 @@ class Steps:
 
     @_choosing(ResamplingParameters)
     def resample(self, **choices: Any) -> xr.DataArray:
-        """Sample a feature or an activation at equal intervals, within its own range.
+        """Sample a feature or an activation at equal intervals, within its own time range.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
 """Activations of the twenty muscles of the face model from a recording.
 
-The order of the stages follows `mapping_stage`:
+The order of the stages is determined by `mapping_stage`:
 
 ========== =====================================================================
 signal     filter, Eqs 2-6, feature, Eq. 8 per muscle, strategy, resampling
@@ -8,8 +8,8 @@ feature    filter, feature, Eqs 2-6, Eq. 8 per muscle, strategy, resampling
 activation filter, feature, Eq. 8 per channel, Eqs 2-6, strategy, resampling
 ========== =====================================================================
 
-Where minimum and maximum of Eq. 8 are to come from more than the trial itself, `feature_range`
-computes them once over the session or the maximum-effort recordings, and every trial receives them.
+If minimum and maximum of Eq. 8 are those of a session or of maximum-effort recordings,
+`feature_range` computes them once for all trials.
 """
 
 from collections.abc import Callable, Iterable
@@ -40,49 +40,23 @@ def activation_of(
     session: xr.Dataset | None = None,
     reference: xr.Dataset | None = None,
 ) -> xr.Dataset:
-    """Compute the activation of every muscle from one recording.
+    """Compute the activation of every muscle from one recording (Eskes et al. 2017, Eqs 2-8).
 
-    Parameters
-    ----------
-    recording : Dataset
-        ``emg`` (channel, time_emg) [V] with channels of the study; `chain.montage` says what becomes
-        of those that it lacks.
-    chain : SignalChain
-        All choices.
-    strategy : str, optional
-        Strategy, instead of the chain's.
-    instruction : str, optional
-        Instruction A to F, instead of the recording's attribute; needed by act_rel.
-    session : Dataset, optional
-        `feature_range` over all trials of the volunteer; needed where reach is ``"session"``.
-    reference : Dataset, optional
-        `feature_range` of the maximum-effort recordings; needed where reach is ``"reference"``.
+    `recording` contains ``emg`` (channel, time_emg) [V]. `strategy` and `instruction` (A to F,
+    required by act_rel) default to the chain's strategy and the recording's attribute. `session`
+    and `reference` are the `feature_range` of all trials of the volunteer or of the maximum-effort
+    recordings, required if the normalisation refers to them.
 
-    Returns
-    -------
-    Dataset
-        ``activation`` (muscle, time) [1], 0-1, zero for muscles that are not selected. Time [s] is
-        that of the recording, from the first to the last instant at which the feature (and the
-        markers, where present) exist. Attrs: volunteer, instruction, repetition, origin, strategy,
-        ``selected`` (names without side), ``silent``, ``resting``, ``clipped_fraction``,
-        ``montage`` (which channels were recorded, and what became of the others), what filter and
-        feature recorded, and ``parameters`` (JSON).
+    The result contains ``activation`` (muscle, time) [1] within 0-1, zero for muscles that are not
+    selected. Time [s] is that of the recording, over the interval in which the feature (and the
+    markers, if recorded) exist. Its attributes identify the trial and state strategy, ``selected``
+    muscles (without side), ``silent``, ``resting``, ``clipped_fraction``, ``montage``, the settings
+    of filter and feature, and ``parameters`` (JSON).
 
-    Raises
-    ------
-    SchemaError, UnitsError
-        If the recording has no sEMG, the strategy needs a muscle whose channel is missing and no
-        treatment was chosen for it, or the unit is not V.
-    SignalError
-        If a signal cannot be processed: gap, constant, too short, rate too low.
-    ConfigurationError
-        If strategy, instruction or range do not fit the chain.
-    ActivationError
-        If an activation leaves 0-1 or is not finite.
-
-    Notes
-    -----
-    Source: Eskes et al. 2017, Methods, Eqs 2-8.
+    Raises SchemaError or UnitsError if there is no sEMG in V or a required muscle lacks its channel
+    and a treatment of it; SignalError if a signal cannot be processed (gap, constant, too short,
+    low rate); ConfigurationError if strategy, instruction or range do not fit the chain;
+    ActivationError if an activation leaves 0-1 or is not finite.
     """
     strategy = strategy or chain.strategy.name
     instruction = instruction or recording.attrs.get("instruction")
@@ -131,24 +105,9 @@ def feature_before_normalisation(
 ) -> tuple[xr.DataArray, tuple[str, ...]]:
     """Filter, map and compute the feature, up to the quantity that Eq. 8 normalises.
 
-    Parameters
-    ----------
-    recording : Dataset
-        ``emg`` (channel, time_emg) [V].
-    chain : SignalChain
-        All choices.
-
-    Returns
-    -------
-    feature : DataArray, dims (muscle, time), or (channel, time) where mapping_stage is "activation"
-        Feature of the muscles that the montage allows to estimate.
-    silent : tuple of str
-        Channels that hold one value throughout (none, unless the policy tolerates them).
-
-    Raises
-    ------
-    SchemaError, UnitsError, SignalError
-        As `activation_of`.
+    Returns the feature (muscle, time), or (channel, time) if mapping_stage is "activation", of the
+    muscles that the montage allows to estimate, and the names of channels with a constant value.
+    Raises SchemaError, UnitsError and SignalError as `activation_of`.
     """
     emg = emg_of(recording)
     montage = montage_of(map(str, emg["channel"].values), chain.montage)
@@ -173,24 +132,9 @@ def feature_before_normalisation(
 
 
 def emg_of(recording: xr.Dataset) -> xr.DataArray:
-    """Return the sEMG of a recording, in volts.
+    """Return the variable ``emg`` (channel, time_emg) [V] of a recording.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording.
-
-    Returns
-    -------
-    DataArray, dims (channel, time_emg) [V]
-        The variable ``emg``.
-
-    Raises
-    ------
-    SchemaError
-        If there is no sEMG.
-    UnitsError
-        If its unit is not V.
+    Raises SchemaError if there is no sEMG, and UnitsError if its unit is not V.
     """
     if "emg" not in recording or "channel" not in recording["emg"].coords:
         raise SchemaError(
@@ -208,27 +152,13 @@ def emg_of(recording: xr.Dataset) -> xr.DataArray:
 def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Dataset:
     """Compute minimum and maximum of the feature over a set of recordings, for Eq. 8.
 
-    Parameters
-    ----------
-    recordings : iterable of Dataset
-        All trials of a volunteer (reach "session") or maximum-effort recordings, which should
-        hold some rest as well (reach "reference"). Read one at a time.
-    chain : SignalChain
-        The chain the trials will be processed with.
-
-    Returns
-    -------
-    Dataset
-        ``minimum`` and ``maximum`` over muscle (over channel where mapping_stage is
-        "activation"), in the unit of the feature; attrs volunteer, recordings (their number),
-        parameters (JSON of the stages that shape the feature).
-
-    Raises
-    ------
-    SignalError, SchemaError, UnitsError
-        If a recording cannot be processed, or there is none.
-    ConfigurationError
-        If the recordings are of different volunteers.
+    `recordings` are all trials of a volunteer (reach "session") or maximum-effort recordings, which
+    should include some rest (reach "reference"); they are read one at a time. The result contains
+    ``minimum`` and ``maximum`` over muscle (over channel if mapping_stage is "activation"), in the
+    unit of the feature, with the attributes volunteer, recordings (their number) and parameters
+    (JSON of the stages that determine the feature). Raises SignalError, SchemaError or UnitsError
+    if there is no recording or one cannot be processed, and ConfigurationError if they are of
+    different volunteers.
     """
     low: xr.DataArray | None = None
     high: xr.DataArray | None = None
@@ -261,24 +191,13 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
 
 
 def _joined(extreme: Callable[[Any, Any], Any], a: xr.DataArray, b: xr.DataArray) -> xr.DataArray:
-    """Extreme of two recordings; a row missing in one is that of the other."""
+    """Extreme of two recordings; a row that one recording lacks is taken from the other."""
     first, second = xr.align(a, b, join="outer", copy=False)
     return first.copy(data=extreme(first.values, second.values))
 
 
 def check_activation(activation: xr.DataArray) -> None:
-    """Require every activation to be finite and within 0-1.
-
-    Parameters
-    ----------
-    activation : DataArray, dims (muscle, time) [1]
-        Activation.
-
-    Raises
-    ------
-    ActivationError
-        Naming the first muscle and instant that fails.
-    """
+    """Raise ActivationError unless all activations (muscle, time) are finite and within 0-1."""
     a = activation.transpose("muscle", "time")
     # Written so that NaN fails too.
     bad = ~((a.values >= 0.0) & (a.values <= 1.0))
@@ -298,7 +217,7 @@ def _extent_for(
     session: xr.Dataset | None,
     reference: xr.Dataset | None,
 ) -> xr.Dataset | None:
-    """Return the range required by the reach of the chain, and check that it matches."""
+    """Return the range specified by the chain, after checking that it matches the recording."""
     reach: Literal["trial", "session", "reference"] = chain.normalisation.reach
     if reach == "trial":
         return None
@@ -330,7 +249,7 @@ def _extent_for(
 
 
 def _feature_parameters(chain: SignalChain) -> str:
-    """JSON of the stages that shape the feature before normalisation."""
+    """JSON of the stages that determine the feature before normalisation."""
     return chain.model_dump_json(include={"filter", "feature", "mapping", "montage"})
 
 

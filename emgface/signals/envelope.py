@@ -20,33 +20,13 @@ def linear_envelope(
     order: int = 2,
     phase: Literal["zero", "causal"] = "zero",
 ) -> xr.DataArray:
-    """Full-wave rectified signal after a Butterworth low-pass.
+    """Full-wave rectified signal after a Butterworth low-pass (Buchanan et al. 2004: 3-10 Hz).
 
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg) [V]
-        Filtered signal.
-    cutoff : float [Hz]
-        Low-pass edge.
-    order : int
-        Design order.
-    phase : str
-        ``"zero"`` (forward and backward) or ``"causal"``.
-
-    Returns
-    -------
-    DataArray, dims (row, time) [V]
-        Envelope. It can undershoot zero slightly at steep ends of a burst.
-
-    Raises
-    ------
-    SignalError
-        If a sample is not finite, the edge reaches half the sampling rate, or the recording is
-        shorter than three periods of the edge (zero phase).
-
-    Notes
-    -----
-    Source: Buchanan et al. 2004 (3-10 Hz).
+    `signal` (row, time_emg) [V] is filtered already; `cutoff` [Hz] is the edge of the low-pass,
+    `order` its design order and `phase` ``"zero"`` (forward and backward) or ``"causal"``. The
+    result (row, time) [V] can be slightly negative at steep ends of a burst. Raises SignalError if
+    a sample is not finite, the edge reaches half the sampling rate, or the recording is shorter
+    than three periods of the edge (zero phase).
     """
     dim = row_dim(signal)
     check_gaps(signal)
@@ -85,31 +65,14 @@ def neural_activation(
 ) -> xr.DataArray:
     """Second-order recursive model of the twitch, after an electromechanical delay.
 
-    u(t) = alpha e(t - d) - beta1 u(t - 1) - beta2 u(t - 2), with beta1 = C1 + C2, beta2 = C1 C2
-    and unit gain, alpha = 1 + beta1 + beta2. Before the first sample e is its first value.
+    u(t) = alpha e(t - d) - beta1 u(t - 1) - beta2 u(t - 2), with beta1 = C1 + C2, beta2 = C1 C2 and
+    unit gain, alpha = 1 + beta1 + beta2. Before the first sample e equals its first value.
 
-    Parameters
-    ----------
-    envelope : DataArray, dims (row, time) [V]
-        Linear envelope e.
-    delay : float [s]
-        Electromechanical delay d, rounded to whole samples.
-    C1, C2 : float
-        Recursive coefficients per sample, |C1| < 1 and |C2| < 1.
-
-    Returns
-    -------
-    DataArray, dims (row, time) [V]
-        Neural activation u; normalise before `muscle_activation`.
-
-    Raises
-    ------
-    SignalError
-        If a coefficient is not stable, a sample is not finite, or the delay is negative.
-
-    Notes
-    -----
-    Source: Buchanan et al. 2004, J Appl Biomech 20:367-395.
+    `envelope` e (row, time) [V] is a linear envelope, `delay` d [s] is rounded to whole samples,
+    and the coefficients per sample fulfil |C1| < 1 and |C2| < 1. The result u (row, time) [V] is
+    normalised before `muscle_activation`. Raises SignalError if a coefficient is not stable, a
+    sample is not finite, or the delay is negative. Source: Buchanan et al. 2004, J Appl Biomech
+    20:367-395.
     """
     if not (abs(C1) < 1 and abs(C2) < 1):
         raise SignalError(
@@ -138,31 +101,13 @@ def neural_activation(
 def muscle_activation(u: xr.DataArray, A: float = -1.5) -> xr.DataArray:
     """Nonlinear shape from neural to muscle activation, (exp(A u) - 1) / (exp(A) - 1).
 
-    Parameters
-    ----------
-    u : DataArray [1]
-        Normalised neural activation, 0-1.
-    A : float
-        Shape, between -3 (strongly curved) and 0 (linear).
-
-    Returns
-    -------
-    DataArray [1]
-        Muscle activation, 0-1.
-
-    Raises
-    ------
-    SignalError
-        If A is outside -3..0.
-
-    Notes
-    -----
-    Source: Buchanan et al. 2004.
+    `u` [1] is normalised to 0-1, as the result; A lies between -3 (strongly curved) and 0 (linear),
+    and SignalError is raised otherwise. Source: Buchanan et al. 2004.
     """
     if not -3.0 <= A <= 0.0:
         raise SignalError(f"shape A = {A:g}, expected a value between -3 and 0")
     values = np.asarray(u, dtype=float)
-    # At A -> 0 the quotient tends to u.
+    # The quotient tends to u as A tends to 0.
     shaped = values if A == 0.0 else np.expm1(A * values) / np.expm1(A)
     result = u.copy(data=shaped)
     result.attrs["A"] = A

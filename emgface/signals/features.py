@@ -1,7 +1,9 @@
 """Amplitude features of filtered signals.
 
-The sliding windows hop by one sample. A window of N samples starting at sample t is labelled with
-its start, centre or end; the feature's time runs from the first full window to the last.
+The sliding windows advance by one sample. A window of N samples is labelled with its start, centre
+or end (`label`); the time of the feature extends from the first full window to the last. Signals
+have the dims (row, time_emg) [V], features (row, time). Every feature raises SignalError if a
+sample is not finite or the recording is shorter than the window.
 """
 
 import warnings
@@ -26,31 +28,10 @@ def feature_of(
     *,
     phase: Literal["zero", "causal"] = "zero",
 ) -> xr.DataArray:
-    """Compute the feature specified by the parameters.
+    """Compute the feature specified by the parameters: counts [1] for wamp, [V] otherwise.
 
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg) [V]
-        Filtered signal.
-    parameters : FeatureParameters
-        Kind of feature and its values.
-    phase : str
-        Phase of the envelope's low-pass; the windowed features have their label instead.
-
-    Returns
-    -------
-    DataArray, dims (row, time)
-        Feature: counts [1] for wamp, [V] otherwise. Attrs record every choice.
-
-    Raises
-    ------
-    SignalError
-        If a sample is not finite or the recording is shorter than the window.
-
-    Warns
-    -----
-    FeatureWarning
-        If a whole feature is zero or saturated.
+    `phase` is that of the envelope's low-pass; windowed features have a label instead. The
+    attributes of the result record every choice. Warns as `willison_amplitude`.
     """
     if parameters.kind == "wamp":
         if parameters.threshold_baseline is None:
@@ -90,41 +71,13 @@ def willison_amplitude(
 ) -> xr.DataArray:
     """Willison amplitude, the number of steps that reach a threshold within a window.
 
-    g(t) = sum over n = 1..N-1 of [|s(t+n-1) - s(t+n)| >= s_lim].
+    g(t) = sum over n = 1..N-1 of [|s(t+n-1) - s(t+n)| >= s_lim], between 0 and N - 1.
 
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg) [V]
-        Filtered signal.
-    window : float [s]
-        Window length, rounded to N samples.
-    threshold : float, or DataArray with dims (row) [V]
-        Threshold s_lim, one for all rows or one per row.
-    comparison : str
-        ``">="`` as printed, or ``">"``.
-    label : str
-        Instant of the window: ``"centre"``, ``"start"`` (as printed) or ``"end"``.
-
-    Returns
-    -------
-    DataArray, dims (row, time) [1]
-        Counts between 0 and N - 1.
-
-    Raises
-    ------
-    SignalError
-        If a sample is not finite, the window holds fewer than two samples, or the recording is
-        shorter than the window.
-
-    Warns
-    -----
-    FeatureWarning
-        If a row counts no step, or every step, in every window; with the threshold to try.
-
-    Notes
-    -----
-    Source: Eskes et al. 2017, Eq. 7. The count depends on the sampling rate as well as on the
-    threshold, for the steps between samples shrink as the rate grows.
+    `window` [s] is rounded to N samples, at least two; `threshold` s_lim [V] is one number or an
+    array over rows; `comparison` is ``">="`` as printed, or ``">"``; `label` ``"start"`` is as
+    printed. The count depends on the sampling rate also, because steps between samples decrease
+    with a higher rate. FeatureWarning is issued for a row that counts no step, or every step, in
+    every window, with a threshold to try. Source: Eskes et al. 2017, Eq. 7.
     """
     dim = row_dim(signal)
     limits = np.broadcast_to(
@@ -148,27 +101,7 @@ def willison_amplitude(
 def root_mean_square(
     signal: xr.DataArray, *, window: float = 0.2, label: Label = "centre"
 ) -> xr.DataArray:
-    """Root mean square of a sliding window, sqrt(sum s^2 / N).
-
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg) [V]
-        Filtered signal.
-    window : float [s]
-        Window length, rounded to N samples.
-    label : str
-        Instant of the window: ``"centre"``, ``"start"`` or ``"end"``.
-
-    Returns
-    -------
-    DataArray, dims (row, time) [V]
-        Root mean square.
-
-    Raises
-    ------
-    SignalError
-        If a sample is not finite or the recording is shorter than the window.
-    """
+    """Root mean square [V] of a sliding window of `window` seconds, sqrt(sum s^2 / N)."""
 
     def rms(row: np.ndarray, n: int, out: np.ndarray, k: int) -> None:
         running_sum(np.square(row), n, out)
@@ -180,27 +113,7 @@ def root_mean_square(
 def mean_absolute_value(
     signal: xr.DataArray, *, window: float = 0.2, label: Label = "centre"
 ) -> xr.DataArray:
-    """Mean absolute value of a sliding window, sum |s| / N.
-
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg) [V]
-        Filtered signal.
-    window : float [s]
-        Window length, rounded to N samples.
-    label : str
-        Instant of the window: ``"centre"``, ``"start"`` or ``"end"``.
-
-    Returns
-    -------
-    DataArray, dims (row, time) [V]
-        Mean absolute value.
-
-    Raises
-    ------
-    SignalError
-        If a sample is not finite or the recording is shorter than the window.
-    """
+    """Mean absolute value [V] of a sliding window of `window` seconds, sum |s| / N."""
 
     def mav(row: np.ndarray, n: int, out: np.ndarray, k: int) -> None:
         running_sum(np.abs(row), n, out)
@@ -210,24 +123,9 @@ def mean_absolute_value(
 
 
 def baseline_rms(signal: xr.DataArray, interval: tuple[float, float]) -> xr.DataArray:
-    """Root mean square of each row over a rest interval.
+    """Root mean square of each row over a rest interval from start to end [s], dims (row) [V].
 
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg) [V]
-        Filtered signal.
-    interval : tuple of float [s]
-        Start and end of the rest.
-
-    Returns
-    -------
-    DataArray, dims (row) [V]
-        Root mean square, above 0.
-
-    Raises
-    ------
-    SignalError
-        If the interval is not within the recording, or a row is silent there.
+    Raises SignalError if the interval is not within the recording, or a row is zero there.
     """
     dim = row_dim(signal)
     check_gaps(signal)
@@ -261,7 +159,7 @@ def _slide(
     units: str,
     least: int,
 ) -> xr.DataArray:
-    """Run a kernel over every row and label its windows."""
+    """Apply a kernel to every row and label its windows."""
     dim = row_dim(signal)
     check_gaps(signal)
     time = np.asarray(signal[TIME_EMG], dtype=float)
@@ -295,7 +193,7 @@ def _slide(
 
 
 def _warn_if_mute(feature: xr.DataArray, signal: xr.DataArray, limits: np.ndarray) -> None:
-    """Warn of rows whose count is 0 or N - 1 throughout, with the threshold to try."""
+    """Warn of rows whose count is 0 or N - 1 throughout, with a threshold to try."""
     dim = row_dim(feature, "time")
     counts = feature.values
     most = feature.attrs["window_samples"] - 1

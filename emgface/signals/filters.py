@@ -1,7 +1,7 @@
 """Band-pass filters of raw signals.
 
-A signal is a DataArray of two dims, one of them time in seconds and uniformly sampled, the other
-naming the rows (channel, muscle, marker). Every check names the row and the instant it failed at.
+A signal is a DataArray of two dims, of which one is time in seconds, uniformly sampled, and the
+other labels the rows (channel, muscle, marker). Error messages contain the row and the instant.
 """
 
 import warnings
@@ -21,22 +21,9 @@ recorders attenuate above it."""
 
 
 def sampling_rate(time: np.ndarray | xr.DataArray) -> float:
-    """Compute the sampling rate of uniformly spaced instants.
+    """Sampling rate [Hz] of uniformly spaced instants [s], (samples - 1) / duration.
 
-    Parameters
-    ----------
-    time : array, shape (samples,) [s]
-        Instants.
-
-    Returns
-    -------
-    float [Hz]
-        (samples - 1) / duration.
-
-    Raises
-    ------
-    SignalError
-        If there are fewer than two samples, or the spacing varies by more than 10 %.
+    Raises SignalError if there are fewer than two samples, or the spacing varies by more than 10 %.
     """
     t = np.asarray(time, dtype=float)
     if t.ndim != 1 or t.size < 2:
@@ -45,7 +32,7 @@ def sampling_rate(time: np.ndarray | xr.DataArray) -> float:
         )
     spacing = np.diff(t)
     period = (t[-1] - t[0]) / (t.size - 1)
-    # Written so that NaN fails too. Rounded text files leave a few per cent of jitter.
+    # NaN fails this comparison also. Rounded times of text files vary by a few per cent.
     uniform = np.abs(spacing - period) <= 0.1 * abs(period)
     if not period > 0 or not uniform.all():
         k = int(np.argmin(uniform))
@@ -59,22 +46,7 @@ def sampling_rate(time: np.ndarray | xr.DataArray) -> float:
 def row_dim(signal: xr.DataArray, time_dim: str = TIME_EMG) -> str:
     """Name of the dimension of a two-dimensional signal that is not time.
 
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time)
-        Signal, in any order of dims.
-    time_dim : str
-        Time dimension.
-
-    Returns
-    -------
-    str
-        The other dimension.
-
-    Raises
-    ------
-    SignalError
-        If the signal has other than two dims or no such time.
+    Raises SignalError if the signal has other than two dims or no such time.
     """
     others = [str(dim) for dim in signal.dims if dim != time_dim]
     if time_dim not in signal.dims or len(others) != 1:
@@ -86,18 +58,7 @@ def row_dim(signal: xr.DataArray, time_dim: str = TIME_EMG) -> str:
 
 
 def first_gap(values: np.ndarray) -> tuple[int, int] | None:
-    """First run of non-finite values.
-
-    Parameters
-    ----------
-    values : ndarray, shape (samples,)
-        One row of a signal.
-
-    Returns
-    -------
-    tuple of int, or None
-        First index and length of the run, None if all values are finite.
-    """
+    """Return first index and length of the first run of non-finite values, or None without one."""
     bad = ~np.isfinite(values)
     if not bad.any():
         return None
@@ -108,20 +69,7 @@ def first_gap(values: np.ndarray) -> tuple[int, int] | None:
 
 
 def check_gaps(signal: xr.DataArray, time_dim: str = TIME_EMG) -> None:
-    """Require every sample to be finite.
-
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time)
-        Signal.
-    time_dim : str
-        Time dimension.
-
-    Raises
-    ------
-    SignalError
-        Naming the row, the start and the length of its first gap.
-    """
+    """Raise SignalError, with row, start and length of its first gap, unless all samples are finite."""
     dim = row_dim(signal, time_dim)
     time = np.asarray(signal[time_dim], dtype=float)
     rate = sampling_rate(time)
@@ -137,20 +85,7 @@ def check_gaps(signal: xr.DataArray, time_dim: str = TIME_EMG) -> None:
 
 
 def constant_rows(signal: xr.DataArray, time_dim: str = TIME_EMG) -> tuple[str, ...]:
-    """Rows that hold one value throughout (electrode off, amplifier railed).
-
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time)
-        Signal.
-    time_dim : str
-        Time dimension.
-
-    Returns
-    -------
-    tuple of str
-        Names of the constant rows.
-    """
+    """Names of rows with one value throughout (electrode off, amplifier saturated)."""
     dim = row_dim(signal, time_dim)
     values = np.asarray(signal.transpose(dim, time_dim), dtype=float)
     spread = values.max(axis=1) - values.min(axis=1)
@@ -161,38 +96,16 @@ def constant_rows(signal: xr.DataArray, time_dim: str = TIME_EMG) -> tuple[str, 
 def bandpass(signal: xr.DataArray, parameters: FilterParameters) -> xr.DataArray:
     """Butterworth band-pass as second-order sections, zero-phase or causal.
 
-    The zero-phase filter runs forward and backward over the signal extended at both ends by its
-    odd reflection of three periods of the lower edge; the causal one starts in the steady state of
-    the first sample, so that an offset leaves no transient.
+    The zero-phase filter runs forward and backward over the signal extended at both ends by its odd
+    reflection of three periods of the lower edge; the causal one starts in the steady state of the
+    first sample, so that an offset causes no transient.
 
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg) [V]
-        Raw signal.
-    parameters : FilterParameters
-        Order, edges [Hz], phase.
-
-    Returns
-    -------
-    DataArray, dims (row, time_emg) [V]
-        Filtered signal; attrs ``sampling_rate`` [Hz], ``edge_gain`` [dB] at the lower and upper
-        edge, ``filter_order``, ``filter_low``, ``filter_high`` [Hz] as used (see `pass_band`),
-        ``filter_phase``.
-
-    Raises
-    ------
-    SignalError
-        If the sampling rate leaves less than an octave of the pass-band, a sample is not finite,
-        or the recording is shorter than the extension.
-
-    Warns
-    -----
-    FeatureWarning
-        If the pass-band was narrowed to what the sampling rate can hold.
-
-    Notes
-    -----
-    Source: Eskes et al. 2017, Methods (fourth order, 15-500 Hz).
+    Signal and result have the dims (row, time_emg) [V]. The attributes of the result are
+    ``sampling_rate`` [Hz], ``edge_gain`` [dB] at the lower and upper edge, ``filter_order``,
+    ``filter_low`` and ``filter_high`` [Hz] as used (see `pass_band`), and ``filter_phase``. Raises
+    SignalError if the sampling rate contains less than an octave of the pass-band, a sample is not
+    finite, or the recording is shorter than the extension; warns (FeatureWarning) if the sampling
+    rate narrows the pass-band. Source: Eskes et al. 2017, Methods (fourth order, 15-500 Hz).
     """
     dim = row_dim(signal)
     rate = sampling_rate(signal[TIME_EMG])
@@ -237,27 +150,11 @@ def bandpass(signal: xr.DataArray, parameters: FilterParameters) -> xr.DataArray
 
 
 def pass_band(parameters: FilterParameters, rate: float) -> tuple[float, float]:
-    """Return the edges of the pass-band at a sampling rate.
+    """Return lower and upper edge of the pass-band [Hz] at a sampling rate [Hz].
 
-    An upper edge that half the sampling rate does not exceed is lowered to 0.9 of it, so that a
-    recording of 1000 Hz is filtered to 15-450 Hz.
-
-    Parameters
-    ----------
-    parameters : FilterParameters
-        Edges wanted [Hz].
-    rate : float [Hz]
-        Sampling rate.
-
-    Returns
-    -------
-    float, float [Hz]
-        Lower and upper edge.
-
-    Raises
-    ------
-    SignalError
-        If less than an octave of the band is left.
+    An upper edge above 0.9 of half the sampling rate is lowered to that frequency, so that a
+    recording of 1000 Hz is filtered to 15-450 Hz. Raises SignalError if less than an octave of the
+    band remains.
     """
     low, nyquist = parameters.low, rate / 2.0
     high = parameters.high if parameters.high < nyquist else HELD * nyquist
@@ -274,24 +171,7 @@ def pass_band(parameters: FilterParameters, rate: float) -> tuple[float, float]:
 def edge_gain(
     sos: np.ndarray, rate: float, edges: tuple[float, ...], passes: int = 1
 ) -> list[float]:
-    """Gain of a filter at given frequencies.
-
-    Parameters
-    ----------
-    sos : ndarray, shape (sections, 6)
-        Second-order sections.
-    rate : float [Hz]
-        Sampling rate.
-    edges : tuple of float [Hz]
-        Frequencies.
-    passes : int
-        How often the filter runs over the signal.
-
-    Returns
-    -------
-    list of float [dB]
-        20 log10 |H(f)| times the number of passes.
-    """
+    """Gain of a filter at frequencies `edges` [Hz], passes times 20 log10 |H(f)| [dB]."""
     _, response = scipy.signal.sosfreqz(sos, worN=np.asarray(edges, dtype=float), fs=rate)
     return [float(gain) for gain in 20.0 * passes * np.log10(np.abs(response))]
 
@@ -304,27 +184,10 @@ def labelled_feature(
     rate: float,
     attrs: dict[str, Any],
 ) -> xr.DataArray:
-    """Return values computed from a signal with its row names and a new time.
+    """Return values (row, samples) computed from a signal with its row names and a new time [s].
 
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg)
-        Signal the values come from.
-    values : ndarray, shape (rows, samples)
-        Feature.
-    time : ndarray, shape (samples,) [s]
-        Its instants.
-    units : str
-        Its unit.
-    rate : float [Hz]
-        Sampling rate.
-    attrs : dict
-        Choices to record.
-
-    Returns
-    -------
-    DataArray, dims (row, time)
-        The feature, with the signal's attrs and the new ones.
+    The result (row, time) has the attributes of the signal, unit and sampling rate [Hz], and
+    `attrs`.
     """
     dim = row_dim(signal)
     return xr.DataArray(

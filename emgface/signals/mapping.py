@@ -32,17 +32,10 @@ OOM_AS_PRINTED: Final = {"OOS": 0.05, "OOI": 0.15}
 
 
 def mapping_matrix(oom: Literal["text", "as_printed"] = "text") -> xr.DataArray:
-    """Matrix of Eqs 2-6.
+    """Weight of each channel in each muscle (Eqs 2-6), dims (muscle, channel), shape (20, 14) [1].
 
-    Parameters
-    ----------
-    oom : str
-        ``"text"``: OOM is a fifth of OOP; ``"as_printed"``: Eq. 3 to the letter.
-
-    Returns
-    -------
-    DataArray, dims (muscle, channel), shape (20, 14) [1]
-        Weight of each channel in each muscle. Sides do not mix.
+    `oom` is ``"text"`` (OOM is a fifth of OOP) or ``"as_printed"`` (Eq. 3 without correction).
+    Weights between the sides are zero.
     """
     matrix = xr.DataArray(
         np.zeros((len(MUSCLES), len(CHANNELS))),
@@ -59,17 +52,7 @@ def mapping_matrix(oom: Literal["text", "as_printed"] = "text") -> xr.DataArray:
 
 
 def sources_of(muscle: str) -> tuple[str, ...]:
-    """Return the channels from which a muscle is computed.
-
-    Parameters
-    ----------
-    muscle : str
-        Muscle of the model with its side.
-
-    Returns
-    -------
-    tuple of str
-        Channels of the same side.
+    """Return the channels, of the same side, from which a muscle of the model is computed.
 
     Examples
     --------
@@ -87,24 +70,10 @@ def map_channels(
 ) -> xr.DataArray:
     """Combine channels into muscles (Eqs 2-6).
 
-    Parameters
-    ----------
-    quantity : DataArray, dims (channel, time)
-        Signals, features or activations; channels that no muscle is computed from are ignored.
-    oom : str
-        Reading of Eq. 3, see `mapping_matrix`.
-    muscles : sequence of str
-        Muscles to compute; a missing channel is zero if another one of the same muscle exists.
-
-    Returns
-    -------
-    DataArray, dims (muscle, time)
-        The same quantity of the muscles; attrs kept, with ``oom`` added.
-
-    Raises
-    ------
-    SchemaError
-        If no channel of a muscle exists.
+    `quantity` (channel, time) contains signals, features or activations; channels from which no
+    muscle is computed are ignored, and a missing channel counts as zero if another one of the same
+    muscle exists. The result (muscle, time) keeps the attributes and adds ``oom``, the reading of
+    Eq. 3 (`mapping_matrix`). Raises SchemaError if no channel of a muscle exists.
     """
     found = [str(name) for name in quantity["channel"].values]
     lacking = [name for name in muscles if not set(sources_of(name)) & set(found)]

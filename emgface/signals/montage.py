@@ -34,12 +34,9 @@ class MontageParameters(Parameters):
 class Montage:
     """Treatment of each of the fourteen channels.
 
-    Attributes
-    ----------
-    recorded, mirrored, zero, left_out, unresolved : tuple of str
-        Channels, each in one of the groups. `unresolved` are missing, and no treatment was chosen.
-    ignored : tuple of str
-        Further channels of the recording, which are not used.
+    Each channel belongs to one of the groups `recorded`, `mirrored`, `zero`, `left_out` and
+    `unresolved` (missing, without a chosen treatment). `ignored` are further channels of the
+    recording.
     """
 
     recorded: tuple[str, ...]
@@ -85,17 +82,8 @@ class Montage:
     def demand(self, wanted: Iterable[str], strategy: str) -> None:
         """Refuse a strategy that requires a muscle whose missing channels have no treatment.
 
-        Parameters
-        ----------
-        wanted : iterable of str
-            Muscles without side that the strategy needs.
-        strategy : str
-            Its name.
-
-        Raises
-        ------
-        SchemaError
-            Naming the missing channels and the possible treatments.
+        `wanted` are the muscles, without side, that the strategy requires. The SchemaError states
+        the missing channels and the possible treatments.
         """
         needs = set(wanted)
         lacking = [
@@ -120,18 +108,6 @@ COMPLETE: Final = Montage(CHANNELS)
 
 def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montage:
     """Determine the treatment of every channel of the study.
-
-    Parameters
-    ----------
-    channels : iterable of str
-        Channels of a recording, in any order.
-    parameters : MontageParameters
-        Treatment of those that are missing.
-
-    Returns
-    -------
-    Montage
-        Every channel in one group.
 
     Examples
     --------
@@ -159,24 +135,10 @@ def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montag
 
 
 def with_mirrored(emg: xr.DataArray, montage: Montage) -> xr.DataArray:
-    """Return the recorded and mirrored channels, in the order of the study.
+    """Return the recorded and mirrored channels (channel, time_emg) [V], in the order of the study.
 
-    Parameters
-    ----------
-    emg : DataArray, dims (channel, time_emg) [V]
-        Signals of a recording.
-    montage : Montage
-        Result of `montage_of` for its channels.
-
-    Returns
-    -------
-    DataArray, dims (channel, time_emg) [V]
-        A mirrored channel holds the signal of the other side.
-
-    Raises
-    ------
-    SchemaError
-        If no channel of the study was recorded.
+    A mirrored channel contains the signal of the other side. Raises SchemaError if no channel of
+    the study was recorded.
     """
     held = [name for name in CHANNELS if name in montage.recorded or name in montage.mirrored]
     if not held:

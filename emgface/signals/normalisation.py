@@ -13,32 +13,14 @@ from emgface.signals.parameters import NormalisationParameters
 def normalise(
     feature: xr.DataArray, extent: xr.Dataset | None, parameters: NormalisationParameters
 ) -> xr.DataArray:
-    """Min-max normalisation, (g - min g) / (max g - min g).
+    """Min-max normalisation, (g - min g) / (max g - min g), to 0-1 (Eskes et al. 2017, Eq. 8).
 
-    Parameters
-    ----------
-    feature : DataArray, dims (row, time)
-        Feature of muscles or channels.
-    extent : Dataset or None
-        `feature_range`; None takes minimum and maximum over the trial's own time.
-    parameters : NormalisationParameters
-        Policies for a constant feature (0/0), a muscle at rest, and values outside the range.
-
-    Returns
-    -------
-    DataArray, dims (row, time) [1]
-        Between 0 and 1; attrs ``clipped_fraction``, ``silent``, ``resting``.
-
-    Raises
-    ------
-    SignalError
-        If a feature is constant, naming it, or none reaches the Willison threshold.
-    ActivationError
-        If a trial leaves the range of the session or the reference.
-
-    Notes
-    -----
-    Source: Eskes et al. 2017, Eq. 8.
+    `feature` has the dims (row, time); `extent` is a `feature_range`, and without one the range is
+    that of the trial. `parameters` determine the treatment of a constant feature (0/0), of a muscle
+    at rest and of values outside the range. The attributes of the result are ``clipped_fraction``,
+    ``silent`` and ``resting``. Raises SignalError if a feature is constant or none reaches the
+    Willison threshold, and ActivationError if a trial leaves the range of the session or the
+    reference.
     """
     dim = str(next(d for d in feature.dims if d != "time"))
     g = feature.transpose(dim, "time")
@@ -49,7 +31,7 @@ def normalise(
         matched = extent.sel({dim: g[dim]})
         low, high = matched["minimum"].values, matched["maximum"].values
     flat = ~(high > low)
-    # No step over the threshold is rest; any other constant is a failed electrode or setting.
+    # A count of zero throughout indicates rest, any other constant a failed electrode or setting.
     at_rest = flat & (high == 0.0) & (feature.attrs.get("feature") == "wamp")
     resting = [name for name, rests in zip(rows, at_rest, strict=True) if rests]
     silent = [name for name, is_flat in zip(rows, flat & ~at_rest, strict=True) if is_flat]

@@ -1,7 +1,7 @@
 """Parameters from recording to activation, with default, unit and source.
 
-Where the publication is silent or contradicts itself, the choice is a parameter here. A study file
-holds one `SignalChain`.
+If the publication is silent or contradicts itself, the choice is a parameter here. A study file
+contains one `SignalChain`.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ StrategyName = Literal["act_all", "act_3", "act_rel", "act_threshold"]
 
 
 def _give_way(values: Any, default_name: str, alternative: str) -> Any:
-    """Drop the default of one of two alternatives when the other is given."""
+    """Remove the default of one of two alternatives if the other is specified."""
     if isinstance(values, Mapping) and values.get(alternative) is not None:
         return {default_name: None, **values}
     return values

@@ -15,24 +15,10 @@ from emgface.signals.parameters import ResamplingParameters
 
 
 def simulation_times(start: float, stop: float, parameters: ResamplingParameters) -> np.ndarray:
-    """Sampling times of the activation of a simulation.
+    """Equally spaced sampling times [s] of the activation, from `start` to (at most) `stop` [s].
 
-    Parameters
-    ----------
-    start, stop : float [s]
-        Interval that holds data.
-    parameters : ResamplingParameters
-        Number of steps, or sampling period [s].
-
-    Returns
-    -------
-    ndarray, shape (steps + 1,) [s]
-        Equally spaced instants from `start`, up to `stop` (steps) or at most `stop` (period).
-
-    Raises
-    ------
-    SignalError
-        If the interval is empty or shorter than one period.
+    Their number follows from the number of steps or the sampling period. Raises SignalError if the
+    interval is empty or shorter than one period.
     """
     if not stop > start:
         raise SignalError(
@@ -54,35 +40,16 @@ def simulation_times(start: float, stop: float, parameters: ResamplingParameters
 def resample(
     data: xr.DataArray, times: np.ndarray, *, dim: str = "time", bounded: bool = False
 ) -> xr.DataArray:
-    """Sample data at other equally spaced instants, with anti-aliasing where this decimates.
+    """Sample data (..., dim) at other equally spaced instants [s], with anti-aliasing if this decimates.
 
-    Where the new period P is longer than the old one, each new sample is a weighted mean of the
-    old ones: for bounded quantities with a Hann kernel of half width P, which is positive and
-    cannot leave the range of the data (half amplitude at 1/(2P)); otherwise with a
-    Blackman-windowed sinc of half width 4 P cut off at 0.4/P, flat in the pass-band, the data
-    extended by their odd reflection. Where the new period is not longer, linear interpolation
-    (bounded) or a cubic spline.
-
-    Parameters
-    ----------
-    data : DataArray, dims (..., dim)
-        Data on uniform instants [s].
-    times : ndarray, shape (samples,) [s]
-        Instants wanted, within those of the data.
-    dim : str
-        Time dimension of the data.
-    bounded : bool
-        Whether the result must stay within the range of the data (activations).
-
-    Returns
-    -------
-    DataArray, dims (..., time)
-        Resampled data; attr ``antialias`` names the kernel.
-
-    Raises
-    ------
-    SignalError
-        If the data are not finite, too short, or do not cover `times`.
+    If the new period P is longer than the old one, each new sample is a weighted mean of the old
+    ones: for bounded quantities (activations) with a Hann kernel of half width P, which is
+    positive, so that the result stays within the range of the data (half amplitude at 1/(2P));
+    otherwise with a Blackman-windowed sinc of half width 4 P cut off at 0.4/P, flat in the
+    pass-band, the data extended by their odd reflection. If the new period is not longer, the data
+    are interpolated linearly (bounded) or by a cubic spline. The attribute ``antialias`` of the
+    result states the kernel. Raises SignalError if the data are not finite, too short, or do not
+    cover `times`.
     """
     old = np.asarray(data[dim], dtype=float)
     times = np.asarray(times, dtype=float)
@@ -100,7 +67,7 @@ def resample(
             f"times from {times[0]:.6g} to {times[-1]:.6g} s are not covered by data from "
             f"{old[0]:.6g} to {old[-1]:.6g} s: choose times within the data"
         )
-    # Instants relative to the first: the grid then is k / rate to full precision.
+    # Relative to the first instant the grid is k / rate to full precision.
     wanted = np.clip(times - old[0], 0.0, (old.size - 1) / rate)
     if new_rate >= rate * (1.0 - 1e-6):
         kernel = "linear" if bounded else "cubic spline"
@@ -109,7 +76,7 @@ def resample(
         kernel = f"hann, half width {1 / new_rate:.6g} s"
         sampled = _decimate(values, rate, wanted, 1.0 / new_rate, _hann, reflect=False)
         low, high = values.min(-1, keepdims=True), values.max(-1, keepdims=True)
-        sampled = np.clip(sampled, low, high)  # a mean exceeds its terms by rounding at most
+        sampled = np.clip(sampled, low, high)  # removes rounding errors beyond the range
     else:
         kernel = f"blackman sinc, cut-off {0.4 * new_rate:.6g} Hz"
         sampled = _decimate(values, rate, wanted, 4.0 / new_rate, _blackman_sinc, reflect=True)
@@ -132,12 +99,12 @@ def _interpolate(
 
 
 def _hann(x: np.ndarray) -> np.ndarray:
-    """Hann kernel on -1..1."""
+    """Hann kernel on the interval -1 to 1."""
     return 0.5 * (1.0 + np.cos(np.pi * x))
 
 
 def _blackman_sinc(x: np.ndarray) -> np.ndarray:
-    """Sinc of half width 4 periods, cut off at 0.4 / period, on -1..1, Blackman-windowed."""
+    """Blackman-windowed sinc of half width 4 periods, cut off at 0.4 / period, on -1 to 1."""
     blackman = 0.42 + 0.5 * np.cos(np.pi * x) + 0.08 * np.cos(2.0 * np.pi * x)
     return np.sinc(0.8 * 4.0 * x) * blackman
 

@@ -18,22 +18,10 @@ STRATEGIES: tuple[StrategyName, ...] = get_args(StrategyName)
 
 
 def bilateral_mean(feature: xr.DataArray) -> xr.DataArray:
-    """Mean of left and right muscle, (g_m + g_(m+10)) / 2.
+    """Mean of left and right muscle, (g_m + g_(m+10)) / 2 (Eskes et al. 2017, act_3, step 1).
 
-    Parameters
-    ----------
-    feature : DataArray, dims (muscle, time)
-        Feature of the muscles of the montage.
-
-    Returns
-    -------
-    DataArray, dims (muscle, time)
-        Mean of both sides, without side in the names, in the order of
-        `emgface.muscles.MODELLED`; a muscle with one side has the feature of that side.
-
-    Notes
-    -----
-    Source: Eskes et al. 2017, act_3, step 1.
+    The result (muscle, time) has names without side, in the order of `emgface.muscles.MODELLED`.
+    For a muscle with one side it is the feature of that side.
     """
     names = [str(name).rpartition("_")[0] for name in feature["muscle"].values]
     mean = feature.assign_coords(muscle=names).groupby("muscle").mean()
@@ -41,42 +29,17 @@ def bilateral_mean(feature: xr.DataArray) -> xr.DataArray:
 
 
 def bilateral_variance(feature: xr.DataArray) -> xr.DataArray:
-    """Variance over time of the bilateral mean, V_m.
+    """Variance over time of the bilateral mean, V_m (muscle), divided by the number of samples.
 
-    Parameters
-    ----------
-    feature : DataArray, dims (muscle, time)
-        Feature of the muscles of the montage.
-
-    Returns
-    -------
-    DataArray, dims (muscle)
-        Variance, in the squared unit of the feature, divided by the number of samples.
-
-    Notes
-    -----
     Source: Eskes et al. 2017, act_3, step 2.
     """
     return bilateral_mean(feature).var("time")
 
 
 def needed_muscles(strategy: str, instruction: str | None) -> tuple[str, ...]:
-    """Return the muscles required by the selection of a strategy.
+    """Return the muscles, without side, required by a strategy: Table 1 for act_rel, all ten otherwise.
 
-    Parameters
-    ----------
-    strategy, instruction
-        As of `select_muscles`.
-
-    Returns
-    -------
-    tuple of str
-        Names without side: those of Table 1 for act_rel; all ten otherwise.
-
-    Raises
-    ------
-    ConfigurationError
-        If the strategy or the instruction is unknown.
+    Raises ConfigurationError if the strategy or the instruction is unknown.
     """
     if strategy not in STRATEGIES:
         near = difflib.get_close_matches(strategy, STRATEGIES, n=1, cutoff=0.4)
@@ -100,34 +63,15 @@ def select_muscles(
     instruction: str | None,
     parameters: StrategyParameters,
 ) -> tuple[str, ...]:
-    """Select the muscles that a strategy activates, on both sides.
+    """Select the muscles, without side, that a strategy activates on both sides.
 
-    Parameters
-    ----------
-    feature : DataArray, dims (muscle, time)
-        Feature of the muscles of the montage before normalisation; the others are not selected.
-    strategy : str
-        ``"act_all"``: all ten; ``"act_3"``: the n of largest variance of the bilateral mean,
-        ties in the order of `emgface.muscles.MODELLED`; ``"act_rel"``: Table 1;
-        ``"act_threshold"``: all whose standard deviation of the bilateral mean exceeds
-        `parameters.threshold` times the largest.
-    instruction : str or None
-        A to F, needed by act_rel.
-    parameters : StrategyParameters
-        n and threshold.
-
-    Returns
-    -------
-    tuple of str
-        Muscle names without side, in the order of `emgface.muscles.MODELLED`, except for act_3:
-        most active first.
-
-    Raises
-    ------
-    ConfigurationError
-        If the strategy or the instruction is unknown.
-    SchemaError
-        If the montage holds none of the muscles that act_rel activates.
+    Of the muscles in `feature` (muscle, time), before normalisation, ``"act_all"`` selects all ten;
+    ``"act_3"`` the n of largest variance of the bilateral mean, with ties in the order of
+    `emgface.muscles.MODELLED`; ``"act_rel"`` those of Table 1 for the instruction;
+    ``"act_threshold"`` those whose standard deviation of the bilateral mean exceeds
+    `parameters.threshold` times the largest. The order is that of `MODELLED`, except for act_3:
+    most active first. Raises ConfigurationError if strategy or instruction is unknown, and
+    SchemaError if the montage contains none of the muscles that act_rel activates.
     """
     present = {str(name).rpartition("_")[0] for name in feature["muscle"].values}
     wanted = needed_muscles(strategy, instruction)

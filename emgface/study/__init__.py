@@ -1,6 +1,6 @@
-"""The study: run table, stored stages, retry policy, from recordings to the scored cube.
+"""Studies: run table, stored stages and retry policy, from recordings to the scored cube.
 
-Called, the package runs a study: `emgface.api.study`.
+The package can be called to run a study (`emgface.api.study`).
 """
 
 from emgface._callable import make_callable

@@ -19,7 +19,7 @@ CUBE_NAMES = {
 
 
 class Axis(Parameters):
-    """Choice that is varied: its levels are a dimension of the cube, the first the reference."""
+    """Varied choice. Its levels are a dimension of the cube, the first is the reference."""
 
     parameters: tuple[str, ...] = choice(
         (),
@@ -44,7 +44,7 @@ class Axis(Parameters):
         if self.name is not None:
             return self.name
         table, _, last = self.parameters[0].rpartition(".")
-        # sigma_max is a variable of the cube, the value that could be simulated in the end.
+        # The cube has a variable sigma_max, the value with which a trial was simulated.
         return f"{table.rpartition('.')[2]}_{last}" if last in CUBE_NAMES else last
 
     def values(self) -> list[tuple[Value, ...]]:
@@ -52,7 +52,7 @@ class Axis(Parameters):
         return [level if isinstance(level, tuple) else (level,) for level in self.levels]
 
     def labels(self) -> list[Label]:
-        """Return the labels along the dim: numbers, or text; files without folder and suffix."""
+        """Return the labels along the dim: numbers, text, or file names without suffix."""
         found: list[Label] = []
         for first, *_ in self.values():
             if isinstance(first, bool):

@@ -1,7 +1,7 @@
 """Baselines, ceilings and individual measures of a study, from stored motions.
 
-Two stages: the typical motion of each volunteer at each instruction, and what every trial of it is
-to be compared with. No motion is simulated for them.
+There are two stages: the typical motion of each volunteer at each instruction, and the comparison
+of every trial with its baselines. Neither simulates motions.
 """
 
 from collections import defaultdict
@@ -68,28 +68,11 @@ def add_baselines(
     extents: Mapping[str, Result],
     observer: Observer,
 ) -> xr.Dataset:
-    """Add the baselines of its scores to a cube.
+    """Add the baselines of its scores, computed from stored motions, to the cube of a study.
 
-    Parameters
-    ----------
-    laboratory : Laboratory
-        Store, face and configuration.
-    cube : Dataset
-        Result of `analysis.cube.build_cube` for the same trials.
-    planned : sequence of PlannedTrial
-        All trials of the study.
-    results : sequence of Trial
-        What became of them.
-    extents : mapping of str to Result
-        Range of the features per volunteer, where needed.
-    observer : Observer
-        Receives the progress.
-
-    Returns
-    -------
-    Dataset
-        The cube with the variables of `analysis.baselines.VARIABLES`, NaN for trials that were not
-        scored.
+    `planned` and `results` belong to the trials of the cube; `extents` contains the range of the
+    features per volunteer, if required. The result has the variables of
+    `analysis.baselines.VARIABLES`, NaN for trials that were not scored.
     """
     persons: dict[Person, dict[int, _Recorded]] = defaultdict(dict)
     for place, one in _recorded(laboratory, planned, results, extents).items():
@@ -197,7 +180,7 @@ def _baselines(
         {
             **_parameters(laboratory),
             "form": laboratory.study.score.form,
-            "instruction": person[1],  # the motions of all instructions are inputs of each
+            "instruction": person[1],  # baselines of an instruction depend on all instructions
         },
         lambda: _compared(laboratory, person, of, [r.dataset for r in others.values()], elsewhere),
         label=" ".join(person),
@@ -216,7 +199,7 @@ def _compared(
     least, count = laboratory.study.score.smallest_motion, len(LIP_MARKERS)
     result = _empty(person, list(of), list(laboratory.study.strategy_names))
     template = None
-    # What other people cannot tell, no template is made of; the trials are scored all the same.
+    # Without other volunteers there is no template; the other measures are computed.
     with suppress(AnalysisError):
         template = mean_motion([other["position"] for other in others], alignment)
         template = template.sel(marker=list(LIP_MARKERS))
@@ -275,7 +258,7 @@ def _compared(
 
 
 def _empty(person: Person, repetitions: list[int], strategies: list[str]) -> xr.Dataset:
-    """Undefined values of one volunteer and instruction, to be filled in."""
+    """Undefined values of one volunteer and instruction."""
     coords: dict[str, Any] = {
         "volunteer": [person[0]], "instruction": [person[1]], "repetition": repetitions,
         "strategy": strategies, "marker": list(LIP_MARKERS),

@@ -1,4 +1,4 @@
-"""Configuration of a study, frozen and checked."""
+"""Configuration of a study, immutable and validated."""
 
 from pathlib import Path
 from typing import Literal

@@ -19,18 +19,7 @@ REFERENCES: Final = (
 
 
 def merged_environments(cubes: Iterable[xr.Dataset]) -> dict[str, Any]:
-    """Combine the environments of cubes, by digest.
-
-    Parameters
-    ----------
-    cubes : iterable of Dataset
-        Results of `analysis.cube.build_cube`, with the attribute ``environments``.
-
-    Returns
-    -------
-    dict of str to dict
-        In the order of their digests.
-    """
+    """Combine the attribute ``environments`` of cubes, in the order of their digests."""
     found: dict[str, Any] = {}
     for cube in cubes:
         found |= json.loads(str(cube.attrs.get("environments", "{}")))
@@ -40,18 +29,8 @@ def merged_environments(cubes: Iterable[xr.Dataset]) -> dict[str, Any]:
 def with_recordings(cube: xr.Dataset, recordings: Sequence[Recording]) -> xr.Dataset:
     """Add the file and the digest of every recording to a cube.
 
-    Parameters
-    ----------
-    cube : Dataset
-        Scores under one configuration.
-    recordings : sequence of Recording
-        All that took part.
-
-    Returns
-    -------
-    Dataset
-        With text variables ``recording`` and ``recording_digest`` (volunteer, instruction,
-        repetition), empty where there is none.
+    The text variables ``recording`` and ``recording_digest`` (volunteer, instruction, repetition)
+    are empty for trials without a recording.
     """
     dims = ("volunteer", "instruction", "repetition")
     place = [{label: k for k, label in enumerate(cube[dim].values.tolist())} for dim in dims]
@@ -69,17 +48,7 @@ def with_recordings(cube: xr.Dataset, recordings: Sequence[Recording]) -> xr.Dat
 def montages(recordings: Sequence[Recording], parameters: MontageParameters) -> str:
     """Describe the recorded channels and the treatment of the others.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        All that took part.
-    parameters : MontageParameters
-        Treatment of missing channels.
-
-    Returns
-    -------
-    str
-        One sentence for each montage; where there are several, with the trials that have it.
+    There is one sentence for each montage; several montages state the trials to which they apply.
     """
     trials: dict[str, list[str]] = {}
     for recording in recordings:
@@ -106,28 +75,11 @@ def described(
 ) -> xr.Dataset:
     """Add title, sources, history and environments to a cube.
 
-    Parameters
-    ----------
-    cube : Dataset
-        Scores of a study.
-    name : str
-        Of the study.
-    face : mapping
-        ``name``, ``origin`` and ``digest``.
-    configuration : str
-        All choices, JSON.
-    environments : mapping
-        Of `merged_environments`.
-    montage : str
-        Of `montages`.
-
-    Returns
-    -------
-    Dataset
-        With the attributes ``title``, ``source``, ``history``, ``references`` and
-        ``Conventions`` of the CF conventions (1.11, section 2.6), ``date_created`` (of the last
-        result in it, so that a cube put together again is the same), ``name``, ``face``,
-        ``face_origin``, ``face_digest``, ``configuration``, ``environments`` and ``montage``.
+    `face` contains ``name``, ``origin`` and ``digest``; `configuration` is JSON; `environments` and
+    `montage` are results of `merged_environments` and `montages`. The attributes ``title``,
+    ``source``, ``history``, ``references`` and ``Conventions`` follow the CF conventions (1.11,
+    section 2.6); ``date_created`` is the date of the last result, so that a cube assembled again is
+    identical.
     """
     which = recordings(origin_of(cube))
     versions = sorted({str(one["emgface"]) for one in environments.values()}) or [__version__]
@@ -149,7 +101,7 @@ def described(
 
 
 def _history(cube: xr.Dataset, environments: Mapping[str, Any]) -> list[str]:
-    """One line per environment, by the date of its last result."""
+    """One line per environment, ordered by the date of its last result."""
     rows = [
         (str(date), set(str(which).split()))
         for date, which in zip(

@@ -18,12 +18,10 @@ DIGEST_LENGTH: Final = 32
 
 
 def canonical_json(value: Any) -> str:
-    """Canonical text of a value: sorted keys, no blanks, NaN refused.
+    """Canonical text of a value: sorted keys, no blanks.
 
-    Raises
-    ------
-    StoreError
-        If the value holds something JSON cannot express, such as NaN or an array.
+    Raises StoreError if the value contains something that JSON cannot express, such as NaN or an
+    array.
     """
     try:
         return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -35,7 +33,7 @@ def canonical_json(value: Any) -> str:
 
 
 def text_digest(text: str) -> str:
-    """SHA-256 of a text, shortened to 128 bits, as hexadecimal digits."""
+    """SHA-256 of a text, the first 128 bits as hexadecimal digits."""
     return hashlib.sha256(text.encode()).hexdigest()[:DIGEST_LENGTH]
 
 
@@ -48,7 +46,7 @@ def file_digest(path: Path) -> str:
 def dataset_digest(dataset: xr.Dataset) -> str:
     """Digest of the content of a dataset: names, dims, values and attributes, in a fixed order.
 
-    Two files with the same content have the same digest although their bytes may differ.
+    Files with equal content have equal digests, although their bytes may differ.
     """
     digest = hashlib.sha256()
     for name in sorted(dataset.variables, key=str):
@@ -78,10 +76,7 @@ def _plain(attrs: Mapping[Any, Any]) -> dict[str, Any]:
 def code_version(modules: tuple[str, ...]) -> str:
     """Digest of the source text of modules, for a package including all its modules.
 
-    Raises
-    ------
-    StoreError
-        If a name is no importable module with source.
+    Raises StoreError if a name is not an importable module with source.
     """
     digest = hashlib.sha256()
     for module in sorted(modules):

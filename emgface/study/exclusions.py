@@ -61,24 +61,9 @@ class _ExclusionFile(Parameters):
 
 
 def check_exclusions(exclusions: Sequence[Exclusion], *, where: str) -> tuple[Exclusion, ...]:
-    """Refuse exclusions without a trial or a reason.
+    """Return the exclusions of a file, named `where` in messages.
 
-    Parameters
-    ----------
-    exclusions : sequence of Exclusion
-        As read.
-    where : str
-        File, for messages.
-
-    Returns
-    -------
-    tuple of Exclusion
-        The same.
-
-    Raises
-    ------
-    ConfigurationError
-        If one has no reason, or would exclude everything.
+    Raises ConfigurationError if one has no reason or would exclude every trial.
     """
     for number, exclusion in enumerate(exclusions, 1):
         what = exclusion.label or "every trial"
@@ -96,22 +81,10 @@ def check_exclusions(exclusions: Sequence[Exclusion], *, where: str) -> tuple[Ex
 
 
 def read_exclusions(path: Path) -> tuple[Exclusion, ...]:
-    """Read a file of exclusions.
+    """Read a TOML file with one table ``[[exclude]]`` per exclusion.
 
-    Parameters
-    ----------
-    path : Path
-        TOML with one table ``[[exclude]]`` per exclusion, as ``emgface data check --exclude``
-        writes it.
-
-    Returns
-    -------
-    tuple of Exclusion
-
-    Raises
-    ------
-    ConfigurationError
-        If the file is absent, no TOML, or an entry is unknown or lacks its reason.
+    ``emgface data check --exclude`` writes such a file. Raises ConfigurationError if the file is
+    absent, is not TOML, or an entry is unknown or lacks its reason.
     """
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -127,41 +100,17 @@ def read_exclusions(path: Path) -> tuple[Exclusion, ...]:
 
 
 def reason_to_exclude(place: Place, exclusions: Iterable[Exclusion]) -> str:
-    """Return the reason for the exclusion of a trial; empty if it is not excluded.
-
-    Parameters
-    ----------
-    place : tuple of (str, str, int)
-        Volunteer, instruction, repetition.
-    exclusions : iterable of Exclusion
-        All of them.
-
-    Returns
-    -------
-    str
-        The reasons, joined where several exclusions cover the trial.
-    """
+    """Return the reasons for the exclusion of a trial; empty if it is not excluded."""
     return "; ".join(dict.fromkeys(one.reason for one in exclusions if one.covers(place)))
 
 
 def exclusions_text(exclusions: Iterable[Exclusion]) -> str:
-    """Write exclusions as TOML.
-
-    Parameters
-    ----------
-    exclusions : iterable of Exclusion
-        In order.
-
-    Returns
-    -------
-    str
-        One table ``[[exclude]]`` each; `read_exclusions` gives the same back.
-    """
+    """Return exclusions as TOML, one table ``[[exclude]]`` each, for `read_exclusions`."""
     lines: list[str] = []
     for exclusion in exclusions:
         lines.append("[[exclude]]")
         for name, value in exclusion.model_dump(exclude_none=True).items():
-            # A JSON string is a TOML basic string, DEL apart, which TOML wants escaped.
+            # A JSON string is a TOML basic string, except that TOML requires DEL to be escaped.
             text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
             lines.append(f"{name} = {text}")
         lines.append("")

@@ -8,22 +8,10 @@ from emgface.study.configuration import FaceConfiguration, TemplateParameters
 
 
 def study_face(configuration: FaceConfiguration) -> xr.Dataset:
-    """Load the face of a study, or generate the template.
+    """Load the face of a study, or generate the template, which is the default.
 
-    Parameters
-    ----------
-    configuration : FaceConfiguration
-        File or template; the template with its defaults when neither is given.
-
-    Returns
-    -------
-    Dataset
-        Checked face model.
-
-    Raises
-    ------
-    FaceError, SchemaError, UnitsError
-        If the file is absent, damaged or no usable face, or no template can be made.
+    Raises FaceError, SchemaError or UnitsError if the file is absent or does not contain a valid
+    face, or the template cannot be generated.
     """
     if configuration.path is not None:
         return load_face(configuration.path)

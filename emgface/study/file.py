@@ -12,23 +12,10 @@ from emgface.study.variants import check_axes
 
 
 def load_study(path: Path) -> StudyConfiguration:
-    """Read study.toml.
+    """Read study.toml, with paths relative to its folder made absolute and its file of exclusions.
 
-    Parameters
-    ----------
-    path : Path
-        The file; paths in it are relative to its folder.
-
-    Returns
-    -------
-    StudyConfiguration
-        With absolute paths, and the exclusions of the file that `recordings` names.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file is missing or no TOML, a parameter is unknown (with the nearest valid name)
-        or a value is out of range.
+    Raises ConfigurationError if the file is missing or is not TOML, a parameter is unknown (with
+    the nearest valid name) or a value is out of range.
     """
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))

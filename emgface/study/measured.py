@@ -18,29 +18,14 @@ def measured_during(
     face: xr.Dataset,
     head_frame: HeadFrameParameters,
 ) -> xr.Dataset:
-    """Compute measured lip positions in the frame of the face during the simulation.
+    """Compute measured lip positions in the frame of the face during the simulation of one trial.
 
-    Parameters
-    ----------
-    recording, motion : Dataset
-        Of one trial.
-    face : Dataset
-        Face model, whose face markers give the head frame.
-    head_frame : HeadFrameParameters
-        How the head's motion is removed.
-
-    Returns
-    -------
-    Dataset
-        ``position(marker, axis, time)`` [m] at all instants [s] of the simulation, NaN before the
-        first and after the last frame in which every lip marker was seen; ``noise(marker)`` [m]
-        of the recorded frames in the head frame; ``white(probe, time)`` [1], white noise sampled
-        alike, for the noise of what is interpolated.
-
-    Raises
-    ------
-    MarkerError, SignalError
-        If markers are missing or lost too long, or were not seen during the simulated time.
+    The face markers of `face` determine the head frame. The result contains ``position(marker,
+    axis, time)`` [m] at all instants [s] of the simulation, NaN before the first and after the last
+    frame with all lip markers; ``noise(marker)`` [m] of the recorded frames in the head frame; and
+    ``white(probe, time)`` [1], white noise interpolated in the same way, for the noise of
+    interpolated positions. Raises MarkerError or SignalError if markers are missing, lost too long,
+    or not recorded during the simulation.
     """
     head = in_head_frame(recording["position"], head_frame, face["face_marker_position"])
     lips = head.sel(marker=list(LIP_MARKERS))
@@ -48,7 +33,7 @@ def measured_during(
     times = motion.attrs["recorded_start"] + motion.attrs["recorded_pace"] * simulated
     seen = lips.isel(time_marker=measured_span(lips))
     frames = seen["time_marker"].values
-    # The activation may end between two frames: rounding must not ask for one beyond the last.
+    # The activation may end between two frames; rounding must not extend it beyond the last frame.
     covered = np.zeros(len(times), dtype=bool)
     if frames.size:
         covered = (times >= frames[0] - 1e-9) & (times <= frames[-1] + 1e-9)

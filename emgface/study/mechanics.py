@@ -1,4 +1,4 @@
-"""Code on which a simulated motion depends, for all stages that store one."""
+"""Modules whose source determines a simulated motion, for all stages that store one."""
 
 from typing import Final
 

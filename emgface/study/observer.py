@@ -4,7 +4,7 @@ from typing import Protocol
 
 
 class Observer(Protocol):
-    """Interface of observers of a run."""
+    """Interface of observers of the progress of a run."""
 
     def begin(self, total: int) -> None:
         """Receive the number of trials."""
@@ -27,13 +27,13 @@ class Silent:
     """Observer that does nothing."""
 
     def begin(self, total: int) -> None:
-        """Ignore."""
+        """Do nothing."""
 
     def working(self, label: str) -> None:
-        """Ignore."""
+        """Do nothing."""
 
     def finished(self, label: str, status: str) -> None:
-        """Ignore."""
+        """Do nothing."""
 
     def message(self, text: str) -> None:
-        """Ignore."""
+        """Do nothing."""

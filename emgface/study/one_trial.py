@@ -19,21 +19,9 @@ EXPECTED = (EmgfaceError, AnalysisError, SimulationError)
 
 
 def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None = None) -> Trial:
-    """Compute all stages of one trial.
+    """Compute all stages of one trial: its scores, or the status and reason of its failure.
 
-    Parameters
-    ----------
-    laboratory : Laboratory
-        Store, face and configuration.
-    trial : PlannedTrial
-        Which one.
-    extent : Result, optional
-        Range of the features, where normalisation reaches beyond the trial.
-
-    Returns
-    -------
-    Trial
-        Scores, or the status and reason of its failure.
+    `extent` is the range of the features if the normalisation is not that of the trial.
     """
     labels = (*trial.place, trial.strategy)
     recording = trial.recording
@@ -80,7 +68,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
 
 
 def _provenance(stages: list[Result]) -> dict[str, Any]:
-    """Date of the last of several results, and their environments."""
+    """Date of the last of several results, and all their environments."""
     return {
         "computed": max((stage.computed for stage in stages), default=""),
         "environments": tuple(

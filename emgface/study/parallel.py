@@ -26,32 +26,11 @@ def in_processes(
     begin: Callable[..., None],
     arguments: tuple[Any, ...],
 ) -> Iterator[tuple[int, Done]]:
-    """Run jobs in several processes and yield their results as they finish.
+    """Run jobs in several processes; yield index and result of each job when it finishes.
 
-    Parameters
-    ----------
-    work : callable
-        Module-level function of one job.
-    jobs : sequence
-        What to do; each is pickled.
-    workers : int
-        Number of processes.
-    begin : callable
-        Called once in every process before its first job, with `arguments`.
-    arguments : tuple
-        For `begin`.
-
-    Yields
-    ------
-    int
-        Which job has finished.
-    object
-        What `work` returned.
-
-    Notes
-    -----
-    When the caller stops (interruption, error), the processes are stopped at once. Results are
-    stored whole or not at all, so that no partial result remains.
+    `work` is a module-level function of one job, which is pickled; `begin` is called once in every
+    process with `arguments`. If the caller stops (interruption, error), the processes are stopped
+    at once. Results are stored completely or not at all, so that no partial result remains.
     """
     mine = {child.pid for child in multiprocessing.active_children()}
     context = multiprocessing.get_context("spawn")
@@ -86,7 +65,9 @@ def single_threaded_children() -> Iterator[None]:
 
 
 def _begin(begin: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it and stops the workers
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # the parent receives the interruption and stops the workers
     threading.Thread(target=_end_with_parent, daemon=True).start()
     begin(*arguments)
 

@@ -1,7 +1,7 @@
 """Policy of sigma_max for trials that cannot be simulated with it.
 
-The published rule is to start at 300 kPa and to lower by 10 % each time an element inverts. The
-solver does not tune its own inputs: it raises, and the rule is applied here.
+The published rule is to start at 300 kPa and to lower it by 10 % each time an element inverts. The
+solver raises an error and does not change its input; the rule is applied here.
 """
 
 from collections.abc import Callable
@@ -20,31 +20,15 @@ def lower_sigma_max(
 ) -> xr.Dataset:
     """Simulate, lowering sigma_max each time an element inverts or a step does not converge.
 
-    Weaker muscles avoid mechanical failures. An accuracy that is missed (`ToleranceMissed`) is not
-    such a failure and is raised at once: the motion would be another, not a better one.
+    Weaker muscles avoid mechanical failures. A missed accuracy (`ToleranceMissed`) is not such a
+    failure and is raised at once, because the motion would differ without being more accurate.
 
-    Parameters
-    ----------
-    simulate : callable
-        Takes the parameters with the sigma_max to use, returns a trajectory.
-    parameters : SimulationParameters
-        sigma_max is where it starts; `sigma_max_policy` holds factor and minimum.
-    report : callable, optional
-        Receives one sentence per lowering.
-
-    Returns
-    -------
-    Dataset
-        The trajectory that succeeded, with the attribute ``attempts``, the number of values tried, and,
-        where failures came after a loss of stability, ``lowered_after``, one sentence for each.
-
-    Raises
-    ------
-    InvertedElement, NotConverged
-        The last failure, when the next value would be below the minimum; its message says how
-        many values were tried.
-    SimulationError
-        Any other failure, at once.
+    `simulate` returns a trajectory for parameters with the current sigma_max; `sigma_max_policy` of
+    `parameters` contains factor and minimum; `report` receives one sentence per reduction. The
+    trajectory has the attribute ``attempts``, the number of values tried, and ``lowered_after``,
+    one sentence for each failure that followed a loss of stability. The last InvertedElement or
+    NotConverged is raised if the next value would be below the minimum; any other SimulationError
+    is raised at once.
     """
     policy = parameters.sigma_max_policy
     attempts, noted = 1, list[str]()

@@ -28,15 +28,12 @@ CODE: Final = ("analysis", "emgface", "sim")
 
 @cache
 def environment() -> str:
-    """Describe the environment of this process.
+    """Describe the environment of this process as a JSON object.
 
-    Returns
-    -------
-    str
-        JSON object: ``emgface``, ``python``, ``packages`` (version of each that is installed),
-        ``blas`` (of numpy), ``platform``, ``processor``, ``cores``, ``settings`` (environment
-        variables of numerical libraries, those set) and ``code``, the digest of the source of the
-        three packages. No date, name or path: equal texts mean equal means.
+    It contains ``emgface``, ``python``, ``packages`` (versions), ``blas`` (of numpy), ``platform``,
+    ``processor``, ``cores``, ``settings`` (environment variables of numerical libraries) and
+    ``code``, the digest of the source of the three packages. Without date, name and path, equal
+    environments have equal texts.
     """
     packages: dict[str, str] = {}
     for name in PACKAGES:
@@ -67,7 +64,7 @@ def _blas() -> str:
 
 
 def _processor() -> str:
-    """Name of the processor, if the system provides it."""
+    """Name of the processor, if the system states it."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
         for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():

@@ -1,4 +1,4 @@
-"""Later steps that would refuse a recording, each with its reason."""
+"""Later steps that cannot use a recording, each with its reason."""
 
 import warnings
 from collections.abc import Callable
@@ -15,20 +15,10 @@ from emgface.study.table import place_of
 
 
 def refusals(recording: xr.Dataset, chain: SignalChain) -> dict[str, str]:
-    """Try the later steps on a recording, as far as they depend on it alone.
+    """Return the steps that would refuse a recording under its final labels, with the reason.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording under its final labels.
-    chain : SignalChain
-        Choices of the signal chain.
-
-    Returns
-    -------
-    dict of str to str
-        Step to the reason why it would refuse the recording, for ``activate``, ``score``,
-        ``study run`` and ``data convert --to bids``; empty where all accept it.
+    The keys are some of ``activate``, ``score``, ``study run`` and ``data convert --to bids``.
+    Conditions that depend on other data than the recording are not examined.
     """
     steps: dict[str, Callable[[], object]] = {
         "activate": lambda: activation_of(recording, chain),
@@ -45,7 +35,7 @@ def refusals(recording: xr.Dataset, chain: SignalChain) -> dict[str, str]:
         except EmgfaceError as error:
             found[step] = " ".join(str(error).split())
     inherited = [step for step in ("activate", "score") if step in found]
-    if inherited:  # a study takes every trial through both
+    if inherited:  # a study applies both to every trial
         own = [found["study run"]] if "study run" in found else []
         found["study run"] = "; ".join([*own, f"see {' and '.join(inherited)}"])
     return found

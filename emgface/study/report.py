@@ -25,14 +25,14 @@ class Report:
     Attributes
     ----------
     tables : dict of str to Table
-        As `analysis.tables.report_tables`.
+        Result of `analysis.tables.report_tables`.
     summary : str
-        The table of rho per strategy.
+        Table of rho per strategy.
     meaning : list of str
         Muscles that were not recorded, and the interpretation of rho by the baselines of this
         study; may be empty.
     failures : list of str
-        One sentence per reason why trials have no score, or one that depends on rounding.
+        One sentence per reason for a missing score, or one that depends on rounding.
     folder : Path
         Folder of the CSV, Markdown and LaTeX files.
     """
@@ -45,30 +45,16 @@ class Report:
 
 
 def write_report(cube: xr.Dataset, out: Path) -> Report:
-    """Write the tables of a cube as CSV, Markdown and LaTeX.
+    """Write the tables of a cube as CSV, Markdown and LaTeX to the folder ``out/tables``.
 
-    Parameters
-    ----------
-    cube : Dataset
-        Scores and status of every trial. Where choices were varied, the tables are of their
-        reference, and one more lists what each choice changes.
-    out : Path
-        Folder of the study; tables go to ``out/tables``.
-
-    Returns
-    -------
-    Report
-
-    Raises
-    ------
-    StoreError
-        If the folder cannot be written.
+    If choices were varied, the tables show their reference, and an additional table lists the
+    effect of each choice. Raises StoreError if the folder cannot be written.
     """
     base, folder = reference_cube(cube), out / "tables"
     meaning, compared = comparison(base)
     tables = report_tables(base) | alignment_tables(base) | compared
     if base.sizes["volunteer"] > 1 and base.sizes["strategy"] > 1:
-        with suppress(AnalysisError):  # too little was scored for any test
+        with suppress(AnalysisError):  # too few scores for any test
             tables["tests"] = statistics_table(study_statistics(base))
     if further_axes(cube):
         with suppress(AnalysisError):

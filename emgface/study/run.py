@@ -43,9 +43,9 @@ class StudyResult(Described):
     path : Path
         File of the cube.
     events : list of Event
-        What was computed and what was reused, in order.
+        Computed and reused results, in order.
     unreadable : dict of Path to EmgfaceError
-        Files of the recordings' folder that could not be placed.
+        Files of the recordings' folder whose trial could not be identified.
     """
 
     cube: xr.Dataset
@@ -89,29 +89,25 @@ def run_study(
     Parameters
     ----------
     study : StudyConfiguration
-        All choices.
+        All parameters.
     out : Path
         Folder of the results: ``cube.nc``, ``times.jsonl``, and the stages under ``store``.
     workers : int
-        Processes that simulate at the same time; the results do not depend on it.
+        Number of processes that simulate; the results do not depend on it.
     observer : Observer, optional
-        Told what happens.
-
-    Returns
-    -------
-    StudyResult
+        Receives messages and progress.
 
     Raises
     ------
     DataError
-        If no recording can be used, or the face is unusable.
+        No recording can be used, or the face is not valid.
     StoreError
-        If results cannot be written.
+        Results cannot be written.
 
     Notes
     -----
-    A failure of one trial is recorded with its status and reason in the cube. An interruption
-    (KeyboardInterrupt) passes through; completed results are stored.
+    A failure of one trial is recorded with its status and reason in the cube. After an interruption
+    (KeyboardInterrupt), completed results remain stored.
     """
     observer = observer or Silent()
     intake = take_in(study.recordings, study.exclude)
@@ -207,9 +203,9 @@ def _run_trials(
 
 
 def sigma_max_to_share(results: Iterable[Trial]) -> dict[str, float]:
-    """Volunteers with different sigma_max among their trials, and the smallest of each [Pa].
+    """Volunteers whose trials differ in sigma_max, and the smallest value of each [Pa].
 
-    Trials that failed with every value do not count: theirs is the policy's minimum.
+    Trials that failed with every value are ignored, because theirs is the minimum of the policy.
     """
     used: dict[str, set[float]] = {}
     for result in results:

@@ -1,4 +1,4 @@
-"""The motion of the skin of a face in a trial, which is kept when the trial is simulated."""
+"""Motion of the skin of a face in a trial, stored when the trial is simulated."""
 
 from typing import TYPE_CHECKING, Final
 
@@ -18,13 +18,7 @@ SKIN: Final = Stage("skin", (*MECHANICS, "emgface.pictures.body", "emgface.study
 
 
 class SkinMotions:
-    """Simulations of a laboratory, each with the motion of the skin beside that of the markers.
-
-    Parameters
-    ----------
-    laboratory : Laboratory
-        Store, face and configuration of the study.
-    """
+    """Simulations of a laboratory, which store the motions of skin and markers."""
 
     def __init__(self, laboratory: "Laboratory") -> None:
         self._laboratory, self._probe = laboratory, SurfaceProbe(skin_of(laboratory.face).node)
@@ -32,47 +26,20 @@ class SkinMotions:
     def simulate(
         self, activation: xr.DataArray, parameters: SimulationParameters, digest: str, label: str
     ) -> xr.Dataset:
-        """Simulate a trial, keep the motion of its skin and return that of its markers.
+        """Simulate a trial, store the motion of its skin and return that of its markers.
 
-        Parameters
-        ----------
-        activation : DataArray
-            What drives the trial.
-        parameters : SimulationParameters
-            With the sigma_max to use.
-        digest : str
-            Of the activation.
-        label : str
-            Names the trial in the store.
+        `digest` is that of the activation; `label` identifies the trial in the index of the store.
         """
         moved = self._moved(activation, parameters)
         self._kept(parameters, digest, label, moved)
         return moved.drop_vars("surface_position")
 
     def motion(self, activation: xr.DataArray, sigma_max: float, digest: str, label: str) -> Result:
-        """Return the motion of the skin at about 25 frames per second; computed where it is absent.
+        """Return the motion of the skin at about 25 frames per second, simulated if not stored.
 
-        Parameters
-        ----------
-        activation : DataArray
-            What drove the trial.
-        sigma_max : float
-            Value with which it could be simulated [Pa].
-        digest : str
-            Of the activation.
-        label : str
-            Names the trial in the store.
-
-        Returns
-        -------
-        Result
-            ``surface_position(time, surface_node, axis)`` [m] in single precision, stored to 0.01 mm,
-            and ``position(time, marker, axis)`` [m].
-
-        Raises
-        ------
-        SimulationError
-            The trial cannot be simulated, which it could before.
+        `sigma_max` [Pa] is the value with which the trial was simulated. The result contains
+        ``surface_position(time, surface_node, axis)`` [m] in single precision, stored to 0.01 mm,
+        and ``position(time, marker, axis)`` [m].
         """
         study = self._laboratory.study.simulation
         return self._kept(
@@ -95,7 +62,7 @@ class SkinMotions:
         label: str,
         given: xr.Dataset | xr.DataArray,
     ) -> Result:
-        """Store the skin of a motion, or of that which an activation gives."""
+        """Store the skin of a motion, or of the motion caused by an activation."""
         every = frame_stride(parameters.output)
 
         def frames() -> xr.Dataset:

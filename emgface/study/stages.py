@@ -73,18 +73,10 @@ STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)
 
 
 class StoredFailure(Exception):
-    """A simulation that failed before with the same inputs, code and parameters.
+    """A stored failure of a simulation with the same inputs, code and parameters.
 
-    Attributes
-    ----------
-    name : str
-        Name of the error.
-    sigma_max : float
-        Last value tried [Pa].
-    run_time : float
-        Seconds spent on all attempts.
-    result : Result
-        Stored variables.
+    `name` is the name of the error, `sigma_max` the last value tried [Pa], `run_time` the time of
+    all attempts [s], and `result` the stored variables.
     """
 
     def __init__(
@@ -99,18 +91,8 @@ class StoredFailure(Exception):
 class Laboratory:
     """Data common to the trials of a study: store, face, configuration.
 
-    Attributes
-    ----------
-    store : Store
-        Where results are kept.
-    face : Dataset
-        Face model.
-    study : StudyConfiguration
-        All choices.
-    report : callable
-        Receives one sentence for the reader.
-    muted : set of str
-        Recordings with an uninformative feature of at least one muscle.
+    `report` receives one sentence for the reader; `muted` collects recordings with a feature that
+    is zero or saturated for at least one muscle.
     """
 
     store: Store
@@ -125,11 +107,11 @@ class Laboratory:
 
     @cached_property
     def skin(self) -> SkinMotions:
-        """Simulations of this laboratory, which keep the motion of the skin."""
+        """Simulations that store the motion of the skin."""
         return SkinMotions(self)
 
     def skin_motion(self, activation: xr.DataArray, sigma_max: float, label: str) -> Result:
-        """Return the motion of the skin in a trial, as `SkinMotions.motion`."""
+        """Return the motion of the skin in a trial (`SkinMotions.motion`)."""
         return self.skin.motion(activation, sigma_max, activation_digest(activation), label)
 
     @property
@@ -145,7 +127,7 @@ class Laboratory:
         return Laboratory(self.store, self.face, study, self.report)
 
     def extent(self, recordings: Mapping[str, xr.Dataset], label: str) -> Result:
-        """Return minimum and maximum of the features over recordings, given by their digests."""
+        """Return minimum and maximum of the features over recordings, keyed by their digests."""
         inputs = {f"recording_{k}": digest for k, digest in enumerate(recordings)}
         chain = self.study.signals
         parameters = chain.model_dump(
@@ -164,10 +146,7 @@ class Laboratory:
     ) -> Result:
         """Return the activation of all muscles during a recording, with a strategy.
 
-        Raises
-        ------
-        EmgfaceError
-            As `emgface.signals.activation.activation_of`.
+        Raises errors as `emgface.signals.activation.activation_of`.
         """
         chain = self.study.signals
         label = f"{recording.label} {strategy}"
@@ -216,15 +195,12 @@ class Laboratory:
     def motion(
         self, activation: xr.DataArray, label: str, sigma_max: float | None = None
     ) -> Result:
-        """Return the motion of the lip markers, with the sigma_max that could be simulated.
+        """Return the motion of the lip markers, with a value of sigma_max that can be simulated.
 
-        A failure is kept too: what failed once fails again, and may have taken long. `sigma_max` [Pa] is
-        given for a trial whose value was lowered to that of another trial of the volunteer.
-
-        Raises
-        ------
-        StoredFailure
-            If no value of sigma_max down to its minimum could be simulated.
+        A failure is stored also, because it would recur and its computation may take long.
+        `sigma_max` [Pa] is specified for a trial whose value was lowered to that of another trial
+        of the volunteer. Raises StoredFailure if no value of sigma_max down to its minimum can be
+        simulated.
         """
         result = self.store.get_or_compute(
             MOTION,

@@ -1,11 +1,11 @@
 """Store of stage results as netCDF files, identified by a digest of their inputs.
 
-A result lies in ``<folder>/<stage>/<digest>.nc`` with ``<digest>.json`` next to it, which
+A result is the file ``<folder>/<stage>/<digest>.nc`` with an index ``<digest>.json``, which
 describes its inputs, the date and the environment of its computation. The digest covers the stage's
-name, the digests of its inputs, its parameters and the source text of the modules that computed
-it: a changed parameter, recording or line of code gives another digest, so that outdated results
-are never used and an interrupted study computes only missing results. Date and machine are no
-part of the digest.
+name, the digests of its inputs, its parameters and the source text of the modules that computed it.
+A changed parameter, recording or line of code therefore changes the digest: outdated results are
+never used, and an interrupted study computes only missing results. Date and machine do not affect
+the digest.
 """
 
 import json
@@ -29,14 +29,9 @@ Outcome = Literal["computed", "reused", "recomputed"]
 
 @dataclass(frozen=True)
 class Stage:
-    """Stage of the study whose results are stored.
+    """Stage of the study whose results are stored in a folder of its name.
 
-    Attributes
-    ----------
-    name : str
-        Folder of its results, one word.
-    modules : tuple of str
-        Dotted names of the modules and packages whose source decides the result.
+    `modules` are the dotted names of the modules and packages whose source determines the result.
     """
 
     name: str
@@ -58,8 +53,8 @@ class Event:
 class Result:
     """Stored dataset, its digest (the input of later stages) and its event.
 
-    `computed` is the UTC date of its computation and `environment` what computed it, as
-    `emgface.study.provenance.environment`; empty if unknown.
+    `computed` is the UTC date of its computation and `environment` describes its computation
+    (`emgface.study.provenance.environment`); both are empty if unknown.
     """
 
     dataset: xr.Dataset
@@ -74,14 +69,8 @@ class Result:
 class Store:
     """Folder of stage results.
 
-    Attributes
-    ----------
-    folder : Path
-        Created when missing.
-    report : callable
-        Receives one sentence when a stored file is damaged and computed again.
-    events : list of Event
-        What this process computed and reused, in order.
+    `report` receives one sentence if a stored file is damaged and computed again; `events` lists
+    the results that this process has computed and reused, in order.
     """
 
     folder: Path
@@ -123,27 +112,10 @@ class Store:
     ) -> Result:
         """Return the stored result, computing it if it is absent or damaged.
 
-        Parameters
-        ----------
-        stage : Stage
-            Which step of the study.
-        inputs : mapping of str to str
-            Digest of each input, by its name.
-        parameters : mapping
-            All parameters the result depends on; JSON-expressible.
-        compute : callable
-            Function that returns the dataset. Its exceptions are propagated, and no result is stored.
-        label : str
-            Words for a reader of the index; not part of the digest.
-
-        Returns
-        -------
-        Result
-
-        Raises
-        ------
-        StoreError
-            If parameters are not JSON-expressible or the folder cannot be written.
+        `inputs` contains the digest of each input by name, `parameters` all other values on which
+        the result depends, as JSON. Exceptions of `compute` are propagated, and no result is
+        stored. `label` describes the result in the index and does not affect the digest. Raises
+        StoreError if parameters cannot be expressed as JSON or the folder cannot be written.
         """
         key = self.key(stage, inputs, parameters)
         path = self.path(key)
@@ -164,7 +136,7 @@ class Store:
             )
         computed = compute()
         self._write(computed, path, key, label, time.perf_counter() - started)
-        dataset = _load(path)  # what a later run will read, to the last attribute
+        dataset = _load(path)  # identical to what a later run reads, including attributes
         outcome: Outcome = "recomputed" if damage else "computed"
         self._log(stage, path, label, outcome, started)
         return Result(dataset, path.stem, outcome, path, *_made(path))
@@ -230,22 +202,13 @@ def _load(path: Path) -> xr.Dataset:
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset atomically: a reader finds the old or the complete new file.
 
-    Raises
-    ------
-    StoreError
-        If the folder cannot be written or the dataset cannot be expressed as netCDF.
+    Raises StoreError if the folder cannot be written or netCDF cannot represent the dataset.
     """
     _replace(path, lambda temporary: dataset.to_netcdf(temporary, engine="netcdf4"))
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a text file atomically.
-
-    Raises
-    ------
-    StoreError
-        If the folder cannot be written.
-    """
+    """Write a text file atomically; raises StoreError if the folder cannot be written."""
     _replace(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 

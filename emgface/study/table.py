@@ -29,9 +29,9 @@ class Recording:
     digest : str
         Digest of its content.
     path : Path
-        Where it came from.
+        File of the recording.
     error : EmgfaceError or None
-        Reason for which it cannot be used, although it is identified.
+        Reason why it cannot be used, although it is identified.
     excluded : str
         Reason for its exclusion; empty if it is not excluded.
     """
@@ -65,15 +65,7 @@ class PlannedTrial:
 
 @dataclass(frozen=True)
 class Intake:
-    """Usable and unreadable recordings of a folder.
-
-    Attributes
-    ----------
-    recordings : tuple of Recording
-        In the order of the design.
-    unreadable : dict of Path to EmgfaceError
-        Files whose trial is not identified.
-    """
+    """Identified recordings of a folder, in the order of the design, and the unreadable files."""
 
     recordings: tuple[Recording, ...]
     unreadable: dict[Path, EmgfaceError]
@@ -97,26 +89,11 @@ class Intake:
 def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion] = ()) -> Intake:
     """Read the recordings selected by a configuration, in the order of the design.
 
-    A recording that names its trial but lacks something the study needs keeps its place, with the
-    error; its trials fail, the others continue.
-
-    Parameters
-    ----------
-    configuration : RecordingsConfiguration
-        Folder, mapping and selection.
-    exclude : sequence of Exclusion
-        Trials that keep their place, with the reason, and are not computed.
-
-    Returns
-    -------
-    Intake
-
-    Raises
-    ------
-    DataError
-        If the folder holds no recording, none of the selection, or two of the same trial.
-    ConfigurationError
-        If the mapping holds an unknown entry.
+    A recording that identifies its trial but lacks something required by the study is included with
+    the error; its trials fail, the others are computed. Trials in `exclude` are included with the
+    reason and not computed. Raises DataError if the folder contains no recording, none of the
+    selection, or two of the same trial, and ConfigurationError if the mapping contains an unknown
+    entry.
     """
     found: dict[Place, Recording] = {}
     unreadable: dict[Path, EmgfaceError] = {}
@@ -139,7 +116,7 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
                 f"instruction {place[1]}, repetition {place[2]}: remove or relabel one"
             )
         try:
-            # Missing channels are treated, or refused, by the montage of the signal chain.
+            # The montage of the signal chain determines the treatment of missing channels.
             given = validate(given, "recording", study=True, partial=("channel",))
         except DataError as lacking:
             error = type(lacking)(f"{path.name}: {lacking}")
@@ -175,19 +152,7 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
 def take_in_references(configuration: RecordingsConfiguration) -> dict[str, list[xr.Dataset]]:
     """Read the maximum-effort recordings, grouped by volunteer.
 
-    Parameters
-    ----------
-    configuration : RecordingsConfiguration
-        Reference folder and mapping.
-
-    Returns
-    -------
-    dict of str to list of Dataset
-
-    Raises
-    ------
-    DataError
-        If no folder is configured, or a file of it cannot be read.
+    Raises DataError if no reference folder is configured, or one of its files cannot be read.
     """
     if configuration.reference_folder is None:
         raise DataError(
@@ -208,19 +173,9 @@ def take_in_references(configuration: RecordingsConfiguration) -> dict[str, list
 
 
 def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> list[PlannedTrial]:
-    """Cross volunteers, instructions, repetitions and strategies.
+    """Combine volunteers, instructions, repetitions and strategies to a complete design.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        What there is.
-    strategies : sequence of str
-        What is compared.
-
-    Returns
-    -------
-    list of PlannedTrial
-        Every cell of the complete design; a cell without a recording has ``recording = None``.
+    A cell of the design without a recording has ``recording = None``.
     """
     known = {r.place: r for r in recordings}
     volunteers = sorted({place[0] for place in known})
@@ -234,29 +189,15 @@ def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> l
 
 
 def load_recording(path: Path, configuration: RecordingsConfiguration) -> Recording:
-    """Read one recording again, as `take_in` did (for a worker process)."""
+    """Read one recording again in a worker process, as `take_in` does."""
     dataset = read_recording(path, mapping=configuration.mapping)
     return Recording(place_of(dataset, path.name), dataset, dataset_digest(dataset), path)
 
 
 def place_of(recording: xr.Dataset, name: str) -> Place:
-    """Return volunteer, instruction and repetition of a recording.
+    """Return volunteer, instruction and repetition of a recording, called `name` in messages.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording with these attributes.
-    name : str
-        Its name in messages.
-
-    Returns
-    -------
-    tuple of (str, str, int)
-
-    Raises
-    ------
-    DataError
-        If one of them is absent, or the instruction is none of the study.
+    Raises DataError if one of them is absent, or the instruction is unknown.
     """
     lacking = [n for n in ("volunteer", "instruction", "repetition") if n not in recording.attrs]
     if lacking:

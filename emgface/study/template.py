@@ -11,17 +11,9 @@ from emgface.study.configuration import StudyConfiguration
 
 
 def study_template(study: StudyConfiguration | None = None) -> str:
-    """Text of a study file with all parameters and their descriptions.
+    """TOML text of a study file with all parameters (default: their defaults) and descriptions.
 
-    Parameters
-    ----------
-    study : StudyConfiguration, optional
-        Values to write; the defaults when absent.
-
-    Returns
-    -------
-    str
-        TOML. Parameters and tables without a value stand as comments.
+    Parameters and tables without a value are comments.
     """
     head = (
         "# A study: every parameter with its default, unit and source.\n"

@@ -9,24 +9,10 @@ from emgface.signals.resampling import resample, simulation_times
 
 
 def true_activation_of(recording: xr.Dataset, resampling: ResamplingParameters) -> xr.Dataset:
-    """Return the true activation of a simulated recording.
+    """Return the true activation of a simulated recording while markers are recorded.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording with ``true_activation(muscle, time_true)``.
-    resampling : ResamplingParameters
-        Times wanted.
-
-    Returns
-    -------
-    Dataset
-        ``activation(muscle, time)`` [1] over the time that markers were recorded as well.
-
-    Raises
-    ------
-    ConfigurationError
-        If the recording has no true activation.
+    The result is ``activation(muscle, time)`` [1] at the resampled times. Raises ConfigurationError
+    if the recording has no ``true_activation(muscle, time_true)``.
     """
     if "true_activation" not in recording:
         raise ConfigurationError(

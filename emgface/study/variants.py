@@ -29,21 +29,11 @@ class Variant:
 
 
 def check_axes(study: StudyConfiguration, *, where: str) -> None:
-    """Refuse axes that cannot be varied.
+    """Raise ConfigurationError if an axis cannot be varied; `where` is the file, for messages.
 
-    Parameters
-    ----------
-    study : StudyConfiguration
-        As read.
-    where : str
-        File, for messages.
-
-    Raises
-    ------
-    ConfigurationError
-        An axis without parameters or with fewer than two levels, a parameter that is unknown or
-        may not be varied, a level of the wrong length, a name that is taken, or a value that the
-        parameter does not take.
+    Refused are an axis without parameters or with fewer than two levels, a parameter that is
+    unknown or must not be varied, a level of the wrong length, a name that is already used, and an
+    invalid value.
     """
     taken: set[str] = set(CUBE_NAMES)
     for number, axis in enumerate(study.axis, 1):
@@ -79,24 +69,10 @@ def check_axes(study: StudyConfiguration, *, where: str) -> None:
 
 
 def variants(study: StudyConfiguration, *, where: str = "") -> list[Variant]:
-    """Return the studies of all combinations of levels in the design.
+    """Return the studies of all combinations of levels in the design, the reference first.
 
-    Parameters
-    ----------
-    study : StudyConfiguration
-        With its axes.
-    where : str
-        File, for messages.
-
-    Returns
-    -------
-    list of Variant
-        The reference first; a study without axes is its own only variant.
-
-    Raises
-    ------
-    ConfigurationError
-        A parameter does not exist or does not take a value.
+    A study without axes has one variant, itself. Raises ConfigurationError if a parameter does not
+    exist or a value is invalid; `where` is the file, for messages.
     """
     counts = [range(len(axis.levels)) for axis in study.axis]
     if study.axis_design == "factorial":
@@ -121,7 +97,7 @@ def _variant(study: StudyConfiguration, index: tuple[int, ...], where: str) -> V
         for name, value in zip(axis.parameters, axis.values()[level], strict=True):
             _set(values, name.split("."), value)
             if name == "simulation.accuracy":
-                # It sets these where they are not given; here they are merely its own result.
+                # Validation sets these if they are not specified.
                 for follows in SET_BY_ACCURACY:
                     values["simulation"].pop(follows)
     place = f"{where}: " if where else ""
@@ -134,7 +110,7 @@ def _variant(study: StudyConfiguration, index: tuple[int, ...], where: str) -> V
 
 def _set(values: dict[str, Any], path: list[str], value: Value) -> None:
     for part in path[:-1]:
-        # A table that may be absent, such as face.template, begins empty.
+        # An optional table, such as face.template, may be absent.
         values[part] = dict(values.get(part) or {})
         values = values[part]
     values[path[-1]] = value

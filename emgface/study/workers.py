@@ -32,27 +32,12 @@ def in_parallel(
     extents: Mapping[str, Result],
     workers: int,
 ) -> Iterator[tuple[PlannedTrial, Done]]:
-    """Run trials in several processes and yield them as they finish.
+    """Run trials in several processes; yield each trial and its output when it finishes.
 
-    Parameters
-    ----------
-    laboratory : Laboratory
-        Store folder and configuration are handed to the workers.
-    trials : sequence of PlannedTrial
-        What to run.
-    extents : mapping of str to Result
-        Range of the features per volunteer, where needed.
-    workers : int
-        Number of processes.
-
-    Yields
-    ------
-    PlannedTrial
-        Which one has finished.
-    Done
-        How.
+    The workers receive store folder and configuration of the laboratory. `extents` contains the
+    range of the features per volunteer, if required.
     """
-    laboratory.rest(laboratory.study.simulation)  # once here, or every worker would compute it
+    laboratory.rest(laboratory.study.simulation)  # computed once here instead of in every worker
     jobs = [(_without_data(trial), extents.get(trial.place[0])) for trial in trials]
     arguments = (laboratory.study, laboratory.store.folder)
     for index, done in in_processes(_work, jobs, workers, begin=_begin, arguments=arguments):

@@ -1,4 +1,4 @@
 """Simulated volunteers: known activations, synthesised sEMG, marker tracks of a face model.
 
-Nothing here was measured: all files made from it carry ``origin = "simulated"``.
+No data of this package are measured; all files carry ``origin = "simulated"``.
 """

@@ -17,26 +17,26 @@ _STEP: Final = 0.25e-3
 
 @dataclass(frozen=True)
 class FibreGeometry:
-    """Fibres of motor units and the electrodes over them; one entry per unit.
+    """Fibres of motor units and the electrodes over them; arrays of shape (units,).
 
     Attributes
     ----------
-    depth : array, shape (units,) [m]
-        Of the fibres below the skin.
-    offset : array, shape (units,) [m]
-        From the end plates to the middle between the two electrodes, along the fibres.
-    half_length : array, shape (units,) [m]
-        From the end plates to either end of the fibres.
-    velocity : array, shape (units,) [m/s]
-        Of the action potential.
-    spread : array, shape (units,) [m]
+    depth : array [m]
+        Depth of the fibres below the skin.
+    offset : array [m]
+        Distance along the fibres from the end plates to the middle between the two electrodes.
+    half_length : array [m]
+        Distance from the end plates to either end of the fibres.
+    velocity : array [m/s]
+        Velocity of the action potential.
+    spread : array [m]
         Standard deviation of the end plates of the fibres of one unit.
-    aside : array, shape (units,) [m]
-        From the fibres to the middle between the electrodes, along the skin and across the fibres.
-    angle : array, shape (units,) [rad]
-        Between the line through the electrodes and the fibres.
+    aside : array [m]
+        Distance along the skin, across the fibres, to the middle between the electrodes.
+    angle : array [rad]
+        Angle between the line through the electrodes and the fibres.
     distance : float [m]
-        Between the electrodes.
+        Distance of the electrodes.
     """
 
     depth: np.ndarray
@@ -52,31 +52,16 @@ class FibreGeometry:
 def draw_geometry(
     rng: np.random.Generator, size: np.ndarray, *, distance: float = 0.012
 ) -> FibreGeometry:
-    """Draw the fibres of the units of one facial muscle.
+    """Draw the fibres of the units of one facial muscle, for electrodes at a `distance` [m].
 
-    Parameters
-    ----------
-    rng : Generator
-        Source of randomness.
-    size : array, shape (units,)
-        Relative size of the units; larger ones conduct faster.
-    distance : float
-        Between the electrodes [m].
-
-    Returns
-    -------
-    FibreGeometry
-
-    Notes
-    -----
-    Depth U(1.5, 7) mm; end plates U(8, 16) mm from the middle of the electrodes, in a cluster away
-    from the middle of the muscle (Lapatki et al. 2006, J Neurophysiol 95:342-354, found such
-    clusters, often eccentric), those of one unit spread by U(1, 5) mm; half length U(18, 28) mm;
-    velocity 2.4 to 4.0 m/s from the smallest to the largest unit. Fibres of facial muscles
-    interlace, so that electrodes are seldom in line with them: angle N(0, 35) degrees, U(-8, 8) mm
-    aside; this and the depth give the power below 100 Hz that is measured. The ranges are chosen so
-    that the spectrum lies where that of facial EMG does (15 to 500 Hz, van Boxtel 2001,
-    Psychophysiology 38:22-34).
+    `size` (units,) is the relative size of the units; larger ones conduct faster. Depth U(1.5, 7)
+    mm; end plates U(8, 16) mm from the middle of the electrodes, in a cluster away from the middle
+    of the muscle (Lapatki et al. 2006, J Neurophysiol 95:342-354, found such clusters, often
+    eccentric), those of one unit spread by U(1, 5) mm; half length U(18, 28) mm; velocity 2.4 to
+    4.0 m/s from the smallest to the largest unit. Fibres of facial muscles interlace and are seldom
+    in line with electrodes: angle N(0, 35) degrees, U(-8, 8) mm aside; with the depth, this
+    reproduces the measured power below 100 Hz. The ranges are chosen to reproduce the spectrum of
+    facial EMG (15 to 500 Hz, van Boxtel 2001, Psychophysiology 38:22-34).
     """
     n = size.size
     order = np.log(size) - np.log(size).min()
@@ -96,32 +81,19 @@ def draw_geometry(
 def action_potentials(geometry: FibreGeometry, sampling_rate: float) -> np.ndarray:
     """Bipolar surface potential of each unit for one discharge, in arbitrary units.
 
-    A wave ``psi`` of the gradient of the intracellular potential runs from the end plate to both
-    ends of the fibre, where it vanishes. Its current ``i(z) = d/dz [psi]`` (with opposite signs
-    to either side) is seen through ``1/r``, ``r^2 = (z - z_e)^2 + s (d^2 + y_e^2)`` with anisotropy
-    s, depth d and the electrode at z_e along and y_e across the fibres, at two electrodes, the first
-    nearer to the end plate: ``phi(t) = integral i(z, t) (1/r_1 - 1/r_2) dz``.
+    A wave ``psi`` of the gradient of the intracellular potential travels from the end plate to both
+    ends of the fibre, where it vanishes. Its current ``i(z) = d/dz [psi]`` (of opposite sign on the
+    two sides) acts through ``1/r``, ``r^2 = (z - z_e)^2 + s (d^2 + y_e^2)`` with anisotropy s,
+    depth d and the electrode at z_e along and y_e across the fibres, on two electrodes, the first
+    nearer to the end plate: ``phi(t) = integral i(z, t) (1/r_1 - 1/r_2) dz``. The result (units,
+    samples) has the duration `LENGTH`, with the discharge at time 0; `sampling_rate` is in Hz.
 
-    Parameters
-    ----------
-    geometry : FibreGeometry
-        Fibres and electrodes.
-    sampling_rate : float
-        Hertz.
-
-    Returns
-    -------
-    array, shape (units, samples)
-        Potentials over `LENGTH` seconds, the discharge at time 0.
-
-    Notes
-    -----
     Intracellular potential ``V(x) = 96 x^3 exp(-x) - 90`` mV, x in mm behind the front: Rosenfalck
     1969, Acta Physiol Scand Suppl 321. Source with end effects: Dimitrov and Dimitrova 1998, Med
     Eng Phys 20:374-381; Farina and Merletti 2001, IEEE Trans Biomed Eng 48:637-646, Eqs 1-4. The
-    integral is taken by parts, which avoids numerical differentiation. The fibres of a unit
-    have end plates spread along them; their potentials, later or earlier by the way over the
-    velocity, are taken together as a Gaussian smoothing in time.
+    integral is evaluated by parts, which avoids numerical differentiation. The end plates of the
+    fibres of a unit are spread along them; the resulting delays of their potentials are represented
+    together by a Gaussian smoothing in time.
     """
     time = np.arange(round(LENGTH * sampling_rate)) / sampling_rate
     result = np.empty((geometry.depth.size, time.size))
@@ -137,10 +109,10 @@ def action_potentials(geometry: FibreGeometry, sampling_rate: float) -> np.ndarr
             away = z - (geometry.offset[unit] + sign * along)
             square = geometry.depth[unit] ** 2 + (geometry.aside[unit] + sign * across) ** 2
             slope -= sign * away * (away**2 + ANISOTROPY * square) ** -1.5
-        # To either side of the end plate the wave has the same form, seen from there.
+        # The wave is symmetric about the end plate.
         behind = 1e3 * (velocity * time[:, None] - np.abs(z))
         wave = np.where(behind > 0, 96.0 * behind**2 * (3.0 - behind) * np.exp(-behind), 0.0)
-        # The cell in which the fibre ends counts by its part.
+        # The cell in which the fibre ends is weighted by the fraction inside the fibre.
         wave *= np.sign(z) * np.clip((half - np.abs(z)) / _STEP + 0.5, 0.0, 1.0)
         result[unit] = (wave @ slope) * _STEP
         delay = geometry.spread[unit] / velocity * sampling_rate

@@ -1,9 +1,9 @@
 """Cameras of a simulated volunteer: images of markers, and triangulation of their positions.
 
-A camera maps a point X in space to pixels by x = K d(R X + t): R and t turn and shift X into the
-frame of the camera, d divides by depth and distorts, K holds focal lengths and principal point.
-Sources: Hartley and Zisserman 2004, Multiple View Geometry, 2nd ed., section 12.2;
-Brown 1971, Photogrammetric Engineering 37:855 (distortion).
+A camera maps a point X in space to pixels by x = K d(R X + t): R and t transform X to the frame of
+the camera, d divides by depth and distorts, K contains focal lengths and principal point. Sources:
+Hartley and Zisserman 2004, Multiple View Geometry, 2nd ed., section 12.2; Brown 1971,
+Photogrammetric Engineering 37:855 (distortion).
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,9 @@ _UNDISTORTING = 50
 class Camera:
     """A calibrated camera.
 
-    Attributes
-    ----------
-    intrinsics : ndarray, shape (3, 3) [pixel]
-        Upper triangular matrix K.
-    rotation : ndarray, shape (3, 3)
-        R, from the laboratory to the camera, which looks along its third axis.
-    translation : ndarray, shape (3,) [m]
-        t.
-    distortion : ndarray, shape (4,)
-        Radial k1, k2 and tangential p1, p2.
+    `intrinsics` is the upper triangular matrix K (3, 3) [pixel]; `rotation` R (3, 3) and
+    `translation` t (3,) [m] transform from the laboratory to the camera, whose optical axis is its
+    third axis; `distortion` contains the radial coefficients k1, k2 and the tangential p1, p2.
     """
 
     intrinsics: np.ndarray
@@ -40,40 +33,23 @@ class Camera:
     distortion: np.ndarray
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Return the pixels of points in space.
-
-        Parameters
-        ----------
-        points : ndarray, shape (..., 3) [m]
-            Points.
-
-        Returns
-        -------
-        ndarray, shape (..., 2) [pixel]
-            Pixels; NaN for a point behind the camera.
-        """
+        """Pixels (..., 2) of points (..., 3) [m] in space; NaN for a point behind the camera."""
         seen = np.asarray(points) @ self.rotation.T + self.translation
         depth = np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
         bent = self._distorted(seen[..., :2] / depth)
         return bent @ self.intrinsics[:2, :2].T + self.intrinsics[:2, 2]
 
     def normalised(self, pixels: np.ndarray) -> np.ndarray:
-        """Return undistorted image coordinates, x/z and y/z in the frame of the camera.
+        """Undistorted image coordinates x/z and y/z in the frame of the camera, of pixels (..., 2).
 
-        Parameters
-        ----------
-        pixels : ndarray, shape (..., 2) [pixel]
-            Pixels.
-
-        Returns
-        -------
-        ndarray, shape (..., 2)
-            Coordinates; NaN where distortion cannot be undone.
+        They are NaN where the distortion cannot be inverted.
         """
         bent = np.asarray(pixels, dtype=float) - self.intrinsics[:2, 2]
         bent = bent @ np.linalg.inv(self.intrinsics[:2, :2]).T
         found = bent.copy()
-        for _ in range(_UNDISTORTING):  # a fixed point; a few steps suffice for usual lenses
+        for _ in range(
+            _UNDISTORTING
+        ):  # fixed-point iteration; a few steps suffice for usual lenses
             found = found + (bent - self._distorted(found))
         left = np.abs(self._distorted(found) - bent).max(axis=-1, keepdims=True)
         return np.where(left < 1e-9, found, np.nan)
@@ -93,29 +69,17 @@ class Camera:
 
 
 def triangulate(tracks: xr.DataArray, cameras: Sequence[Camera]) -> xr.Dataset:
-    """Find markers in space from their tracks in several images.
+    """Compute the positions of markers from their tracks in several images.
 
-    For each marker and frame the homogeneous linear equations of all cameras that see it give a
-    position, which three Gauss-Newton steps move to the least squares of the image distances.
+    For each marker and frame the homogeneous linear equations of all cameras that record it
+    determine a position, which three Gauss-Newton steps improve to the least squares of the image
+    distances.
 
-    Parameters
-    ----------
-    tracks : DataArray, dims (camera, marker, image_axis, time_marker) [pixel]
-        Horizontal and vertical pixel; NaN where a camera does not see the marker.
-    cameras : sequence of Camera
-        One for each entry of the dim camera.
-
-    Returns
-    -------
-    Dataset
-        ``position(marker, axis, time_marker)`` [m], NaN where fewer than two cameras see the
-        marker; ``reprojection_error(marker, time_marker)`` [pixel], root-mean-square distance of
-        the images over the cameras that see it; ``views(marker, time_marker)`` [1], their number.
-
-    Raises
-    ------
-    MarkerError
-        If the dims or the number of cameras do not fit.
+    `tracks` (camera, marker, image_axis, time_marker) [pixel] are NaN where a camera does not
+    record the marker. The result contains ``position(marker, axis, time_marker)`` [m], NaN for
+    fewer than two cameras; ``reprojection_error(marker, time_marker)`` [pixel], the
+    root-mean-square distance of the images; and ``views(marker, time_marker)`` [1], the number of
+    cameras. Raises MarkerError if the dims or the number of cameras do not fit.
     """
     dims = ("camera", "marker", "image_axis", "time_marker")
     if set(tracks.dims) != set(dims) or tracks.sizes.get("image_axis") != 2:
@@ -202,7 +166,7 @@ def _improved(
 
 
 def _solved(left: np.ndarray, right: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Solve 3 x 3 systems; NaN where a point is not determined."""
+    """Solve 3 x 3 systems; NaN if a point is not determined."""
     result = np.full(right.shape, np.nan)
     firm = usable & (np.linalg.cond(left) < 1e15)
     result[firm] = np.linalg.solve(left[firm], right[firm][:, :, None])[:, :, 0]

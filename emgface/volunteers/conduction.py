@@ -1,8 +1,8 @@
 """Transfer of muscle signals through the tissue to electrodes on a face.
 
-Every muscle is one source (the two lips of orbicularis oris are two each). Its potential reaches a
-pair of electrodes low-passed by the way through the tissue and later by the way along the fibres, so
-that cross-talk is a filtered mixture of sources and no scaled copy of another channel.
+Every muscle is one source (orbicularis oris has one source in each lip). The tissue attenuates high
+frequencies of its potential, and conduction along the fibres delays it, so that cross-talk is a
+filtered mixture of sources and not a scaled copy of another channel.
 """
 
 from collections.abc import Mapping
@@ -40,14 +40,9 @@ LIPS: Final = {"OOP": ("OOS", "OOI"), "OOM": ("OOS", "OOI")}
 
 @dataclass(frozen=True)
 class Source:
-    """A population of motor units.
+    """A population of motor units of a `muscle` (with side).
 
-    Attributes
-    ----------
-    muscle : str
-        With side.
-    home : str
-        Channel whose electrodes lie nearest by name; distinguishes the two lips.
+    `home` is the channel of the nearest electrodes by name; it distinguishes the two lips.
     """
 
     muscle: str
@@ -56,16 +51,10 @@ class Source:
 
 @dataclass(frozen=True)
 class Conduction:
-    """Paths from every source to every pair of electrodes.
+    """Paths from every source to every pair of electrodes; arrays of shape (14, sources) [m].
 
-    Attributes
-    ----------
-    sources : tuple of Source
-        In order of the columns.
-    distance : array, shape (14, sources) [m]
-        From the middle between the electrodes to the nearest fibre.
-    along : array, shape (14, sources) [m]
-        From the middle of the fibre to the place nearest to the electrodes, along the fibre.
+    `distance` is measured from the middle between the electrodes to the nearest fibre, `along` from
+    the middle of the fibre, along it, to the point nearest to the electrodes.
     """
 
     sources: tuple[Source, ...]
@@ -73,33 +62,23 @@ class Conduction:
     along: np.ndarray
 
     def attenuation(self, frequency: np.ndarray) -> np.ndarray:
-        """Absolute value of `transfer`, which is smooth, shape (14, sources, n)."""
+        """Absolute value of `transfer`, shape (14, sources, n)."""
         wave = 2.0 * np.pi * np.where(frequency > 0, frequency, 1.0) / VELOCITY
         radius = np.maximum(self.distance, NEAR)[..., None]
-        # K0 underflows far away and at high frequencies; k0e keeps the exponential apart.
+        # K0 underflows at large distances and frequencies; k0e is K0 times an exponential.
         fall = np.exp(-wave * (radius - NEAR))
         size = scipy.special.k0e(wave * radius) / scipy.special.k0e(wave * NEAR) * fall
         return np.where(frequency > 0, size, 0.0)
 
     def transfer(self, frequency: np.ndarray) -> np.ndarray:
-        """Transfer function from every source to every channel.
+        """Transfer function from every source to every channel, complex, shape (14, sources, n).
 
-        ``H = K0(2 pi f r / v) / K0(2 pi f r_0 / v) exp(-2 pi i f s / v)`` with the distance r, at
-        least r_0 = `NEAR`, the way s along the fibre and the velocity v = `VELOCITY`; 0 at f = 0.
-
-        Parameters
-        ----------
-        frequency : array, shape (n,) [Hz]
-
-        Returns
-        -------
-        complex array, shape (14, sources, n)
-
-        Notes
-        -----
-        Source of the tissue filter: Lindstrom and Magnusson 1977, Proc IEEE 65:653-662.
+        ``H = K0(2 pi f r / v) / K0(2 pi f r_0 / v) exp(-2 pi i f s / v)`` with the frequencies f
+        (n,) [Hz], the distance r, at least r_0 = `NEAR`, the path s along the fibre and the
+        velocity v = `VELOCITY`; 0 at f = 0. Source of the tissue filter: Lindstrom and Magnusson
+        1977, Proc IEEE 65:653-662.
         """
-        # Between `_STEP` hertz the attenuation is as good as linear, and Bessel functions are slow.
+        # The attenuation is interpolated linearly between `_STEP` hertz; Bessel functions are slow.
         steps = np.arange(0.0, float(frequency.max()) + 2 * _STEP, _STEP)
         place = np.minimum((frequency / _STEP).astype(int), len(steps) - 2)
         share = frequency / _STEP - place
@@ -110,17 +89,7 @@ class Conduction:
 
 
 def face_conduction(face: xr.Dataset) -> Conduction:
-    """Compute the paths from all sources to all electrodes of a face.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model with skin and muscle fibres.
-
-    Returns
-    -------
-    Conduction
-    """
+    """Compute the paths from all sources to all electrodes of a face."""
     skin = _skin(face)
     sources = tuple(
         Source(f"{muscle}_{side}", f"{home}_{side}")

@@ -13,16 +13,10 @@ _KINDS: tuple[Literal["lost", "hum", "railed"], ...] = ("lost", "hum", "railed")
 
 @dataclass(frozen=True)
 class Failure:
-    """Failure of an electrode pair.
+    """Failure of the electrode pair of a `channel` from `start` [s] to the end of the recording.
 
-    Attributes
-    ----------
-    channel : int
-        Which one.
-    start : float
-        When [s]; it stays so until the end.
-    kind : {"lost", "hum", "railed"}
-        The signal stands still, is drowned by the mains, or sits on the rail.
+    The `kind` is "lost" (the signal is constant), "hum" (mains hum exceeds the signal) or "railed"
+    (the amplifier is saturated).
     """
 
     channel: int
@@ -39,29 +33,13 @@ def movement_artefacts(
     amplitude: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Movement artefacts: excursions of the baseline when the skin moves under an electrode.
+    """Movement artefacts, shape (n_channels, samples) [V]: deviations of the baseline at movements.
 
-    Parameters
-    ----------
-    time : array, shape (samples,)
-        Seconds.
-    onsets : sequence of float
-        When movements begin [s].
-    n_channels : int
-        Number of channels.
-    probability : float
-        Of an artefact in one channel at one movement.
-    amplitude : float
-        Median of the peaks [V]; log-normal with sigma 0.5.
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    array, shape (n_channels, samples) [V]
-        Sums of ``A (t/tau) exp(1 - t/tau) cos(2 pi f t)``, f U(1, 6) Hz, tau U(0.1, 0.3) s: below
-        the band of muscles, as movement artefacts are (van Boxtel 2001, Psychophysiology
-        38:22-34: they end between 15 and 25 Hz).
+    An artefact occurs in a channel with `probability` at each movement onset [s]. It is ``A (t/tau)
+    exp(1 - t/tau) cos(2 pi f t)``, with f U(1, 6) Hz and tau U(0.1, 0.3) s, below the band of
+    muscles (van Boxtel 2001, Psychophysiology 38:22-34: movement artefacts end between 15 and 25
+    Hz). `amplitude` is the median of the log-normal peaks [V], with sigma 0.5; `time` is in
+    seconds.
     """
     total = np.zeros((n_channels, time.size))
     for onset in onsets:
@@ -78,22 +56,9 @@ def movement_artefacts(
 def draw_failures(
     n_channels: int, duration: float, *, probability: float, rng: np.random.Generator
 ) -> list[Failure]:
-    """Draw the electrode pairs that fail during a session.
+    """Draw the electrode pairs that fail during a session of `duration` [s].
 
-    Parameters
-    ----------
-    n_channels : int
-        Number of channels.
-    duration : float
-        Of the session [s].
-    probability : float
-        Of one channel in one session.
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    list of Failure
+    `probability` is that of one channel in one session.
     """
     failing = np.flatnonzero(rng.uniform(size=n_channels) < probability)
     return [
@@ -110,25 +75,9 @@ def fail(
     mains_frequency: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Apply failures of electrode pairs.
+    """Return a copy of the signals (channels, samples) [V] with the failures of electrode pairs.
 
-    Parameters
-    ----------
-    emg : array, shape (channels, samples) [V]
-        Signals.
-    time : array, shape (samples,) [s]
-        Their times.
-    failures : sequence of Failure
-        Which ones, when and how.
-    mains_frequency : float [Hz]
-        Of the hum that an open contact picks up.
-    rng : Generator
-        Source of its phase and noise.
-
-    Returns
-    -------
-    array, shape (channels, samples) [V]
-        A copy.
+    `mains_frequency` [Hz] is that of the hum at an open contact, with random phase and noise.
     """
     result = emg.copy()
     for failure in failures:

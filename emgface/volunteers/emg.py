@@ -1,11 +1,11 @@
 """Surface EMG synthesised from known activations.
 
-Each channel is ``gain * source(t)``: either the action potentials of motor units
-(`emgface.volunteers.motor_units`), or, faster, ``drive(t) * noise(t)`` with stationary Gaussian
-noise of the power spectrum of surface EMG, its amplitude proportional to what the muscles under the
-electrode do; then cross-talk between neighbouring channels, baseline noise of the amplifier and a
-little mains hum. Where a `emgface.volunteers.conduction.Conduction` is given, every muscle is one source
-recorded by all electrodes, filtered by the tissue between.
+Each channel is ``gain * source(t)``. The source is the sum of action potentials of motor units
+(`emgface.volunteers.motor_units`) or, computed faster, ``drive(t) * noise(t)`` with stationary
+Gaussian noise of the power spectrum of surface EMG and an amplitude proportional to the activation
+of the muscles under the electrode. Cross-talk between neighbouring channels, baseline noise of the
+amplifier and mains hum are added. With a `emgface.volunteers.conduction.Conduction`, every muscle
+is one source, recorded by all electrodes and filtered by the tissue.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,26 +39,12 @@ inverse, M P M = M: activations that obey the mapping are drive that the mapping
 
 
 def power_spectrum(frequency: np.ndarray, *, low: float = 60.0, high: float = 120.0) -> np.ndarray:
-    """Power spectral density of surface EMG, up to a factor.
+    """Power spectral density of surface EMG at frequencies in Hz, up to a factor [1/Hz^2].
 
-    ``S(f) = high^4 f^2 / ((f^2 + low^2) (f^2 + high^2)^2)``
-
-    Parameters
-    ----------
-    frequency : array
-        Hertz.
-    low, high : float
-        Corner frequencies in hertz; 60 and 120 put most power between 50 and 200 Hz.
-
-    Returns
-    -------
-    array
-        Same shape [1/Hz^2 up to a factor].
-
-    Notes
-    -----
-    Source: Shwedyk, Balasubramanian and Scott 1977, IEEE Trans Biomed Eng 24:417-424. Facial
-    muscles: significant power from 15 to 500 Hz, van Boxtel 2001, Psychophysiology 38:22-34.
+    ``S(f) = high^4 f^2 / ((f^2 + low^2) (f^2 + high^2)^2)``; the corner frequencies 60 and 120 Hz
+    result in most power between 50 and 200 Hz. Source: Shwedyk, Balasubramanian and Scott 1977,
+    IEEE Trans Biomed Eng 24:417-424. Facial muscles: significant power from 15 to 500 Hz, van
+    Boxtel 2001, Psychophysiology 38:22-34.
     """
     square = np.square(frequency)
     return high**4 * square / ((square + low**2) * np.square(square + high**2))
@@ -67,26 +53,10 @@ def power_spectrum(frequency: np.ndarray, *, low: float = 60.0, high: float = 12
 def band_limited_noise(
     n_signals: int, n_samples: int, sampling_rate: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Gaussian noise of unit variance with `power_spectrum` within `BAND`.
+    """Gaussian noise of unit variance with `power_spectrum` within `BAND`, (signals, samples).
 
-    Parameters
-    ----------
-    n_signals, n_samples : int
-        Number of independent signals and of their samples.
-    sampling_rate : float
-        Hertz, above twice the upper edge of the band.
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    array, shape (n_signals, n_samples)
-        Dimensionless.
-
-    Raises
-    ------
-    SignalError
-        If the sampling rate is too low for the band or the signal too short for its lower edge.
+    Raises SignalError if the sampling rate [Hz] is too low for the band or the signal too short for
+    its lower edge.
     """
     if sampling_rate <= 2.0 * BAND[1]:
         raise SignalError(
@@ -119,17 +89,7 @@ def pickup_matrix() -> np.ndarray:
 
 
 def cross_talk_matrix(share: float) -> np.ndarray:
-    """Symmetric mixing of neighbouring channels: 1 on the diagonal, `share` between neighbours.
-
-    Parameters
-    ----------
-    share : float
-        Amplitude of a neighbour's signal relative to its own electrode, 0 to less than 1.
-
-    Returns
-    -------
-    array, shape (14, 14)
-    """
+    """Symmetric mixing (14, 14) of channels: 1 on the diagonal, `share` between neighbours."""
     matrix = np.eye(len(CHANNELS))
     pairs = [(f"{a}_{side}", f"{b}_{side}") for a, b in NEIGHBOURS for side in ("L", "R")]
     pairs += [(f"{name}_L", f"{name}_R") for name in ACROSS]
@@ -152,7 +112,7 @@ def synthesise_emg(
     pools: Pools | None = None,
     conduction: Conduction | None = None,
 ) -> xr.DataArray:
-    """Bipolar sEMG of the fourteen channels during one trial.
+    """Bipolar sEMG (channel, time_emg) [V] of the fourteen channels during one trial.
 
     Parameters
     ----------
@@ -160,31 +120,21 @@ def synthesise_emg(
         ``(muscle, time_true)`` [1], neural excitation of the muscles.
     gain : array, shape (14,)
         Root-mean-square amplitude of each channel at full activation [V]; with `conduction`, at full
-        activation of the muscle that the electrodes lie over.
+        activation of the muscle under the electrodes.
     cross_talk : float
-        Share of a neighbour's amplitude, see `cross_talk_matrix`; of no effect with `conduction`.
+        Fraction of a neighbour's amplitude (`cross_talk_matrix`); not used with `conduction`.
     baseline_noise : float or array, shape (14,)
         Root-mean-square white noise of the amplifier [V].
     mains_hum : float
         Amplitude of the sinusoidal hum [V].
     rng : Generator
         Source of randomness.
-    sampling_rate, mains_frequency : float
-        Hertz.
+    sampling_rate, mains_frequency : float [Hz]
+        A rate too low for the band of sEMG raises SignalError.
     pools : mapping, optional
         Motor units of `draw_pools`, at the sampling rate; default: noise.
     conduction : Conduction, optional
         Paths of all muscles to all electrodes, instead of `PICKUP` and `cross_talk`.
-
-    Returns
-    -------
-    DataArray
-        ``(channel, time_emg)`` [V].
-
-    Raises
-    ------
-    SignalError
-        If the sampling rate is too low for the band of sEMG.
     """
     true_time = activation["time_true"].values
     duration = float(true_time[-1] - true_time[0])
@@ -218,23 +168,11 @@ def synthesise_emg(
 
 
 def draw_pools(rng: np.random.Generator, sampling_rate: float = 2048.0) -> Pools:
-    """Draw the motor units within reach of the fourteen electrode pairs of a person.
+    """Draw the motor units within reach of the fourteen electrode pairs of a person, 24 pools.
 
-    Each muscle under a pair, see `PICKUP`, has a separate pool there: upper and lower lip are
-    driven by different units of the orbicularis oris. The buccinator, which lies under no pair and is
-    recorded only through the tissue, also has one.
-
-    Parameters
-    ----------
-    rng : Generator
-        Source of randomness.
-    sampling_rate : float
-        Hertz.
-
-    Returns
-    -------
-    mapping of (channel, muscle) to MotorUnitPool
-        24 pools.
+    Each muscle under a pair (`PICKUP`) has a separate pool there: upper and lower lip are driven by
+    different units of the orbicularis oris. The buccinator, which lies under no pair and is
+    recorded only through the tissue, also has one. `sampling_rate` is in Hz.
     """
     pools = {
         (channel, f"{muscle}_{channel[-1]}"): draw_pool(rng, sampling_rate)
@@ -254,7 +192,7 @@ def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator
         if muscle[:-2] not in PICKUP[channel[:-2]]:
             continue
         row, column = CHANNELS.index(channel), MUSCLES.index(muscle)
-        # At full activation all muscles under a pair determine the gain together, as for noise.
+        # As for noise, the gain refers to full activation of all muscles under a pair.
         source[row] += weight[row, column] * pool_signal(pool, activation[column], rng)
     return source
 
@@ -271,10 +209,7 @@ def _conducted(
     pools: Pools | None,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Filtered mixture of all sources, shape (14, samples).
-
-    The own muscle of a channel has a root mean square of 1 at full activation.
-    """
+    """Filtered mixture of all sources (14, samples); RMS 1 at full activation of the own muscle."""
     rate = (time.size - 1) / float(time[-1] - time[0])
     envelope = np.stack([np.interp(time, true_time, row) for row in active])
     rows = [MUSCLES.index(source.muscle) for source in conduction.sources]
@@ -296,7 +231,7 @@ def _conducted(
 
 
 def _own_amplitude(conduction: Conduction) -> np.ndarray:
-    """Root mean square of each channel when the muscle under it alone is fully active, shape (14,)."""
+    """Root mean square (14,) of each channel with full activation of the muscle under it only."""
     frequency = np.arange(BAND[0], BAND[1])
     density = power_spectrum(frequency)
     passed = np.square(np.abs(conduction.transfer(frequency))) @ density / density.sum()

@@ -20,17 +20,7 @@ SHORTEST, LONGEST = 0.02, 0.08
 
 
 def three_cameras(mouth: np.ndarray) -> list[Camera]:
-    """Return three cameras in front of a face.
-
-    Parameters
-    ----------
-    mouth : array, shape (3,) [m]
-        What they look at; y is ahead of the face, z up.
-
-    Returns
-    -------
-    list of Camera
-    """
+    """Return three cameras in front of a face, directed at the mouth [m]; y is anterior, z up."""
     cameras: list[Camera] = []
     for angle, height in zip(np.deg2rad(DIRECTIONS), RAISED, strict=True):
         place = mouth + DISTANCE * np.array([np.sin(angle), np.cos(angle), 0.0])
@@ -48,21 +38,9 @@ def three_cameras(mouth: np.ndarray) -> list[Camera]:
 
 
 def film(position: xr.DataArray, *, pixel_noise: float, rng: np.random.Generator) -> xr.DataArray:
-    """Project markers into three cameras and triangulate them.
+    """Project markers (marker, axis, time_marker) [m] into three cameras and triangulate them.
 
-    Parameters
-    ----------
-    position : DataArray
-        ``(marker, axis, time_marker)`` [m], where the markers are.
-    pixel_noise : float
-        Standard deviation of each image coordinate [pixel].
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    DataArray
-        ``(marker, axis, time_marker)`` [m], where they seem to be.
+    `pixel_noise` is the standard deviation of each image coordinate [pixel].
     """
     values = position.transpose("marker", "axis", "time_marker").values
     points = values.transpose(0, 2, 1)
@@ -79,22 +57,7 @@ def film(position: xr.DataArray, *, pixel_noise: float, rng: np.random.Generator
 
 
 def occlude(position: xr.DataArray, *, rate: float, rng: np.random.Generator) -> xr.DataArray:
-    """Remove markers for short intervals.
-
-    Parameters
-    ----------
-    position : DataArray
-        ``(marker, axis, time_marker)`` [m].
-    rate : float
-        Losses of each marker per second.
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    DataArray
-        NaN where a marker is lost.
-    """
+    """Replace positions by NaN for short intervals, `rate` times per second for each marker."""
     time = position["time_marker"].values
     values = position.transpose("marker", "axis", "time_marker").values.copy()
     span = float(time[-1] - time[0])

@@ -1,7 +1,7 @@
 """Known activations of the six instructions, as smooth bursts of the relevant muscles.
 
 The muscles of an instruction are those of Table 1 of Eskes et al. 2017; all other muscles
-contract a little with them. Levels and timing are plausible choices, not measurements.
+co-contract slightly. Levels and timing are chosen to be plausible; they are not measured.
 """
 
 from collections.abc import Mapping
@@ -21,16 +21,10 @@ TRIAL_DURATION: Final = 1.8
 
 @dataclass(frozen=True)
 class Phase:
-    """One burst of an instruction.
+    """One burst of an instruction, from `start` to `end` as fractions of the trial.
 
-    Attributes
-    ----------
-    start, end : float
-        Onset and end of the burst as fractions of the trial.
-    levels : mapping of str to float
-        Peak activation by muscle name without side; 0-1.
-    sides : mapping of str to float
-        Factor of each side, ``{"L": 1.0, "R": 1.0}`` for a symmetric burst.
+    `levels` are peak activations (0-1) by muscle name without side, `sides` the factors of the
+    sides: ``{"L": 1.0, "R": 1.0}`` for a symmetric burst.
     """
 
     start: float
@@ -91,14 +85,8 @@ PHASES: Final[Mapping[str, tuple[Phase, ...]]] = {
 class Timing:
     """Deviation of one repetition from the table of phases.
 
-    Attributes
-    ----------
-    shift : float
-        Seconds by which all bursts come later.
-    pace : float
-        Factor on burst times about the middle of the trial.
-    effort : float
-        Factor on all levels.
+    All bursts are delayed by `shift` [s]; `pace` multiplies burst times relative to the middle of
+    the trial, and `effort` all levels.
     """
 
     shift: float = 0.0
@@ -120,19 +108,8 @@ def draw_timing(
 ) -> Timing:
     """Draw the deviations of a repetition.
 
-    Parameters
-    ----------
-    rng : Generator
-        Source of randomness.
-    speed : float
-        Of the person; bursts take the pace over it.
-    variability : float
-        Factor on all deviations; small for a skilled person.
-
-    Returns
-    -------
-    Timing
-        Shift N(0, 0.03 s), pace U(0.92, 1.08), effort U(0.9, 1.1), where variability is 1.
+    Shift N(0, 0.03 s), pace U(0.92, 1.08) divided by the `speed` of the person, effort U(0.9, 1.1),
+    all deviations multiplied by `variability`, which is small for a skilled person.
     """
     shift = float(np.clip(rng.normal(0.0, 0.03), -0.06, 0.06))
     pace, effort = rng.uniform(0.92, 1.08), rng.uniform(0.9, 1.1)
@@ -144,21 +121,10 @@ def draw_timing(
 
 
 def burst(time: np.ndarray, start: float, end: float) -> np.ndarray:
-    """Rise from 0 to 1 in the first third of a burst, hold, fall in the last third.
+    """Rise from 0 to 1 in the first third of a burst, plateau, and fall in the last third.
 
     The flanks are ``6 s^5 - 15 s^4 + 10 s^3``, so that value, rate and curvature are continuous.
-
-    Parameters
-    ----------
-    time : array, shape (n_times,)
-        Seconds.
-    start, end : float
-        Seconds, start < end.
-
-    Returns
-    -------
-    array, shape (n_times,)
-        Values from 0 to 1.
+    Times are in seconds, with start < end.
     """
     third = (end - start) / 3.0
 
@@ -180,36 +146,24 @@ def true_activation(
     tail: float = 0.0,
     sampling_rate: float = 1000.0,
 ) -> xr.DataArray:
-    """Activation of the twenty muscles during one instruction.
+    """Activation (muscle, time_true) [1] of the twenty muscles during one instruction "A" to "F".
 
     Parameters
     ----------
     instruction : str
-        "A" to "F".
+        An unknown one raises ConfigurationError.
     timing : Timing, optional
-        Deviation of this repetition; the table of phases when absent.
+        Deviation of this repetition; default: none.
     levels : mapping of str to float, optional
-        Factor of each muscle with side, e.g. ``{"ZYG_L": 1.1}``; 1 when absent.
+        Factor of each muscle with side, e.g. ``{"ZYG_L": 1.1}``; default: 1.
     co_contraction : float
-        Peak activation of the muscles that are not of the instruction.
+        Peak activation of the muscles that do not belong to the instruction.
     recruitment : Recruitment, optional
         Deviations of the person's muscles from the table; default: none.
-    duration : float
-        Length of the trial in seconds.
-    tail : float
-        Seconds of rest that follow it.
-    sampling_rate : float
-        Samples per second.
-
-    Returns
-    -------
-    DataArray
-        ``(muscle, time_true)`` [1], values within 0-1.
-
-    Raises
-    ------
-    ConfigurationError
-        If the instruction is unknown.
+    duration, tail : float [s]
+        Length of the trial, and of the rest after it.
+    sampling_rate : float [Hz]
+        Sampling rate.
     """
     if instruction not in PHASES:
         raise ConfigurationError(

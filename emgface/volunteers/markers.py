@@ -14,25 +14,10 @@ FRAME_RATE = 100.0
 def head_motion(
     time: np.ndarray, rotation: float, shift: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slow rotation and shift of the head, each axis a sum of two sinusoids below 0.6 Hz.
+    """Slow rotation and translation of the head, each axis a sum of two sinusoids below 0.6 Hz.
 
-    Parameters
-    ----------
-    time : array, shape (n_times,)
-        Seconds.
-    rotation : float
-        Amplitude about each axis [rad].
-    shift : float
-        Amplitude along each axis [m].
-    rng : Generator
-        Source of frequencies and phases.
-
-    Returns
-    -------
-    R : array, shape (n_times, 3, 3)
-        Rotation matrices.
-    t : array, shape (n_times, 3)
-        Shifts [m].
+    `rotation` [rad] and `shift` [m] are the amplitudes of each axis. Returns rotation matrices
+    (n_times, 3, 3) and translations (n_times, 3) [m] at the times [s].
     """
     frequency = rng.uniform(0.1, 0.6, size=(2, 2, 3))
     phase = rng.uniform(0.0, 2.0 * np.pi, size=(2, 2, 3))
@@ -50,35 +35,13 @@ def record_markers(
     rng: np.random.Generator,
     frame_rate: float = FRAME_RATE,
 ) -> xr.DataArray:
-    """Tracks of all sixteen markers in the frame of the cameras.
+    """Tracks (marker, axis, time_marker) [m] of all sixteen markers in the frame of the cameras.
 
-    The head moves about the mean of its six markers; what it does to a lip marker is what it does
-    to a face marker.
-
-    Parameters
-    ----------
-    lip_position : DataArray
-        ``(marker, axis, time)`` [m] of the ten lip markers in the frame of the face model.
-    face_position : DataArray
-        ``(face_marker, axis)`` [m] of the six markers that move with the skull.
-    noise : float
-        Standard deviation per coordinate [m].
-    rotation, shift : float
-        Amplitudes of `head_motion` [rad], [m].
-    rng : Generator
-        Source of randomness.
-    frame_rate : float
-        Frames per second.
-
-    Returns
-    -------
-    DataArray
-        ``(marker, axis, time_marker)`` [m].
-
-    Raises
-    ------
-    MarkerError
-        If a marker is absent.
+    The head rotates about the mean of its six markers; its motion acts equally on lip and face
+    markers. `lip_position` (marker, axis, time) [m] is given in the frame of the face model,
+    `face_position` (face_marker, axis) [m] moves with the skull. `noise` is the standard deviation
+    of each coordinate [m]; `rotation` [rad] and `shift` [m] are the amplitudes of `head_motion`.
+    Raises MarkerError if a marker is absent.
     """
     missing = [m for m in LIP_MARKERS if m not in lip_position["marker"].values]
     missing += [m for m in FACE_MARKERS if m not in face_position["face_marker"].values]

@@ -31,7 +31,7 @@ class Mismatch:
     snr : mapping of str to float, or None
         Signal-to-noise ratio of each channel [dB].
     recruitment : mapping of str to Recruitment
-        How each instruction is carried out, where not by the table.
+        Recruitment in each instruction that deviates from the table.
     """
 
     strength: Mapping[str, float]
@@ -44,7 +44,7 @@ class Mismatch:
         return asdict(self)
 
     def driven(self, activation: xr.DataArray) -> xr.DataArray:
-        """Activation times relative strength [1], which drives the face."""
+        """Activation multiplied by the relative strengths [1], which drives the face."""
         if self.strongest == 1.0:
             return activation
         factor = [self.strength[str(muscle)] for muscle in activation["muscle"].values]
@@ -57,20 +57,9 @@ class Mismatch:
 
 
 def draw_mismatch(seed: int, index: int, world: World) -> Mismatch:
-    """Draw the mismatch of one person of a set.
+    """Draw the mismatch of one person of a set; `index` is 1 for the first volunteer.
 
-    Parameters
-    ----------
-    seed : int
-        Of the whole set.
-    index : int
-        1 for the first volunteer; seed, index and world give the same mismatch.
-    world : World
-        Kinds and sizes of mismatch.
-
-    Returns
-    -------
-    Mismatch
+    Equal seed, index and world result in equal mismatch.
     """
 
     def stream(kind: str, more: int = 0) -> np.random.Generator:
@@ -101,21 +90,7 @@ def draw_mismatch(seed: int, index: int, world: World) -> Mismatch:
 def world_parameters(
     parameters: SimulationParameters, world: World, mismatch: Mismatch
 ) -> SimulationParameters:
-    """Replace the laws and the muscle stress of a study by those of a person in a world.
-
-    Parameters
-    ----------
-    parameters : SimulationParameters
-        Those of the person in the matched world.
-    world : World
-        Laws.
-    mismatch : Mismatch
-        Strengths of the muscles.
-
-    Returns
-    -------
-    SimulationParameters
-    """
+    """Replace the laws and the muscle stress of a study by those of a person in a world."""
     values: dict[str, Any] = parameters.model_dump()
     values["sigma_max"] = parameters.sigma_max * mismatch.strongest
     values["line_force"] = parameters.line_force * mismatch.strongest

@@ -38,18 +38,18 @@ class MotorUnitPool:
     Attributes
     ----------
     threshold : array, shape (units,)
-        Excitation at which a unit begins, 1 for the first at about the least excitation.
+        Excitation at which a unit begins to fire, about 1 for the first.
     peak_rate : array, shape (units,) [1/s]
-        Highest rate of discharge.
+        Highest firing rate.
     full : float
-        Excitation at activation 1, where the last unit fires at its highest rate.
+        Excitation at activation 1, where the last unit reaches its highest rate.
     potential : array, shape (units, PHASES, samples)
-        Action potential of each unit, later by a part of a sample from phase to phase; scaled so
-        that activation 1 has a root mean square of 1.
+        Action potential of each unit, delayed by a fraction of a sample from phase to phase; scaled to a
+        root mean square of the signal of 1 at activation 1.
     sampling_rate : float [Hz]
-        Of the potentials.
+        Sampling rate of the potentials.
     lead : int
-        Samples of each potential before the discharge, which the filter needs.
+        Number of samples of each potential before the discharge, required by the filter.
     """
 
     threshold: np.ndarray
@@ -60,39 +60,21 @@ class MotorUnitPool:
     lead: int
 
     def rates(self, activation: np.ndarray) -> np.ndarray:
-        """Firing rate of every unit [1/s].
+        """Firing rate (units, times) [1/s] of every unit at activations (times,) of 0 to 1.
 
-        Parameters
-        ----------
-        activation : array, shape (times,)
-            0 to 1.
-
-        Returns
-        -------
-        array, shape (units, times)
-            0 below the threshold, then ``LOWEST_RATE + RATE_GAIN (E - threshold)`` up to the
-            highest rate (Fuglevand et al. 1993, Eqs 1-5).
+        It is 0 below the threshold, then ``LOWEST_RATE + RATE_GAIN (E - threshold)`` up to the
+        highest rate (Fuglevand et al. 1993, Eqs 1-5).
         """
         above = self.full * np.asarray(activation) - self.threshold[:, None]
         rate = np.minimum(LOWEST_RATE + RATE_GAIN * above, self.peak_rate[:, None])
         return np.where(above >= 0.0, rate, 0.0)
 
     def rms(self, activation: np.ndarray) -> np.ndarray:
-        """Root mean square of the signal at constant activation, by Campbell's theorem.
+        """Root mean square of the signal at constant activations (times,), 1 at activation 1.
 
-        For independent Poisson trains the variance is the sum over units of rate times the
-        integral of the squared potential; trains of more regular intervals come close to it where
-        the potentials are short against the intervals and hold no steady part.
-
-        Parameters
-        ----------
-        activation : array, shape (times,)
-            0 to 1.
-
-        Returns
-        -------
-        array, shape (times,)
-            1 at activation 1.
+        By Campbell's theorem the variance for independent Poisson trains is the sum over units of
+        rate times the integral of the squared potential. It approximates that of more regular
+        trains if the potentials are shorter than the intervals and have zero mean.
         """
         energy = np.square(self.potential[:, 0]).sum(axis=1) / self.sampling_rate
         return np.sqrt(energy @ self.rates(activation))
@@ -103,26 +85,11 @@ def draw_pool(
 ) -> MotorUnitPool:
     """Draw the motor units of one muscle under one electrode pair.
 
-    Parameters
-    ----------
-    rng : Generator
-        Source of the fibres' places.
-    sampling_rate : float
-        Hertz.
-    units : int
-        Number of units.
-
-    Returns
-    -------
-    MotorUnitPool
-
-    Notes
-    -----
-    Thresholds ``exp(ln(RR) i / n)`` and sizes ``exp(ln(RP) i / n)`` rise exponentially (the size
-    principle): Fuglevand, Winter and Patla 1993, J Neurophysiol 70:2470-2488, Eqs 1 and 7; highest
-    rates fall with the threshold, Eqs 4-5. Facial units fire faster than those of limbs:
-    discharges of the corrugator give its spectrum a peak near 31 Hz (van Boxtel 2001,
-    Psychophysiology 38:22-34), hence a highest rate of 40 in place of 35 per second.
+    Thresholds ``exp(ln(RR) i / n)`` and sizes ``exp(ln(RP) i / n)`` increase exponentially (the
+    size principle): Fuglevand, Winter and Patla 1993, J Neurophysiol 70:2470-2488, Eqs 1 and 7; the
+    highest rates decrease with the threshold, Eqs 4-5. Facial units fire faster than those of
+    limbs: discharges of the corrugator cause a peak of its spectrum near 31 Hz (van Boxtel 2001,
+    Psychophysiology 38:22-34), hence a highest rate of 40 instead of 35 per second.
     """
     number = np.arange(1, units + 1)
     threshold = np.exp(np.log(RECRUITMENT_RANGE) * number / units)
@@ -134,7 +101,7 @@ def draw_pool(
     sos = scipy.signal.butter(2, BAND, "bandpass", fs=PHASES * sampling_rate, output="sos")
     room = round(0.02 * PHASES * sampling_rate) // PHASES * PHASES
     fine = scipy.signal.sosfiltfilt(sos, np.pad(fine, ((0, 0), (room, room))), padlen=0)
-    # Sample k of phase p lies at k - p / PHASES: the potential that began p parts later.
+    # Sample k of phase p is at the time k - p / PHASES.
     shifted = [np.roll(fine, p, axis=1)[:, ::PHASES] for p in range(PHASES)]
     potential = size[:, None, None] * np.stack(shifted, axis=1)
     pool = MotorUnitPool(threshold, peak, full, potential, sampling_rate, room // PHASES)
@@ -145,26 +112,10 @@ def draw_pool(
 def discharges(
     rate: np.ndarray, sampling_rate: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times of discharge of every unit, from its rate.
+    """Unit (index) and time [s] of every discharge, from the firing rates (units, times) [1/s].
 
-    Intervals are drawn normal with mean 1 and the stated variation and laid out along the integral
-    of the rate, so that the rate may change within an interval.
-
-    Parameters
-    ----------
-    rate : array, shape (units, times) [1/s]
-        Rate of discharge, at `sampling_rate`.
-    sampling_rate : float
-        Hertz.
-    rng : Generator
-        Source of intervals.
-
-    Returns
-    -------
-    unit : array of int
-        Which one fires.
-    time : array [s]
-        When, in order for each unit.
+    Intervals are normally distributed with mean 1 in units of the integral of the rate, so that the
+    rate may change within an interval. Times are in ascending order for each unit.
     """
     expected = np.cumsum(rate, axis=1) / sampling_rate
     units: list[np.ndarray] = []
@@ -175,7 +126,7 @@ def discharges(
         interval[0] *= rng.uniform()
         at = np.cumsum(interval)
         at = at[at < total[-1]]
-        # The sample in which the integral reaches the value, and where in it.
+        # The sample in which the integral reaches the value, and the fraction of that sample.
         sample = np.searchsorted(total, at)
         left = (total[sample] - at) / rate[unit, sample]
         times.append((sample + 1) / sampling_rate - left)
@@ -186,21 +137,9 @@ def discharges(
 def pool_signal(
     pool: MotorUnitPool, activation: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Sum of the action potentials of all units of a pool.
+    """Sum (samples,) of the action potentials of all units, RMS 1 at constant activation 1.
 
-    Parameters
-    ----------
-    pool : MotorUnitPool
-        The units.
-    activation : array, shape (samples,)
-        0 to 1, at the sampling rate of the pool.
-    rng : Generator
-        Source of the discharges.
-
-    Returns
-    -------
-    array, shape (samples,)
-        Signal; root mean square 1 at steady activation 1.
+    `activation` (samples,) is sampled at the rate of the pool.
     """
     activation = np.asarray(activation)
     unit, time = discharges(pool.rates(activation), pool.sampling_rate, rng)

@@ -16,28 +16,14 @@ def activation_of_excitation(
 ) -> xr.DataArray:
     """Delay an excitation and apply first-order activation dynamics.
 
-    ``da/dt = (u(t - d) - a) / T``, with ``T = T_act (0.5 + 1.5 a)`` where u > a and
-    ``T = T_deact / (0.5 + 1.5 a)`` where u < a; a = u at the first sample.
+    ``da/dt = (u(t - d) - a) / T``, with ``T = T_act (0.5 + 1.5 a)`` for u > a and ``T = T_deact /
+    (0.5 + 1.5 a)`` for u < a; a = u at the first sample.
 
-    Parameters
-    ----------
-    excitation : DataArray
-        ``(muscle, time_true)`` [1], evenly sampled, between samples linear.
-    delay : float
-        d [s].
-    activation_time, deactivation_time : float
-        T_act and T_deact [s]; 0 is no lag.
-
-    Returns
-    -------
-    DataArray
-        ``(muscle, time_true)`` [1], within the range of the excitation. Delay and both times of 0
-        return the excitation unchanged.
-
-    Notes
-    -----
-    Source of the dynamics: Thelen 2003, J Biomech Eng 125:70-77, Eqs 1-2. Integrated by the exact
-    solution of ``a' = (u - a)/T`` with T of the midpoint, which can neither overshoot nor leave 0-1.
+    `excitation` (muscle, time_true) [1] is uniformly sampled and interpolated linearly; the delay d
+    and the times T_act and T_deact are in seconds. The result stays within the range of the
+    excitation and equals it if all times are 0. Source of the dynamics: Thelen 2003, J Biomech Eng
+    125:70-77, Eqs 1-2. Integrated by the exact solution of ``a' = (u - a)/T`` with T of the
+    midpoint, which cannot overshoot.
     """
     if not (delay or activation_time or deactivation_time):
         return excitation
@@ -66,7 +52,7 @@ def _first_order(u: np.ndarray, period: float, rise: float, fall: float) -> np.n
 
 
 def _decay(a: np.ndarray, target: np.ndarray, h: float, rise: float, fall: float) -> np.ndarray:
-    """Fraction of the distance to the target that remains after a time h."""
+    """Fraction of the difference to the target that remains after a time h."""
     slower = 0.5 + 1.5 * a
     constant = np.where(target > a, rise * slower, fall / slower)
     with np.errstate(divide="ignore"):

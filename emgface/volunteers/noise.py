@@ -13,18 +13,7 @@ WINDOW: Final = 0.25
 
 
 def window_power(emg: np.ndarray, sampling_rate: float) -> np.ndarray:
-    """Power in the pass-band in consecutive windows.
-
-    Parameters
-    ----------
-    emg : array, shape (channels, samples) [V]
-    sampling_rate : float
-        Hertz.
-
-    Returns
-    -------
-    array, shape (channels, windows) [V^2]
-    """
+    """Power in the pass-band in consecutive windows, (channels, windows) [V^2]."""
     sos = scipy.signal.butter(4, BAND, "bandpass", fs=sampling_rate, output="sos")
     heard = scipy.signal.sosfiltfilt(sos, emg, axis=1)
     size = round(WINDOW * sampling_rate)
@@ -36,21 +25,12 @@ def window_power(emg: np.ndarray, sampling_rate: float) -> np.ndarray:
 def active_power(
     trials: Iterable[np.ndarray], sampling_rate: float, *, runs: int = 1
 ) -> np.ndarray:
-    """Power in the pass-band while active: mean over the windows above a quarter of the highest.
+    """Power (channels,) [V^2] in the pass-band during activity.
 
-    Parameters
-    ----------
-    trials : iterable of array, shape (channels, samples) [V]
-        All instructions of a person, so that every channel is active in some.
-    sampling_rate : float
-        Hertz.
-    runs : int
-        How many times the trials hold the same movements one after the other; the power of a window is
-        their mean.
-
-    Returns
-    -------
-    array, shape (channels,) [V^2]
+    It is the mean over the windows with more than a quarter of the highest power. `trials` are the
+    signals (channels, samples) [V] of all instructions of a person, so that every channel is active
+    in some. If the same movements are repeated `runs` times, the power of a window is the mean of
+    the repetitions.
     """
     power = np.concatenate([window_power(trial, sampling_rate) for trial in trials], axis=1)
     power = power.reshape(len(power), runs, -1).mean(axis=1)
@@ -61,22 +41,10 @@ def active_power(
 def signal_to_noise(
     trials: Iterable[np.ndarray], rest: np.ndarray, sampling_rate: float, *, runs: int = 1
 ) -> np.ndarray:
-    """Signal-to-noise ratio of every channel, ``10 log10(P_active / P_rest)``.
+    """Signal-to-noise ratio (channels,) [dB] of every channel, ``10 log10(P_active / P_rest)``.
 
-    Parameters
-    ----------
-    trials : iterable of array, shape (channels, samples) [V]
-        Trials of all instructions; P_active as `active_power`.
-    rest : array, shape (channels, samples) [V]
-        A rest without movement artefacts; P_rest is its mean power in the pass-band.
-    sampling_rate : float
-        Hertz.
-    runs : int
-        As `active_power`.
-
-    Returns
-    -------
-    array, shape (channels,) [dB]
+    `trials` and `runs` are as for `active_power`; `rest` (channels, samples) [V] is a rest without
+    movement artefacts, and P_rest its mean power in the pass-band.
     """
     quiet = window_power(rest, sampling_rate).mean(axis=1)
     return 10.0 * np.log10(active_power(trials, sampling_rate, runs=runs) / quiet)
@@ -90,28 +58,11 @@ def noise_for(
     sampling_rate: float,
     runs: int = 1,
 ) -> np.ndarray:
-    """White noise for the signal-to-noise ratio of every channel.
+    """White noise (channels,) [V RMS] for signal-to-noise ratios `snr` [dB] above 0.
 
     ``P_noise = P_clean / (10^(snr/10) - 1)`` in the pass-band, because the power during activity
-    contains signal and noise; hum is part of the noise.
-
-    Parameters
-    ----------
-    clean : iterable of array, shape (channels, samples) [V]
-        Trials of all instructions without noise.
-    snr : array, shape (channels,) [dB]
-        Above 0.
-    mains_hum : float
-        Amplitude of the hum [V].
-    sampling_rate : float
-        Hertz.
-    runs : int
-        As `active_power`.
-
-    Returns
-    -------
-    array, shape (channels,) [V]
-        Root mean square over all frequencies, 0 where the hum alone is stronger.
+    contains signal and noise; hum of amplitude `mains_hum` [V] is part of the noise, and the result
+    is 0 if the hum alone exceeds it. `clean` are the trials without noise, as for `active_power`.
     """
     wanted = active_power(clean, sampling_rate, runs=runs) / (
         10.0 ** (np.asarray(snr) / 10.0) - 1.0

@@ -13,14 +13,12 @@ from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
 
 @dataclass(frozen=True)
 class SimulatedVolunteer:
-    """Properties of a simulated person.
+    """Properties of a simulated person, drawn from `seed` and `index`.
 
     Attributes
     ----------
     name : str
         "S01", "S02", ...
-    seed, index : int
-        From which everything was drawn.
     geometry_scale : float
         Factor on all positions of the face model.
     sigma_max : float
@@ -30,13 +28,13 @@ class SimulatedVolunteer:
     levels : mapping of str to float
         Factor on the activation of each muscle.
     co_contraction : float
-        Peak activation of muscles that are not of an instruction.
+        Peak activation of muscles that do not belong to an instruction.
     gain : mapping of str to float
         Root-mean-square sEMG of each channel at full activation [V].
     cross_talk : float
-        Share of a neighbour's amplitude.
-    baseline_noise, mains_hum : float
-        Volts.
+        Fraction of a neighbour's amplitude.
+    baseline_noise, mains_hum : float [V]
+        Noise of the electrodes.
     marker_noise : float
         Standard deviation per coordinate [m].
     head_rotation, head_shift : float
@@ -46,7 +44,7 @@ class SimulatedVolunteer:
     speed : float
         Factor on the speed of all movements.
     asymmetry : float
-        Logarithm of the left side's effort over the right side's.
+        Logarithm of the ratio of left to right effort.
     """
 
     name: str
@@ -90,28 +88,14 @@ class SimulatedVolunteer:
 
 
 def draw_volunteer(index: int, seed: int) -> SimulatedVolunteer:
-    """Draw a volunteer.
+    """Draw a volunteer; equal seed and index (1 for the first) result in the same person.
 
-    Parameters
-    ----------
-    index : int
-        1 for the first volunteer.
-    seed : int
-        Seed of the whole set; the same seed and index give the same person.
-
-    Returns
-    -------
-    SimulatedVolunteer
-
-    Notes
-    -----
-    geometry scale U(0.92, 1.08); sigma_max U(80, 150) kPa; tissue stiffness log-normal, sigma
-    0.15; level of each muscle log-normal, sigma 0.10; co-contraction U(0.01, 0.05); gain of each
-    channel log-uniform in 100-400 uV (so bursts have tens to hundreds of microvolts); cross-talk
-    U(0.03, 0.10); baseline noise U(0.8, 1.5) uV; hum U(0.2, 1) uV; marker noise 0.1 mm (where no
-    cameras are simulated); head rotation U(1, 3) degrees; head shift U(1, 4) mm; skill falls from 1
-    to 0 with the co-contraction; speed U(0.93, 1.07); asymmetry N(0, 0.1) within 0.25. The ranges
-    are chosen.
+    geometry scale U(0.92, 1.08); sigma_max U(80, 150) kPa; tissue stiffness log-normal, sigma 0.15;
+    level of each muscle log-normal, sigma 0.10; co-contraction U(0.01, 0.05); gain of each channel
+    log-uniform in 100-400 uV; cross-talk U(0.03, 0.10); baseline noise U(0.8, 1.5) uV; hum U(0.2,
+    1) uV; marker noise 0.1 mm (without simulated cameras); head rotation U(1, 3) degrees; head
+    shift U(1, 4) mm; skill decreases from 1 to 0 with the co-contraction; speed U(0.93, 1.07);
+    asymmetry N(0, 0.1) within 0.25. The ranges are chosen.
     """
     rng = np.random.default_rng([seed, index, 0])
     person = SimulatedVolunteer(
@@ -143,20 +127,7 @@ def draw_volunteer(index: int, seed: int) -> SimulatedVolunteer:
 
 
 def person_face(face: xr.Dataset, scale: float) -> xr.Dataset:
-    """Scale the geometry of a face.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    scale : float
-        Factor on all positions.
-
-    Returns
-    -------
-    Dataset
-        Face model.
-    """
+    """Scale all positions of a face model by a factor."""
     scaled = face.copy()
     for name in ("position", "fibre_position", "face_marker_position"):
         scaled[name] = face[name] * scale

@@ -19,14 +19,9 @@ _MOST_SHIFT: Final = 2.0
 class Recruitment:
     """Recruitment of one person in one instruction.
 
-    Attributes
-    ----------
-    factor : mapping of str to float
-        Factor on the level of each muscle of the table, by name without side.
-    joining : mapping of str to float
-        Peak activation of muscles that are not in the table and contract along.
-    shift : mapping of str to float
-        Seconds by which each muscle comes later than the instruction.
+    `factor` multiplies the level of each muscle of the table (without side), `joining` contains the
+    peak activation of co-contracting muscles that are not in the table, and `shift` the delay of
+    each muscle relative to the instruction [s].
     """
 
     factor: Mapping[str, float]
@@ -37,28 +32,14 @@ class Recruitment:
 def draw_recruitment(
     instruction: str, strongest: str, world: World, rng: np.random.Generator
 ) -> Recruitment | None:
-    """Draw the recruitment of a person in an instruction.
+    """Draw the recruitment of a person in an instruction; None if the world follows the table.
 
-    Parameters
-    ----------
-    instruction : str
-        A to F.
-    strongest : str
-        Muscle of the highest level in the table, which is never omitted.
-    world : World
-        Sizes of the deviations.
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    Recruitment or None
-        None where the world recruits by the table.
+    `strongest` is the muscle of the highest level in the table, which is never omitted.
     """
     if "recruitment" not in world.kinds:
         return None
     relevant = RELEVANT[instruction]
-    # All numbers are drawn for all muscles, so that each draw depends on person and instruction alone.
+    # Numbers are drawn for all muscles, so that each draw depends only on person and instruction.
     level = np.exp(world.recruitment * rng.standard_normal(len(MODELLED)))
     out = rng.uniform(size=len(MODELLED)) < world.left_out
     joins = rng.uniform(size=len(MODELLED)) < world.joining

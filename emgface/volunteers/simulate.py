@@ -62,16 +62,15 @@ def make_volunteers(
     """Simulate volunteers and write their recordings.
 
     A session of a volunteer is one instruction, repeated, with rests before, between and after; it
-    is cut into trials. Motions are kept in a store, so that an interrupted set is completed by running
-    again.
+    is cut into trials. Motions are stored, so that the same call completes an interrupted set.
 
     Parameters
     ----------
     face : Dataset or None
-        Face model, of which each volunteer's is a scaled copy, with its mesh and muscles in every
+        Face model, of which each volunteer's is a scaled copy with the same mesh and muscles in every
         world; None draws a template face for each.
     out : Path
-        Folder; recordings go to ``out/recordings``.
+        Folder; recordings are written to ``out/recordings``.
     n, repetitions : int
         Number of volunteers, and of repetitions of each instruction.
     instructions : sequence of str
@@ -83,27 +82,23 @@ def make_volunteers(
     settings : VolunteerParameters, optional
         Faces, sessions, electrodes and cameras.
     workers : int
-        Processes that simulate at the same time; the recordings do not depend on it.
+        Number of processes; the recordings do not depend on it.
     observer : Observer, optional
-        Told what happens.
+        Receives messages and progress.
     store : Path, optional
-        Folder of the motions, ``out/store`` when absent; sets in worlds that differ in their EMG alone
-        may share it.
+        Folder of the motions, default ``out/store``; sets in worlds that differ only in their EMG may
+        share it.
 
     Returns
     -------
     list of Path
         One file per trial, origin "simulated", labelled with its world, with ``true_activation`` and
-        ``true_excitation`` beside the recording.
+        ``true_excitation``.
 
     Raises
     ------
-    ConfigurationError
-        If an instruction is unknown.
-    SimulationError
-        If a motion cannot be simulated.
-    DataError, StoreError
-        If a file cannot be written.
+    ConfigurationError, SimulationError, DataError, StoreError
+        An instruction is unknown, a motion cannot be simulated, or a file cannot be written.
     """
     unknown = [instruction for instruction in instructions if instruction not in INSTRUCTIONS]
     if unknown:
@@ -119,7 +114,7 @@ def make_volunteers(
         face, out, store or out / "store", seed, repetitions, parameters or SimulationParameters(),
         settings,
     )  # fmt: skip
-    # Volunteers vary fastest, so that processes begin with faces of their own to settle.
+    # Volunteers vary fastest, so that every process begins with the rest state of another face.
     jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
     observer.begin(len(jobs))
     written: dict[_Place, list[Path]] = {}

@@ -1,9 +1,10 @@
 """Worlds: differences between simulated volunteers and the assumptions of a study.
 
-In the *matched* world a volunteer obeys the assumptions of the study: the same kind of mesh and laws,
-the muscles of the template, force without delay, bursts of the relevance table, electrodes that the
-mapping of Eqs 2-6 resolves. Scores there show that the chain is implemented correctly, and nothing
-about people. Each kind of mismatch takes one assumption back; the *mismatched* world has them all.
+In the *matched* world a volunteer obeys the assumptions of the study: the same kind of mesh and
+laws, the muscles of the template, force without delay, bursts of the relevance table, and
+electrodes whose signals follow Eqs 2-6. Scores in this world verify the implementation; they do not
+estimate the accuracy in people. Each kind of mismatch removes one assumption; the *mismatched*
+world removes all.
 """
 
 from collections.abc import Iterable
@@ -192,7 +193,7 @@ class World(Parameters):
         return f"world mismatched in {', '.join(on)}"
 
     def without(self, *kinds: str) -> "World":
-        """Switch kinds of mismatch off."""
+        """Return this world with some kinds of mismatch switched off."""
         neutral = {name: value for kind in kinds for name, value in KINDS[kind].items()}
         return self.model_copy(update=neutral)
 
@@ -214,21 +215,9 @@ MISMATCHED: Final = World()
 
 
 def world_of(name: str) -> World:
-    """World with a given name.
+    """World with the name "matched", "mismatched", or kinds of mismatch joined by "+".
 
-    Parameters
-    ----------
-    name : str
-        "matched", "mismatched", or kinds of mismatch joined by "+", such as "delay+noise".
-
-    Returns
-    -------
-    World
-
-    Raises
-    ------
-    ConfigurationError
-        If the name is none of these.
+    An example of the latter is "delay+noise". Raises ConfigurationError for any other name.
     """
     if name == "matched":
         return MATCHED
@@ -244,6 +233,6 @@ def world_of(name: str) -> World:
 
 
 def mismatched_in(kinds: Iterable[str]) -> World:
-    """World that is mismatched in some kinds, with their default sizes."""
+    """World with some kinds of mismatch, of their default sizes."""
     on = set(kinds)
     return configure(World, MISMATCHED.without(*(k for k in KINDS if k not in on)).model_dump())

@@ -14,25 +14,11 @@ from emgface.schema.netcdf import write_netcdf
 
 
 def write_truth(recording: xr.Dataset, path: Path) -> Path:
-    """Write the true activation of a simulated recording as an activation file.
+    """Write the true activation of a simulated recording as an activation file (netCDF).
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording with ``true_activation(muscle, time_true)``.
-    path : Path
-        netCDF file.
-
-    Returns
-    -------
-    Path
-        The file, of schema activation, strategy "true"; person, sigma_max and failed electrodes
-        are attributes.
-
-    Raises
-    ------
-    DataError
-        If it cannot be written.
+    `recording` contains ``true_activation(muscle, time_true)``. The file has the strategy "true";
+    person, sigma_max and failed electrodes are attributes. Raises DataError if it cannot be
+    written.
     """
     activation = recording["true_activation"].rename(time_true="time")
     keep = ("volunteer", "instruction", "repetition", "origin", "world", "source", "person", "mismatch",
@@ -43,26 +29,11 @@ def write_truth(recording: xr.Dataset, path: Path) -> Path:
 
 
 def write_session(session: xr.Dataset, events: pd.DataFrame, folder: Path) -> Path:
-    """Write an uncut session, with a table of its events.
+    """Write an uncut session, with a table of its events, and return the path of the recording.
 
-    Parameters
-    ----------
-    session : Dataset
-        Recording of several repetitions.
-    events : DataFrame
-        Columns ``onset``, ``duration`` [s] and ``label``.
-    folder : Path
-        Where to write ``<volunteer>_<instruction>.nc`` and ``..._events.tsv``.
-
-    Returns
-    -------
-    Path
-        The recording; `emgface.recordings.events.read_events` reads the table.
-
-    Raises
-    ------
-    DataError
-        If it cannot be written.
+    `events` has the columns ``onset``, ``duration`` [s] and ``label``. The files are
+    ``<volunteer>_<instruction>.nc`` and ``..._events.tsv``, for
+    `emgface.recordings.events.read_events`. Raises DataError if they cannot be written.
     """
     name = f"{session.attrs['volunteer']}_{session.attrs['instruction']}"
     path = write_recording(session, folder / f"{name}.nc")
@@ -73,26 +44,11 @@ def write_session(session: xr.Dataset, events: pd.DataFrame, folder: Path) -> Pa
 
 
 def write_set_as_bids(paths: Iterable[Path], root: Path, truth: Path) -> list[Path]:
-    """Convert simulated recordings to EMG-BIDS and Motion-BIDS.
+    """Convert simulated recordings (netCDF) to EMG-BIDS and Motion-BIDS in the folder `root`.
 
-    Parameters
-    ----------
-    paths : iterable of Path
-        netCDF recordings, as `emgface.volunteers.simulate.make_volunteers` writes them.
-    root : Path
-        Folder of the BIDS dataset.
-    truth : Path
-        Folder for the true activations, which BIDS has no place for; not within `root`.
-
-    Returns
-    -------
-    list of Path
-        The files with signals.
-
-    Raises
-    ------
-    DataError
-        If a recording cannot be read or a file not be written.
+    `truth` is a folder outside `root` for the true activations, which BIDS cannot represent.
+    Returns the files with signals; raises DataError if a recording cannot be read or a file cannot
+    be written.
     """
     written: list[Path] = []
     for path in paths:

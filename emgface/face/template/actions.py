@@ -1,7 +1,7 @@
 """Simulated lip displacement of each muscle, compared with its anatomical action.
 
-Simulated with every muscle pair alone, without gravity, with contact of the lips, from rest to a
-steady activation.
+Every muscle pair is simulated separately, without gravity, with contact of the lips, from rest to a
+constant activation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,17 +39,11 @@ GRAY: Final = "Standring (ed.), Gray's Anatomy, Face and scalp"
 
 @dataclass(frozen=True)
 class Action:
-    """Anatomical action of one muscle pair.
+    """Anatomical action of one muscle pair, with its source.
 
-    Attributes
-    ----------
-    text, source : str
-        Action of the muscle, and its source.
-    signs : tuple
-        Each a marker of the left side, an axis and the sign of its displacement; a comparison of
-        two signs needs no threshold.
-    closes : bool
-        Whether the opening between the lips becomes smaller.
+    Each of `signs` is a marker of the left side, an axis and the sign of its displacement; a
+    comparison of signs requires no threshold. `closes` is True if the opening between the lips
+    decreases.
     """
 
     text: str
@@ -136,16 +130,15 @@ def steady_positions(
     face : xarray.Dataset
         A face_model.
     activations : sequence of mapping
-        For every run muscle such as ``ZYG_L`` to its activation from 0 to 1; the rest is silent.
+        For every run muscle such as ``ZYG_L`` to its activation from 0 to 1; the others are passive.
     parameters : SimulationParameters, optional
         Laws and loads; by default sigma_max is 100 kPa and gravity off.
     rise, duration, step : float
-        Time over which the activation rises, end of the run and time step [s].
+        Time over which the activation increases, end of the run and time step [s].
     integrator : ConvergedEuler, optional
-        With other tolerances, for instance.
+        Integrator, for instance with other tolerances.
     settled : xarray.Dataset, optional
-        Result of `emgface.face.motion.settle_face`, where each run starts; by default the geometry as
-        it is.
+        Result of `emgface.face.motion.settle_face`, the start of each run; default: the geometry.
 
     Returns
     -------
@@ -163,8 +156,8 @@ def steady_positions(
 
     Notes
     -----
-    Damping takes the stiffness at rest (`sim.RestRayleigh`), which stays positive under any
-    activation; a steady state does not depend on it.
+    Damping uses the stiffness at rest (`sim.RestRayleigh`), which is positive for any activation; a
+    steady state does not depend on it.
     """
     if parameters is None:
         parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
@@ -207,32 +200,15 @@ def muscle_actions(
     muscles: Sequence[str] = MODELLED,
     parameters: SimulationParameters | None = None,
 ) -> pd.DataFrame:
-    """Displacement of the lips by every muscle pair alone, with its anatomical action.
+    """Displacement of the lips by every muscle pair, with its anatomical action.
 
-    Parameters
-    ----------
-    face : xarray.Dataset
-        A face_model.
-    activation : float
-        Of both muscles of a pair [1].
-    muscles : sequence of str
-        Some of `emgface.muscles.MODELLED`.
-    parameters : SimulationParameters, optional
-        Laws and loads; by default sigma_max is 100 kPa and gravity off; lips and teeth touch.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Index `muscle`; displacement [mm] of the left corner, the left upper and lower paramedian
-        marker along x (positive: medially), y (forward) and z (up); the `opening` of the lips, negative
-        where the upper margin has come below the lower one in the midline, and the depth of the lips in
-        each other [mm]; smallest det F, the action, its source, and whether it `agrees`: all its signs
-        hold, and the lips have not passed through each other by more than `PASSED`.
-
-    Raises
-    ------
-    ControlError, InvertedElement, NotConverged, SingularSystem
-        As `steady_positions`.
+    `activation` [1] is that of both muscles of a pair; by default sigma_max is 100 kPa, gravity is
+    off, and lips and teeth are in contact. The table (index `muscle`) contains the displacement
+    [mm] of the left corner and the left upper and lower paramedian marker along x (positive:
+    medially), y (anterior) and z (up); the `opening` of the lips, negative if the upper margin is
+    below the lower one in the midline, and the depth of the lips in each other [mm]; smallest det
+    F, the action, its source, and `agrees`, True if all its signs are found and the lips penetrate
+    each other by at most `PASSED`. Errors as of `steady_positions`.
     """
     runs = [{f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles]
     if parameters is None:

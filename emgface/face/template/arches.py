@@ -1,11 +1,11 @@
 """Dental arches of the template: rigid bodies behind lips and cheeks, for contact.
 
 Each arch is a closed wall from the incisal edges to the fornix of the vestibule. The lips and the
-corners of the mouth rest on it: thicknesses of the lips are measured to the incisors and to the bone
-(Arnett et al. 1999; Stephan and Simpson 2008), and teeth stand where the pressures of tongue, lips
-and cheeks balance (Proffit 1978, Angle Orthod 48:175-186). Beyond the corner of the mouth it leaves
-the cheek, whose fat pad the template does not have, and turns back to the width and depth of
-published casts.
+corners of the mouth are supported by it: thicknesses of the lips are measured to the incisors and
+to the bone (Arnett et al. 1999; Stephan and Simpson 2008), and teeth are in equilibrium between the
+pressures of tongue, lips and cheeks (Proffit 1978, Angle Orthod 48:175-186). Posterior to the
+corner of the mouth the arch separates from the cheek, whose fat pad the template lacks, and has the
+width and depth of published casts.
 """
 
 from dataclasses import dataclass
@@ -30,9 +30,10 @@ CLEARANCE: Final = 0.5e-3
 
 @dataclass(frozen=True)
 class ArchForm:
-    """Size of an arch: half width and depth at the first molars, over the half width of the jaw.
+    """Half width and depth of an arch at the first molars, relative to the half width of the jaw.
 
-    Assumptions within the range of published casts; they scale with the jaw of the person.
+    The values are assumptions within the range of published casts and scale with the jaw of the
+    person.
     """
 
     half_width: float
@@ -65,22 +66,10 @@ _COLUMNS, _ROWS = 17, 6
 def dental_arches(measures: Measures, *, clearance: float = CLEARANCE) -> tuple[Arch, Arch]:
     """Generate the arches of the maxilla and of the mandible.
 
-    Parameters
-    ----------
-    measures : Measures
-    clearance : float
-        Distance behind the inner surface of the resting tissue, along y [m].
-
-    Returns
-    -------
-    maxilla, mandible : Arch
-        Triangles run counter-clockwise seen from the lips. Mirrored in x = 0 bit by bit;
-        asymmetry of the measures does not reach them.
-
-    Raises
-    ------
-    FaceError
-        The clearance is negative, or as `emgface.face.template.calibrate.calibrated_surfaces`.
+    `clearance` is their distance behind the inner surface of the resting tissue, along y [m].
+    Triangles are counter-clockwise seen from the lips. The arches are exactly symmetric in x = 0,
+    also for asymmetric measures. Raises FaceError if the clearance is negative, or as
+    `emgface.face.template.calibrate.calibrated_surfaces`.
     """
     return arches_behind(calibrated_surfaces(measures), measures, clearance=clearance)
 
@@ -95,25 +84,25 @@ def arches_behind(
     margin = 0.5 * measures.lip_gap
     edge = margin - EXPOSURE
     walls: list[Floats] = []
-    # Where the bone begins to hold the tissue, and a little beyond.
+    # A little beyond the begin of the attachment of the tissue to the bone.
     for bone, tip, root in (
         (SKULL, edge, 0.85 * measures.upper_lip_height),
         (MANDIBLE, edge + OVERBITE, -0.9 * measures.lower_lip_height),
     ):
         x, drop = _plan(bone, measures, lining)
         height = np.linspace(tip, root, _ROWS)
-        # Beside the slit the margins of the lips curve back within a millimetre or two.
+        # Beside the slit the margins of the lips curve backwards within one or two millimetres.
         around = [
             lining(*np.meshgrid(np.abs(x + aside), height + above, indexing="ij"))
             for aside in (-_NEAR, 0.0, _NEAR)
             for above in (-_NEAR, 0.0, _NEAR)
         ]
         front = np.fmin.reduce(around) - clearance
-        for row in range(2, _ROWS):  # beside the chin the root lies below the lining that moves
+        for row in range(2, _ROWS):  # beside the chin the root is below the free part of the lining
             onward = 2.0 * front[:, row - 1] - front[:, row - 2]
             front[:, row] = np.where(np.isnan(front[:, row]), onward, front[:, row])
         if bone == MANDIBLE:
-            # Above the upper incisal edge the lower incisors stand behind the upper ones.
+            # Above the upper incisal edge the lower incisors are behind the upper ones.
             before = walls[0][:, 0, 0]
             upper = np.interp(x, before[:, 0], before[:, 1])[:, None]
             share = np.clip(1.0 + (height - edge) / _BEHIND, 0.0, 1.0)
@@ -128,16 +117,16 @@ def _lining(surfaces: Surfaces) -> LinearNDInterpolator:
     s = np.linspace(MARGIN, MIDDLE, 41)
     sheets = [surfaces.sheets(q, np.full(41, lip), s)[1].reshape(-1, 3) for lip in (1.0, -1.0)]
     points = np.concatenate(sheets)
-    # A strip beyond the midline, so that the midline lies within the hull.
+    # A strip beyond the midline includes the midline in the hull.
     points = np.concatenate([points, points[points[:, 0] < 5e-3] * [-1.0, 1.0, 1.0]])
     points = np.unique(points.round(9), axis=0)
     return LinearNDInterpolator(points[:, [0, 2]], points[:, 1])
 
 
 def _plan(bone: int, measures: Measures, lining: LinearNDInterpolator) -> tuple[Floats, Floats]:
-    """Places x of the columns, and how far behind the lining each of them lies [m].
+    """Positions x of the columns and their distance behind the lining [m].
 
-    A quarter of an ellipse leads from the lining beside the corner to the last molars.
+    A quarter of an ellipse connects the lining beside the corner and the last molars.
     """
     form, corner, half_jaw = FORMS[bone], 0.5 * measures.mouth_width, 0.5 * measures.jaw_width
     follows, least = (corner + beyond for beyond in _BEYOND[bone])
@@ -155,16 +144,16 @@ def _plan(bone: int, measures: Measures, lining: LinearNDInterpolator) -> tuple[
 
 
 def _wall(x: Floats, front: Floats, height: Floats) -> Floats:
-    """Left half (columns, rows, 2, 3) of a wall from the y of its front; rows run from the edge.
+    """Left half (columns, rows, 2, 3) of a wall from the y of its front; rows start at the edge.
 
-    Front and back are the two sides of the wall; the back of the edge lies a little within it.
+    Front and back are the two sides of the wall; the back of the edge is slightly inside it.
     """
     wall = np.empty((_COLUMNS, _ROWS, 2, 3))
     wall[..., 0] = x[:, None, None]
     wall[..., 1] = front[..., None]
     wall[..., 2] = height[:, None]
     wall[:, 0, 1, 2] += 0.3 * _EDGE * np.sign(height[-1])
-    # The back turns evenly from behind the incisors to beside the molars, so that it never folds.
+    # The direction of the back changes uniformly from incisors to molars, which avoids folds.
     angle = np.linspace(0.0, 0.5 * np.pi, _COLUMNS)
     slope = np.stack([-np.sin(angle), -np.cos(angle)], axis=1)
     inward = np.linspace(_EDGE, _ROOT, _ROWS)[:, None] * slope[:, None]
@@ -177,7 +166,7 @@ def _arch(bone: int, left: Floats) -> Arch:
     """Both halves of a wall, with x to the right, as triangles of a closed body."""
     left[0, ..., 0] = 0.0
     both = np.concatenate([left[:0:-1], left * [-1.0, 1.0, 1.0]])
-    # Round the section: down the back from the root to the edge and up the front.
+    # Around the section: along the back from the root to the edge, then along the front.
     section = np.concatenate([both[:, ::-1, 1], both[:, :, 0]], axis=1)
     index = np.arange(section[..., 0].size).reshape(section.shape[:2])
     after = np.roll(index, -1, axis=1)
@@ -186,11 +175,11 @@ def _arch(bone: int, left: Floats) -> Arch:
         back, front = column[:_ROWS][::-1], column[_ROWS:]
         cap = np.stack([back[:-1], front[:-1], front[1:], back[1:]], axis=1)
         quads.append(cap[:, ::-1] if end else cap)
-    # Columns run from right to left and rows away from the edge: up on the maxilla.
+    # Columns are ordered from right to left, rows from the edge: upwards on the maxilla.
     quad = np.concatenate(quads)
     if bone == MANDIBLE:
         quad = quad[:, ::-1]
-    # Mirrored quads are cut along mirrored diagonals: a symmetric face then does not slide sideways.
+    # Mirrored diagonals prevent lateral sliding of a symmetric face.
     points = section.reshape(-1, 3)
     right = points[quad, 0].mean(axis=1) > 0.0
     quad[right] = np.roll(quad[right], 1, axis=1)

@@ -18,15 +18,11 @@ _POWER: Final = 4.0
 
 
 def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
-    """Attachment of every node: rim and inner surface outside lips and cheeks are on bone.
+    """Attachment of every node: rim and inner surface outside lips and cheeks are fixed to bone.
 
-    The inner surface is free between the upper and lower fornix of the vestibule, which lies near
-    the root of the lips in the midline and opens towards the cheek, as far as the masseter.
-
-    Returns
-    -------
-    ndarray, shape (nodes,)
-        Values of `emgface.face.parts`: free, mandible (below the mouth) or skull.
+    The inner surface is free between the upper and lower fornix of the vestibule, which is near the
+    root of the lips in the midline and widens towards the cheek, as far as the masseter. The values
+    (nodes,) are those of `emgface.face.parts`: free, mandible (below the mouth) or skull.
     """
     m = surfaces.measures
     q, lip = grid.left_rays
@@ -47,20 +43,10 @@ def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
 def lip_surfaces(grid: Grid, position: Floats, corner: float) -> dict[str, Integers]:
     """Named parts of the boundary: nodes of each facet, outward.
 
-    Parameters
-    ----------
-    grid : Grid
-    position : ndarray, shape (nodes, 3)
-        [m]
-    corner : float
-        Half width of the mouth [m].
-
-    Returns
-    -------
-    dict
-        For upper and lower lip ``_inner``, the lining of lip and cheek within the middle curve of
-        the outline, which may touch the teeth; ``_margin``, the faces at the slit, which may
-        touch each other; ``_vermilion``, the red of the lip on the skin.
+    `position` (nodes, 3) and `corner`, the half width of the mouth, are in [m]. For upper and lower
+    lip the parts are ``_inner``, the lining of lip and cheek within the middle curve of the
+    outline, which may touch the teeth; ``_margin``, the faces at the slit, which may touch each
+    other; and ``_vermilion``.
     """
     faces, element = boundary_faces(grid.connectivity)
     ray, ring = (of[element] for of in grid.element_place)
@@ -69,7 +55,7 @@ def lip_surfaces(grid: Grid, position: Floats, corner: float) -> dict[str, Integ
     inner = np.isin(faces, sheet[..., 0]).all(axis=1) & (ring < sum(grid.rings[:3]))
     margin = np.isin(faces, sheet[:, 0]).all(axis=1)
     red = np.isin(faces, sheet[..., -1]).all(axis=1) & (ring < grid.rings[0])
-    # The red tapers towards the corner, which the rings surround.
+    # The vermilion tapers towards the corner, which is surrounded by the rings.
     aside = np.clip(np.abs(position[faces, 0]).mean(axis=1) / corner, 0.0, 1.0)
     red &= (ring + 0.5) / grid.rings[0] < 5.0 * np.sqrt(1.0 - aside**2)
     parts = {"inner": inner, "margin": margin, "vermilion": red}
@@ -110,8 +96,8 @@ def lip_opening_nodes(grid: Grid) -> Integers:
 def face_marker_positions(surfaces: Surfaces) -> Floats:
     """Rigid points in the order of `FACE_MARKERS` [m].
 
-    Temple, nasion and rhinion lie on the skin; the forehead lies above the template, where the
-    markers of a recording sit on skin that moves with the skull.
+    Temple, nasion and rhinion are on the skin; the forehead is above the template, where the
+    markers of a recording are on skin that moves with the skull.
     """
     m = surfaces.measures
     top = m.upper_lip_height

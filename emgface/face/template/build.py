@@ -1,4 +1,4 @@
-"""Template as a face model, from measures and a resolution to a checked Dataset."""
+"""Template as a face model: a checked Dataset for given measures and a resolution."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -61,20 +61,20 @@ def template_face(
     Parameters
     ----------
     resolution : str, int or Grid
-        "coarse" (576 elements), "medium" (2448), "fine" (6480), about how many elements, or a grid
-        such as `emgface.face.template.grid.refined_grid` makes.
+        "coarse" (576 elements), "medium" (2448), "fine" (6480), an approximate number of elements, or a
+        grid, for example from `emgface.face.template.grid.refined_grid`.
     measures : Measures or mapping, optional
-        All measures, or some that replace those of the preset or of the drawn volunteer [m].
+        All measures, or some that replace those of the preset or of the random volunteer [m].
     preset : str
         Group of people, a name of `emgface.face.template.volunteers.PRESETS`.
     seed : int, optional
-        Draw a random volunteer of the group; without it the face has the means of the group.
+        Draw a random volunteer of the group; default: the means of the group.
     radius : float
-        Tissue nearer than this to a fibre is muscle [m].
+        Distance from a fibre within which tissue is muscle [m].
     courses : CourseShift, optional
         Deviations of the muscle courses of a person from those of the template.
     name : str
-        Name of the face; made from preset and seed if empty.
+        Name of the face; default: preset and seed.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def template_face(
 
     Notes
     -----
-    Right and left mirror each other bit by bit unless `width_asymmetry` or `droop` is given. The
+    The face is exactly symmetric unless `width_asymmetry` or `droop` is specified. The
     frame has y = 0 at the tragia and z = 0 between the lips.
 
     Examples
@@ -146,7 +146,7 @@ def _built(
         warp = _asymmetry(own, surfaces.mouth_half_width)
         muscles = _warped(muscles, element_centres(position, grid.connectivity), warp)
         position, face_markers = warp(position), warp(face_markers)
-        # Teeth lie within a millimetre of the tissue and go with it.
+        # Teeth are within a millimetre of the tissue and are deformed with it.
         arches = tuple(Arch(a.bone, warp(a.points), a.triangles) for a in arches)
     return build_face(
         position=position,
@@ -187,11 +187,9 @@ def volunteer_face(
 
     Parameters
     ----------
-    seed : int
-        Of the whole set.
-    index : int
-        1 for the first volunteer; the same seed and index give the same person at every
-        resolution, for any order of the calls.
+    seed, index : int
+        Seed of the set, and 1 for the first volunteer; equal numbers result in the same person at every
+        resolution.
     resolution, preset, radius
         As `template_face`.
     spread : float
@@ -200,15 +198,14 @@ def volunteer_face(
         Factor on the standard deviations of the differences between the sides
         (`emgface.face.template.volunteers.ASYMMETRY`), at least 0.
     course_shift : float
-        Standard deviation of the ends of the muscles along the skin [m], drawn for each volunteer; 0
-        takes the courses of the template.
+        Standard deviation of the random shift of the ends of the muscles along the skin [m].
 
     Returns
     -------
     face : xarray.Dataset
         Of schema face_model, origin "generated"; seed, index and measures [m] are attributes.
     measures : Measures
-        What was drawn.
+        Measures of the volunteer.
 
     Raises
     ------
@@ -258,10 +255,7 @@ def _possible(seed: int, index: int, *, preset: str, spread: float, asymmetry: f
 
 
 def shaped_positions(measures: Measures, grid: Grid) -> Floats:
-    """Positions (nodes, 3) of an asymmetric face [m].
-
-    Raises FaceError as `emgface.face.template.calibrate.calibrated_surfaces`.
-    """
+    """Positions (nodes, 3) of an asymmetric face [m]; errors as of `calibrated_surfaces`."""
     surfaces = calibrated_surfaces(measures)
     position = node_positions(surfaces, grid)
     if measures.width_asymmetry or measures.droop:

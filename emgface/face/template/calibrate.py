@@ -1,8 +1,8 @@
 """Measurement of surfaces, and calibration of surfaces to given measures.
 
 Relief, curvature and the directions of the tissue shift landmarks by up to a few millimetres from
-at the positions passed to the construction. Other values are therefore passed to it, found
-by repeating: new parameter = old parameter + (wanted - measured).
+the positions that are passed to the construction. The parameters of the construction are therefore
+found by iteration: new parameter = old parameter + (wanted - measured).
 """
 
 from dataclasses import dataclass, fields
@@ -37,17 +37,7 @@ class _Parameters(Measures):
 
 
 def surface_measures(surfaces: Surfaces) -> dict[str, float]:
-    """Measure a surface between its landmarks.
-
-    Parameters
-    ----------
-    surfaces : Surfaces
-
-    Returns
-    -------
-    dict
-        Those measures that landmarks of the skin define, by name [m].
-    """
+    """Measures of a surface that are defined by landmarks of the skin, by name [m]."""
     s = _MIDLINE_S
     ends = np.zeros(2)
     skin, _ = surfaces.sheets(ends, np.array([1.0, -1.0]), s)
@@ -81,19 +71,8 @@ def surface_measures(surfaces: Surfaces) -> dict[str, float]:
 def calibrated_surfaces(measures: Measures) -> Surfaces:
     """Compute surfaces whose landmarks agree with the measures.
 
-    Parameters
-    ----------
-    measures : Measures
-
-    Returns
-    -------
-    Surfaces
-        Its `measures` are the values passed to the construction.
-
-    Raises
-    ------
-    FaceError
-        A measure cannot be reached together with the others; the message states it.
+    The `measures` of the result are the parameters of the construction. Raises FaceError, with the
+    measure, if one cannot be reached together with the others.
     """
     told = {field.name: float(getattr(measures, field.name)) for field in fields(measures)}
     best: tuple[float, dict[str, float], Surfaces] | None = None
@@ -101,7 +80,7 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
         surfaces = Surfaces(_Parameters(**told))
         try:
             found = surface_measures(surfaces)
-        except ValueError:  # the search has left what can be built
+        except ValueError:  # the parameters of the search do not define a surface
             break
         miss = {name: getattr(measures, name) - value for name, value in found.items()}
         size = max(map(abs, miss.values()))

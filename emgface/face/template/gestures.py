@@ -33,22 +33,9 @@ is given for the right side, it is that of the left. The levels are chosen."""
 
 
 def gesture_activation(instruction: str) -> dict[str, float]:
-    """Activation of every active muscle of a gesture.
+    """Activation [1] of every active muscle, such as ``ZYG_L``, of a gesture (A to F).
 
-    Parameters
-    ----------
-    instruction : str
-        A to F.
-
-    Returns
-    -------
-    dict
-        Muscle such as ``ZYG_L`` to activation [1].
-
-    Raises
-    ------
-    DataError
-        The instruction is unknown.
+    Raises DataError if the instruction is unknown.
     """
     if instruction not in GESTURES:
         raise DataError(f"unknown instruction {instruction!r}, expected one of {[*GESTURES]}")
@@ -64,28 +51,11 @@ def gesture_positions(
     *,
     parameters: SimulationParameters | None = None,
 ) -> dict[str, Floats]:
-    """Simulate the held gestures.
+    """Simulate held gestures: instruction (A to F) to node positions (nodes, 3) [m].
 
-    Parameters
-    ----------
-    face : xarray.Dataset
-        A face_model.
-    instructions : tuple of str
-        Some of A to F.
-    parameters : SimulationParameters, optional
-        Laws and loads; by default sigma_max is 100 kPa and gravity off; lips and teeth touch.
-
-    Returns
-    -------
-    dict
-        Instruction to node positions (nodes, 3) [m].
-
-    Raises
-    ------
-    DataError
-        An instruction is unknown.
-    InvertedElement, NotConverged, SingularSystem
-        As `emgface.face.template.actions.steady_positions`.
+    By default sigma_max is 100 kPa, gravity is off, and lips and teeth are in contact. Raises
+    DataError if an instruction is unknown, and errors as
+    `emgface.face.template.actions.steady_positions`.
     """
     runs = [gesture_activation(instruction) for instruction in instructions]
     if parameters is None:

@@ -1,8 +1,8 @@
 """O-grid of the template: rays from the mouth slit, rings around it, three layers.
 
-Rays are numbered round the mouth from the upper midline over the left corner, the lower midline and
-the right corner; rings from the margin of the lips outwards; sheets from the inner surface to the
-skin. Ray r and ray (R - r) mod R mirror each other.
+Rays are numbered around the mouth from the upper midline over the left corner, the lower midline
+and the right corner; rings from the margin of the lips outwards; sheets from the inner surface to
+the skin. Ray r and ray (R - r) mod R are mirror images.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Grid:
 
     @property
     def n_rings(self) -> int:
-        """Elements from the margin of the lips to the rim."""
+        """Number of elements from the margin of the lips to the rim."""
         return sum(self.rings)
 
     @property
@@ -74,7 +74,7 @@ class Grid:
         """Elements (n, 8) in VTK order, rings within rays within layers."""
         here = self.index
         after = np.roll(here, -1, axis=0)
-        # One who looks at the face sees up, left (its left), down run clockwise.
+        # In front view the directions up, left (of the face) and down are clockwise.
         corners = (here[:, :-1], after[:, :-1], after[:, 1:], here[:, 1:])
         quads = np.stack(corners, axis=-1)
         rows = [
@@ -110,19 +110,11 @@ class Grid:
         return np.concatenate([left, left[-2:0:-1]])
 
     def positions(self, skin: Floats, inner: Floats, skin_share: Floats) -> Floats:
-        """Node positions from the two surfaces of the left half.
+        """Node positions (nodes, 3) [m] from the two surfaces of the left half.
 
-        Parameters
-        ----------
-        skin, inner : ndarray, shape (left rays, rings, 3)
-            x counts to the left [m].
-        skin_share : ndarray, shape (left rays, rings)
-            Thickness of the outer layer over the whole.
-
-        Returns
-        -------
-        ndarray, shape (nodes, 3)
-            x counts to the right [m].
+        `skin` and `inner` (left rays, rings, 3) [m] have x positive to the left, the result to the
+        right; `skin_share` (left rays, rings) is the thickness of the outer layer relative to the
+        total.
         """
         below = (1.0 - skin_share)[..., None]
         sheets = [inner, inner + 0.5 * below * (skin - inner), inner + below * (skin - inner), skin]
@@ -136,8 +128,8 @@ class Grid:
 def refined_grid(k: int) -> Grid:
     """Coarse grid with every edge of its surface divided into k: 24 k rays, 8 k rings.
 
-    The named resolutions space their rings by need; these are refined in proportion, as a study of
-    convergence wants it. Raises FaceError if k is below 1.
+    In contrast to the named resolutions, these grids are refined proportionally, for convergence
+    studies. Raises FaceError if k is below 1.
     """
     if k < 1:
         raise FaceError(f"the refinement of the grid is {k}, expected a number >= 1")
@@ -145,21 +137,9 @@ def refined_grid(k: int) -> Grid:
 
 
 def make_grid(resolution: str | int | Grid) -> Grid:
-    """Choose rays and rings for a resolution.
+    """Return the grid for a name of `RESOLUTIONS` or an approximate number of elements.
 
-    Parameters
-    ----------
-    resolution : str, int or Grid
-        A name of `RESOLUTIONS`, about how many elements, or the grid itself.
-
-    Returns
-    -------
-    Grid
-
-    Raises
-    ------
-    FaceError
-        The name is unknown or the number below 400 or above 200 000.
+    Raises FaceError if the name is unknown or the number below 400 or above 200 000.
     """
     if isinstance(resolution, Grid):
         return resolution

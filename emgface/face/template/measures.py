@@ -27,20 +27,10 @@ def _middle(name: str) -> float:
 class Measures:
     """Measures of one person [m]; the defaults are midway between the means of men and women.
 
-    `emgface.face.template.norms.NORMS` describes every field; two more make the sides differ.
-
-    Attributes
-    ----------
-    width_asymmetry : float
-        Excess of the width of the right side over the left, over their mean [1].
-    droop : float
-        How far the left mouth corner hangs below the right [m].
-
-    Raises
-    ------
-    FaceError
-        A measure is not finite, lies outside its bounds or contradicts another; the message names
-        it.
+    `emgface.face.template.norms.NORMS` describes the fields. In addition, `width_asymmetry` is the
+    difference of the widths of the right and the left side over their mean [1], and `droop` the
+    height of the right mouth corner above the left [m]. Raises FaceError, with the measure, if one
+    is not finite, is outside its bounds or contradicts another.
     """
 
     mouth_width: float = _middle("mouth_width")
@@ -114,13 +104,7 @@ class Measures:
             )
 
     def with_values(self, values: Mapping[str, float]) -> "Measures":
-        """Return these measures with some replaced.
-
-        Raises
-        ------
-        FaceError
-            A name is unknown, or as the class.
-        """
+        """Return these measures with some replaced; FaceError if a name is unknown, or as the class."""
         for name in values:
             bounds(name)
         return replace(self, **values)
@@ -142,13 +126,7 @@ def least_usual(measures: Measures) -> str:
 
 
 def bounds(name: str) -> tuple[float, float]:
-    """Smallest and largest accepted value of a measure.
-
-    Raises
-    ------
-    FaceError
-        There is no such measure.
-    """
+    """Smallest and largest accepted value of a measure; FaceError if it does not exist."""
     if name in _WITHOUT_NORM:
         return _WITHOUT_NORM[name]
     if name not in _BY_NAME:
@@ -159,23 +137,11 @@ def bounds(name: str) -> tuple[float, float]:
 
 
 def parse_measures(settings: list[str]) -> dict[str, float]:
-    """Read settings such as ``mouth_width=52mm``.
+    """Read settings such as ``mouth_width=52mm`` as values in SI units, by name.
 
-    Parameters
-    ----------
-    settings : list of str
-        Each ``name=value`` with a unit of length (m, cm, mm, um); `width_asymmetry` has none.
-
-    Returns
-    -------
-    dict
-        Values in SI by name, for `Measures.with_values`.
-
-    Raises
-    ------
-    FaceError
-        A setting is no ``name=value``, its name unknown or given twice, its value no number, or its
-        unit absent or no length.
+    Each setting is ``name=value`` with a unit of length (m, cm, mm, um); `width_asymmetry` has
+    none. Raises FaceError if a setting is not ``name=value``, its name is unknown or repeated, its
+    value is not a number, or its unit is missing or not a length.
 
     Examples
     --------

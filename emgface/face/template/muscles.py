@@ -3,7 +3,7 @@
 A course is a row of points in the chart with their depth, from 0 on the inner surface to 1 on the
 skin. Sources of the courses: Standring (ed.), Gray's Anatomy, chapter Face and scalp (origins,
 insertions, layers); Stavness et al., Coupled biomechanical modeling of the face (the set of
-muscles, rings of orbicularis oris as closed loops). Depths and the split into fibres are chosen.
+muscles, rings of orbicularis oris as closed loops). Depths and the division into fibres are chosen.
 """
 
 from collections.abc import Mapping
@@ -60,7 +60,7 @@ Course = tuple[tuple[float, float, float], ...]
 class Muscles:
     """Fibres and elements of both sides of a symmetric face.
 
-    `shifted` is the largest shift of each muscle's ends along the skin that was applied [m].
+    `shifted` is the largest shift of the ends of each muscle along the skin [m].
     """
 
     fibres: list[Fibre]
@@ -72,12 +72,9 @@ class Muscles:
 class CourseShift:
     """Deviations of one person's muscle courses from those of the template.
 
-    Attributes
-    ----------
-    origin, insertion : mapping of str to (float, float)
-        Shift (xi, tau) of either end of each muscle in the chart [m]; between them it is linear. Of
-        orbicularis oris the tau of the insertion counts: the peripheral part begins so much further
-        out or in, while the marginal part stays within the vermilion.
+    `origin` and `insertion` are the shift (xi, tau) of the ends of each muscle in the chart [m],
+    with linear interpolation between them. For orbicularis oris, the tau of the insertion shifts
+    the inner edge of the peripheral part; the marginal part remains within the vermilion.
     """
 
     origin: Mapping[str, tuple[float, float]]
@@ -98,18 +95,9 @@ def draw_course_shift(rng: np.random.Generator, deviation: float) -> CourseShift
 
 
 def courses(m: Measures, corner: float) -> dict[str, tuple[Course, ...]]:
-    """Fibres of the left side from origin to insertion, in the chart.
+    """Fibres of the left side from origin to insertion, rows of (xi [m], tau [m], depth [1]).
 
-    Parameters
-    ----------
-    m : Measures
-    corner : float
-        Half width of the mouth along the skin [m].
-
-    Returns
-    -------
-    dict
-        Muscle to its fibres, each a row of (xi [m], tau [m], depth [1]).
+    `corner` is the half width of the mouth along the skin [m].
     """
     top, nose, chin, wide = m.upper_lip_height, m.nose_height, m.chin_height, m.face_width
     lower = m.lower_lip_height
@@ -219,29 +207,11 @@ def place_muscles(
 ) -> Muscles:
     """Fibres and muscle elements of a symmetric face.
 
-    A muscle fills a share of each element: that within the radius of its fibres, or all of it in the
-    rings. The skin layer belongs to no muscle. Elements of the rings point along the ring.
-
-    Parameters
-    ----------
-    surfaces : Surfaces
-    grid : Grid
-    position : ndarray, shape (nodes, 3)
-        Positions of the symmetric face, x to the right [m].
-    radius : float
-        Distance from a fibre [m].
-    shift : CourseShift, optional
-        How a person's courses differ from those of `courses`; a shift that would carry a point out of
-        the tissue is halved until it does not, or left out.
-
-    Returns
-    -------
-    Muscles
-
-    Raises
-    ------
-    FaceError
-        A point of a muscle lies outside the tissue; the message names muscle and point.
+    A muscle fills a fraction of each element: that within `radius` [m] of its fibres, or all of it
+    in the rings. The skin layer belongs to no muscle. The direction of elements of the rings is
+    along the ring. A `shift` of a course that would move a point out of the tissue is halved until
+    it does not, or omitted. Raises FaceError, with muscle and point, if a point of a muscle is
+    outside the tissue.
     """
     centres = element_centres(position, grid.connectivity)
     ray, ring = grid.element_place
@@ -303,11 +273,11 @@ def _moved(course: Course, ends: Floats) -> Course:
 
 
 def _inner_edge(m: Measures, shift: float) -> float:
-    """Ring at which the peripheral part of orbicularis oris begins, a shift [m] further out."""
+    """Ring at which the peripheral part of orbicularis oris begins, shifted outwards by `shift` [m]."""
     low, high = RINGS["OOP"]
     length = m.upper_lip_height - m.upper_vermilion_height
     moved = low + shift / length * (PERIORAL - VERMILION)
-    # At least half of the part is left, and none of it lies in the vermilion.
+    # At least half of the part remains, and it does not extend into the vermilion.
     return float(np.clip(moved, VERMILION, low + 0.5 * (high - low)))
 
 

@@ -1,8 +1,8 @@
-"""Norms of the lower face: means and spreads in millimetres, with sources and standing.
+"""Norms of the lower face: means and standard deviations in millimetres, with their sources.
 
-Every number has a source, and a standing that states how it was verified. "found": means and
-deviations stand in the table that is named. "assumption": the number is quoted from the literature
-without access to the source, was derived, or was chosen; the note says which.
+The standing of each number states how it was verified. "found": means and deviations are in the
+cited table. "assumption": the number is quoted from the literature without access to the source,
+was derived, or was chosen, as stated in the note.
 """
 
 from dataclasses import dataclass
@@ -39,15 +39,15 @@ class Norm:
     name : str
         Field of `Measures`.
     landmarks : str
-        What is measured between.
+        Landmarks between which it is measured.
     men, women : tuple of float
         Mean and standard deviation [mm].
     bounds : tuple of float
-        Smallest and largest value accepted [mm].
+        Smallest and largest accepted value [mm].
     source : str
-        Where the numbers come from.
+        Source of the numbers.
     standing : {"found", "assumption"}
-        Whether they were found there, see the module.
+        Verification of the numbers, see the module.
     note : str
         Further remarks.
     """
@@ -135,13 +135,7 @@ NORMS: Final = (
 
 
 def norms_table() -> pd.DataFrame:
-    """Every measure with means, standard deviations, bounds [mm], source, standing and note.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Index `measure`.
-    """
+    """Means, standard deviations, bounds [mm], source, standing and note of every measure."""
     rows = {
         norm.name: {
             "between": norm.landmarks,

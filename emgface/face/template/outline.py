@@ -1,15 +1,15 @@
 """Chart of the lower face, with the closed curves of the grid.
 
-The chart is a flat map of the skin: xi runs laterally along the skin from the midline (left is
-positive here; the right side is its mirror image), tau along the midline profile, with tau = 0 at
-the mouth and up positive; both [m]. Rays leave the mouth slit, rings surround it. A point is named
-by its ray, q from 0 (midline) to 1 (mouth corner) of the upper (lip = 1) or lower lip (lip = -1),
-and its ring, s from 0 (margin of the lip) to 1 (rim of the face).
+The chart is a flat map of the skin: xi is measured laterally along the skin from the midline (left
+is positive; the right side is its mirror image), tau along the midline profile, with tau = 0 at the
+mouth and up positive; both [m]. Rays start at the mouth slit, rings surround it. The coordinates of
+a point are its ray, q from 0 (midline) to 1 (mouth corner) of the upper (lip = 1) or lower lip (lip
+= -1), and its ring, s from 0 (margin of the lip) to 1 (rim of the face).
 
-Five curves, each a function of the ray, carry the rings: margin of the lips, vermilion border,
-border of the perioral region (subnasale, nasolabial fold, mentolabial sulcus), middle of the face
-(side of the nose, cheek, chin) and rim (nasion, below the orbit, ear, angle of the jaw, submental
-skin).
+The rings are interpolated between five curves, each a function of the ray: margin of the lips,
+vermilion border, border of the perioral region (subnasale, nasolabial fold, mentolabial sulcus),
+middle of the face (side of the nose, cheek, chin) and rim (nasion, below the orbit, ear, angle of
+the jaw, submental skin).
 """
 
 from typing import Final
@@ -39,27 +39,14 @@ _BOW_WIDTH: Final = 3.2e-3
 
 
 def lateral_share(q: Floats) -> Floats:
-    """Lateral position of a ray on the margin of the lips, over the half width of the mouth."""
+    """Lateral position of a ray on the margin of the lips, relative to the half width of the mouth."""
     return (1.0 - _EVEN_SHARE) * np.sin(0.5 * np.pi * q) + _EVEN_SHARE * q
 
 
 def chart(measures: Measures, half_width: float, q: Floats, lip: Floats, s: Floats) -> Floats:
-    """Position of every ray and ring in the chart.
+    """Position (rays, rings, 2) of every ray and ring in the chart: xi and tau [m].
 
-    Parameters
-    ----------
-    measures : Measures
-    half_width : float
-        Half width of the mouth along the skin [m].
-    q, lip : ndarray, shape (rays,)
-        Ray and lip (1 upper, -1 lower).
-    s : ndarray, shape (rings,)
-        Ring from 0 to 1.
-
-    Returns
-    -------
-    ndarray, shape (rays, rings, 2)
-        xi and tau [m].
+    `half_width` is that of the mouth along the skin [m]; `lip` is 1 for upper and -1 for lower.
     """
     knots = np.stack(_curves(measures, half_width, q, lip))
     return np.moveaxis(PchipInterpolator(CURVES, knots, axis=0)(s), 0, 1)
@@ -71,8 +58,8 @@ def _curves(m: Measures, half_width: float, q: Floats, lip: Floats) -> list[Floa
     angle = 0.5 * np.pi * q
     upper = lip > 0
 
-    # Blunt ends keep the angle between the lips at the corner away from zero, all the more so
-    # where the lips are close.
+    # Blunt ends keep the angle between the lips at the corner above zero, which is required
+    # particularly for closed lips.
     blunt = 4.0 * np.clip(_OPEN / m.lip_gap, 1.0, 3.0)
     slit = 0.5 * m.lip_gap * np.sqrt(np.clip(1.0 - share**blunt, 0.0, None))
     margin = _curve(half_width * share, lip * slit)
@@ -107,7 +94,7 @@ def _curves(m: Measures, half_width: float, q: Floats, lip: Floats) -> list[Floa
         lip,
         power=2.5,
     )
-    # Below the eye the rim dips to the orbit.
+    # Below the eye the rim is lowered to the orbit.
     across = (rim[:, 0] / m.face_width - 0.29) / 0.17
     orbit = np.exp(-(across**2)) - np.exp(-((0.29 / 0.17) ** 2))
     rim[:, 1] -= np.where(upper, 0.27 * m.nose_height * orbit, 0.0)

@@ -1,6 +1,6 @@
 """Relief of lips, nose, cheeks and chin on the smooth head, and thickness of the tissue.
 
-Places are (..., 2) in the chart (xi, tau), lengths in metres; `corner` is the half width of the
+Positions are (..., 2) in the chart (xi, tau), lengths in metres; `corner` is the half width of the
 mouth along the skin.
 """
 
@@ -103,7 +103,7 @@ def _fold(m: Measures, xi: Floats, tau: Floats, corner: float) -> Floats:
 
 
 def philtrum(m: Measures, place: Floats) -> Floats:
-    """Crests of the philtrum and the groove between them, on the skin alone [m]."""
+    """Crests of the philtrum and the groove between them, on the skin only [m]."""
     aside = np.abs(place[..., 0]) / (0.5 * m.philtrum_width)
     along = place[..., 1] / m.upper_lip_height
     between = _bump((along - 0.66) / 0.24) * (place[..., 1] > 0.0)
@@ -111,11 +111,11 @@ def philtrum(m: Measures, place: Floats) -> Floats:
 
 
 def nose(m: Measures, place: Floats) -> Floats:
-    """Displacement (..., 3) of the nose [m]: columella, tip and dorsum, wings, dimpled nostrils."""
+    """Displacement (..., 3) of the nose [m]: columella, tip, dorsum, wings and nostrils."""
     height = np.clip((place[..., 1] - m.upper_lip_height) / m.nose_height, -0.2, 1.5)
     aside = np.abs(place[..., 0]) / (0.5 * m.nose_width)
     across = np.exp(-((aside / _RIDGE_WIDTH(height)) ** 2.6))
-    # The wing: steep towards the cheek, where its crease lies.
+    # The wing is steep towards the cheek, at its crease.
     span = np.where(aside > 0.76, 0.26, 0.42)
     wing = _bump((aside - 0.76) / span) * _bump(
         (height - 0.17) / np.where(height > 0.17, 0.15, 0.11)

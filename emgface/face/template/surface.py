@@ -1,9 +1,8 @@
 """Skin and inner surface of the template, as maps from the chart to space.
 
-The head is a stack of half ellipses about the axis between the ears, one for every place tau on the
-midline profile; the nose, the lips, the chin and the cheekbones are added to it as relief. The
-inner surface lies below it by the thickness of the tissue. Frame: y = 0 at the tragia, z = 0
-between the lips.
+The head is a stack of half ellipses about the axis between the ears, one for every tau on the
+midline profile; nose, lips, chin and cheekbones are added to it as relief. The inner surface is
+below it by the thickness of the tissue. Frame: y = 0 at the tragia, z = 0 between the lips.
 """
 
 from dataclasses import dataclass
@@ -47,12 +46,7 @@ _PLACE_TOLERANCE: Final = 1e-5
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Both surfaces of the left half of a face.
-
-    Attributes
-    ----------
-    measures : Measures
-    """
+    """Both surfaces of the left half of a face, from its measures."""
 
     measures: Measures
 
@@ -130,7 +124,7 @@ class Surfaces:
         m = self.measures
         y, z = np.moveaxis(self._profile[0](tau), -1, 0)
         angle = np.interp(np.abs(xi), self._angle[1], self._angle[0]) * np.sign(xi)
-        # The rise of the jaw begins below the mouth and, towards the ear, above it.
+        # The jaw begins to rise below the mouth in the midline, and above it towards the ear.
         begin = 0.012 + 0.028 * np.clip(np.abs(xi) / (0.75 * m.face_width), 0.0, 1.0) ** 2
         fade = _smooth_step((begin - tau) / (begin - self.tau_gnathion))
         rise = m.jaw_rise * (np.abs(xi) / (0.75 * m.face_width)) ** 1.8 * fade
@@ -139,8 +133,8 @@ class Surfaces:
     def normals(self, place: Floats) -> Floats:
         """Outward unit directions (..., 3) through the tissue.
 
-        Normals of the head without relief, averaged along the profile: at the turn of the chin the
-        true normals would meet within the tissue.
+        They are normals of the head without relief, averaged along the profile, because true
+        normals would intersect within the tissue at the curvature of the chin.
         """
         window = _NORMAL_WINDOW * np.linspace(-1.0, 1.0, 5)
         mean = sum(self._normals(place + [0.0, shift]) for shift in window)
@@ -153,24 +147,13 @@ class Surfaces:
             for k in (0, 1)
         ]
         normal = np.cross(along[0], along[1])
-        # x counts to the left here, so the frame is left-handed; outward is away from the axis.
+        # With x to the left the frame is left-handed; outward normals point away from the axis.
         outward = self.head(place) * [1.0, 1.0, 0.0]
         normal *= np.sign(np.einsum("...i,...i", normal, outward))[..., None]
         return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
     def sheets(self, q: Floats, lip: Floats, s: Floats) -> tuple[Floats, Floats]:
-        """Skin and inner surface.
-
-        Parameters
-        ----------
-        q, lip : ndarray, shape (rays,)
-        s : ndarray, shape (rings,)
-
-        Returns
-        -------
-        skin, inner : ndarray, shape (rays, rings, 3)
-            x counts to the left [m].
-        """
+        """Skin and inner surface (rays, rings, 3) at rays and rings, with x positive to the left [m]."""
         place = self.places(q, lip, s)
         head, normal = self.head(place), self.normals(place)
         m, corner = self.measures, self.mouth_half_width
@@ -184,24 +167,10 @@ class Surfaces:
         return skin, inner
 
     def points(self, place: Floats, depth: Floats) -> Floats:
-        """Points of the left half at positions in the chart.
+        """Points (n, 3) [m] of the left half at positions (n, 2) in the chart, with x to the right.
 
-        Parameters
-        ----------
-        place : ndarray, shape (n, 2)
-            xi and tau [m].
-        depth : ndarray, shape (n,)
-            0 on the inner surface, 1 on the skin.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            x counts to the right, so it is negative here [m].
-
-        Raises
-        ------
-        FaceError
-            A place lies outside the tissue.
+        `depth` (n,) is 0 on the inner surface and 1 on the skin. Raises FaceError if a position is
+        outside the tissue.
         """
         q, lip, s = self._find(place)
         skin, inner = self.sheets(q, lip, s)
@@ -221,7 +190,7 @@ class Surfaces:
         q, s = q_lattice[nearest // 49], s_lattice[nearest % 49]
         own, step = np.arange(len(place)), 1e-6
         for _ in range(_NEWTON_STEPS):
-            # Differences to the inside, for the chart ends at 0 and 1.
+            # One-sided differences towards the interior, because the chart ends at 0 and 1.
             dq, ds = np.where(q > 0.5, -step, step), np.where(s > 0.5, -step, step)
             here = self.places(q, lip, s)[own, own]
             by_q = (self.places(q + dq, lip, s)[own, own] - here) / dq[:, None]

@@ -62,22 +62,7 @@ PRESETS: Final[Mapping[str, str]] = {
 
 
 def preset_measures(preset: str = "adult") -> Measures:
-    """Mean measures of a group.
-
-    Parameters
-    ----------
-    preset : str
-        A name of `PRESETS`.
-
-    Returns
-    -------
-    Measures
-
-    Raises
-    ------
-    FaceError
-        The name is unknown.
-    """
+    """Mean measures of a group of `PRESETS`; FaceError if its name is unknown."""
     mean, _ = _distribution(preset)
     return Measures(**mean)
 
@@ -89,32 +74,15 @@ def random_measures(
     spread: float = 1.0,
     asymmetry: float = 0.0,
 ) -> Measures:
-    """Draw the measures of one person of a group.
+    """Draw the measures of one person of a group; equal seeds result in the same person.
 
-    Every measure is drawn independently from a normal distribution cut at 2.5 standard deviations;
-    correlations between measures are not published for this set and are left out. A person whose
-    measures contradict each other (see `Measures`) is drawn again.
-
-    Parameters
-    ----------
-    seed : int or sequence of int
-        The same seed gives the same person.
-    preset : str
-        A name of `PRESETS`; "adult" draws from women and men in equal shares.
-    spread : float
-        Factor on the standard deviations, at least 0.
-    asymmetry : float
-        Factor on the standard deviations of `ASYMMETRY`, at least 0; 0 draws symmetric people and
-        leaves their other measures as they are.
-
-    Returns
-    -------
-    Measures
-
-    Raises
-    ------
-    FaceError
-        The name is unknown, the spread or the asymmetry negative or so wide that no person is possible.
+    Every measure is drawn independently from a normal distribution truncated at 2.5 standard
+    deviations; correlations between measures are not published for this set and are omitted. A
+    person whose measures contradict each other (`Measures`) is drawn again. `preset` is a name of
+    `PRESETS`; "adult" draws women and men with equal probability. `spread` is a factor on the
+    standard deviations, and `asymmetry` one on those of `ASYMMETRY`; 0 does not change the other
+    measures. Raises FaceError if the name is unknown, or a factor is negative or so large that no
+    person is possible.
     """
     if not spread >= 0.0:
         raise FaceError(f"the spread of the volunteers is {spread}, expected a number >= 0")

@@ -1,9 +1,11 @@
 """Readers of recordings, one module per format.
 
-A module here with ``SUFFIXES`` (lower case, with the dot), ``FORMAT`` (a few words) and
-``read(path, units)`` is registered without further code. ``read`` returns a recording under the
-labels of the file, in SI; ``units`` overrides the unit that the file states for ``emg`` or
-``position``. Two functions are optional: ``is_recording(path)`` returns False for a file of the
-suffix that is evidently something else, and ``companions(path)`` returns the further files of which
-a recording consists. Modules whose names begin with an underscore are not readers.
+A module with ``SUFFIXES`` (lower case, with the dot), ``FORMAT`` (a few words) and ``read(path,
+units)`` is registered without further code. ``read`` returns a recording with the labels of the
+file, in SI; ``units`` overrides the unit stated in the file for ``emg`` or ``position``, and
+channels that are not read are listed, with reasons, in the attribute ``dropped``. It raises
+DataError if the file is damaged, truncated or of another format, and UnitsError if a unit is
+missing or of another quantity. Two functions are optional: ``is_recording(path)`` returns False for
+a file with the suffix but other contents, and ``companions(path)`` returns further files of the
+recording. Modules whose names begin with an underscore are not readers.
 """

@@ -1,4 +1,4 @@
-"""Read arrays of MATLAB and HDF5 files by the name of their variable."""
+"""Arrays of MATLAB and HDF5 files, read by the name of their variable."""
 
 import struct
 from collections.abc import Iterator
@@ -25,25 +25,11 @@ _MATLAB = b"MATLAB 7.3"
 
 
 def read_array(path: Path, name: str) -> np.ndarray:
-    """Return a numeric variable.
+    """Return a numeric variable as float64, with the dims as in MATLAB (or in the HDF5 file).
 
-    Parameters
-    ----------
-    path : Path
-        MATLAB file of version 4 to 7.3, or any HDF5 file.
-    name : str
-        Variable; fields of a structure follow after ``.``, members of an HDF5 group after ``/``.
-
-    Returns
-    -------
-    ndarray
-        The numbers as float64, with the dims as MATLAB (or, for other HDF5 files, the file) has
-        them.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged or has no such variable, or it holds no real numbers.
+    The file is MATLAB of version 4 to 7.3 or HDF5; fields of a structure follow after ``.``,
+    members of an HDF5 group after ``/``. Raises DataError if the file is damaged, has no such
+    variable, or it does not contain real numbers.
     """
     value = _value(path, name)
     array = np.asarray(value)
@@ -56,24 +42,9 @@ def read_array(path: Path, name: str) -> np.ndarray:
 
 
 def read_texts(path: Path, name: str) -> list[str]:
-    """Return a variable of texts: a cell array of names, or rows of characters.
+    """Return a variable of texts, without blanks around them: a cell array, or rows of characters.
 
-    Parameters
-    ----------
-    path : Path
-        MATLAB or HDF5 file.
-    name : str
-        Variable, as for `read_array`.
-
-    Returns
-    -------
-    list of str
-        The texts, without blanks around them.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged or has no such variable, or it holds no text.
+    Raises DataError if the file is damaged, has no such variable, or it contains no text.
     """
     texts = list(_texts(_value(path, name, texts=True)))
     if not texts:
@@ -99,7 +70,7 @@ def _value(path: Path, name: str, *, texts: bool = False) -> Any:
         start = stream.read(520)
     matlab = start.startswith(_MATLAB)
     try:
-        # Parsers of binary formats raise whatever the damage leads them to.
+        # Parsers of binary formats may raise any exception for a damaged file.
         if matlab or start.startswith(_HDF5):
             return isolated(path, parse_hdf5, path, name, matlab=matlab, texts=texts)
         _check_elements(path)
@@ -120,11 +91,11 @@ def _value(path: Path, name: str, *, texts: bool = False) -> Any:
 
 
 def _check_elements(path: Path) -> None:
-    """Refuse a file of version 5 whose last variable is cut; scipy reads those before it."""
+    """Refuse a file of version 5 whose last variable is truncated, which scipy would not detect."""
     data = path.read_bytes()
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
-        return  # version 4, which says nothing of its length
+        return  # version 4, which does not state its length
     at = 128
     while at + 8 <= len(data):
         at += 8 + struct.unpack_from(f"{order}I", data, at + 4)[0]

@@ -15,12 +15,9 @@ from emgface.schema.units import quantity_of, spelling, to_si
 class Part(NamedTuple):
     """EMG or markers of a file, with the record of its labels.
 
-    Attributes
-    ----------
-    data : xarray.Dataset or None
-        Result of `emg_array` or `position_array`; None where the file holds none.
-    units, dropped, names : mapping of str to str
-        Variable to unit in the file; what was left out, and why; name here to label in the file.
+    `data` is the result of `emg_array` or `position_array`, or None. The mappings contain the
+    `units` of variables in the file, the `dropped` labels with the reason, and by new name the
+    `names` in the file.
     """
 
     data: xr.Dataset | None = None
@@ -30,28 +27,9 @@ class Part(NamedTuple):
 
 
 def emg_array(values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit: str) -> xr.Dataset:
-    """Return EMG in volts.
+    """Return ``emg(channel, time_emg)`` [V] from values (channels, samples) in a unit.
 
-    Parameters
-    ----------
-    values : ndarray, shape (channels, samples)
-        Samples in `unit`.
-    labels : sequence of str
-        One per channel, each once.
-    time : ndarray, shape (samples,)
-        Instants [s].
-    unit : str
-        Unit of the values, in any known spelling.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``emg(channel, time_emg)`` [V].
-
-    Raises
-    ------
-    UnitsError
-        If the unit is absent or not a voltage.
+    Raises UnitsError if the unit is absent or not a voltage.
     """
     coords = {"channel": list(labels), "time_emg": ("time_emg", time, {"units": "s"})}
     array = xr.DataArray(values, coords, ("channel", "time_emg"), "emg", {"units": unit})
@@ -61,28 +39,10 @@ def emg_array(values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit:
 def position_array(
     values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit: str
 ) -> xr.Dataset:
-    """Return marker positions in metres.
+    """Return ``position(marker, axis, time_marker)`` [m] from values (markers, 3, frames) in a unit.
 
-    Parameters
-    ----------
-    values : ndarray, shape (markers, 3, frames)
-        Positions in `unit`; NaN where a marker was not seen.
-    labels : sequence of str
-        One per marker, each once.
-    time : ndarray, shape (frames,)
-        Instants [s].
-    unit : str
-        Unit of the values, in any known spelling.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``position(marker, axis, time_marker)`` [m].
-
-    Raises
-    ------
-    UnitsError
-        If the unit is absent or no length.
+    Values are NaN where a marker is not visible. Raises UnitsError if the unit is absent or not a
+    length.
     """
     coords = {
         "marker": list(labels),
@@ -104,30 +64,9 @@ def voltages(
 ) -> Part:
     """Return the channels that are voltages, each converted from its own unit.
 
-    Parameters
-    ----------
-    values : sequence of ndarray, each of shape (samples,)
-        Samples of each channel.
-    labels : sequence of str
-        One per channel, each once.
-    found : sequence of str
-        Unit of each channel in the file, empty where it names none.
-    time : ndarray, shape (samples,)
-        Instants [s].
-    unit : str or None
-        Unit that replaces all of `found`.
-    names : mapping of str to str
-        Labels that were changed, from `unique_labels`.
-
-    Returns
-    -------
-    Part
-        EMG in volts; channels of another quantity are named in ``dropped``.
-
-    Raises
-    ------
-    UnitsError
-        If no channel names a unit and none is given.
+    `found` is the unit of each channel in the file (possibly empty), and `unit` replaces all of
+    them. `names` are the labels that were changed (`unique_labels`). Channels of another quantity
+    are listed in ``dropped``. Raises UnitsError if no channel has a unit and none is specified.
     """
     dropped: dict[str, str] = {}
     keep: list[int] = []
@@ -158,26 +97,10 @@ def voltages(
 def assemble_parts(
     parts: Sequence[Part], *, origin: str = "measured", device: str = ""
 ) -> xr.Dataset:
-    """Combine parts and their records, see `assemble`.
+    """Combine parts of one trial and their records (`assemble`).
 
-    Parameters
-    ----------
-    parts : sequence of Part
-        EMG and markers of one trial.
-    origin : str
-        ``measured`` or ``simulated``.
-    device : str
-        Recording device, if the file specifies it; otherwise empty.
-
-    Returns
-    -------
-    xarray.Dataset
-        The recording.
-
-    Raises
-    ------
-    DataError
-        If no part holds data.
+    `device` is the recording device, if stated in the file. Raises DataError if no part contains
+    data.
     """
     united = assemble(
         [part.data for part in parts if part.data is not None],
@@ -199,28 +122,9 @@ def assemble(
 ) -> xr.Dataset:
     """Combine EMG and positions, with the record of the contents of the file.
 
-    Parameters
-    ----------
-    parts : sequence of xarray.Dataset
-        Results of `emg_array` and `position_array`.
-    original_names : mapping of str to str
-        Name here to label in the file, where they differ.
-    original_units : mapping of str to str
-        Variable to its unit in the file.
-    dropped : mapping of str to str
-        What the file held and the recording does not, with the reason.
-    origin : str
-        ``measured`` or ``simulated``.
-
-    Returns
-    -------
-    xarray.Dataset
-        The recording.
-
-    Raises
-    ------
-    DataError
-        If there is no part.
+    `original_names` maps new names to labels in the file, if they differ, `original_units`
+    variables to units, and `dropped` contents that are not read to the reason. Raises DataError if
+    there is no part.
     """
     if not parts:
         reasons = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:3])
@@ -241,21 +145,9 @@ def assemble(
 
 
 def unique_labels(labels: Sequence[str], stem: str) -> tuple[list[str], dict[str, str]]:
-    """Return stripped labels, with names for empty and numbers for repeated ones.
+    """Return stripped, unique labels, and by new label those of the file that were changed.
 
-    Parameters
-    ----------
-    labels : sequence of str
-        Labels of a file.
-    stem : str
-        Name for those that are empty.
-
-    Returns
-    -------
-    list of str
-        Unique labels.
-    dict of str to str
-        New label to the one in the file, where they differ.
+    Empty labels are replaced by `stem`, and repeated ones are numbered.
     """
     result: list[str] = []
     changed: dict[str, str] = {}

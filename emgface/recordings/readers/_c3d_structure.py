@@ -1,8 +1,8 @@
 """Consistency check of the sections of a C3D file, before it is parsed.
 
-The parser is compiled code that takes counts and offsets as they come: a damaged one makes it
-allocate without bound, or crash. Source: C3D.org, The C3D file format user guide, 2008: header of
-256 words, chain of group and parameter records, frames of points and analog samples.
+The parser is compiled code that does not check counts and offsets; damaged ones may cause a crash
+or unbounded allocation. Source: C3D.org, The C3D file format user guide, 2008: header of 256 words,
+chain of group and parameter records, frames of points and analog samples.
 """
 
 import struct
@@ -28,18 +28,7 @@ class _Record(NamedTuple):
 
 
 def check_structure(path: Path) -> None:
-    """Refuse a C3D file with inconsistent sections.
-
-    Parameters
-    ----------
-    path : Path
-        C3D file.
-
-    Raises
-    ------
-    DataError
-        With what was found and what was expected.
-    """
+    """Raise DataError if the sections of a C3D file are inconsistent."""
     data = path.read_bytes()
     if len(data) < 2 * _BLOCK or data[1] != 0x50 or data[0] < 2:
         raise _error(path, f"has {len(data)} bytes and begins with {data[:2]!r}", "a header")
@@ -131,7 +120,7 @@ def _check_counts(
         raise _error(path, f"begins its data at block {block} and {start}", "one place")
     needed = [("POINT", "SCALE", 1), ("POINT", "RATE", 1)] if points else []
     if channels:
-        each = min(channels, 255)  # more go on in SCALE2
+        each = min(channels, 255)  # further ones are in SCALE2
         needed += [("ANALOG", "GEN_SCALE", 1), ("ANALOG", "RATE", 1)]
         needed += [("ANALOG", "SCALE", each), ("ANALOG", "OFFSET", each)]
     for group, name, least in needed:
@@ -140,7 +129,7 @@ def _check_counts(
             raise _error(path, f"has no {group}:{name} of {least} numbers", "one for each channel")
     frames = last - first + 1 if last >= first else 0
     width = 4 * points + per_frame
-    # 2 bytes where integers are stored; more frames than 16 bits hold are told elsewhere.
+    # Integers have 2 bytes; numbers of frames beyond 16 bits are stored elsewhere.
     if (block - 1) * _BLOCK > len(data) or (width == 0 and frames > 1 and last != 65535):
         raise _error(path, f"begins its data at byte {(block - 1) * _BLOCK} of {len(data)}", "data")
 

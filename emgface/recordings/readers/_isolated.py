@@ -1,8 +1,8 @@
 """Calls of compiled parsers in a child process with limits of memory and time.
 
-Compiled parsers of binary formats may end the process that calls them when a file is damaged: a
-segmentation fault cannot be caught. Such a parser therefore runs in one child process that is
-started at its first use, serves all later calls, and is started again after it has died.
+Compiled parsers of binary formats may terminate their process if a file is damaged: a segmentation
+fault cannot be caught. Such a parser therefore runs in a child process, which is started at the
+first call, serves all later calls, and is restarted after a crash.
 """
 
 import atexit
@@ -32,28 +32,11 @@ _START = "from emgface.recordings.readers._isolated import serve; serve()"
 
 
 def isolated(path: Path, function: Callable[P, T], /, *arguments: P.args, **options: P.kwargs) -> T:
-    """Call a function of a module in the child process.
+    """Call a function of a module in the child process, and return its result.
 
-    Parameters
-    ----------
-    path : Path
-        File that the function reads; its size decides the limits, its name stands in messages.
-    function : callable
-        Function of a module. Arguments and result are pickled.
-    *arguments, **options
-        What it is called with.
-
-    Returns
-    -------
-    object
-        Its result.
-
-    Raises
-    ------
-    DataError
-        If the child process died, or took longer than its limit.
-    Exception
-        Whatever the function raised.
+    Arguments and result are pickled. The size of the file `path` determines the limits, and its
+    name is stated in messages. Raises DataError if the child process ended or exceeded a limit, and
+    any exception of the function.
     """
     with _LOCK:
         child = _running()
@@ -77,7 +60,7 @@ def isolated(path: Path, function: Callable[P, T], /, *arguments: P.args, **opti
                 f"{path.name} cannot be read: its parser {why}; expected a complete file: it is "
                 "truncated or damaged, copy or export it again."
             ) from None
-        except BaseException:  # an interruption leaves half an answer in the pipe
+        except BaseException:  # after an interruption the pipe contains an incomplete answer
             _end(child)
             raise
         finally:
@@ -93,7 +76,7 @@ _children: dict[int, "subprocess.Popen[bytes]"] = {}
 
 
 def _running() -> "subprocess.Popen[bytes]":
-    """Return the child process of this process, which is started if there is none."""
+    """Return the child process of this process, starting it if necessary."""
     own = os.getpid()
     child = _children.get(own)
     if child is None or child.poll() is not None:
@@ -147,9 +130,9 @@ def _receive(stream: IO[bytes] | None) -> Any:
 
 def serve() -> None:
     """Answer calls from standard input until it is closed; the main function of the child."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles interruptions
     requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # parsers print; only answers may enter the pipe
+    os.dup2(2, 1)  # the output of parsers must not enter the pipe
     while True:
         try:
             function, arguments, options, size = _receive(requests)
@@ -164,7 +147,7 @@ def serve() -> None:
             _send(answers, answer)
         except BrokenPipeError:
             return
-        except Exception as error:  # what cannot be pickled
+        except Exception as error:  # objects that cannot be pickled
             _send(answers, (False, RuntimeError(f"{type(error).__name__}: {error}")))
 
 

@@ -1,7 +1,7 @@
-"""Read the contents of binary files as arrays and texts by compiled parsers.
+"""Contents of binary files as arrays and texts, read by compiled parsers.
 
-The functions run in the child process of `emgface.recordings.readers._isolated`, which is why this
-module imports nothing but what a parser needs.
+The functions run in the child process of `emgface.recordings.readers._isolated`; this module
+therefore imports only what a parser requires.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ EXPANSION = 1100
 
 
 class AbsentVariable(LookupError):
-    """A file has no variable of a name; ``args`` are the name and the existing names."""
+    """A file has no such variable; ``args`` are the name and the existing names."""
 
 
 class NotAnArray(LookupError):
@@ -24,18 +24,10 @@ class NotAnArray(LookupError):
 
 
 def parse_c3d(path: Path) -> dict[str, Any]:
-    """Return parameters, points and analog samples of a C3D file, as ezc3d reads them.
+    """Return parameters, points and analog samples of a C3D file of checked structure, by ezc3d.
 
-    Parameters
-    ----------
-    path : Path
-        File whose structure has been checked.
-
-    Returns
-    -------
-    dict
-        ``parameters`` (group to name to value), ``points`` (4, points, frames), ``analogs``
-        (1, channels, samples).
+    The keys are ``parameters`` (group to name to value), ``points`` (4, points, frames) and
+    ``analogs`` (1, channels, samples).
     """
     import ezc3d
 
@@ -59,12 +51,7 @@ def parse_c3d(path: Path) -> dict[str, Any]:
 def parse_matlab(path: Path, name: str) -> Any:
     """Return a variable, or a field of one, of a MATLAB file before version 7.3.
 
-    Raises
-    ------
-    AbsentVariable
-        There is no such variable or field.
-    DataError
-        The array is larger than the file can hold.
+    Raises AbsentVariable, or DataError if the array is larger than the file can contain.
     """
     import scipy.io
 
@@ -80,7 +67,7 @@ def parse_matlab(path: Path, name: str) -> Any:
         if field not in known:
             raise AbsentVariable(field, list(known))
         value = value[field]
-        # A structure is an array of objects, of size one where it is no array of structures.
+        # A single structure is an array of one object.
         while isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
             value = value.ravel()[0]
     return value
@@ -89,12 +76,8 @@ def parse_matlab(path: Path, name: str) -> Any:
 def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
     """Return a data set of an HDF5 file, with the order of dims of MATLAB if it wrote the file.
 
-    Raises
-    ------
-    AbsentVariable, NotAnArray
-        There is no such data set.
-    DataError
-        The array is larger than the file can hold.
+    Raises AbsentVariable, NotAnArray, or DataError if the array is larger than the file can
+    contain.
     """
     import h5py
 
@@ -118,24 +101,16 @@ def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
                 cells = list(np.atleast_2d(value.T))
             joined = ["".join(map(chr, cell.ravel(order="F"))) for cell in cells]
             return np.array(joined, dtype=object)
-        if h5py.check_ref_dtype(where.dtype) is not None:  # no number, and cannot be pickled
+        if h5py.check_ref_dtype(where.dtype) is not None:  # not a number, and cannot be pickled
             return np.full(where.shape, "reference", dtype=object)
     return value.T if matlab and isinstance(value, np.ndarray) else value
 
 
 def parse_contents(path: Path) -> dict[str, Any]:
-    """Return what a MATLAB or HDF5 file holds.
+    """Return the variables of a MATLAB or HDF5 file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        ``variables``: name to shape and kind of number (``f``, ``i``, ``u``, ``O`` for texts);
-        ``numbers``: name of a variable or attribute to its value, where it is a single number.
+    ``variables`` contains shape and kind (``f``, ``i``, ``u``, ``O`` for texts) by name,
+    ``numbers`` the variables and attributes that are a single number.
     """
     variables: dict[str, tuple[tuple[int, ...], str]] = {}
     numbers: dict[str, float] = {}
@@ -193,24 +168,12 @@ def _require_room(path: Path, name: str, shape: tuple[int, ...]) -> None:
 
 
 def parse_xdf(path: Path) -> list[dict[str, Any]]:
-    """Return the streams of an XDF file, clocks synchronised and jitter of time stamps removed.
+    """Return the streams of an XDF file, with synchronised clocks and without jitter.
 
-    Parameters
-    ----------
-    path : Path
-        File whose chunks have been checked.
-
-    Returns
-    -------
-    list of dict
-        For each stream of numbers ``name``, ``type``, ``rate`` (nominal [Hz]), ``announced``
-        (samples by the footer, None without one), ``segments`` (runs without a break),
-        ``channels`` (dicts of texts), ``values`` (samples, channels) and ``time`` [s].
-
-    Raises
-    ------
-    ValueError
-        A part of the file could not be read.
+    The dict of each numeric stream contains ``name``, ``type``, ``rate`` (nominal [Hz]),
+    ``announced`` (samples by the footer, None without one), ``segments`` (runs without a break),
+    ``channels`` (dicts of texts), ``values`` (samples, channels) and ``time`` [s]. The chunks of
+    the file have been checked; ValueError is raised if a part cannot be read.
     """
     import logging
 
@@ -222,7 +185,7 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
         def emit(self, record: logging.LogRecord) -> None:
             told.append(record.getMessage())
 
-    # pyxdf leaves out what it cannot read and only logs that it did.
+    # pyxdf omits parts that it cannot read and reports this by logging only.
     collector = Collector(logging.ERROR)
     logging.getLogger("pyxdf").addHandler(collector)
     try:

@@ -1,4 +1,4 @@
-"""Read the tables and arrays specified by a sidecar."""
+"""Tables and arrays specified by a sidecar."""
 
 import codecs
 import gzip
@@ -34,7 +34,7 @@ _MISSING = frozenset({"", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL
 
 
 class Table(Parameters):
-    """Description of one CSV file.
+    """Description of one CSV file, or one array of a MATLAB or HDF5 file.
 
     Attributes
     ----------
@@ -45,20 +45,18 @@ class Table(Parameters):
     rate : float or None
         Sampling rate [Hz]; the alternative to a column of instants.
     time, time_unit : str or None, str
-        Column of instants and its unit.
+        Column (or variable) of instants and its unit.
     delimiter, decimal : str
-        As the file was written, ``;`` and ``,`` in some countries; one character each, which differ.
+        Two different characters, ``;`` and ``,`` in some countries.
     encoding : str
         Encoding of the text: ``utf-8``, ``latin-1``, ``utf-16`` or another one supported by Python. A
         byte order mark at the start of the file takes precedence.
     columns : list of str or None
-        Labels of the columns, where the file names none.
+        Labels of the columns, if the file contains none.
     skip_rows : int
-        Lines of a table before its labels or numbers.
-    variable : str or None
-        Array of a MATLAB or HDF5 file; `time` names a variable then, too.
-    columns_variable : str or None
-        Variable that holds the labels.
+        Number of lines before the labels or numbers of a table.
+    variable, columns_variable : str or None
+        Array of a MATLAB or HDF5 file, and variable of its labels.
     dims : tuple of str
         Dims of that array, in its order: time and channel, or time, marker and axis.
     step, zero : float
@@ -129,30 +127,11 @@ def load_table(
 ) -> tuple[pd.DataFrame, np.ndarray, dict[str, str]]:
     """Return the numbers described by a table of a sidecar.
 
-    Parameters
-    ----------
-    sidecar : Path
-        TOML file that names the table.
-    table : Table
-        How it is read.
-    wanted : mapping or None
-        Columns that are used; others that hold text are left out. None demands numbers in all.
-
-    Returns
-    -------
-    DataFrame
-        One column of float64 for each channel, three for each marker.
-    ndarray
-        Instants [s].
-    dict of str to str
-        Columns left out, with the reason.
-
-    Raises
-    ------
-    DataError
-        If the file is absent or damaged, holds a cell that is no number, or fits the table not.
-    UnitsError
-        If the unit of time is unknown.
+    The table has one column of float64 for each channel, and three for each marker. Returned in
+    addition are the instants [s], and the omitted columns with the reason: those that are not
+    `wanted` may contain text and are then omitted. Raises DataError if the file is absent or
+    damaged, contains a cell that is not a number, or does not fit the description, and UnitsError
+    if the unit of time is unknown.
     """
     path = sidecar.parent / table.file
     dropped: dict[str, str] = {}
@@ -189,7 +168,7 @@ def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     """Return an array as a table of one column per channel, or three per marker."""
     values = read_array(path, str(table.variable))
     if values.ndim == 2 and 1 in values.shape and len(table.dims) == 2:
-        long = table.dims.index("time")  # a vector, whichever way it lies
+        long = table.dims.index("time")  # a row or column vector
         values = values.reshape((-1, 1) if long == 0 else (1, -1))
     if values.ndim != len(table.dims):
         raise DataError(
@@ -218,11 +197,11 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     """Return the columns of a text file; a column of numbers is converted.
 
     With a decimal comma the cells are read as text and converted here, because pandas would read
-    1.234, which is then a number with a sign between thousands, as 1.234.
+    1.234 as a number, although its point then separates thousands.
     """
     try:
         with warnings.catch_warnings():
-            # pandas only warns where rows are longer than the row of labels, and cuts them.
+            # pandas truncates rows that are longer than the row of labels, with a warning only.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             frame = pd.read_csv(
                 path, sep=table.delimiter, skipinitialspace=True, index_col=False,
@@ -249,7 +228,7 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     if table.decimal == ",":
         frame = frame.apply(_with_points)
     frame.columns = [str(c).strip() for c in frame.columns]
-    # A delimiter at the end of every line makes a last column of nothing.
+    # A delimiter at the end of every line results in an empty last column.
     hollow = [
         c
         for c in frame.columns
@@ -302,13 +281,13 @@ def _with_points(column: pd.Series) -> pd.Series:
 
 
 def _refuse_text(path: Path, name: str, cells: np.ndarray, sidecar: Path, table: Table) -> None:
-    """Refuse a column with text, and report the first cell that is not a number."""
+    """Refuse a column with text, stating the first cell that is not a number."""
     exact = _EXACT[table.decimal]
     for row, cell in enumerate(cells):
         text = "" if pd.isna(cell) else str(cell).strip()
         if text in _MISSING or exact.fullmatch(text):
             continue
-        # The first row holds the labels, and people count rows from 1.
+        # The first row contains the labels, and rows are counted from 1.
         first = table.skip_rows + (1 if table.columns else 2)
         raise DataError(
             f"{path.name}, row {row + first}, column {name!r} contains {cell!r}; expected a "
@@ -321,28 +300,10 @@ def _refuse_text(path: Path, name: str, cells: np.ndarray, sidecar: Path, table:
 def by_marker(
     frame: pd.DataFrame, table: PositionTable
 ) -> tuple[np.ndarray, list[str], dict[str, str]]:
-    """Gather the three columns of each marker.
+    """Combine the three columns of each marker: positions (markers, 3, frames) and names.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Result of `load_table`.
-    table : PositionTable
-        Endings of the columns.
-
-    Returns
-    -------
-    ndarray, shape (markers, 3, frames)
-        Positions.
-    list of str
-        Names of the markers.
-    dict of str to str
-        Columns of no marker, with the reason.
-
-    Raises
-    ------
-    DataError
-        If there is no marker.
+    Columns that belong to no marker are returned with the reason. Raises DataError if there is no
+    marker.
     """
     columns = [str(c) for c in frame.columns]
     stems = [

@@ -28,43 +28,12 @@ _ENDING = "_motion.tsv"
 
 
 def is_recording(path: Path) -> bool:
-    """Return True for a motion file that is not read together with its EMG.
-
-    Parameters
-    ----------
-    path : Path
-        File with a suffix of `SUFFIXES`.
-
-    Returns
-    -------
-    bool
-        Whether it is called ``*_motion.tsv`` and no EMG file of the same trial lies beside.
-    """
+    """Return True for ``*_motion.tsv`` without an EMG file of the same trial, with which it is read."""
     return path.name.endswith(_ENDING) and not _partners(path, "emg", ("emg.edf", "emg.bdf"))
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read the positions of one tracking system.
-
-    Parameters
-    ----------
-    path : Path
-        File called ``*_motion.tsv``.
-    units : mapping of str to str
-        Unit of ``position`` that replaces the one in the table of channels.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the names of the tracked points; ``n/a`` is NaN.
-
-    Raises
-    ------
-    DataError
-        If the file is another table, or it and its tables do not agree.
-    UnitsError
-        If the unit of the positions is absent or no length.
-    """
+    """Read the positions of one tracking system under the names of its points; ``n/a`` is NaN."""
     if not path.name.endswith(_ENDING):
         raise DataError(
             f"{path.name} is a table that does not specify its contents; expected a file "
@@ -78,20 +47,10 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
 
 
 def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:
-    """Read the markers of the same trial as an EMG file.
+    """Read the markers of the same trial as an EMG file of a BIDS dataset, none or one part.
 
-    Parameters
-    ----------
-    emg : Path
-        EMG file of a BIDS dataset.
-    units : mapping of str to str
-        Unit of ``position`` that replaces the one in the table of channels.
-
-    Returns
-    -------
-    list of Part
-        None or one; further tracking systems have separate clocks and are listed in
-        ``dropped``. Where ``*_scans.tsv`` contains both start times, the markers keep their lag.
+    Further tracking systems have separate clocks and are listed in ``dropped``. If ``*_scans.tsv``
+    contains both start times, the lag of the markers is preserved.
     """
     found = _partners(emg, "motion", ("motion.tsv",))
     if not found:

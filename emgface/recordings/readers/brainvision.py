@@ -30,45 +30,16 @@ class _Channel(NamedTuple):
 
 
 def companions(path: Path) -> list[Path]:
-    """Return the files of a recording other than its header.
-
-    Parameters
-    ----------
-    path : Path
-        Header.
-
-    Returns
-    -------
-    list of Path
-        Samples and markers, if they exist.
-    """
+    """Return the files of samples and markers, if they exist, of a header."""
     common = _sections(path).get("Common Infos", {})
     named = [_beside(path, common.get(key, "")) for key in ("DataFile", "MarkerFile")]
     return [file for file in named if file is not None and file.is_file()]
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read the channels that are voltages.
+    """Read the channels that are voltages, from a header file.
 
-    Parameters
-    ----------
-    path : Path
-        Header.
-    units : mapping of str to str
-        Unit of ``emg`` that replaces those in the header.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the labels of the header; channels of another quantity are named in
-        ``dropped``.
-
-    Raises
-    ------
-    DataError
-        If header and samples do not agree, or the recording was paused, segmented or averaged.
-    UnitsError
-        If a unit is unknown.
+    Raises DataError also if the recording was paused, segmented or averaged.
     """
     sections = _sections(path)
     common = sections.get("Common Infos", {})

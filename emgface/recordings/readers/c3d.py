@@ -28,31 +28,9 @@ _NO_POSITION = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read markers and the analog channels that are voltages.
+    """Read markers and the analog channels that are voltages; time is 0 at the first stored frame.
 
-    Parameters
-    ----------
-    path : Path
-        C3D file.
-    units : mapping of str to str
-        Unit of ``emg`` or ``position`` that replaces the one in the file.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the labels of the file; a frame in which a marker was not seen is NaN,
-        channels with another unit are left out and named in ``dropped``.
-
-    Raises
-    ------
-    DataError
-        If the file is absent, truncated, or no C3D.
-    UnitsError
-        If the unit of the points is absent or no length.
-
-    Notes
-    -----
-    Time is 0 at the first stored frame for markers and EMG alike.
+    A position is NaN in frames in which the marker was not visible.
     """
     content = _open(path)
     return assemble_parts([_analogs(content, units), _points(content, units)])
@@ -67,12 +45,12 @@ def _open(path: Path) -> dict[str, Any]:
         content = isolated(path, parse_c3d, path)
     except DataError:
         raise
-    except Exception as error:  # the parser raises whatever the damage leads it to
+    except Exception as error:  # the parser may raise any exception for a damaged file
         raise DataError(
             f"{path.name} cannot be read as C3D ({one_line(error)}); expected a complete C3D file: "
             "it is damaged or another format, export it again."
         ) from error
-    # ezc3d reads a truncated file up to its end and adapts its counts without a word.
+    # ezc3d reads a truncated file up to its end and adapts its counts without a warning.
     announced, found = _announced_frames(path, content), content["points"].shape[2]
     if announced is not None and found < announced:
         raise DataError(
@@ -141,7 +119,7 @@ def _points(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     keep = [i for i, label in enumerate(labels) if label not in dropped]
     if not keep:
         return Part(None, {}, dropped, changed)
-    # ezc3d has already made NaN of points with a negative residual, which were not seen.
+    # ezc3d returns NaN for points with a negative residual, which were not visible.
     seen = values[:, keep]
     found = (_strings(group, "UNITS") or [""])[0]
     unit = units.get("position", found)

@@ -20,14 +20,14 @@ The sidecar is the file to open::
     file = "V01_A_1.mat"
     variable = "mocap.markers"    # of a MATLAB or HDF5 file
     dims = ["marker", "axis", "time"]
-    columns = ["M1", "M2"]        # labels, where the file has none
+    columns = ["M1", "M2"]        # labels, if the file contains none
     rate = 100.0
     unit = "mm"
 
-A table without a row of labels takes them from ``columns``; ``skip_rows`` leaves out lines before
-it. Counts of a converter become values by ``step * (count - zero)``, in the unit. ``delimiter``,
-``decimal`` and ``encoding`` specify the format of the text. Entries that ``unconfirmed`` lists are
-guesses of `emgface.recordings.describe`; such a sidecar is refused.
+The labels of a table without a row of labels are specified by ``columns``; ``skip_rows`` is the
+number of lines before it. Counts of a converter are converted by ``step * (count - zero)``, in the
+unit. ``delimiter``, ``decimal`` and ``encoding`` specify the format of the text. Entries listed in
+``unconfirmed`` are guesses of `emgface.recordings.describe`; such a sidecar is refused.
 """
 
 import tomllib
@@ -52,7 +52,7 @@ FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"
 class Sidecar(Parameters):
     """Contents of a sidecar."""
 
-    # 'schema' would hide a method of the base class.
+    # The name 'schema' would hide a method of the base class.
     kind: Literal["recording"] = Field(alias="schema")
     unconfirmed: tuple[str, ...] = ()
     volunteer: str | None = None
@@ -64,18 +64,7 @@ class Sidecar(Parameters):
 
 
 def is_recording(path: Path) -> bool:
-    """Return True for the sidecar of a recording.
-
-    Parameters
-    ----------
-    path : Path
-        TOML file.
-
-    Returns
-    -------
-    bool
-        True if it contains ``schema = "recording"``.
-    """
+    """Return True for a TOML file with ``schema = "recording"``."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8")).get("schema") == "recording"
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
@@ -83,46 +72,17 @@ def is_recording(path: Path) -> bool:
 
 
 def companions(path: Path) -> list[Path]:
-    """Return the files specified by a sidecar.
-
-    Parameters
-    ----------
-    path : Path
-        TOML sidecar of a recording.
-
-    Returns
-    -------
-    list of Path
-        Its tables and arrays, each once.
-    """
+    """Return the files of tables and arrays specified by a sidecar, each once."""
     sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
     tables = [table for table in (sidecar.emg, sidecar.position) if table is not None]
     return list(dict.fromkeys(path.parent / table.file for table in tables))
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read the tables specified by a sidecar.
+    """Read the tables specified by a sidecar, with its names; empty cells are NaN.
 
-    Parameters
-    ----------
-    path : Path
-        TOML sidecar.
-    units : mapping of str to str
-        Unit of ``emg`` or ``position`` that replaces the one in the sidecar.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the names of the sidecar; empty cells are NaN.
-
-    Raises
-    ------
-    ConfigurationError
-        If the sidecar holds an unknown entry (the nearest is named) or a wrong value.
-    DataError
-        If a table is absent or holds a cell that is no number.
-    UnitsError
-        If a unit is unknown or measures another quantity.
+    Raises ConfigurationError also if the sidecar contains an unknown entry (with the nearest valid
+    name) or an invalid value.
     """
     sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
     parts: list[xr.Dataset] = []

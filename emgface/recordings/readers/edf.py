@@ -38,43 +38,14 @@ class _Content(NamedTuple):
 
 
 def is_recording(path: Path) -> bool:
-    """Return False for an EDF file that is not EMG according to BIDS.
-
-    Parameters
-    ----------
-    path : Path
-        File with a suffix of `SUFFIXES`.
-
-    Returns
-    -------
-    bool
-        False for the EEG, iEEG and such files of a BIDS dataset.
-    """
+    """Return False for an EDF file of another type of a BIDS dataset, such as EEG or iEEG."""
     return not path.stem.endswith(("_eeg", "_ieeg", "_meg", "_nirs", "_physio"))
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the voltage channels with the most frequent sampling rate.
 
-    Parameters
-    ----------
-    path : Path
-        EDF or BDF file.
-    units : mapping of str to str
-        Unit of ``emg`` (or of the ``position`` beside it) that replaces the one in the file.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the labels of the file; channels of another quantity, type or rate are
-        named in ``dropped``.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged, truncated, not continuous, or contradicts its tables.
-    UnitsError
-        If no channel carries a unit.
+    Raises DataError also if the recording is not continuous or contradicts its tables.
     """
     content = _load(path)
     sidecars = emg_sidecars(path)
@@ -120,7 +91,7 @@ def _of_one_rate(
     sidecars: EmgSidecars | None,
     forced: bool,
 ) -> tuple[list[int], dict[str, str]]:
-    """Choose the voltage channels with the most frequent rate; give reasons for omissions."""
+    """Choose the voltage channels with the most frequent rate; state reasons for omissions."""
     dropped: dict[str, str] = {}
     kept: list[int] = []
     for i, label in enumerate(labels):
@@ -129,7 +100,7 @@ def _of_one_rate(
             dropped[label] = f"of type {kind}, not EMG"
         else:
             kept.append(i)
-    # Channels that are not a voltage have no say in the rate, unless the unit is given for all.
+    # Only voltages determine the rate, unless one unit is specified for all channels.
     voters = [i for i in kept if forced or quantity_of(units[i]) == "voltage"] or kept
     rates = [content.rates[i] for i in voters]
     if not rates:
@@ -149,7 +120,7 @@ def _load(path: Path) -> _Content:
     bdf = data[:1] == b"\xff"
     try:
         with warnings.catch_warnings():
-            # edfio only warns where it cuts data or gives it back unscaled.
+            # edfio truncates data, or returns it unscaled, with a warning only.
             warnings.simplefilter("error")
             if bdf:
                 opened = edfio.read_bdf(data, header_encoding="latin-1")
@@ -213,7 +184,7 @@ def _whole(path: Path) -> bytes:
             f"{path.name}: a record lasts {data[244:252].decode('latin-1')!r} s; expected a number "
             "above 0: the header is damaged, export the file again."
         )
-    # After 216 bytes of other fields for each signal come the samples per record.
+    # The samples per record follow after 216 bytes of other fields for each signal.
     start = _HEADER + 216 * signals
     counts = [
         _integer(path, data, f"number of samples of signal {i + 1}", start + 8 * i, 8)
@@ -226,7 +197,7 @@ def _whole(path: Path) -> bytes:
             "one of each: the recording is empty or damaged."
         )
     held = (len(data) - header) / record
-    # A recorder that was stopped hard leaves -1; then only whole records tell nothing was lost.
+    # After an interruption the number is -1; a whole number of records is then required.
     if held != (int(held) if records == -1 else records) or held < 1:
         raise DataError(
             f"{path.name} declares {'whole' if records == -1 else records} records but contains "

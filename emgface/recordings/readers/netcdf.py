@@ -13,18 +13,7 @@ FORMAT = "netCDF of this package"
 
 
 def is_recording(path: Path) -> bool:
-    """Return False for a netCDF file of another kind; a damaged one may be a recording.
-
-    Parameters
-    ----------
-    path : Path
-        File with a suffix of `SUFFIXES`.
-
-    Returns
-    -------
-    bool
-        False if the file declares another kind of dataset.
-    """
+    """Return False for a netCDF file that declares another kind of dataset."""
     try:
         with open_netcdf(path) as opened:
             return getattr(opened, "schema", "recording") == "recording"
@@ -33,23 +22,5 @@ def is_recording(path: Path) -> bool:
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read a recording.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    units : mapping of str to str
-        Not needed: the format holds SI units.
-
-    Returns
-    -------
-    xarray.Dataset
-        The recording as it was written.
-
-    Raises
-    ------
-    DataError
-        If the file is truncated, no netCDF, or no recording.
-    """
+    """Read a recording as it was written, in SI units."""
     return read_netcdf(path, "recording")

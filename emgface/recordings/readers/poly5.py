@@ -52,28 +52,8 @@ class _Channel(NamedTuple):
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the channels that are voltages.
 
-    Parameters
-    ----------
-    path : Path
-        Poly5 file.
-    units : mapping of str to str
-        Unit of ``emg`` that replaces the one in the file.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the labels of the file; other channels are named in ``dropped``.
-
-    Raises
-    ------
-    DataError
-        If the file is no Poly5, truncated, compressed, or contradicts itself.
-    UnitsError
-        If no channel carries a unit.
-
-    Notes
-    -----
-    The value is ``unit_low + (x - adc_low) (unit_high - unit_low) / (adc_high - adc_low)``.
+    The value is ``unit_low + (x - adc_low) (unit_high - unit_low) / (adc_high - adc_low)``. Raises
+    DataError also if the file is compressed.
     """
     data = path.read_bytes()
     header, start = _header(path, data)
@@ -133,7 +113,7 @@ def _channels(path: Path, data: bytes, header: _Header, start: int) -> tuple[lis
     """Read the signal descriptions; return the channels and the start of the blocks."""
     end = start + header.signals * _SIGNAL.size
     expected = end + header.blocks * (_BLOCK.size + header.block_size)
-    # A last block that is not full may be cut after its last sample.
+    # A last block that is not full may end after its last sample.
     spare = (header.blocks * header.periods_per_block - header.periods) * 2 * header.signals
     if not expected - spare <= len(data) <= expected:
         state = "truncated" if len(data) < expected else "damaged"
@@ -183,7 +163,7 @@ def _samples(
     blocks = whole.reshape(header.blocks, stride)
     index = np.ascontiguousarray(blocks[:, :4]).view("<i4")[:, 0].astype(np.int64)
     steps = set(np.diff(index).tolist())
-    # The format numbers the first samples of the blocks; some writers number the blocks.
+    # The index of a block is its first sample, or, by some programs, its number.
     if len(steps) > 1 or not steps <= {header.periods_per_block, 1}:
         wrong = np.diff(index) != header.periods_per_block
         at = int(np.argmax(wrong)) + 1

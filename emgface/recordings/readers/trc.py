@@ -1,8 +1,8 @@
 """TRC files of motion capture: text, three columns for each marker.
 
 Five lines of header (path, names of the next line, counts and units, names of markers, names of
-columns), then frame, time and coordinates, separated by tabs, or by commas in some exports. An
-empty cell is a marker not seen. Source: Motion Analysis Corporation, TRC format, version 4.
+columns), then frame, time and coordinates, separated by tabs, or by commas in some exports. A cell
+is empty if the marker was not visible. Source: Motion Analysis Corporation, TRC format, version 4.
 """
 
 from collections.abc import Mapping
@@ -21,26 +21,9 @@ _COUNTS = ("DataRate", "NumFrames", "NumMarkers", "Units")
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read the markers.
+    """Read the markers; empty cells are NaN.
 
-    Parameters
-    ----------
-    path : Path
-        TRC file.
-    units : mapping of str to str
-        Unit of ``position`` that replaces the one in the file.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the labels of the file; empty cells are NaN.
-
-    Raises
-    ------
-    DataError
-        If the file is truncated, no TRC, or its counts, frames and times do not agree.
-    UnitsError
-        If the unit is absent or no length.
+    Raises DataError also if counts, frames and times do not agree.
     """
     rows, header = _rows(path)
     rate = _number(path, "DataRate", header["DataRate"], float)
@@ -125,7 +108,7 @@ def _values(path: Path, table: list[list[str]], count: int) -> np.ndarray:
     width = 2 + 3 * count
     values = np.full((len(table), width), np.nan)
     for i, row in enumerate(table):
-        # Some exports end each line with a separator, others leave out empty cells at its end.
+        # Some programs end each line with a separator, others omit empty cells at its end.
         if len(row) > width and any(cell.strip() for cell in row[width:]):
             raise DataError(
                 f"{path.name}, frame {row[0]}, has {len(row)} columns; expected {width} for "

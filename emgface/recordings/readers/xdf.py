@@ -1,8 +1,9 @@
 """XDF recordings of the Lab Streaming Layer: EMG and motion capture on one clock, read by pyxdf.
 
-A stream of type EMG, or one of several kinds whose channels are of type EMG, holds the EMG. A stream
-of type MoCap holds markers: three channels of type PositionX, PositionY and PositionZ each, with the
-entry ``marker``. Source: the XDF 1.0 specification and its metadata for EEG and MoCap (sccn/xdf).
+A stream of type EMG, or one of several kinds whose channels are of type EMG, contains the EMG. A
+stream of type MoCap contains markers: three channels of type PositionX, PositionY and PositionZ
+each, with the entry ``marker``. Source: the XDF 1.0 specification and its metadata for EEG and
+MoCap (sccn/xdf).
 """
 
 import struct
@@ -36,33 +37,16 @@ _STREAM_CHUNKS = (2, 3, 4, 6)
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the EMG stream and the markers.
 
-    Parameters
-    ----------
-    path : Path
-        XDF file.
-    units : mapping of str to str
-        Unit of ``emg`` or ``position`` that replaces the one in the file.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the labels of the file. Time is 0 at the first sample of any stream that is
-        used, so that EMG and markers keep their distance in time; other streams are named in
-        ``dropped``.
-
-    Raises
-    ------
-    DataError
-        If the file is truncated or damaged, a stream has breaks, or there are two EMG streams.
-    UnitsError
-        If no channel carries a known unit.
+    Time is 0 at the first sample of any stream that is read, so that EMG and markers remain
+    synchronous; other streams are listed in ``dropped``. Raises DataError also if a stream has
+    breaks, or there are two EMG streams.
     """
     _check_chunks(path)
     try:
         streams = isolated(path, parse_xdf, path)
     except DataError:
         raise
-    except Exception as error:  # the parser raises whatever the damage leads it to
+    except Exception as error:  # the parser may raise any exception for a damaged file
         raise DataError(
             f"{path.name} cannot be read as XDF ({one_line(error)}); expected a complete file: it is "
             "damaged, copy it again."
@@ -157,7 +141,7 @@ def _emg(stream: Mapping[str, Any], start: float, unit: str | None) -> Part:
 
 
 def _markers(path: Path, stream: Mapping[str, Any], start: float, unit: str | None) -> Part:
-    """Markers of a motion capture stream, the coordinates of each gathered."""
+    """Markers of a motion capture stream, with the three coordinates of each combined."""
     places: dict[str, dict[str, int]] = {}
     for i, channel in enumerate(stream["channels"]):
         axis = channel.get("type", "").lower()
