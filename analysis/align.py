@@ -67,86 +67,79 @@ def align(
 ) -> xr.Dataset:
     """Shift and stretch a measured trajectory in time so that it matches a simulated one.
 
-    The correlation of the two coefficient vectors is taken at every shift over the samples that
-    overlap, means and norms over that overlap alone. Nothing is padded. The unexplained variance
-    1 - r^2 then decides: a farther peak is preferred to a nearer one, and a stretch to none, only
-    if it lowers the unexplained variance by the fraction `least_gain`, so that noise and a
-    periodic movement create neither additional shifts nor stretches.
+    The correlation of the two coefficient vectors is computed at every shift over the samples that
+    overlap, without padding. A farther peak is preferred to a nearer one, and a stretch to none,
+    only if it lowers the unexplained variance 1 - r^2 by the fraction `least_gain`, so that noise
+    and periodic movements cause neither shifts nor stretches.
 
     Parameters
     ----------
     measured, simulated : xarray.Dataset or xarray.DataArray
-        Positions, dims (marker, axis, time) [m], the same markers in any order; the time dims may
-        have other names, lengths and sampling rates. Where a marker was not seen at the beginning
-        or the end of the measured trial, all are taken from the first to the last instant at
-        which every marker was. A measured dataset may carry ``noise`` (marker) [m] of the
-        recorded frames and ``white`` (probe, time), what its sampling made of
-        `analysis.noise.unit_noise`; the noise is estimated by `analysis.noise.marker_noise`
-        otherwise.
+        Positions, dims (marker, axis, time) [m], the same markers in any order. Measured samples
+        before the first and after the last instant with all markers visible are omitted. A measured
+        dataset may contain ``noise`` (marker) [m] of the recorded frames and ``white``
+        (probe, time), `analysis.noise.unit_noise` sampled in the same way; otherwise
+        `analysis.noise.marker_noise` estimates the noise.
     scaling : {"length", "search", "none"}
-        ``"length"``: the measured duration, unseen ends included, is stretched to the simulated
-        one (durations that differ by at most one sampling period count as equal). ``"search"``:
-        besides, factors of `scale_range` times that stretch are tried. ``"none"``: scale 1.
+        ``"length"``: the measured duration is stretched to the simulated one (durations that differ
+        by at most one sampling period count as equal). ``"search"``: factors of `scale_range` times
+        that stretch are tried. ``"none"``: scale 1.
     scale_range : (float, float)
-        Least and greatest factor of the search, and of a scale that is not flagged [1].
+        Bounds of the searched factors, and of a scale that is not flagged [1].
     scale_step : float
         Relative step of the factors [1]; the best one is refined between its neighbours.
     max_shift : float, optional
-        Greatest shift in either direction [s]; without it `least_overlap` alone bounds the shift.
+        Largest shift in either direction [s]; by default only `least_overlap` bounds the shift.
     least_overlap : float
-        Least fraction of the shorter trajectory's duration that must overlap [1].
+        Smallest fraction of the shorter trajectory's duration that must overlap [1].
     least_gain : float
-        See above [1]; 0 takes the plain maximum.
+        See above [1]; 0 selects the maximum of the correlation.
     cutoff : float, optional
-        Low-pass [Hz, simulated time] of both coefficient vectors in the search only; at most a
-        fifth of the slower sampling rate. None leaves them as they are.
+        Low-pass edge [Hz, simulated time] of both vectors in the search, at most a fifth of the
+        slower sampling rate; None disables the filter.
     sign : {"direction", "correlation"}
-        The sign of a principal component is arbitrary. ``"direction"``: both components point the
-        same way, u_measured . u_simulated > 0, where the size of that cosine reaches
-        `clear_cosine`; elsewhere, and everywhere with ``"correlation"``, the larger of the two
-        correlation maxima decides, which may match a movement with its mirror image.
+        The sign of a principal component is arbitrary. ``"direction"``: the sign for which
+        u_measured . u_simulated > 0, if the absolute value of that cosine reaches `clear_cosine`;
+        otherwise, and with ``"correlation"``, the sign with the larger correlation, which may match
+        a movement with its mirror image.
     clear_cosine : float
         See `sign` [1].
     centred : bool
         See `principal_component`.
     subsample : bool
-        Refine shift and stretch between the points of the grid; otherwise the shift is a multiple
-        of the simulated period.
+        Refine shift and stretch between the samples; otherwise the shift is a multiple of the
+        simulated period.
     smallest_motion : float
         Root-mean-square displacement [m] below which a trajectory does not move.
     smallest_snr : float
-        Variance of the measured motion over that of its noise below which it does not move [1].
+        Ratio of the variances of measured motion and noise below which it does not move [1].
 
     Returns
     -------
     xarray.Dataset
-        ``position`` (marker, axis, time) [m], the measured positions at the simulated times, NaN
-        where nothing was measured; ``noise`` (marker) [m] of them; ``shift`` [s]; ``scale`` [1];
-        ``sign`` [1], applied to ``b_measured``; ``sign_by_direction``, 1 where the direction of
-        the components decided it; ``b_correlation`` [1] of the aligned and low-passed vectors;
-        ``overlap`` [1], fraction of the simulated samples covered; ``unseen_ends`` [s],
-        measured time before the first and after the last instant at which every marker was seen;
-        ``explained_variance_measured`` and ``explained_variance_simulated`` [1];
-        ``direction_cosine`` [1], u_measured . u_simulated after the sign; ``b_measured``
-        (time_measured), ``b_simulated`` (time), ``b_aligned`` (time) [m]; and 0 or 1, in the words
-        of `analysis.flags.FLAGS`: ``sign_disagrees``, ``shift_at_bound``, ``scale_at_bound``,
-        ``little_overlap``, ``weak_match``.
+        ``position`` (marker, axis, time) [m], measured positions at the simulated times, NaN
+        outside the measurement, and their ``noise`` (marker) [m]; ``shift`` [s]; ``scale`` [1];
+        ``sign`` [1] of ``b_measured``; ``sign_by_direction`` [1]; ``b_correlation`` [1] of the
+        aligned, filtered vectors; ``overlap`` [1], fraction of the simulated samples covered;
+        ``unseen_ends`` [s], duration of the omitted samples; ``explained_variance_measured`` and
+        ``explained_variance_simulated`` [1]; ``direction_cosine`` [1]; ``b_measured``
+        (time_measured), ``b_simulated`` (time), ``b_aligned`` (time) [m]; and those of
+        `analysis.flags.FLAGS` that an alignment determines, 0 or 1.
 
     Raises
     ------
     TrajectoryError
-        Different markers, gaps between instants at which all were seen, fewer than 8 samples,
-        wrong dims or units.
+        Different markers, gaps, fewer than 8 samples, wrong dims or units.
     AlignmentError
-        A trajectory does not move (the measured one: no more than its noise), no shift leaves
-        enough overlap, or an option lies outside its range.
+        A trajectory does not move (the measured one: not beyond its noise), no shift leaves enough
+        overlap, or an option lies outside its range.
 
     Notes
     -----
-    Source: Eskes et al. 2017, "Synchronisation of repetitions and model output". The bounds, the
-    preference for small changes and the search for a scale are additions of this package. Under
-    white marker noise the search reaches the Cramer-Rao bound of shift and scale; with the
-    default `least_gain` it stretches 2 to 7 % of 160-sample trials that need no stretch.
+    Source: Eskes et al. 2017, "Synchronisation of repetitions and model output"; the bounds, the
+    preference for small changes and the search for a scale are additions. With white marker noise
+    the search reaches the Cramer-Rao bound of shift and scale; with the default `least_gain` it
+    stretches 2 to 7 % of the 160-sample trials that need no stretch.
     """
     options = Options(
         scaling, scale_range, scale_step, max_shift, least_overlap, least_gain, cutoff, sign,
@@ -174,36 +167,32 @@ def align(
     source = t_whole[0] + (t_s - t_s[0] - best.shift) / best.scale
     inside, source = within(source, t_m)
     overlap, matched = float(inside.mean()), chosen * best.r
-    flags = {
-        "sign_disagrees": disagrees,
-        "shift_at_bound": best.at_bound,
-        "scale_at_bound": scale_at_bound(best.scale, nominal, options),
-        "little_overlap": overlap < least_overlap * (1 - 1e-12),
-        "weak_match": matched < WEAK_MATCH,
+    numbers = {
+        "scale": best.scale,
+        "sign": chosen,
+        "sign_by_direction": int(clear and sign == "direction"),
+        "b_correlation": matched,
+        "overlap": overlap,
+        "direction_cosine": chosen * cosine,
+        "sign_disagrees": int(disagrees),
+        "shift_at_bound": int(best.at_bound),
+        "scale_at_bound": int(scale_at_bound(best.scale, nominal, options)),
+        "little_overlap": int(overlap < least_overlap * (1 - 1e-12)),
+        "weak_match": int(matched < WEAK_MATCH),
     }
-    metre, second, one = {"units": "m"}, {"units": "s"}, {"units": "1"}
+    metre, second = {"units": "m"}, {"units": "s"}
     coords = {name: coord for name, coord in coordinates(model).items() if name in model.dims}
+    positions = _taken(given.values, t_m, source, inside)
     kept = noise * sampled_share(white, t_m, source[inside]) ** 0.5
-    unseen = float(np.ptp(t_whole) - np.ptp(t_m))
     result = xr.Dataset(
         {
-            "position": (
-                ("marker", "axis", "time"),
-                _taken(given.values, t_m, source, inside),
-                metre,
-            ),
+            "position": (("marker", "axis", "time"), positions, metre),
             "noise": ("marker", kept.values, metre),
             "shift": ((), best.shift, second),
-            "scale": ((), best.scale, one),
-            "sign": ((), chosen, one),
-            "sign_by_direction": ((), int(clear and sign == "direction"), one),
-            "b_correlation": ((), matched, one),
-            "overlap": ((), overlap, one),
-            "unseen_ends": ((), unseen, second),
+            **{name: ((), value, {"units": "1"}) for name, value in numbers.items()},
+            "unseen_ends": ((), float(np.ptp(t_whole) - np.ptp(t_m)), second),
             "explained_variance_measured": component_m["explained_variance"],
             "explained_variance_simulated": component_s["explained_variance"],
-            "direction_cosine": ((), chosen * cosine, one),
-            **{name: ((), int(raised), one) for name, raised in flags.items()},
             "b_measured": ("time_measured", chosen * b_m, metre),
             "b_simulated": ("time", b_s, metre),
             "b_aligned": ("time", chosen * _taken(b_m, t_m, source, inside), metre),

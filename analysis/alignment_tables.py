@@ -12,34 +12,15 @@ from analysis.typed import selected
 
 
 def alignment_tables(cube: xr.Dataset) -> dict[str, Table]:
-    """Return the tables ``flags`` and ``noise``, if the cube contains their variables.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-
-    Returns
-    -------
-    dict of str to Table
-    """
+    """Return the tables ``flags`` and ``noise``, if the cube contains their variables."""
     found = {"flags": flag_table(cube), "noise": noise_table(cube)}
     return {name: table for name, table in found.items() if table is not None}
 
 
 def flag_table(cube: xr.Dataset) -> Table | None:
-    """Count the scored trials with a flagged alignment.
+    """Count the scored trials with a flagged alignment, per flag and strategy.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-
-    Returns
-    -------
-    Table or None
-        One row per flag: flagged trials of each strategy, median rho of these trials, meaning. None
-        where the cube holds no flags or no scored trial.
+    None if the cube contains no flags or no scored trial.
     """
     ok = cube["status"] == "ok"
     held = [name for name in FLAGS if name in cube]
@@ -54,12 +35,7 @@ def flag_table(cube: xr.Dataset) -> Table | None:
         rho = rho[np.isfinite(rho)]
         median = float(np.median(rho)) if rho.size else float("nan")
         rows.append((name, *counts, median, FLAGS[name]))
-    columns = (
-        Column("flag"),
-        *(Column(name) for name in strategies),
-        Column("median_rho"),
-        Column("meaning"),
-    )
+    columns = tuple(Column(name) for name in ("flag", *strategies, "median_rho", "meaning"))
     origin = origin_of(cube)
     note = (
         f"Number of trials with a flag among {int(ok.sum())} scored trials, per strategy. "
@@ -71,16 +47,8 @@ def flag_table(cube: xr.Dataset) -> Table | None:
 def noise_table(cube: xr.Dataset) -> Table | None:
     """Tabulate the noise of each marker and the expected attenuation of rho.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-
-    Returns
-    -------
-    Table or None
-        One row per marker: median noise [m], median and 5 % quantile of the attenuation [1], and
-        trials in which it moves no more than noise. None where no noise is known.
+    Median noise [m], median and 5 % quantile of the attenuation [1], and number of trials in which
+    the marker does not move beyond its noise. None if no noise is known.
     """
     if "noise" not in cube or not np.isfinite(cube["noise"].values).any():
         return None

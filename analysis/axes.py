@@ -25,22 +25,20 @@ def combine_cubes(
     Parameters
     ----------
     cubes : mapping of tuple of label to xarray.Dataset
-        Results of `analysis.cube.build_cube`, by one label per axis.
+        Results of `build_cube` by one label per axis.
     axes : mapping of str to sequence of label
-        Name and labels of every axis, the reference first.
+        Labels of every axis, the reference first.
 
     Returns
     -------
     xarray.Dataset
-        As `analysis.cube.build_cube`, every variable with the axes before its own dims. A
-        combination that no cube is given for is missing, with `NOT_IN_DESIGN` for a reason.
-        Attributes are those of the reference.
+        As `build_cube`, every variable with the axes before its own dims. Combinations without a
+        cube are missing, with the reason `NOT_IN_DESIGN`. Attributes are those of the reference.
 
     Raises
     ------
     CubeError
-        No axis, an axis named like a dim of the cube, labels that are not on the axes, no cube of
-        the reference, or cubes of different trials.
+        No axis, the name of an existing dim, unknown labels, no reference, or different trials.
     """
     held = next(iter(cubes.values()), xr.Dataset())
     taken = [name for name in axes if name in MARKER_DIMS or name in held]

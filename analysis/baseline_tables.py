@@ -1,12 +1,12 @@
 """Tables and sentences that compare the scores of a study with baselines and ceilings."""
 
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 
 from analysis.baselines import has_baselines, unexplained
+from analysis.descriptives import mean_defined
 from analysis.statistics.finding import persons
 from analysis.statistics.scope import too_few_volunteers
 from analysis.statistics.skill import LEVELS, against_baselines
@@ -33,24 +33,9 @@ NOTHING: Final = (
 
 
 def baseline_table(found: xr.Dataset) -> Table:
-    """Tabulate rho of every strategy and its baselines, with gains and skill.
-
-    Parameters
-    ----------
-    found : xarray.Dataset
-        Result of `analysis.statistics.skill.against_baselines`.
-
-    Returns
-    -------
-    Table
-        One row per strategy: means of `LEVELS`; gain over the template, gain by the trial's own EMG
-        and skill, each with the bounds of its interval; volunteers and trials.
-    """
-    shown = {
-        "gain_template": "gain over template",
-        "gain_shuffled": "gain by own EMG",
-        "skill": "skill",
-    }
+    """Tabulate rho, baselines, gains and skill of every strategy, from `against_baselines`."""
+    shown = {"gain_template": "gain over template", "gain_shuffled": "gain by own EMG"}
+    shown["skill"] = "skill"
     columns = [Column("strategy"), *(Column(head) for head in HEADS)]
     for name in shown.values():
         columns += [Column(name), Column(f"{name}, lower"), Column(f"{name}, upper")]
@@ -73,19 +58,7 @@ def baseline_table(found: xr.Dataset) -> Table:
 
 
 def baseline_instruction_table(cube: xr.Dataset) -> Table:
-    """Tabulate rho and its baselines per instruction and strategy.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        With baselines, without further axes.
-
-    Returns
-    -------
-    Table
-        One row per instruction and strategy: means of `LEVELS`, median skill of the trials, trials
-        with a skill, and trials whose ceiling leaves no room above the template.
-    """
+    """Tabulate rho, its baselines and the skill per instruction and strategy."""
     columns = (
         Column("instruction"), Column("strategy"), *(Column(head) for head in HEADS),
         Column("median skill"), Column("trials with skill"), Column("no room"),
@@ -95,7 +68,7 @@ def baseline_instruction_table(cube: xr.Dataset) -> Table:
         for strategy in cube["strategy"].values:
             one = selected(cube, {"instruction": instruction, "strategy": strategy})
             ok = texts(one["status"]) == "ok"
-            levels = [_mean(one[name].where(ok)) for name in LEVELS]
+            levels = [mean_defined(one[name].where(ok)) for name in LEVELS]
             skill = one["skill"].values[np.isfinite(one["skill"].values)]
             no_room = int((texts(one["skill_reason"]) == "no room above the template").sum())
             middle = float(np.median(skill)) if len(skill) else np.nan
@@ -108,17 +81,9 @@ def baseline_instruction_table(cube: xr.Dataset) -> Table:
 def individual_table(cube: xr.Dataset) -> Table:
     """Tabulate amplitude, timing, asymmetry and variation, which a template cannot predict.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        With baselines, without further axes.
-
-    Returns
-    -------
-    Table
-        One row per strategy and one for the template: mean |ln(amplitude ratio)| [1], mean absolute
-        errors of onset and peak [s] and of the asymmetry [1], correlation of the asymmetry with the
-        measured one over trials, and the correlation of deviations within an instruction.
+    One row per strategy and one for the template: mean |ln(amplitude ratio)| [1], mean absolute
+    errors of onset and peak [s] and of the asymmetry [1], correlation of the asymmetry with the
+    measured one over trials, and the correlation of deviations within an instruction.
     """
     measured = cube["asymmetry_measured"]
     rows: list[tuple[Any, ...]] = []
@@ -128,22 +93,22 @@ def individual_table(cube: xr.Dataset) -> Table:
         rows.append(
             (
                 str(strategy),
-                _mean(_log_size(one["amplitude_ratio"].where(ok))),
-                _mean(abs(one["onset_error"])),
-                _mean(abs(one["peak_error"])),
-                _mean(abs(one["asymmetry_simulated"] - measured)),
+                mean_defined(_log_size(one["amplitude_ratio"].where(ok))),
+                mean_defined(abs(one["onset_error"])),
+                mean_defined(abs(one["peak_error"])),
+                mean_defined(abs(one["asymmetry_simulated"] - measured)),
                 _correlation(one["asymmetry_simulated"], measured),
-                _mean(one["within_rho"]),
+                mean_defined(one["within_rho"]),
             )
         )
     template = cube["template_asymmetry"].broadcast_like(measured)
     rows.append(
         (
             "template",
-            _mean(_log_size(cube["template_amplitude_ratio"])),
-            _mean(abs(cube["template_onset_error"])),
-            _mean(abs(cube["template_peak_error"])),
-            _mean(abs(template - measured)),
+            mean_defined(_log_size(cube["template_amplitude_ratio"])),
+            mean_defined(abs(cube["template_onset_error"])),
+            mean_defined(abs(cube["template_peak_error"])),
+            mean_defined(abs(template - measured)),
             _correlation(template, measured),
             np.nan,
         )
@@ -168,27 +133,14 @@ def individual_table(cube: xr.Dataset) -> Table:
 
 
 def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
-    """Explain a correlation by the baselines of a study.
-
-    Parameters
-    ----------
-    found : xarray.Dataset
-        Result of `analysis.statistics.skill.against_baselines`.
-    rho : float
-        The correlation to explain.
-
-    Returns
-    -------
-    list of str
-        Sentences: the unexplained fraction, the baselines without the trial's EMG, conclusions, and one
-        per strategy.
-    """
+    """Explain a correlation by the result of `against_baselines`, in sentences."""
     told = [
         f"With a rho of {rho:.2f}, {100 * unexplained(rho):.0f} % of the amplitude of a "
         "movement is unexplained after the best scaling; with 0.99 it is "
         f"{100 * unexplained(0.99):.0f} %."
     ]
-    levels = {name: _first(found[name].values) for name in LEVELS}
+    # The mean over strategies, whose values differ only by missing trials.
+    levels = {name: mean_defined(found[name]) for name in LEVELS}
     template, ceiling = levels["template_rho"], levels["ceiling"]
     others = int(found["template_volunteers"])
     if np.isfinite(template):
@@ -233,22 +185,7 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
 
 
 def comparison(cube: xr.Dataset, *, seed: int = 0) -> tuple[list[str], dict[str, Table]]:
-    """Return the sentences and tables on baselines; empty for an older cube without them.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Without further axes.
-    seed : int
-        Of the bootstrap.
-
-    Returns
-    -------
-    list of str
-        `what_rho_means`.
-    dict of str to Table
-        ``baselines``, ``baselines_instruction`` and ``individual``.
-    """
+    """Return `what_rho_means` and the tables on baselines; empty for a cube without baselines."""
     if not has_baselines(cube):
         return [NOTHING] if "template_rho" in cube else [], {}
     found = against_baselines(cube, seed=seed)
@@ -287,12 +224,6 @@ def _interval(one: xr.Dataset, name: str, digits: int) -> str:
     return f" ({level:.3g} % interval {low:.{digits}f} to {high:.{digits}f})"
 
 
-def _mean(data: xr.DataArray) -> float:
-    """Mean of the defined values."""
-    values = data.values[np.isfinite(data.values)]
-    return float(values.mean()) if len(values) else np.nan
-
-
 def _log_size(ratio: xr.DataArray) -> xr.DataArray:
     positive = ratio.where(ratio > 0)
     return positive.copy(data=np.abs(np.log(positive.values)))
@@ -307,9 +238,3 @@ def _correlation(x: xr.DataArray, y: xr.DataArray) -> float:
     if both.sum() < 3 or np.ptp(a[both]) == 0 or np.ptp(b[both]) == 0:
         return np.nan
     return float(np.corrcoef(a[both], b[both])[0, 1])
-
-
-def _first(values: Sequence[float] | np.ndarray) -> float:
-    """Mean over strategies of a quantity that differs only by missing trials."""
-    values = np.asarray(values, dtype=np.float64)
-    return float(np.nanmean(values)) if np.isfinite(values).any() else np.nan

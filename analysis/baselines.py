@@ -1,10 +1,9 @@
 """Baselines of a correlation: template, other trials, repeat ceiling, and skill.
 
-A simulated motion is one of several that can be compared with a measured trial. The others cost no
-simulation: the mean motion of other people at the same instruction (template), the simulated
-motion of the same person at another instruction (wrong instruction) or in another repetition (EMG
-shuffled over trials), and another repetition of the person (repeat). All are aligned and scored as
-the simulated motion is, with the same freedom of shift, stretch and sign.
+Besides the simulated motion of a trial, four motions are compared with the measured one: the mean
+motion of other people at the same instruction (template), the simulated motion of the same person
+at another instruction (wrong instruction) or in another repetition (shuffled EMG), and another
+repetition of the person (repeat). All are aligned and scored like the simulated motion.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,8 +55,7 @@ VARIABLES: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
 LEAST_ROOM: Final = 1e-3
 """Smallest difference of ceiling and baseline for which skill is defined [1].
 
-Noise of 0.1 mm at a marker that moves by 3 mm (root-mean-square) takes 1.7e-3 from its rho; what is
-less says nothing of a motion.
+Noise of 0.1 mm lowers the rho of a marker that moves by 3 mm (root mean square) by 1.7e-3.
 """
 SKILL_REASONS: Final = (
     "", "rho is undefined", "no other volunteer", "no other repetition",
@@ -85,13 +83,8 @@ def scored(
     Returns
     -------
     rho, amplitude_ratio : ndarray, shape (markers,)
-        In the order of the predicted markers [1], the values that `analysis.scores.score` gives; NaN
-        where the motions cannot be aligned or a marker does not move.
-
-    Raises
-    ------
-    TrajectoryError
-        The predicted motion has wrong dims, labels or units.
+        As `analysis.scores.score` [1], in the order of the predicted markers; NaN if the motions
+        cannot be aligned or a marker does not move.
     """
     options = dict(alignment or {})
     model = held(predicted)
@@ -127,9 +120,8 @@ def _centred(values: Array, least: float) -> tuple[Array, Array, NDArray[np.bool
 def ceiling_of(repeat_rho: Array) -> Array:
     """Highest expected rho of a motion that is the same in every repetition.
 
-    Let v_r = mu + e_r, a motion that the person always makes and what differs from trial to trial,
-    noise of the markers included. Two repetitions correlate with q = |mu|^2 / (|mu|^2 + |e|^2), a
-    repetition and mu with sqrt(q): the mean of infinitely many repetitions would score that.
+    With v_r = mu + e_r, the motion common to all repetitions and the deviation of a repetition, two
+    repetitions have the correlation q = |mu|^2 / (|mu|^2 + |e|^2), and a repetition and mu sqrt(q).
 
     Parameters
     ----------
@@ -139,7 +131,7 @@ def ceiling_of(repeat_rho: Array) -> Array:
     Returns
     -------
     ndarray
-        sqrt(max(q, 0)) [1]; NaN stays NaN.
+        sqrt(max(q, 0)) [1].
 
     Notes
     -----
@@ -160,41 +152,21 @@ def template_correlation(likeness: float, others: int) -> float:
     others : int
         K, people in the mean.
 
-    Returns
-    -------
-    float
-        From q with one other person to sqrt(q) with infinitely many [1].
-
     Notes
     -----
     Source: Spearman 1910 and Brown 1910, British Journal of Psychology 3. The deviations of people
-    from their common motion are taken as independent and equally large.
+    from their common motion are assumed to be independent and equally large.
     """
     return likeness / float(np.sqrt(likeness + (1.0 - likeness) / others))
 
 
 def skill_of(rho: Array, baseline: Array, ceiling: Array) -> Array:
-    """Skill score, (rho - baseline) / (ceiling - baseline).
+    """Skill score, (rho - baseline) / (ceiling - baseline) [1], of arrays of correlations.
 
-    0 as good as the baseline, 1 as good as the ceiling, negative worse than the baseline, above 1
-    better than any motion that is the same in every repetition. Linear in rho and not in Fisher's z,
-    because 2 (1 - rho) is the mean squared distance of two motions brought to unit size: the skill is
-    the share of the baseline's avoidable squared error that is avoided. z would weigh the last
-    hundredth below 1 more than all the rest and is infinite where the ceiling is 1.
-
-    Parameters
-    ----------
-    rho, baseline, ceiling : ndarray
-        Of the same trials [1].
-
-    Returns
-    -------
-    ndarray
-        Skill [1]; NaN where one of them is or `LEAST_ROOM` is not left between the two bounds.
-
-    Notes
-    -----
-    Source: Murphy 1988, Monthly Weather Review 116:2417.
+    0 is as good as the baseline, 1 as good as the ceiling; NaN if the two differ by less than
+    `LEAST_ROOM`. The skill is linear in rho and not in Fisher's z, because 2 (1 - rho) is the mean
+    squared distance of two motions of unit size, so that it is the fraction of the baseline's
+    avoidable squared error that is avoided. Source: Murphy 1988, Monthly Weather Review 116:2417.
     """
     room = ceiling - baseline
     return (rho - baseline) / np.where(room >= LEAST_ROOM, room, np.nan)
@@ -216,14 +188,14 @@ def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Da
     cube : xarray.Dataset
         Result of `analysis.cube.build_cube`.
     found : mapping of str to xarray.DataArray
-        Variables of `VARIABLES` but ``skill``, with labels; trials that they lack become NaN.
+        Variables of `VARIABLES` except ``skill``; trials that they lack become NaN.
 
     Returns
     -------
     xarray.Dataset
         The cube with all of `VARIABLES`, and text ``skill_reason`` (volunteer, instruction,
-        repetition, strategy). ``skill`` is taken of the means over the markers at which rho, template
-        and ceiling are defined.
+        repetition, strategy). ``skill`` is computed from the means over the markers at which rho,
+        template and ceiling are defined.
 
     Raises
     ------

@@ -19,8 +19,8 @@ def principal_component(position: xr.Dataset | xr.DataArray, *, centred: bool = 
     position : xarray.Dataset or xarray.DataArray
         Positions, dims (marker, axis, time) [m].
     centred : bool
-        Remove the mean over time from every row of X. The source does not state this;
-        uncentred, u_1 is the mean posture and holds nearly all of the "variance".
+        Remove the mean over time from every row of X, which the source does not state. Otherwise
+        u_1 is the mean posture, which contains nearly all of the "variance".
 
     Returns
     -------
@@ -33,7 +33,7 @@ def principal_component(position: xr.Dataset | xr.DataArray, *, centred: bool = 
     TrajectoryError
         Wrong dims or units, gaps, or fewer than two samples.
     AlignmentError
-        X is zero: nothing moves.
+        X is zero.
 
     Notes
     -----

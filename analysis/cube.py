@@ -1,7 +1,7 @@
 """Collection of all trials of a study in one labelled cube.
 
-The cube always spans the whole product of its labels. A trial that failed stays with its status
-and NaN scores; one that never came has the status "missing".
+The cube always spans the product of its labels. A failed trial has its status and NaN scores; a
+trial without a result has the status "missing".
 """
 
 import hashlib
@@ -55,7 +55,7 @@ TEXTS: Final = {
     "computed": ("", "UTC date of the last result"),
     "computed_with": ("", "computing environment: keys of the attribute environments"),
 }
-"""Text of a trial: what stands where there is no trial, and its meaning."""
+"""Text variables of a trial: value for a missing trial, and meaning."""
 CHOICES: Final = ("form", "reference", "smallest_motion", "scaling", "scale_range", "scale_step",
                   "max_shift", "least_overlap", "least_gain", "cutoff", "sign_by", "clear_cosine",
                   "centred", "subsample", "smallest_snr")  # fmt: skip
@@ -79,27 +79,24 @@ def build_cube(
     results : iterable of Trial
         In any order.
     volunteers, instructions, repetitions, strategies, markers : sequence, optional
-        The labels expected; those found in `results` where not given (in order of appearance,
-        repetitions sorted). Specify them so that absent trials are listed as missing.
+        The expected labels; by default those in `results`. Specify them so that absent trials are
+        listed as missing.
     origin : {"measured", "simulated"}, optional
-        Whether persons or a computer moved; taken from the trials where not given.
+        Origin of the recordings; by default that of the trials.
 
     Returns
     -------
     xarray.Dataset
-        ``rho`` [1], ``amplitude_ratio`` [1], ``rmse`` [m], ``noise`` [m] of the measured marker,
-        ``attenuation`` [1] of rho expected from it, and text ``marker_reason``, dims
-        (volunteer, instruction, repetition, strategy, marker); per trial text ``status`` and
-        ``reason``, ``shift`` [s], ``sigma_max`` [Pa], ``steps`` [1], ``run_time`` [s] and the
-        rest of the alignment with its flags (`analysis.flags.FLAGS`). Attributes: ``origin`` and
-        the choices common to all scores; ``environments``, JSON: what computed the trials, by the
-        names that text ``computed_with`` lists per trial, beside its date ``computed``.
+        `PER_MARKER`, `OF_NOISE` and text ``marker_reason``, dims `MARKER_DIMS`; `PER_TRIAL` and
+        `TEXTS`, dims `TRIAL_DIMS`. Attributes: ``origin``, the choices common to all scores, and
+        ``environments``, a JSON object of the computing environments by the names in
+        ``computed_with``.
 
     Raises
     ------
     CubeError
-        A label or marker that is not expected, a trial given twice, measured and simulated
-        trials together, an unknown origin, or trials scored by different choices.
+        An unexpected label, a trial passed twice, measured and simulated trials together, an
+        unknown origin, or trials scored with different choices.
     """
     trials_ = list(results)
     labels: dict[str, list[Any]] = {

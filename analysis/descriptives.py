@@ -1,5 +1,6 @@
 """Medians, means and standard deviations of a cube, with counts of missing values."""
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,6 +12,12 @@ from analysis.trajectory import names
 from analysis.typed import texts
 
 
+def mean_defined(data: xr.DataArray) -> float:
+    """Mean of the finite values; NaN if there is none."""
+    values = data.values[np.isfinite(data.values)]
+    return float(values.mean()) if len(values) else np.nan
+
+
 def descriptives(
     cube: xr.Dataset, *, by: Sequence[str] = ("strategy",), variable: str = "rho"
 ) -> xr.Dataset:
@@ -19,19 +26,19 @@ def descriptives(
     Parameters
     ----------
     cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
+        Result of `build_cube`.
     by : sequence of str
-        Any of the dims volunteer, instruction, repetition, strategy, marker; empty for one group.
+        Dims of the cube; empty for one group.
     variable : str
         ``"rho"``, ``"amplitude_ratio"``, ``"rmse"`` or a variable per trial.
 
     Returns
     -------
     xarray.Dataset
-        Dims `by`: ``median``, ``mean`` and ``standard_deviation`` (divided by n - 1; NaN for
-        n = 1) in the unit of the variable; ``n`` values described, and those left out,
-        ``n_undefined`` (trial ok, value undefined), ``n_failed``, ``n_excluded`` and ``n_missing``
-        (one per marker of such a trial). The five counts sum to the size of the group.
+        Dims `by`: ``median``, ``mean`` and ``standard_deviation`` (divided by n - 1), in the unit
+        of the variable; ``n`` values, and the numbers of those omitted, ``n_undefined``,
+        ``n_failed``, ``n_excluded`` and ``n_missing`` (one per marker). The five counts sum to the
+        group's size.
 
     Raises
     ------
@@ -53,27 +60,22 @@ def descriptives(
         raise CubeError(f"cannot group {variable} by {names([*by])}, expected {names(allowed, 5)}")
     status, data = xr.broadcast(texts(cube["status"]), data)
     rest = [dim for dim in data.dims if dim not in by]
-    shape = tuple(data.sizes[dim] for dim in by)
-    values = data.transpose(*by, *rest).values.astype(np.float64).reshape(*shape, -1)
-    kind = status.transpose(*by, *rest).values.reshape(*shape, -1)
+    shape = (*(data.sizes[dim] for dim in by), -1)
+    values = data.transpose(*by, *rest).values.astype(np.float64).reshape(shape)
+    kind = status.transpose(*by, *rest).values.reshape(shape)
     ok, missing, excluded = kind == "ok", kind == "missing", kind == "excluded"
     defined = ok & np.isfinite(values)
-
-    def each(statistic: str) -> np.ndarray:
-        found = np.full(shape, np.nan)
-        for index in np.ndindex(*shape):
-            group = values[index][defined[index]]
-            if statistic == "median" and len(group):
-                found[index] = np.median(group)
-            elif statistic == "mean" and len(group):
-                found[index] = np.mean(group)
-            elif statistic == "standard_deviation" and len(group) > 1:
-                found[index] = np.std(group, ddof=1)
-        return found
-
+    kept = np.where(defined, values, np.nan)
+    with warnings.catch_warnings():  # the statistics of an empty group are NaN
+        warnings.simplefilter("ignore", RuntimeWarning)
+        statistics = {
+            "median": np.nanmedian(kept, axis=-1),
+            "mean": np.nanmean(kept, axis=-1),
+            "standard_deviation": np.nanstd(kept, axis=-1, ddof=1),
+        }
     units = {"units": str(data.attrs.get("units", "1"))}
     result = xr.Dataset(
-        {name: (tuple(by), each(name), units) for name in ("median", "mean", "standard_deviation")},
+        {name: (tuple(by), found, units) for name, found in statistics.items()},
         coords={dim: cube[dim] for dim in by},
     )
     for name, mask in (

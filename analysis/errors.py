@@ -5,7 +5,7 @@ Each message is one sentence: what was found, what was expected, what to try.
 
 
 class AnalysisError(ValueError):
-    """Base of all failures that the analysis itself raises."""
+    """Base of all failures of the analysis."""
 
 
 class TrajectoryError(AnalysisError):
@@ -21,7 +21,7 @@ class CubeError(AnalysisError):
 
 
 class StatisticsError(AnalysisError):
-    """A test cannot be made as asked: unknown strategy or variable, impossible option."""
+    """A test is not possible: unknown strategy or variable, or an option outside its range."""
 
 
 class FigureError(AnalysisError):

@@ -1,7 +1,7 @@
 """Measures of a motion beyond the mean of other people: timing, asymmetry, variation.
 
-rho measures the agreement of the path of a marker. Most of that path is given by the instruction
-and is the same in everybody; what is measured here differs between persons and between trials.
+Most of the path of a marker is determined by the instruction and equal in all persons; these
+measures differ between persons and between trials.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,27 +29,11 @@ CUTOFF: Final = 10.0
 def instants(
     position: xr.Dataset | xr.DataArray, *, smallest_motion: float = SMALLEST_MOTION
 ) -> tuple[float, float]:
-    """Instants at which a movement begins and at which it is largest.
+    """Instants at which a movement begins and at which it is largest [s]; NaN without motion.
 
     s(t) = sqrt(1/M sum_m |x_m(t) - x_m(0)|^2), low-passed at 10 Hz; onset: the first s = 0.2 max s,
-    interpolated linearly; peak: s = max s, interpolated by a parabola.
-
-    Parameters
-    ----------
-    position : xarray.Dataset or xarray.DataArray
-        Positions, dims (marker, axis, time) [m], which begin at rest.
-    smallest_motion : float
-        Greatest displacement [m] below which nothing moves.
-
-    Returns
-    -------
-    onset, peak : float
-        Seconds on the clock of the positions; NaN where nothing moves or samples are lost.
-
-    Raises
-    ------
-    TrajectoryError
-        Wrong dims, labels or units.
+    interpolated linearly; peak: s = max s, interpolated by a parabola. Positions, dims (marker,
+    axis, time) [m], begin at rest.
     """
     data = held(position)
     values, time = data.values, np.asarray(data["time"].values, dtype=np.float64)
@@ -83,7 +67,7 @@ def asymmetry(
 ) -> float:
     """Asymmetry of a movement, (L - R) / (L + R).
 
-    L and R are the root-mean-square displacements, about their means over time, of the markers whose
+    L and R are the root-mean-square displacements about their means over time of the markers whose
     names contain ``left`` and ``right``.
 
     Parameters
@@ -91,18 +75,13 @@ def asymmetry(
     position : xarray.Dataset or xarray.DataArray
         Positions, dims (marker, axis, time) [m].
     smallest_motion : float
-        L + R [m] below which nothing moves.
+        L + R [m] below which the markers do not move.
 
     Returns
     -------
     float
-        From -1, only the right side moves, to 1, only the left; 0 where both move as far. NaN where
-        nothing moves, a side has no marker, or samples are lost at all of them.
-
-    Raises
-    ------
-    TrajectoryError
-        Wrong dims, labels or units.
+        From -1, only the right side moves, to 1, only the left. NaN if nothing moves, or a side has
+        no marker without gaps.
     """
     data = held(position)
     names = np.array([str(name) for name in data["marker"].values])
@@ -130,11 +109,11 @@ def within_instruction(
 
         rho_w = sum_r <D_r, E_r> / sqrt(sum_r |D_r|^2 sum_r |E_r|^2)
 
-    Repetitions are registered in time among the measured and, apart from them, among the simulated
-    motions; the two means are then aligned. No simulated motion is therefore fitted to its own
-    measured one, and as the E_r add up to zero, the mean of rho_w over all orders of the simulated
-    repetitions is exactly 0. A motion that is the same in every repetition, such as a template, has
-    no rho_w.
+    Repetitions are registered in time separately among the measured and among the simulated
+    motions; then the two means are aligned. No simulated motion is therefore fitted to its own
+    measured one, and because the E_r sum to zero, the mean of rho_w over all orders of the
+    simulated repetitions is 0. rho_w is undefined for a motion that is the same in every
+    repetition, such as a template.
 
     Parameters
     ----------
@@ -147,13 +126,7 @@ def within_instruction(
     Returns
     -------
     xarray.DataArray
-        rho_w [1], dim marker; NaN where there are not two repetitions that can be registered, or
-        either side does not vary.
-
-    Raises
-    ------
-    TrajectoryError
-        Wrong dims, labels or units.
+        rho_w [1], dim marker; NaN with fewer than two registered repetitions, or without variation.
     """
     markers = checked(simulated[0], "simulated")["marker"].values
     nothing = xr.DataArray(
@@ -177,7 +150,7 @@ def within_instruction(
     w = np.stack([each.values[:, :, covered] for _, each in both])
     moved = [retimed(each, w_["time"], shift=shift, scale=scale) for each, w_ in both]
     v = np.stack([same_markers(each, both[0][1]).values[:, :, covered] for each in moved])
-    # Each repetition about its own mean over time, of which a registered motion says nothing.
+    # Each repetition about its own mean over time, which registration does not determine.
     v, w = (each - each.mean(axis=3, keepdims=True) for each in (v, w))
     D, E = v - v.mean(axis=0), w - w.mean(axis=0)
     product = (D * E).sum(axis=(0, 2, 3))

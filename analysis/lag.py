@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 LEAST_MOTION: Final = 0.5
 """Smallest fraction of the sum of squares of each vector within an overlap.
 
-Without it an overlap of two nearly still stretches, matched by chance, could win.
+Without it, two segments with little motion that match by chance could be selected.
 """
 LEAST_SEEN: Final = 0.5
 """Smallest overlap, as a fraction of the shorter vector, of shifts beyond the bound that are
@@ -27,9 +27,9 @@ class Match:
     """Candidate: correlation at a shift [s] and a scale [1].
 
     `r` is the correlation over the overlap. `unexplained` is (1 - r^2) max(1, v), where v is the
-    measured variance inside the overlap over that of the whole: leaving out a still stretch,
-    where there is only noise, raises r without explaining anything, and v takes that gain back.
-    `at_bound`: no peak lies inside the allowed shifts, or a clearly better one outside.
+    measured variance inside the overlap divided by that of the whole; v compensates the increase of
+    r if a segment without motion, which contains only noise, is left out. `at_bound`: no peak lies
+    inside the allowed shifts, or a clearly better one outside.
     """
 
     shift: float
@@ -42,23 +42,17 @@ class Match:
 def overlap_correlation(x: Array, y: Array) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
     """Pearson correlation of x[i] with y[i - lag] over the samples that overlap, at every lag.
 
-    Parameters
-    ----------
-    x, y : ndarray, shapes (n,) and (m,)
-        Uniformly sampled vectors of the same sampling period.
+    `x` (n,) and `y` (m,) have the same sampling period.
 
     Returns
     -------
     lags : ndarray, shape (n + m - 1,)
         Samples by which y is delayed.
-    r : ndarray
-        Correlation, means and norms taken over the overlap alone; 0 where either is constant.
-    overlap : ndarray
-        Number of samples that overlap.
-    motion : ndarray
-        The smaller of the two fractions of sum of squares (about the mean) inside the overlap.
-    variance : ndarray
-        Variance of y inside the overlap.
+    r, overlap : ndarray
+        Correlation over the overlap, 0 if either is constant, and number of samples that overlap.
+    motion, variance : ndarray
+        The smaller of the two fractions of the sum of squares inside the overlap; variance of y
+        there.
     """
     x, y = x - x.mean(), y - y.mean()
     n, m = len(x), len(y)
@@ -91,11 +85,9 @@ def overlap_correlation(x: Array, y: Array) -> tuple[NDArray[np.int64], Array, A
 class Search:
     """Agreement of two coefficient vectors as a function of shift and scale.
 
-    Both vectors are first low-pass filtered in the same way. Interpolation between noisy samples
-    averages the noise, so without it every fractional shift and every stretch would seem to fit
-    better.
-
-    The measured vector may begin `offset` seconds after the instant that a shift is counted from.
+    Both vectors are first low-pass filtered in the same way: interpolation between noisy samples
+    averages the noise, so that without the filter fractional shifts would be preferred. The
+    measured vector may begin `offset` seconds after the instant from which a shift is counted.
     """
 
     def __init__(
@@ -113,7 +105,7 @@ class Search:
     ) -> None:
         self.sign, self.max_shift, self.offset = sign, max_shift, offset
         self.least_overlap, self.least_gain = least_overlap, least_gain
-        # The lags need a uniform grid; a simulation with halved steps has none of its own.
+        # The lags require a uniform grid; a simulation with halved steps has none.
         self.grid, self.x = _uniform(*simulated)
         self.period = float(self.grid[1])
         t_m, y = _uniform(*measured)
@@ -143,13 +135,13 @@ class Search:
         anywhere = self._unexplained(r, variance)
         loss = np.where(allowed, anywhere, np.inf)
         best = int(np.argmin(loss))
-        # At the edge of what is allowed a low value may be the flank of a peak outside.
+        # At the edge of the allowed shifts, a low value may belong to a peak outside.
         inner, peak = _peaks(loss)
         peak[best] = True
         peak &= loss * (1.0 - self.least_gain) <= loss[best] + 1e-12
         index = np.flatnonzero(peak)
         chosen = int(index[np.argmin(np.abs(shifts[index]))])
-        # A peak inside is no proof either: the bound may hide a better one.
+        # There may be a better peak outside the bound than the one inside.
         seen = (overlap >= LEAST_SEEN * shorter) & (moved >= LEAST_MOTION)
         _, hidden = _peaks(np.where(seen | allowed, anywhere, np.inf))
         hidden &= ~allowed & (anywhere < (1.0 - self.least_gain) * loss[chosen] - 1e-12)
@@ -205,7 +197,7 @@ class Search:
 
         shift = _minimum(loss, low, high, 1e-4 * self.period)
         finer = self.at(shift, start.scale, start.at_bound)
-        # A whole-sample optimum, such as that of two equal trajectories, is kept as it is.
+        # An optimum at a whole sample, such as that of two equal trajectories, is kept.
         return finer if finer.unexplained < start.unexplained - 1e-12 else start
 
     def _unexplained(self, r: Array, variance: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Trials of a cube as a list, and their numbers by what became of them."""
+"""List of the trials of a cube, and their numbers by status."""
 
 from collections.abc import Sequence
 
@@ -15,17 +15,9 @@ from analysis.trajectory import names
 def trials(cube: xr.Dataset) -> pd.DataFrame:
     """List every trial of a cube with its status.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row per trial: the labels, ``status``, ``reason``, ``median_rho``, ``n_defined`` and
-        ``n_undefined`` markers (both 0 for a trial that is not ok), the values per trial, and the
-        names of the ``flags`` that are raised.
+    One row per trial: the labels, ``status``, ``reason``, ``median_rho``, ``n_defined`` and
+    ``n_undefined`` markers (both 0 for a trial that is not ok), the values per trial, and the names
+    of the ``flags`` that are raised.
     """
     stacked = cube.transpose(*MARKER_DIMS)
     rho = stacked["rho"].values.reshape(-1, stacked.sizes["marker"])
@@ -55,12 +47,12 @@ def trials(cube: xr.Dataset) -> pd.DataFrame:
 
 
 def counts(cube: xr.Dataset, *, by: Sequence[str] = ("strategy",)) -> pd.DataFrame:
-    """Count the trials by what became of them.
+    """Count the trials of a cube by status.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
+        Result of `build_cube`.
     by : sequence of str
         Trial dims to count over; empty for the whole study.
 
@@ -68,29 +60,22 @@ def counts(cube: xr.Dataset, *, by: Sequence[str] = ("strategy",)) -> pd.DataFra
     -------
     pandas.DataFrame
         Index `by`; columns ``trials``, ``ok``, ``failed``, ``excluded``, ``missing`` and, in
-        markers, ``correlations`` (defined) and ``undefined``. ok + failed + excluded + missing =
-        trials.
+        markers, ``correlations`` (defined) and ``undefined``.
 
     Raises
     ------
     CubeError
-        `by` names something else than trial dims.
+        `by` contains a label that is not a trial dim.
     """
     wrong = [dim for dim in by if dim not in TRIAL_DIMS]
     if wrong:
         raise CubeError(f"cannot count trials by {names(wrong)}, expected {names([*TRIAL_DIMS])}")
     table = trials(cube)
     kind = table["status"].str.split(":").str[0]
-    table = table.assign(
-        trials=1,
-        ok=(kind == "ok").astype(int),
-        failed=(kind == "failed").astype(int),
-        excluded=(kind == "excluded").astype(int),
-        missing=(kind == "missing").astype(int),
-        correlations=table["n_defined"],
-        undefined=table["n_undefined"],
-    )
-    columns = ["trials", "ok", "failed", "excluded", "missing", "correlations", "undefined"]
+    kinds = ("ok", "failed", "excluded", "missing")
+    table = table.assign(trials=1, **{name: (kind == name).astype(int) for name in kinds})
+    table = table.assign(correlations=table["n_defined"], undefined=table["n_undefined"])
+    columns = ["trials", *kinds, "correlations", "undefined"]
     if not by:
         return table[columns].sum().to_frame().T
     return table.groupby(list(by), sort=False)[columns].sum()

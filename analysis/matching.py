@@ -14,10 +14,10 @@ Sign = Literal["direction", "correlation"]
 CLEAR_COSINE: Final = 0.75
 """Absolute cosine of two components above which their direction determines the sign.
 
-The 95 % point of |cos| between two random directions in six dimensions, where it has the density
-(1 - c^2)^(3/2). The thirty coordinates of ten markers on one mouth are far from independent: the
-components of different instructions of simulated volunteers (D and F apart, which share a smile)
-have cosines up to 0.68 (simulated; three volunteers on the coarse face).
+The 95 % quantile of |cos| between two random directions in six dimensions, where its density is (1
+- c^2)^(3/2). The thirty coordinates of ten markers on one mouth are not independent: the components
+of different instructions of simulated volunteers (except D and F, which share a smile) have cosines
+up to 0.68 (simulated; three volunteers on the coarse face).
 """
 
 
@@ -89,9 +89,8 @@ class Options:
 class Pair:
     """Two coefficient vectors with their instants [s].
 
-    `start` is the instant of the measured trial that a shift is counted from, before the first
-    measured sample where markers were not seen at once. `nominal` is the scale that the two
-    durations give.
+    A shift is counted from `start`, the first instant of the measured trial, which precedes the
+    first sample with all markers visible. `nominal` is the scale given by the two durations.
     """
 
     measured: tuple[Array, Array]
@@ -147,25 +146,15 @@ def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
 def signed_match(pair: Pair, cosine: float, options: Options) -> tuple[int, Match, bool, bool]:
     """Determine the sign of the measured vector and its match.
 
-    Parameters
-    ----------
-    pair : Pair
-        The two vectors.
-    cosine : float
-        Between the two components, of arbitrary sign [1].
-    options : Options
-        `sign` and `clear_cosine` decide.
+    `cosine` is that between the two components, of arbitrary sign [1].
 
     Returns
     -------
-    sign : int
-        1 or -1.
-    match : Match
-        Shift and scale under it.
-    clear : bool
-        Whether the direction of the components is.
-    disagrees : bool
-        Whether direction and correlation, at the scale of the match, call for different signs.
+    sign, match
+        1 or -1, and shift and scale for it.
+    clear, disagrees : bool
+        The direction of the components is clear; it indicates another sign than the correlation at
+        the scale of the match.
 
     Raises
     ------

@@ -15,8 +15,9 @@ ORDER: Final = 3
 SMALLEST_SNR: Final = 1.0
 """Ratio of the variances of motion and noise below which a marker is regarded as not moving.
 
-There noise alone lowers a correlation to 0.71 of itself. The estimated ratio of a still marker
-scatters about 0 by 0.15 (180 frames), so that none of a thousand passes.
+At this ratio, noise lowers a correlation by the factor 0.71. The estimated ratio of a marker at
+rest has mean 0 and standard deviation 0.15 (180 frames), so that none of a thousand exceeds the
+threshold.
 """
 PROBES: Final = 64
 """Number of rows of white noise for the effect of the sampling."""
@@ -30,20 +31,20 @@ def noise_level(values: Array) -> float:
     sigma^2 = sum over axes of (median |D^k x| / 0.6745)^2 / C(2k, k),  k = 3
 
     A difference of order k multiplies a motion of frequency f by (2 sin(pi f / rate))^k and the
-    variance of white noise by C(2k, k): what lies far below the frame rate leaves nothing, white
-    noise its whole variance. The median makes leaps count little; 0.6745 is that of |x| for a
-    normal distribution of variance one.
+    variance of white noise by C(2k, k), so that motion far below the frame rate is removed. The
+    median limits the effect of leaps; 0.6745 is that of |x| for a normal distribution of variance
+    one.
 
     Parameters
     ----------
     values : ndarray, shape (axis, time)
-        Positions at uniform instants, in any unit of length; NaN where the marker was not seen.
+        Positions at uniform instants, in any unit of length; NaN where the marker is not visible.
 
     Returns
     -------
     float
-        Root mean square of the noise of all axes together, in the unit of `values`; NaN where
-        fewer than 8 differences are finite.
+        Root mean square of the noise of all axes together, in the unit of `values`; NaN with fewer
+        than 8 finite differences.
 
     Notes
     -----
@@ -71,8 +72,8 @@ def marker_noise(position: xr.DataArray) -> xr.DataArray:
     Returns
     -------
     xarray.DataArray
-        Root mean square of the three axes together [m], dims (marker); NaN where the instants
-        are not uniform, since differences mean nothing there.
+        Root mean square of the three axes together [m], dims (marker); NaN if the instants are not
+        uniform.
     """
     time = next(dim for dim in position.dims if dim not in ("marker", "axis"))
     ordered = position.transpose("marker", "axis", time)
@@ -85,39 +86,25 @@ def marker_noise(position: xr.DataArray) -> xr.DataArray:
 
 
 def unit_noise(frames: int) -> Array:
-    """Reproducible white noise of variance one, for the effect of the sampling.
+    """Reproducible white noise of variance one, shape (64, frames), for the effect of the sampling.
 
-    Parameters
-    ----------
-    frames : int
-        Number of frames.
-
-    Returns
-    -------
-    ndarray, shape (64, frames)
-        Independent rows; the variance of 160 samples of all rows is known to 1.4 %.
+    The variance of 160 samples of all rows is known to 1.4 %.
     """
     return np.random.default_rng(0).standard_normal((PROBES, frames))
 
 
 def sampled_share(white: Array | None, time: Array, source: Array) -> float:
-    """Mean variance of white noise after sampling by a cubic spline.
+    """Mean variance of white noise after sampling by a cubic spline, relative to that of the frames [1].
+
+    It is about 1 if every instant is a frame and 0.76 half-way between frames.
 
     Parameters
     ----------
     white : ndarray, shape (probe, time), optional
-        What `unit_noise` of the recorded frames has become in the samples given; each sample is
-        a frame where absent.
-    time : ndarray, shape (time,) [s]
-        Instants of the samples given.
-    source : ndarray [s]
-        Instants at which the spline is read.
-
-    Returns
-    -------
-    float
-        Variance over that of the frames [1]: about 1 where every instant read is a frame, 0.76
-        half-way between frames.
+        `unit_noise` of the recorded frames, sampled like the given samples; if absent, each sample
+        is a frame.
+    time, source : ndarray [s]
+        Instants of the given samples, and those at which the spline is evaluated.
     """
     given = unit_noise(len(time)) if white is None else white
     read = CubicSpline(time, given, axis=1)(source)
@@ -129,20 +116,18 @@ def attenuation(size: xr.DataArray, noise: xr.DataArray) -> xr.DataArray:
 
     sqrt(S / (S + N)),  S = max(0, V - N)
 
-    V is the variance of what was measured and N that of its noise, both summed over the axes.
+    V is the variance of the measured trajectory and N that of its noise, both summed over the axes.
     Noise that is independent of the other trajectory adds to V and not to the covariance.
 
     Parameters
     ----------
-    size : xarray.DataArray
-        Root of V [m].
-    noise : xarray.DataArray
-        Root of N [m].
+    size, noise : xarray.DataArray
+        Roots of V and N [m].
 
     Returns
     -------
     xarray.DataArray
-        Factor from 0 to 1 [1]; NaN where either is.
+        Factor from 0 to 1 [1].
 
     Notes
     -----

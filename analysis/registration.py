@@ -1,8 +1,7 @@
 """Registration of motions of the same movement in time, and their mean.
 
-A mean over repetitions or persons whose movements begin at other instants would be flatter and
-longer than any of them, so each is aligned first, by `analysis.align.align` with the same options
-as measured with simulated motion.
+A mean over repetitions or persons whose movements begin at different instants would be flatter and
+longer than each of them; each is therefore aligned first by `analysis.align.align`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,20 +25,7 @@ ROUNDS: Final = 2
 def held(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
     """Hold every marker before the first and after the last instant with all markers visible.
 
-    Parameters
-    ----------
-    position : xarray.Dataset or xarray.DataArray
-        Positions, dims (marker, axis, time) [m], NaN where nothing was measured.
-
-    Returns
-    -------
-    xarray.DataArray
-        The same dims [m], as long as it was. Gaps within stay.
-
-    Raises
-    ------
-    TrajectoryError
-        Wrong dims, labels or units.
+    Positions have the dims (marker, axis, time) [m]; gaps between these instants remain.
     """
     data = checked(position, "given")
     seen, values = measured_span(data), data.values.copy()
@@ -50,23 +36,7 @@ def held(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
 
 
 def displacement(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
-    """Positions of markers from their own mean over time, x(t) - mean x.
-
-    Parameters
-    ----------
-    position : xarray.Dataset or xarray.DataArray
-        Positions, dims (marker, axis, time) [m]; invisible markers at their ends are `held`.
-
-    Returns
-    -------
-    xarray.DataArray
-        Displacements [m], the same dims. Faces of different shape have them in common.
-
-    Raises
-    ------
-    TrajectoryError
-        Wrong dims, labels or units.
-    """
+    """Positions of markers from their own mean over time, x(t) - mean x [m], after `held`."""
     data = held(position)
     moved = data - data.mean("time")
     return moved.assign_attrs(units="m")
@@ -91,10 +61,8 @@ def registered(
     Returns
     -------
     list of xarray.DataArray or None
-        Displacements (marker, axis, time) [m] at the times of the reference; None for a motion
-        that cannot be aligned. Where a motion was not recorded, before its beginning or after its
-        end, it is held where it began or ended: cutting all motions to what they share would
-        leave a shorter movement than any of them.
+        Displacements (marker, axis, time) [m] at the times of the reference, held before the first
+        and after the last recorded instant; None for a motion that cannot be aligned.
     """
     found: list[xr.DataArray | None] = []
     for motion in motions:
@@ -126,7 +94,7 @@ def mean_motion(
     -------
     xarray.DataArray
         Displacements (marker, axis, time) [m] at the times of the motion of median size. Attribute
-        ``contributors``: how many motions are in it; those that cannot be aligned are not.
+        ``contributors``: number of motions in the mean, without those that cannot be aligned.
 
     Raises
     ------
@@ -157,22 +125,8 @@ def retimed(
 ) -> xr.DataArray:
     """Transform the times of a motion by the shift and scale of an alignment.
 
-    x'(t) = x(t_m), t - t[0] = scale (t_m - t_m[0]) + shift, held before its beginning and after its
-    end.
-
-    Parameters
-    ----------
-    position : xarray.DataArray
-        Dims (marker, axis, time) [m].
-    time : xarray.DataArray
-        Instants wanted [s].
-    shift, scale : float
-        As `analysis.align.align` returns them [s], [1].
-
-    Returns
-    -------
-    xarray.DataArray
-        Positions at `time`.
+    x'(t) = x(t_m), t - t[0] = scale (t_m - t_m[0]) + shift, at the instants `time` [s]; held before
+    the first and after the last sample.
     """
     t_m, t = position["time"].values, np.asarray(time.values, dtype=np.float64)
     _, source = within(t_m[0] + (t - t[0] - shift) / scale, t_m)

@@ -21,19 +21,10 @@ DROWNED: Final = "measured moves no more than noise"
 """Reason of a marker whose motion cannot be distinguished from the noise."""
 
 CARRIED: Final = (
-    "shift",
-    "scale",
-    "sign",
-    "sign_by_direction",
-    "b_correlation",
-    "overlap",
-    "unseen_ends",
-    "explained_variance_measured",
-    "explained_variance_simulated",
-    "direction_cosine",
-    "noise",
+    "shift", "scale", "sign", "sign_by_direction", "b_correlation", "overlap", "unseen_ends",
+    "explained_variance_measured", "explained_variance_simulated", "direction_cosine", "noise",
     *FLAGS,
-)
+)  # fmt: skip
 """Variables of the alignment that are kept in the scores."""
 
 
@@ -49,8 +40,8 @@ def correlation_3d(
 
     rho = sum (v - mean v).(w - mean w) / sqrt(sum |v - mean v|^2 sum |w - mean w|^2)
 
-    Computed centred: the difference of large means that Eq. 13 prints loses all digits for
-    positions far from the origin.
+    It is computed from centred values, because the difference of large means in Eq. 13 loses all
+    digits for positions far from the origin.
 
     Parameters
     ----------
@@ -59,8 +50,8 @@ def correlation_3d(
     dim : str
         The dim of the samples.
     form : {"consistent", "as_printed"}
-        As printed, Eq. 13 divides its numerator by n and Eq. 12 by n - 1, so that a trajectory
-        correlates with itself at (n - 1) / n. ``"consistent"`` uses the same divisor for both.
+        As printed, Eq. 13 divides its numerator by n and Eq. 12 by n - 1, so that the correlation
+        of a trajectory with itself is (n - 1) / n. ``"consistent"`` uses the same divisor for both.
     smallest_motion : float
         Root-mean-square displacement, in the unit of the positions, below which a trajectory is
         undefined; motion due to rounding is always regarded as no motion.
@@ -86,7 +77,7 @@ def correlation_3d(
     v, w = v - v.mean(dim, skipna=False), w - w.mean(dim, skipna=False)
     size_v, size_w = _sum_of_squares(v, dim), _sum_of_squares(w, dim)
     product = (v * w).sum(["axis", dim], skipna=False)
-    # Two roots rather than one: the product of the sums could underflow for tiny motions.
+    # The product of the two sums could underflow for very small motions.
     norm = size_v**0.5 * size_w**0.5
     defined = undefined_reason(measured, simulated, dim=dim, smallest_motion=smallest_motion) == ""
     rho = (product / norm.where(defined)).clip(-1.0, 1.0)  # Cauchy-Schwarz, but for rounding
@@ -111,24 +102,18 @@ def undefined_reason(
     Parameters
     ----------
     measured, simulated, dim, smallest_motion
-        As in `correlation_3d`.
+        As in `correlation_3d`, which raises the same errors.
     noise : xarray.DataArray, optional
         Root mean square of the noise of the measured positions, three axes together, dims (...),
         in their unit.
     smallest_snr : float
-        Variance of the measured motion over that of its noise, V / N - 1, below which it does not
-        move [1].
+        Ratio of the variances of measured motion and noise, V / N - 1, below which the marker does
+        not move [1].
 
     Returns
     -------
     xarray.DataArray
-        Dims (...): ``""``, or which of the two "has gaps" or "does not move"; "measured moves no
-        more than noise" where V < (1 + `smallest_snr`) N.
-
-    Raises
-    ------
-    TrajectoryError
-        As `correlation_3d`.
+        Text, dims (...).
     """
     both = dict(zip(("measured", "simulated"), pair(measured, simulated, dim), strict=True))
     gaps = {role: data.isnull().any(["axis", dim]) for role, data in both.items()}
@@ -159,27 +144,11 @@ def amplitude_ratio(
     dim: str = "time",
     smallest_motion: float = 0.0,
 ) -> xr.DataArray:
-    """Amplitude of the simulated relative to the measured movement, sigma_w / sigma_v.
+    """Amplitude of the simulated relative to the measured movement, sigma_w / sigma_v [1].
 
-    Parameters
-    ----------
-    measured, simulated, dim, smallest_motion
-        As in `correlation_3d`.
-
-    Returns
-    -------
-    xarray.DataArray
-        Ratio [1], dims (...): below 1 the model moves less than the volunteer; 0 where it does
-        not move; NaN where the measured marker does not move or either has gaps.
-
-    Raises
-    ------
-    TrajectoryError
-        As `correlation_3d`.
-
-    Notes
-    -----
-    sigma: Eskes et al. 2017, Eq. 12. rho ignores amplitude; this is its complement.
+    Parameters and errors are those of `correlation_3d`. 0 if the simulated marker does not move,
+    NaN if the measured one does not move or either has gaps. Source of sigma: Eskes et al. 2017,
+    Eq. 12.
     """
     v, w = pair(measured, simulated, dim)
     size_v = _sum_of_squares(v - v.mean(dim, skipna=False), dim) ** 0.5
@@ -203,21 +172,16 @@ def rmse(
     Parameters
     ----------
     measured, simulated, dim
-        As in `correlation_3d`.
+        As in `correlation_3d`, which raises the same errors.
     reference : {"mean", "first", "origin"}
-        What v and w are counted from: ``"mean"``, each from its own mean over time, so that
-        different faces compare by movement; ``"first"``, each from its first sample;
-        ``"origin"``, positions as they are, offset between the faces included.
+        Origin of v and w: ``"mean"``, the mean of each over time, so that the movements of
+        different faces are compared; ``"first"``, the first sample of each; ``"origin"``, that of
+        the coordinates.
 
     Returns
     -------
     xarray.DataArray
         Distance in the unit of the positions, dims (...); NaN where either has gaps.
-
-    Raises
-    ------
-    TrajectoryError
-        As `correlation_3d`.
     """
     v, w = pair(measured, simulated, dim)
     difference = v - w
@@ -247,34 +211,31 @@ def score(
 ) -> xr.Dataset:
     """Score one trial.
 
-    Instants outside the measured time, where `analysis.align.align` leaves every marker NaN at
-    the beginning or the end, are left out; a gap within makes its marker undefined.
+    Instants at the beginning and the end at which `aligned` is NaN for every marker are omitted; a
+    gap between them makes the scores of its marker undefined.
 
     Parameters
     ----------
     aligned : xarray.Dataset or xarray.DataArray
         Measured positions on the simulated time base, dims (marker, axis, time) [m]; a dataset
-        may carry their ``noise`` (marker) [m].
+        may contain their ``noise`` (marker) [m].
     simulated : xarray.Dataset or xarray.DataArray
         Simulated positions, the same dims and markers.
-    form : {"consistent", "as_printed"}
-        See `correlation_3d`.
-    reference : {"mean", "first", "origin"}
-        See `rmse`.
+    form, reference
+        See `correlation_3d` and `rmse`.
     smallest_motion : float
         Root-mean-square displacement [m] below which a marker does not move.
     smallest_snr : float
-        Variance of a measured marker's motion over that of its noise below which it does not
-        move [1].
+        Ratio of the variances of a marker's measured motion and noise below which it does not move
+        [1].
 
     Returns
     -------
     xarray.Dataset
         ``rho`` (marker) [1], ``amplitude_ratio`` (marker) [1], ``rmse`` (marker) [m], ``reason``
-        (marker) reason for which rho is undefined, ``samples`` scored [1], ``attenuation`` (marker)
-        [1], the factor by which noise is expected to lower rho (`analysis.noise.attenuation`; rho is
-        as measured, not corrected), where the noise is known, and what the alignment found (``shift``
-        [s], ``scale`` [1], ...) where `aligned` carries it.
+        (marker) for which rho is undefined, number of scored ``samples`` [1]; ``attenuation``
+        (marker) [1], by which noise is expected to lower rho (not corrected), if the noise is
+        known; and the variables `CARRIED` of `aligned`.
 
     Raises
     ------

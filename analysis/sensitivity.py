@@ -1,4 +1,4 @@
-"""Effect, per strategy, of the choices that a paper leaves open."""
+"""Sensitivity of scores, per strategy, to the choices that a paper leaves open."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -43,35 +43,33 @@ def sensitivity(
 ) -> xr.Dataset:
     """Compare every level of every axis with its reference, separately for each strategy.
 
-    Differences are taken within trial and marker, all other axes at their reference, and averaged
-    to one per volunteer; a paired t test over volunteers gives interval and p, which Holm's
-    correction adjusts over all levels and strategies. Strategies are not averaged: a choice that
-    raises one and lowers another moves both.
+    Differences are computed within trial and marker, all other axes at their reference, and
+    averaged to one per volunteer; a paired t test over volunteers gives interval and p, which
+    Holm's correction adjusts over all levels and strategies.
 
     Parameters
     ----------
     cube : xarray.Dataset
         A cube with further dims, one per axis, such as ``mapping_stage`` or ``sigma_max``; trials
-        off the reference of several axes at once may be missing.
+        with several axes off their reference may be missing.
     axes : sequence of str, optional
-        Axes to compare; all dims beyond those of a cube where not given.
+        Axes to compare; by default all further dims.
     reference : mapping of str to label, optional
-        Reference level per axis; its first level where not given.
+        Reference level per axis; by default its first level.
     variable : str
         ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
     scale, level, limit
-        As in `analysis.statistics.sign_flip.sign_flip`.
+        See `analysis.statistics.paired.compare` and `collected`.
 
     Returns
     -------
     xarray.Dataset
-        As `analysis.statistics.finding.collected` with dim choice ("axis = level, strategy") in
-        place of contrast: ``estimate`` is level minus reference, ``p_holm`` is adjusted over all
-        choices; besides ``axis``, ``level`` and ``strategy`` (choice), ``p_sign_flip`` (exact, not
-        adjusted), ``rises`` (volunteers with a positive difference), ``detectable`` (the smallest
-        change that the test shows four times in five at the strictest step of Holm), and
-        ``reach`` (axis names), the largest absolute estimate of each. Attributes ``reference``
-        and ``summary``. p and interval are NaN below the least number of volunteers.
+        As `analysis.statistics.finding.collected`, with the dim choice ("axis = level, strategy")
+        instead of contrast: ``estimate`` is level minus reference; besides ``axis``, ``level`` and
+        ``strategy`` (choice), ``p_sign_flip`` (exact, not adjusted), ``rises`` (volunteers with a
+        positive difference), ``detectable`` (change detected with a power of 0.8 at the strictest
+        step of Holm), and ``reach`` (axis names), the largest absolute estimate of each. Attributes
+        ``reference`` and ``summary``.
 
     Raises
     ------
@@ -80,8 +78,8 @@ def sensitivity(
 
     Notes
     -----
-    One axis is moved at a time, so that the effect of two together is not seen. The exact p has
-    no part in the verdict: with six volunteers Holm over two of them leaves none below 0.05.
+    One axis is varied at a time; interactions of two axes are not estimated. The exact p is not used for
+    the conclusion, because with six volunteers Holm's correction over two tests leaves none below 0.05.
     """
     check_level(level)
     if variable not in cube:
@@ -107,7 +105,7 @@ def sensitivity(
     strategies = [str(label) for label in cube["strategy"].values]
     for axis in chosen:
         others = {other: label for other, label in base.items() if other != axis}
-        # Scores carry the axes; what is the same for all levels, such as labels, does not.
+        # Only scores have the axes; variables such as labels do not.
         held = selected(cube[[variable, "status"]].assign_attrs(cube.attrs), others)
         held = held.drop_vars(list(others))
         for label in cube[axis].values:
@@ -190,19 +188,7 @@ def _finding(data: Paired, adjusted: float, tests: int, level: float) -> Finding
 
 
 def choices_table(found: xr.Dataset) -> Table:
-    """Tabulate the change with every level of every axis for every strategy.
-
-    Parameters
-    ----------
-    found : xarray.Dataset
-        Result of `sensitivity`.
-
-    Returns
-    -------
-    Table
-        One row per choice: axis, level, strategy, change, interval, p, p after Holm, volunteers
-        in whom it rises and their number, pairs.
-    """
+    """Tabulate the change with every level of every axis for every strategy, from `sensitivity`."""
     variable = str(found.attrs["variable"])
     units, shown, factor, digits = SHOWN.get(variable, ("1", "1", 1.0, 2))
     if found.attrs["scale"] == "Fisher z":

@@ -1,7 +1,7 @@
 """Tables of a cube as plain text, Markdown, LaTeX and CSV.
 
-Every table states the origin of its recordings (measured or simulated): in the title of text and
-Markdown, and in a column of the CSV, where a title would get lost.
+Every table states the origin of its recordings (measured or simulated): in the title, and in a
+column of the CSV, which has no title.
 """
 
 import csv
@@ -84,7 +84,7 @@ class Table:
     note: str = ""
 
     def text(self) -> str:
-        """Return the table in columns of fixed width, numbers to the right."""
+        """Return the table in columns of fixed width, numbers right-aligned."""
         heads = [column.head() for column in self.columns]
         cells = self._cells()
         widths = [max(map(len, column)) for column in zip(heads, *cells, strict=True)]
@@ -102,7 +102,7 @@ class Table:
         return "\n".join([*body, *(["", self.note] if self.note else [])]) + "\n"
 
     def markdown(self) -> str:
-        """Return the table in Markdown, its title in bold above."""
+        """Return the table in Markdown with its title in bold."""
 
         def line(row: Sequence[str]) -> str:
             return "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
@@ -181,18 +181,7 @@ SHOWN: Final = {
 
 
 def origin_of(data: xr.Dataset | xr.DataArray) -> str:
-    """Origin for titles: "measured", or "simulated" with the world that is simulated.
-
-    Parameters
-    ----------
-    data : Dataset or DataArray
-        Attributes ``origin`` and, of simulated volunteers, ``world``.
-
-    Returns
-    -------
-    str
-        Such as "simulated, mismatched world".
-    """
+    """Origin for titles: "measured", or "simulated" with the world ("simulated, mismatched world")."""
     origin = str(data.attrs.get("origin", "unlabelled"))
     world = str(data.attrs.get("world", ""))
     return f"{origin}, {world}" if world else origin
@@ -207,12 +196,12 @@ def recordings(origin: str) -> str:
 def descriptive_table(
     cube: xr.Dataset, *, by: Sequence[str] = ("strategy",), variable: str = "rho"
 ) -> Table:
-    """Tabulate median, mean and standard deviation of a variable in groups.
+    """Tabulate median, mean, standard deviation and counts of a variable in groups.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
+        Result of `build_cube`.
     by : sequence of str
         Dims to group by, the first varying slowest.
     variable : str
@@ -221,8 +210,7 @@ def descriptive_table(
     Returns
     -------
     Table
-        One row per group: labels, median, mean, standard deviation, n (values), undefined
-        (values), failed, excluded and missing (trials).
+        One row per group.
 
     Raises
     ------
@@ -233,7 +221,7 @@ def descriptive_table(
     units, shown, factor, digits = SHOWN.get(
         variable, (str(cube[variable].attrs.get("units", "1")),) * 2 + (1.0, 3)
     )
-    # Values of a trial without scores are counted once per marker; a reader counts trials.
+    # Trials without scores are counted once per marker; the table lists numbers of trials.
     per_trial = 1
     if "marker" in cube[variable].dims and "marker" not in by:
         per_trial = cube.sizes["marker"]
@@ -264,19 +252,7 @@ def descriptive_table(
 
 
 def trial_table(cube: xr.Dataset) -> Table:
-    """List all trials with their status.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-
-    Returns
-    -------
-    Table
-        One row per trial: labels, status, median rho over markers, markers undefined, shift,
-        scale, sigma_max, steps, run time, numerical error of the markers, flags, reason.
-    """
+    """List all trials of a cube with status, scores, alignment, costs and flags."""
     listed = trials(cube)
     names = ["status", "median_rho", "n_undefined", "shift", "scale", "sigma_max", "steps",
              "run_time", "numerical_error", "flags", "reason"]  # fmt: skip
@@ -292,12 +268,7 @@ def trial_table(cube: xr.Dataset) -> Table:
 
 
 def report_tables(cube: xr.Dataset) -> dict[str, Table]:
-    """Compute the tables of a report.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
+    """Compute the tables of a report from a cube.
 
     Returns
     -------

@@ -11,8 +11,8 @@ from analysis.typed import coordinates, floats, relabelled, selected
 SMALLEST_MOTION: Final = 1e-9
 """Root-mean-square displacement [m] below which a trajectory is regarded as not moving.
 
-A nanometre lies far below what a camera resolves and above the tolerance of a converged solver,
-whose residual motion would otherwise be scored as if it were movement.
+A nanometre is far below the resolution of a camera and above the tolerance of a converged solver,
+whose residual motion must not be scored as movement.
 """
 
 
@@ -27,15 +27,10 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
     Parameters
     ----------
     data : xarray.Dataset or xarray.DataArray
-        Positions [m] with dims marker, axis (3) and one time dim of any name; in a Dataset the
-        variable ``position``.
+        Positions [m] with dims marker, axis (3) and one time dim of any name, which becomes
+        ``time``; in a Dataset the variable ``position``.
     role : str
-        How messages call it, such as ``"measured"``.
-
-    Returns
-    -------
-    xarray.DataArray
-        Dims (marker, axis, time) [m]; the time dim is renamed ``time``, its values kept.
+        Name in messages, such as ``"measured"``.
 
     Raises
     ------
@@ -85,19 +80,13 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
             f"the {role} time is not strictly increasing: sort it and remove repeated samples"
         )
     if time_dim != "time":
-        # A stray scalar called "time" would collide with the new name.
+        # A scalar coordinate "time" would conflict with the new name.
         position = position.drop_vars("time", errors="ignore").rename({time_dim: "time"})
     return floats(position.transpose("marker", "axis", "time"))
 
 
 def same_markers(measured: xr.DataArray, simulated: xr.DataArray) -> xr.DataArray:
-    """Return the measured positions with markers (and axes) in the order of the simulated ones.
-
-    Raises
-    ------
-    TrajectoryError
-        The two sets of names differ.
-    """
+    """Return the measured positions with markers (and axes) in the order of the simulated ones."""
     for dim in ("marker", "axis"):
         if dim not in coordinates(measured) or dim not in coordinates(simulated):
             continue
@@ -142,18 +131,7 @@ def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:
 
 
 def measured_span(position: xr.DataArray) -> slice:
-    """Find the samples from the first to the last at which every marker is finite.
-
-    Parameters
-    ----------
-    position : xarray.DataArray
-        Dims (marker, axis, and one of time).
-
-    Returns
-    -------
-    slice
-        Along time; empty where no sample is whole.
-    """
+    """Samples from the first to the last at which every marker is finite; empty if there is none."""
     whole = np.flatnonzero(np.isfinite(position.values).all(axis=(0, 1)))
     return slice(int(whole[0]), int(whole[-1]) + 1) if len(whole) else slice(0, 0)
 
@@ -183,7 +161,7 @@ def pair(
     v = same_markers(measured, simulated)
     if dim in coordinates(v) and dim in coordinates(simulated):
         same_time(v, simulated, dim)
-        # Equal but for rounding: xarray would otherwise keep only the labels equal to the last bit.
+        # The labels may differ by rounding, and xarray would keep only identical ones.
         v = relabelled(v, {dim: simulated[dim]})
     v, w = floats(v), floats(simulated)
     return v.where(abs(v) < np.inf), w.where(abs(w) < np.inf)

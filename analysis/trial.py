@@ -1,4 +1,4 @@
-"""Result of one trial: its scores, or the reason for their absence."""
+"""Trial record for a cube."""
 
 import re
 from dataclasses import dataclass
@@ -20,32 +20,30 @@ class Trial:
 
     Attributes
     ----------
-    volunteer, instruction, strategy : str
-        Labels.
-    repetition : int
-        Label, from 1.
+    volunteer, instruction, repetition, strategy
+        Labels; repetitions are counted from 1.
     scores : xarray.Dataset, optional
-        Result of `analysis.scores.score`, exactly where `status` is "ok".
+        Result of `analysis.scores.score` if `status` is "ok".
     status : str
         "ok", "failed:<ErrorName>", "excluded" (by a person, who gave the reason) or "missing".
     reason : str
-        One sentence: why there are no scores, or what scores depend on that they ought not to.
+        Reason for missing scores, or a remark on them.
     sigma_max : float
-        Maximum muscle stress that was used [Pa]; NaN where unknown.
+        Maximum muscle stress [Pa].
     steps : float
-        Time steps computed [1]; NaN where unknown.
+        Number of time steps.
+    run_time : float
+        Computing time [s].
     numerical_error : float
         Estimated error of the time steps [m].
     motion : float
         Largest displacement of a simulated marker [m].
-    run_time : float
-        Computing time [s]; NaN where unknown.
     origin : {"measured", "simulated"}, optional
-        Whether a person or a computer moved; taken from the scores where not given.
+        By default that of the scores.
     computed : str
-        UTC date at which its last result was computed, ISO 8601; empty where unknown.
+        UTC date of the last result, ISO 8601.
     environments : tuple of str
-        JSON objects that describe what computed its results, each once.
+        JSON objects that describe the computing environments.
 
     Raises
     ------
@@ -101,21 +99,6 @@ class Trial:
         error: Exception,
         **rest: Any,
     ) -> "Trial":
-        """Record a failure by the name and the message of its error.
-
-        Parameters
-        ----------
-        volunteer, instruction, repetition, strategy
-            Labels of the trial.
-        error : Exception
-            What was raised.
-        **rest
-            Further attributes, such as `sigma_max`.
-
-        Returns
-        -------
-        Trial
-            With status "failed:<ErrorName>".
-        """
+        """Record a failure by the name and the message of its error; `rest` are further attributes."""
         status = f"failed:{type(error).__name__}"
         return cls(volunteer, instruction, repetition, strategy, None, status, str(error), **rest)

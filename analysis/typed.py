@@ -1,7 +1,4 @@
-"""Wrappers with complete annotations of methods of xarray.
-
-The strict check stops at each of them; their return types are declared here once.
-"""
+"""Methods of xarray with complete annotations, which the strict type check requires."""
 
 from collections.abc import Hashable, Mapping
 from typing import Any, TypeVar, cast

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 import xarray as xr
 
-from analysis.cube import TRIAL_DIMS
 from analysis.errors import FigureError
 from analysis.figures.style import (
     COLOURS,
@@ -19,6 +18,7 @@ from analysis.figures.style import (
     legend,
     styled,
     ticks,
+    trial_label,
 )
 from analysis.tables import origin_of
 from analysis.trajectory import names
@@ -36,18 +36,18 @@ def activation_heat_map(activation: xr.Dataset) -> "Figure":
     Parameters
     ----------
     activation : xarray.Dataset
-        ``activation`` (muscle, time) [1], 0 to 1, time in seconds; attributes origin and, as far
-        as known, volunteer, instruction, repetition, strategy.
+        ``activation`` (muscle, time) [1], 0 to 1, time in seconds; attributes origin and, if known,
+        volunteer, instruction, repetition, strategy.
 
     Returns
     -------
     matplotlib.figure.Figure
-        One row per muscle in the order given; the labels of muscles that stay at 0 are grey.
+        One row per muscle; the labels of muscles without activation are grey.
 
     Raises
     ------
     FigureError
-        No activation of that form.
+        The variable is missing or has other dims.
     """
     data = _of(activation, "activation")
     muscles = [str(label) for label in data["muscle"].values]
@@ -69,7 +69,7 @@ def activation_heat_map(activation: xr.Dataset) -> "Figure":
     panel.set_xlabel("time [s]")
     panel.tick_params(axis="y", length=0)
     cast(Any, figure).colorbar(mesh, ax=panel, label="activation", pad=0.02)
-    heading(figure, f"muscle activation {_which(activation)}", _origin(activation))
+    heading(figure, f"muscle activation {trial_label(activation)}", origin_of(activation))
     return figure
 
 
@@ -78,16 +78,16 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
     """Draw the distribution of normalised features per muscle, one panel per instruction.
 
     Boxes span the quartiles of all samples of all trials of an instruction, with the median as a
-    line and the mean as a dot; whiskers span the 5th to the 95th percentile. Nothing lies
-    beyond the whiskers but samples that are not drawn.
+    line and the mean as a dot; whiskers span the 5th to the 95th percentile, and samples beyond are
+    not drawn.
 
     Parameters
     ----------
     activations : iterable of xarray.Dataset
-        One per trial: `variable` (muscle, time) [1]; attribute ``instruction``, and
-        ``volunteer``, which is counted.
+        One per trial: `variable` (muscle, time) [1]; attribute ``instruction`` and, if known,
+        ``volunteer``.
     variable : str
-        What to draw.
+        Name of the variable.
 
     Returns
     -------
@@ -97,8 +97,7 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
     Raises
     ------
     FigureError
-        No trial, other muscles, an attribute that is missing, or measured and simulated trials
-        together.
+        No trial, other muscles, a missing attribute, or measured and simulated trials together.
 
     Notes
     -----
@@ -118,7 +117,7 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
     muscles = [str(label) for label in every[0]["muscle"].values]
     if any([str(label) for label in trial["muscle"].values] != muscles for trial in every):
         raise FigureError("the trials have different muscles, expected the same in each")
-    origins = {_origin(trial) for trial in every}
+    origins = {origin_of(trial) for trial in every}
     if len(origins) > 1:
         raise FigureError("measured and simulated trials cannot share a figure: draw one of each")
     parts = [muscle.rpartition("_") for muscle in muscles]
@@ -168,11 +167,3 @@ def _of(data: xr.Dataset, variable: str) -> xr.DataArray:
             f"{names(found) or 'none'}"
         )
     return data[variable].transpose("muscle", "time")
-
-
-def _which(data: xr.Dataset) -> str:
-    return " ".join(str(data.attrs[name]) for name in TRIAL_DIMS if name in data.attrs)
-
-
-def _origin(data: xr.Dataset) -> str:
-    return origin_of(data)

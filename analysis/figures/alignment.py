@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from analysis.cube import TRIAL_DIMS
 from analysis.errors import CubeError
-from analysis.figures.style import FIRST, SECOND, blank, heading, legend, styled
+from analysis.figures.style import FIRST, SECOND, blank, heading, legend, styled, trial_label
 from analysis.tables import origin_of
 from analysis.trajectory import checked, names, same_markers, same_time
 from analysis.typed import selected
@@ -34,7 +33,7 @@ def synchronisation(aligned: xr.Dataset) -> "Figure":
     Raises
     ------
     CubeError
-        The dataset holds no alignment.
+        The dataset contains no alignment.
 
     Notes
     -----
@@ -66,7 +65,7 @@ def synchronisation(aligned: xr.Dataset) -> "Figure":
     )
     before.set_ylabel("first coefficient [mm]")
     legend(figure, before.get_lines(), ["simulation", "recording"])
-    heading(figure, f"synchronisation {_which(aligned)}", _origin(aligned))
+    heading(figure, f"synchronisation {trial_label(aligned)}", origin_of(aligned))
     return figure
 
 
@@ -81,19 +80,19 @@ def marker_traces(
     aligned : xarray.Dataset
         Result of `analysis.align.align`.
     simulated : xarray.Dataset
-        ``position`` (marker, axis, time) [m], the simulation that was aligned with.
+        ``position`` (marker, axis, time) [m], the simulation used in the alignment.
     scores : xarray.Dataset, optional
         ``rho`` (marker), written beside the markers.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Displacements about the mean over the samples measured, in millimetres, all on one scale.
+        Displacements about the mean over the measured samples, in millimetres, all on one scale.
 
     Raises
     ------
     CubeError
-        The dataset holds no alignment.
+        The dataset contains no alignment.
     TrajectoryError
         The two trajectories have different markers or times.
     """
@@ -126,14 +125,5 @@ def marker_traces(
         panel.set_xlabel("time [s]")
         panels[0, column].set_title(f"{axes_names[column]} [mm]")
     legend(figure, panels[0, 0].get_lines())
-    heading(figure, f"markers {_which(aligned)}", _origin(aligned))
+    heading(figure, f"markers {trial_label(aligned)}", origin_of(aligned))
     return figure
-
-
-def _which(data: xr.Dataset) -> str:
-    """Label of the trial, as far as the attributes specify it."""
-    return " ".join(str(data.attrs[name]) for name in TRIAL_DIMS if name in data.attrs)
-
-
-def _origin(data: xr.Dataset) -> str:
-    return origin_of(data)

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from analysis.baselines import has_baselines
+from analysis.descriptives import mean_defined
 from analysis.errors import FigureError
 from analysis.figures.style import COLOURS, MARKS, blank, grid, heading, legend, styled, ticks
 from analysis.tables import origin_of
@@ -27,14 +28,14 @@ def baseline_plot(cube: xr.Dataset) -> "Figure":
     Returns
     -------
     matplotlib.figure.Figure
-        Above, all of rho; below, near 1, where template and ceiling lie, 1 - rho on a logarithmic
-        axis. Large marks are means over volunteers, small ones each volunteer; the band reaches from
-        range from template to ceiling.
+        Above, rho; below, 1 - rho on a logarithmic axis, which resolves values near 1. Large marks
+        are means over volunteers, small ones each volunteer; the band spans the range from template
+        to ceiling.
 
     Raises
     ------
     FigureError
-        The cube holds no baselines.
+        The cube contains no baselines.
     """
     if not has_baselines(cube):
         raise FigureError("the cube contains no baselines: run the study again with this version")
@@ -85,7 +86,7 @@ def _instruction(panel: Any, cube: xr.Dataset, place: int, near_one: bool) -> No
     def shown(value: float) -> float:
         return max(1.0 - value, 1e-4) if near_one else value
 
-    low, high = _mean(cube["template_rho"]), _mean(cube["ceiling"])
+    low, high = mean_defined(cube["template_rho"]), mean_defined(cube["ceiling"])
     edges = (place - 0.45, place + 0.45)
     if np.isfinite(low) and np.isfinite(high):
         panel.fill_between(edges, shown(low), shown(high), color="0.88", linewidth=0, zorder=0)
@@ -113,11 +114,6 @@ def _instruction(panel: Any, cube: xr.Dataset, place: int, near_one: bool) -> No
             ("shuffled_rho", "_", "black", 13), ("wrong_rho", "x", "0.35", 5),
             ("wrong_rho_max", "2", "0.35", 7),
         ):  # fmt: skip
-            value = _mean(one[name])
+            value = mean_defined(one[name])
             if np.isfinite(value):
                 panel.plot([x], [shown(value)], mark, color=ink, markersize=size, zorder=5)
-
-
-def _mean(data: xr.DataArray) -> float:
-    values = data.values[np.isfinite(data.values)]
-    return float(values.mean()) if len(values) else float("nan")

@@ -35,10 +35,9 @@ def box_plots(
 ) -> "Figure":
     """Draw the distribution of a variable per volunteer, instruction and marker, by strategy.
 
-    The legend counts the values shown, and those that are not: undefined, failed, excluded,
-    missing.
     Boxes span the quartiles with the median as a line and the mean as a dot; whiskers reach the
-    last value within 1.5 times the interquartile range, values beyond are crosses.
+    last value within 1.5 times the interquartile range, values beyond are crosses. The legend
+    counts the values shown, and those that are undefined, failed, excluded or missing.
 
     Parameters
     ----------
@@ -48,11 +47,6 @@ def box_plots(
         ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
     by : sequence of str
         One panel for each of these dims.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Not attached to any window; give it to `save`.
 
     Raises
     ------
@@ -87,7 +81,7 @@ def box_plots(
     found = descriptives(cube, variable=variable)
     handles: list[Patch] = []
     for i, strategy in enumerate(strategies):
-        # Trials that are not in the boxes are named, or their absence would go unseen.
+        # The legend also counts the trials that are not in the boxes.
         n, *left = (
             int(selected(found[name], {"strategy": strategy}))
             for name in ("n", "n_undefined", "n_failed", "n_excluded", "n_missing")

@@ -26,13 +26,13 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
     Returns
     -------
     matplotlib.figure.Figure
-        Per choice and strategy the mean change with its interval, open where it is not shown to
-        differ from zero after Holm over all of them.
+        Per choice and strategy the mean change with its interval; the mark is open if the change is
+        not significant after Holm's correction.
 
     Raises
     ------
     FigureError
-        The dataset is no result of `sensitivity`, or holds no choice.
+        The dataset is no result of `sensitivity`, or contains no choice.
     """
     if "reach" not in found or not found.sizes.get("choice"):
         raise FigureError("expected the result of analysis.sensitivity with at least one choice")

@@ -37,11 +37,11 @@ def emg_with_features(
     feature : xarray.DataArray
         Dims (channel, time), or (muscle, time) with muscles of the same names.
     channels : sequence of str, optional
-        Which to draw, at most 14; the first seven where not given.
+        Channels to draw, at most 14; by default the first seven.
     origin : {"measured", "simulated"}
-        Whether a person was recorded.
+        Origin of the recording.
     label : str
-        Names the trial in the title.
+        Name of the trial in the title.
 
     Returns
     -------

@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, ParamSpec, cast
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from analysis.cube import TRIAL_DIMS
 from analysis.tables import recordings
 
 if TYPE_CHECKING:
@@ -44,10 +46,10 @@ STYLE: Final[dict[str, Any]] = {
     "figure.titlesize": 11.0,
 }
 WRITTEN: Final[dict[str, Any]] = {
-    # Text stays text, so that a journal can set it in its own type and a reader can search it.
+    # Text is stored as text, so that it can be searched and set in another font.
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
-    # Names inside an SVG are random otherwise: the same cube shall give the same file.
+    # Element identifiers of an SVG would be random, and equal figures would differ as files.
     "svg.hashsalt": "emgface",
 }
 
@@ -55,7 +57,7 @@ P = ParamSpec("P")
 
 
 def styled(draw: "Callable[P, Figure]") -> "Callable[P, Figure]":
-    """Draw in the package's style, irrespective of the user's settings of matplotlib."""
+    """Draw in the style of the package, independent of the user's settings of matplotlib."""
 
     @wraps(draw)
     def inside(*args: P.args, **kwargs: P.kwargs) -> "Figure":
@@ -79,6 +81,11 @@ def blank(width: float, height: float) -> "Figure":
 def grid(figure: "Figure", rows: int = 1, columns: int = 1, **options: Any) -> list[list[Any]]:
     """Divide a figure into rows and columns of panels."""
     return cast(Any, figure).subplots(rows, columns, squeeze=False, **options).tolist()
+
+
+def trial_label(data: xr.Dataset) -> str:
+    """Label of the trial, as far as the attributes specify it."""
+    return " ".join(str(data.attrs[name]) for name in TRIAL_DIMS if name in data.attrs)
 
 
 def heading(figure: "Figure", what: str, origin: str) -> None:
@@ -114,8 +121,8 @@ def box(
 ) -> None:
     """Draw one box in the colour and hatch number `which`.
 
-    Quartiles, median as a line, mean as a dot; whiskers to the last value within so many
-    interquartile ranges, values beyond as crosses, or between two percentiles, none beyond.
+    Quartiles, median as a line, mean as a dot. Whiskers either reach the last value within a
+    multiple of the interquartile range, values beyond drawn as crosses, or two percentiles.
     """
     panel.boxplot(
         [values],
@@ -141,25 +148,13 @@ def box(
 
 
 def save(figure: "Figure", path: str | Path, *, dpi: int = 200) -> Path:
-    """Write a figure; the format follows the suffix.
+    """Write a figure in the format given by the suffix of `path`, with its title in the metadata.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        What to write. Its title becomes the title in the file's metadata.
-    path : str or Path
-        Where to, such as ``rho.pdf`` or ``rho.svg`` (vectors, text searchable) or ``rho.png``.
-    dpi : int
-        Dots per inch of pixel formats.
-
-    Returns
-    -------
-    Path
-        The file.
+    `dpi` is the resolution of pixel formats in dots per inch.
     """
     path = Path(path)
     title = figure.get_suptitle()
-    # No date: the same cube gives the same file.
+    # Without a date, equal figures are equal files.
     metadata = {
         ".png": {"Title": title, "Software": None},
         ".svg": {"Title": title, "Date": None},

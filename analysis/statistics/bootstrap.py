@@ -1,4 +1,4 @@
-"""Hierarchical bootstrap: volunteers are drawn first, then repetitions within them."""
+"""Hierarchical bootstrap: volunteers are drawn first, then their repetitions."""
 
 import math
 from typing import Final, Literal
@@ -30,33 +30,22 @@ def hierarchical_bootstrap(
 ) -> xr.Dataset:
     """Paired difference of two strategies with a bootstrap interval.
 
+    In each sample, volunteers are drawn with replacement and, for each of their instructions,
+    repetitions with replacement. The result has no p; besides ``standard_error``.
+
     Parameters
     ----------
     data : Comparison
-        Of `analysis.statistics.paired.compare`, with scale "raw" for an effect that is read in rho.
+        With scale "raw" for an effect in units of rho.
     statistic : {"median", "mean"}
         Of all paired differences (volunteer, instruction, repetition, marker).
     interval : {"expanded", "percentile"}
-        ``"expanded"`` takes quantiles farther out, as the t distribution of n - 1 degrees asks
-        for; the plain percentile interval is too short for few volunteers.
+        ``"expanded"`` widens the quantiles by the t distribution of n - 1 degrees of freedom; the
+        plain percentile interval is too short for few volunteers.
     level : float
         Of the interval.
-    draws : int
-        Bootstrap samples. In each, volunteers are drawn with replacement and, for every
-        instruction of each of them, repetitions with replacement.
-    seed : int
-        Of the draws.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `analysis.statistics.finding.collected`; p is NaN: the interval is the finding.
-        Besides ``standard_error``, that of the bootstrap.
-
-    Raises
-    ------
-    StatisticsError
-        Unknown option, a level outside 0-1, or fewer than 100 draws.
+    draws, seed : int
+        Number of bootstrap samples, 100 or more, and seed.
 
     Notes
     -----
@@ -83,21 +72,10 @@ def hierarchical_bootstrap(
 
 
 def replicates(differences: Array, statistic: Statistic, draws: int, seed: int) -> Array:
-    """Draw bootstrap replicates of a statistic.
+    """Draw bootstrap replicates of a statistic, shape (draws,); NaN for a draw without any pair.
 
-    Parameters
-    ----------
-    differences : ndarray, shape (volunteers, instructions, repetitions, rest)
-        Paired differences, NaN where there is no pair.
-    statistic : {"median", "mean"}
-        Of all values that are not NaN.
-    draws, seed : int
-        Number of replicates and the seed of their draws.
-
-    Returns
-    -------
-    ndarray, shape (draws,)
-        NaN for a draw without any pair.
+    `differences` has the shape (volunteers, instructions, repetitions, rest), NaN where there is no
+    pair.
     """
     rng = np.random.default_rng(seed)
     volunteers, instructions, repetitions, _ = differences.shape

@@ -1,4 +1,4 @@
-"""Restricted maximum likelihood with crossed random effects, safe at variances of zero."""
+"""Restricted maximum likelihood with crossed random effects, regular at variances of zero."""
 
 import math
 from collections.abc import Mapping
@@ -51,22 +51,10 @@ class Fit:
     uncertainty: Array
 
     def degrees_of_freedom(self, contrast: Array) -> float:
-        """Satterthwaite's degrees of freedom of a contrast c of the fixed effects.
+        """Satterthwaite's degrees of freedom of a contrast c of the fixed effects, shape (k,).
 
-        2 v^2 / (g' U g), v = c' C c, g its derivatives by the variances, U their covariance.
-
-        Parameters
-        ----------
-        contrast : ndarray, shape (k,)
-            Weights of the fixed effects.
-
-        Returns
-        -------
-        float
-
-        Notes
-        -----
-        A variance at zero is regarded as known. Source: Satterthwaite 1946, Biometrics Bulletin
+        2 v^2 / (g' U g), v = c' C c, g its derivatives by the variances, U their covariance. A
+        variance at zero is regarded as known. Source: Satterthwaite 1946, Biometrics Bulletin
         2:110; Fai and Cornelius 1996, Journal of Statistical Computation and Simulation 54:363.
         """
         variance = float(contrast @ self.covariance @ contrast)
@@ -81,23 +69,16 @@ def fit_crossed(y: Array, X: Array, factors: Mapping[str, NDArray[np.int64]]) ->
 
     Parameters
     ----------
-    y : ndarray, shape (n,)
-        Observations.
-    X : ndarray, shape (n, k)
-        Fixed effects.
+    y, X : ndarray, shapes (n,) and (n, k)
+        Observations and fixed effects.
     factors : mapping of str to int ndarray, shape (n,)
-        Level of each observation in each random factor; without any the fit is that of least
+        Level of each observation in each random factor; without factors, the fit is that of least
         squares.
-
-    Returns
-    -------
-    Fit
-        Variances may lie at their bound of zero.
 
     Notes
     -----
-    The profiled criterion in terms of relative standard deviations is regular at that bound,
-    which a few volunteers often reach. Source: Bates, Maechler, Bolker and Walker 2015, Journal
+    The profiled criterion in terms of relative standard deviations is regular at a variance of zero,
+    which occurs often with few volunteers. Source: Bates, Maechler, Bolker and Walker 2015, Journal
     of Statistical Software 67(1), sections 3.4 and 3.5.
     """
     names = list(factors)
@@ -132,10 +113,10 @@ def _optimum(equations: "_Equations", count: int) -> tuple[Array, bool]:
             bounds=[(0.0, LARGEST)] * count, options={"ftol": 1e-14, "gtol": 1e-7},
         )  # fmt: skip
 
-    # The criterion may have a second valley near the bound; the better of two starts is kept.
+    # The criterion may have a second minimum near the bound; the better of two starts is kept.
     tried = [descended(np.full(count, start)) for start in (1.0, 0.1)]
     best = min(tried, key=lambda each: float(each.fun))
-    # The gradient vanishes at zero whether or not the criterion falls from there.
+    # The gradient vanishes at zero even if the criterion decreases from there.
     for _ in range(count):
         stuck = (best.x == 0.0) & (equations.slope(best.x) < 0.0)
         step = 0.1 if stuck.any() else 0.0
@@ -144,7 +125,7 @@ def _optimum(equations: "_Equations", count: int) -> tuple[Array, bool]:
         if step <= NOTHING:
             break
         best = descended(np.where(stuck, step, best.x))
-    # A flat end of the line search is reported as failure although both starts agree.
+    # L-BFGS-B may report a failed line search although both starts agree.
     agree = abs(float(tried[0].fun) - float(tried[1].fun)) < 1e-5
     return np.asarray(best.x, dtype=np.float64), agree or bool(best.success)
 
@@ -167,7 +148,7 @@ class _Equations:
         R_X = _cholesky(self.XX - R_ZX.T @ R_ZX)
         d: Array = solve_triangular(R_X, self.Xy - R_ZX.T @ c, lower=True)
         squares = self.yy - float(c @ c) - float(d @ d)
-        # Without any residual the logarithm would have no bound.
+        # The logarithm of a zero residual would be infinite.
         return L, c, R_ZX, R_X, d, max(squares, 1e-12 * self.yy)
 
     def criterion(self, theta: Array) -> float:

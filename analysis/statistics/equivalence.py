@@ -24,29 +24,19 @@ def equivalence(data: Comparison, *, margin: float, alpha: float = 0.05) -> xr.D
     """Test if two strategies differ by less than a margin.
 
     Two one-sided paired t tests on the volunteers' mean differences: that the difference lies
-    above -margin, and that it lies below +margin. p is the larger of both.
+    above -margin, and that it lies below +margin. p is the larger of both; a small p indicates
+    equivalence. Besides ``p_above`` (of -margin) and ``p_below`` (of +margin).
 
     Parameters
     ----------
     data : Comparison
-        Of `analysis.statistics.paired.compare`.
+        Contrasts.
     margin : float
-        Greatest difference that does not matter, on the scale of the analysis (Fisher's z for
-        rho, else the unit of the variable). There is no default: it must come from what matters
-        to a reader, before the data are seen.
+        Largest difference without importance, on the scale of the analysis (Fisher's z for rho,
+        else the unit of the variable). There is no default, because it must be chosen before the
+        data are seen.
     alpha : float
-        Size of each one-sided test [1]; the interval has the level 1 - 2 alpha.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `analysis.statistics.finding.collected`; a small p speaks for equivalence. Besides
-        ``p_above`` (of -margin) and ``p_below`` (of +margin), and attribute ``margin``.
-
-    Raises
-    ------
-    StatisticsError
-        A margin that is not positive, or alpha outside 0-0.5.
+        Size of each one-sided test [1], below 0.5; the interval has the level 1 - 2 alpha.
 
     Notes
     -----

@@ -19,17 +19,7 @@ COUNTS: Final = ("pairs", *(f"lost_{why}" for why in WHY), "clipped")
 
 @dataclass(frozen=True)
 class Check:
-    """Assumption of a method, and its check.
-
-    Attributes
-    ----------
-    assumption : str
-        What the method needs, in a few words.
-    verdict : str
-        "met", "by design", "doubtful", "violated" or "not checked".
-    check : str
-        What was looked at and found, in a sentence.
-    """
+    """Assumption of a method (a few words), its verdict, and the check that led to it (a sentence)."""
 
     assumption: str
     verdict: Verdict
@@ -47,17 +37,11 @@ class Finding:
     p, smallest_p : float
         Probability, and the smallest one that the design can reach [1].
     sentence : str
-        The finding in plain English.
+        The finding in words.
     further : mapping of str to float
-        What only this method has.
-    contrast : str
-        "first - second"; with what follows, set by `judged`.
-    n : int
-        Volunteers that entered.
-    counts : mapping of str to int
-        See `analysis.statistics.paired.Paired`.
-    checks : tuple of Check
-        The same assumptions in every contrast of a result.
+        Quantities of this method only.
+    contrast, n, counts, checks
+        "first - second", number of volunteers, counts of `Paired` and assumptions, set by `judged`.
     """
 
     estimate: float = math.nan
@@ -91,21 +75,16 @@ def judged(
     pairs : sequence of Paired
         One per contrast.
     judge : callable
-        Returns estimate, interval, p, `further` and sentence of a contrast with `least` volunteers or
-        more; its label and the pairs that are lost are added to the sentence.
+        Returns estimate, interval, p, `further` and sentence of a contrast with `least` or more
+        volunteers; with fewer, only the mean is reported.
     checks : callable
         Returns the assumptions of the method and their checks.
     further : sequence of str
-        Names of what only this method has; NaN where it found none.
+        Names of the quantities of this method only, NaN where undefined.
     method, level, attrs
         As in `collected`.
     least : int
-        Number of volunteers below which only the mean is reported.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `collected`.
+        Least number of volunteers.
     """
     findings: list[Finding] = []
     for data in pairs:
@@ -128,7 +107,7 @@ def judged(
 def collected(
     findings: Sequence[Finding], *, method: str, level: float, attrs: Mapping[str, Any]
 ) -> xr.Dataset:
-    """Combine the findings of a method in one labelled Dataset.
+    """Combine the findings of a method, one per contrast, in one labelled Dataset.
 
     Parameters
     ----------
@@ -137,10 +116,9 @@ def collected(
     method : str
         Name of the method, with its source.
     level : float
-        Nominal level of the intervals [1]; NaN where the bounds are no confidence interval.
+        Nominal level of the intervals [1]; NaN if the bounds are no confidence interval.
     attrs : mapping
-        Further attributes; ``units`` becomes that of estimate and interval, ``scope`` describes
-        the scope of the result.
+        Further attributes; ``units`` are those of estimate and interval.
 
     Returns
     -------
@@ -148,7 +126,7 @@ def collected(
         Dims contrast, bound (lower, upper), assumption: ``estimate``, ``interval``, ``p``,
         ``p_holm`` (over the contrasts), ``smallest_p``, ``smallest_p_holm``, ``n`` (volunteers),
         the counts of pairs, texts ``verdict`` and ``check`` per assumption, text ``sentence``;
-        attributes ``method``, ``level`` and ``sentence`` of the whole. Intervals from fewer than
+        attributes ``method``, ``level`` and ``sentence``. Intervals from fewer than
         `analysis.statistics.scope.LEAST_VOLUNTEERS` are NaN.
     """
     attrs = dict(attrs)
@@ -201,10 +179,8 @@ def check_level(level: float) -> None:
 
 
 def holm(p: Array) -> Array:
-    """Holm's step-down adjustment of probabilities; NaN stays NaN and is not counted.
+    """Holm's step-down adjustment of probabilities; NaN are not counted.
 
-    Notes
-    -----
     Source: Holm 1979, Scandinavian Journal of Statistics 6:65.
     """
     p = np.asarray(p, dtype=np.float64)

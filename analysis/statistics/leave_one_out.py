@@ -13,19 +13,10 @@ from analysis.statistics.sign_flip import sign_flip_p, sign_patterns
 def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
     """Repeat the comparison of strategies without each volunteer in turn.
 
-    Parameters
-    ----------
-    data : Comparison
-        Of `analysis.statistics.paired.compare`.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `analysis.statistics.finding.collected`: ``estimate`` over all volunteers,
-        ``interval`` the smallest and largest estimate without one of them (no confidence
-        interval), ``p`` the largest sign-flip p without one; besides, dims (contrast, volunteer),
-        ``estimate_without`` and ``p_without``, NaN for a volunteer without a pair, and
-        ``sign_changes``, volunteers without whom the estimate has the other sign.
+    ``estimate`` is that of all volunteers, ``interval`` the smallest and largest estimate without
+    one of them (no confidence interval), ``p`` the largest sign-flip p without one; besides, dims
+    (contrast, volunteer), ``estimate_without`` and ``p_without``, NaN for a volunteer without a
+    pair, and ``sign_changes``, volunteers without whom the estimate has the other sign.
     """
     shape = (len(data.pairs), data.values.sizes["volunteer"])
     estimates, chances = np.full(shape, np.nan), np.full(shape, np.nan)

@@ -41,16 +41,16 @@ def mixed_model(
     d = delta + volunteer x strategy + instruction x strategy + residual
 
     with crossed random terms, by restricted maximum likelihood; p and interval use t with
-    Satterthwaite's degrees of freedom. Whatever both strategies share cancels in d: the
-    intercepts of volunteer, instruction and marker, and all interactions among these.
+    Satterthwaite's degrees of freedom. Effects common to both strategies cancel in d: the
+    intercepts of volunteer, instruction and marker, and their interactions.
 
     Parameters
     ----------
     data : Comparison
-        Of `analysis.statistics.paired.compare`.
+        Contrasts.
     scope : {"instructions", "these instructions"}
         ``"instructions"``: those of the study are a sample of all, so that instruction x strategy
-        is random and its spread is part of the error. ``"these instructions"``: it is fixed, and
+        is random and its variance is part of the error. ``"these instructions"``: it is fixed, and
         delta is the mean over the instructions of the study.
     level : float
         Of the interval.
@@ -58,16 +58,10 @@ def mixed_model(
     Returns
     -------
     xarray.Dataset
-        See `analysis.statistics.finding.collected`; besides ``standard_error``,
-        ``degrees_of_freedom`` and ``p_wald`` (normal distribution; too small for few volunteers);
-        ``variance`` (contrast, random) of the terms of d, NaN for one that is not in the model;
-        ``converged`` [1] and ``criterion`` (-2 restricted log-likelihood). p and interval are NaN
-        below the numbers of volunteers and instructions in `analysis.statistics.scope`.
-
-    Raises
-    ------
-    StatisticsError
-        Unknown scope, or a level outside 0-1.
+        See `collected`; besides ``standard_error``, ``degrees_of_freedom`` and ``p_wald`` (normal
+        distribution; too small for few volunteers); ``variance`` (contrast, random) of the terms of
+        d, NaN for one that is not in the model; ``converged`` [1] and ``criterion`` (-2 restricted
+        log-likelihood).
 
     Notes
     -----
@@ -110,7 +104,7 @@ def mixed_model(
 def cell_means(data: Paired) -> Array:
     """Differences averaged over repetitions, then markers, shape (volunteers, instructions).
 
-    Volunteers and instructions without a pair are left out; other gaps are NaN.
+    Volunteers and instructions without a pair are omitted; other gaps are NaN.
     """
     mean = data.differences.mean("repetition", skipna=True)
     rest = [dim for dim in mean.dims if dim not in ("volunteer", "instruction")]
@@ -122,7 +116,7 @@ def cell_means(data: Paired) -> Array:
 def fit_differences(
     table: Array, scope: Scope, *, least: tuple[int, int] = (LEAST_VOLUNTEERS, LEAST_INSTRUCTIONS)
 ) -> _Fitted | str:
-    """Fit the differences of one contrast.
+    """Fit the mean differences of one contrast, or return the reason for which they cannot be fitted.
 
     Parameters
     ----------
@@ -131,11 +125,7 @@ def fit_differences(
     scope : {"instructions", "these instructions"}
         See `mixed_model`.
     least : (int, int)
-        Volunteers, and instructions where these are a sample, below which nothing is fitted.
-
-    Returns
-    -------
-    The fit with estimate, standard error and degrees of freedom; or the reason for its absence.
+        Least numbers of volunteers and, if they are a sample, of instructions.
     """
     people, instructions = table.shape
     if people < least[0]:

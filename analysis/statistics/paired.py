@@ -1,8 +1,8 @@
 """Paired differences between strategies, with counts of missing pairs.
 
-The volunteer is the unit: markers, repetitions and instructions of one person are not
-independent. Two strategies are compared within the same trial and marker; the differences are
-averaged over repetitions, then over instructions and markers, to one number per volunteer.
+The volunteer is the unit of analysis, because markers, repetitions and instructions of one person
+are not independent. Two strategies are compared within the same trial and marker; the differences
+are averaged over repetitions, then over instructions and markers, to one number per volunteer.
 """
 
 from collections.abc import Sequence
@@ -40,16 +40,15 @@ class Paired:
     label : str
         "first - second".
     differences : xarray.DataArray
-        first - second on the scale of the analysis, dims volunteer, repetition and the rest; NaN
-        where not both are defined.
+        first - second on the scale of the analysis, dims volunteer, repetition and the others; NaN
+        unless both are defined.
     means : xarray.DataArray
         One number per volunteer, NaN for a volunteer without a pair.
     counts : dict of str to int
-        ``pairs`` in use, those lost by cause (``lost_failed``, ``lost_excluded``,
-        ``lost_missing``, ``lost_undefined``), and ``clipped``, those in use
-        of which a value was clipped.
+        ``pairs`` in use, missing ones by cause (``lost_failed``, ``lost_excluded``,
+        ``lost_missing``, ``lost_undefined``), and ``clipped``, those with a clipped value.
     unit, factor
-        How a difference is written for reading.
+        Unit and factor for the display of a difference.
     """
 
     label: str
@@ -76,7 +75,7 @@ class Paired:
 
     @property
     def values(self) -> Array:
-        """The means of the volunteers that have any pair, shape (n,)."""
+        """Means of the volunteers with a pair, shape (n,)."""
         found = self.means.values
         return found[np.isfinite(found)]
 
@@ -88,21 +87,7 @@ class Paired:
 
 
 def fisher_z(rho: xr.DataArray, *, limit: float = LIMIT) -> xr.DataArray:
-    """Fisher's variance-stabilising transform of a correlation.
-
-    z = artanh(clip(rho, -limit, limit))
-
-    Parameters
-    ----------
-    rho : xarray.DataArray
-        Correlations [1]; NaN stays NaN.
-    limit : float
-        Greatest |rho| that is transformed, below 1, where z is infinite.
-
-    Returns
-    -------
-    xarray.DataArray
-        z [1], same dims.
+    """Fisher's variance-stabilising transform of a correlation [1], artanh(clip(rho, -limit, limit)).
 
     Raises
     ------
@@ -121,13 +106,7 @@ def fisher_z(rho: xr.DataArray, *, limit: float = LIMIT) -> xr.DataArray:
 
 
 def scaled(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.DataArray:
-    """Return the values of scored trials on the scale of the analysis, NaN elsewhere.
-
-    Raises
-    ------
-    StatisticsError
-        Unknown variable or scale, or dims beyond those of a cube.
-    """
+    """Return the values of scored trials on the scale of the analysis, NaN elsewhere."""
     if variable not in cube or "marker" not in cube[variable].dims:
         known = [str(name) for name, data in cube.data_vars.items() if "marker" in data.dims]
         known = [name for name in known if cube[name].dtype.kind == "f"]
@@ -147,13 +126,7 @@ def scaled(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.Da
 def chosen_contrasts(
     labels: Sequence[str], contrasts: Sequence[tuple[str, str]] | None
 ) -> list[tuple[str, str]]:
-    """Return the pairs (first, second) to compare; default: all pairs, later minus earlier.
-
-    Raises
-    ------
-    StatisticsError
-        A label that the cube does not have, or a label against itself.
-    """
+    """Return the pairs (first, second) to compare; default: all pairs, later minus earlier."""
     if contrasts is None:
         return [(second, first) for first, second in combinations(labels, 2)]
     for first, second in contrasts:
@@ -175,28 +148,9 @@ def paired(
     scale: Scale = "z",
     limit: float = LIMIT,
 ) -> Paired:
-    """Compute the differences between two labels of a dim, within trial and marker.
+    """Compute the differences first - second between two labels of `dim`, within trial and marker.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-    first, second : str
-        Labels of `dim`; the difference is first - second.
-    dim : str
-        What is compared, ``"strategy"`` or another dim.
-    variable, scale, limit
-        As in `compare`.
-
-    Returns
-    -------
-    Paired
-        Differences, one mean per volunteer, and counts.
-
-    Raises
-    ------
-    StatisticsError
-        Unknown variable or scale.
+    `variable`, `scale` and `limit` are those of `compare`.
     """
     data = scaled(cube, variable, scale, limit)
     status = texts(cube["status"]).broadcast_like(data).transpose(*data.dims)
@@ -234,7 +188,7 @@ def volunteer_means(data: xr.DataArray, *keep: str) -> xr.DataArray:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Contrasts of the strategies of a cube, for the methods that judge them.
+    """Contrasts of the strategies of a cube.
 
     Attributes
     ----------
@@ -243,7 +197,7 @@ class Comparison:
     pairs : tuple of Paired
         One per contrast.
     attrs : dict
-        Properties of the data that every result states: variable, scale, units, origin, scope.
+        Attributes of every result: variable, scale, units, origin, scope.
     """
 
     values: xr.DataArray
@@ -259,29 +213,25 @@ def compare(
     scale: Scale | None = None,
     limit: float = LIMIT,
 ) -> Comparison:
-    """Take the differences between strategies that the methods of `analysis.statistics` judge.
+    """Compute the differences between strategies for the tests of `analysis.statistics`.
 
     Parameters
     ----------
     cube : xarray.Dataset
         Result of `analysis.cube.build_cube`.
     contrasts : sequence of (str, str), optional
-        Strategies (first, second), compared as first - second; all pairs where not given.
+        Strategies (first, second), compared as first - second; by default all pairs.
     variable : str
         ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
     scale : {"z", "raw"}, optional
-        Fisher's z or the values themselves; z for rho, else raw.
+        Fisher's z or the values themselves; by default z for rho, otherwise raw.
     limit : float
         See `fisher_z`.
-
-    Returns
-    -------
-    Comparison
 
     Raises
     ------
     StatisticsError
-        Unknown strategy, variable or scale, or a cube with further axes, whose levels are no
+        Unknown strategy, variable or scale, or a cube with further axes, whose levels are not
         repetitions of each other.
     """
     used: Scale = scale if scale is not None else ("z" if variable == "rho" else "raw")

@@ -40,36 +40,24 @@ def simulated_power(
 
     Parameters
     ----------
-    effect : float
-        True mean difference, on the scale of the analysis.
-    standard_deviation : float
-        Of the volunteers' mean differences, same scale.
+    effect, standard_deviation : float
+        True mean and standard deviation of the volunteers' mean differences, on the scale of the
+        analysis.
     volunteers : sequence of int
         Numbers to try, 2 or more each.
     test : {"sign_flip", "wilcoxon", "t"}
         Two-sided test over volunteers.
-    alpha : float
-        Size of the test [1].
-    target : float
-        Power that is wanted [1].
-    simulations : int
-        Studies simulated for each number.
-    draws : int
-        Random sign patterns for more than 12 volunteers; all patterns up to there.
-    seed : int
-        Of the simulated studies.
+    alpha, target : float
+        Size of the test, and desired power [1].
+    simulations, draws, seed : int
+        Simulated studies per number; random sign patterns for more than 12 volunteers; seed.
 
     Returns
     -------
     xarray.Dataset
         Dim volunteers: ``power`` [1] with its ``monte_carlo_error`` and ``smallest_p``;
-        ``volunteers_needed``, the smallest number tried that reaches `target`, NaN where none
-        does; attribute ``sentence``.
-
-    Raises
-    ------
-    StatisticsError
-        An option outside its range.
+        ``volunteers_needed``, the smallest number that reaches `target`, NaN if none does;
+        attribute ``sentence``.
 
     Notes
     -----
@@ -125,24 +113,12 @@ def simulated_power(
 def detectable(n: int, *, test: Test, alpha: float = 0.05, target: float = 0.8) -> float:
     """Find the smallest difference that a test of n volunteers detects with a given power.
 
-    Parameters
-    ----------
-    n : int
-        Volunteers, 2 or more.
-    test : {"sign_flip", "wilcoxon", "t"}
-        Two-sided test over volunteers.
-    alpha, target : float
-        Size of the test and power wanted [1].
-
-    Returns
-    -------
-    float
-        In standard deviations of the volunteers' differences [1], to about 3 % (by simulation);
-        infinite where no p of the test reaches alpha.
+    In standard deviations of the volunteers' differences [1], to about 3 % (by simulation);
+    infinite if no p of the test reaches alpha. The options are those of `simulated_power`.
     """
 
     def reached(effect: float) -> float:
-        # The same draws at every effect, so that power grows steadily with it.
+        # The draws are the same for every effect, so that power increases monotonically with it.
         found = simulated_power(
             effect, 1.0, volunteers=[n], test=test, alpha=alpha, target=target, simulations=1000
         )
@@ -176,11 +152,10 @@ def power(
     Parameters
     ----------
     data : Comparison
-        Of `analysis.statistics.paired.compare`.
+        Contrasts.
     effect : float, optional
-        Difference to be shown, on the scale of the analysis. Without it the one observed is
-        taken, which makes the answer as uncertain as that estimate: a difference that matters is
-        the better choice.
+        Difference to be shown, on the scale of the analysis, preferably one that matters; by
+        default the observed one, which makes the result as uncertain as that estimate.
     level : float
         Of the interval of the standard deviation.
     volunteers, test, alpha, target, simulations, seed
@@ -189,17 +164,11 @@ def power(
     Returns
     -------
     xarray.Dataset
-        Dims contrast, volunteers, spread (lower, estimate, upper): ``power`` [1] at the standard
-        deviation observed and at both ends of its interval, ``monte_carlo_error``,
-        ``volunteers_needed`` (contrast, spread), ``effect`` (contrast),
-        ``standard_deviation`` (contrast, spread), ``n`` (contrast), ``sentence`` (contrast). NaN
-        where there is no variation to build on, and at both ends of an interval from too few
-        volunteers.
-
-    Raises
-    ------
-    StatisticsError
-        An option outside its range.
+        Dims contrast, volunteers, spread (lower, estimate, upper): ``power`` [1] at the observed
+        standard deviation and at both ends of its interval, ``monte_carlo_error``,
+        ``volunteers_needed`` (contrast, spread), ``effect`` (contrast), ``standard_deviation``
+        (contrast, spread), ``n`` (contrast), ``sentence`` (contrast). NaN without variation between
+        volunteers, and at the ends of an interval from too few of them.
     """
     spreads = ("lower", "estimate", "upper")
     shape = (len(data.pairs), len(spreads))

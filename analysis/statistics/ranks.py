@@ -29,25 +29,10 @@ MOST_STATES: Final = 20_000
 def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
     """Wilcoxon signed-rank test of the volunteers' mean differences, exact also with ties.
 
-    Parameters
-    ----------
-    data : Comparison
-        Of `analysis.statistics.paired.compare`.
-    level : float
-        Nominal level of the interval; the exact one is in ``coverage``.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `analysis.statistics.finding.collected`: ``estimate`` is the Hodges-Lehmann median of
-        the pairwise averages, ``interval`` its exact bounds; besides ``statistic`` (sum of the
-        ranks of positive differences), ``zeros`` (volunteers without a difference, not ranked)
-        and ``coverage`` [1]. ``p_holm`` adjusts over the contrasts.
-
-    Raises
-    ------
-    StatisticsError
-        A level outside 0-1.
+    ``estimate`` is the Hodges-Lehmann median of the pairwise averages, ``interval`` its exact
+    bounds of the nominal `level`; besides ``statistic`` (sum of the ranks of positive differences),
+    ``zeros`` (volunteers without a difference, not ranked) and ``coverage`` (exact level of the
+    interval) [1].
 
     Notes
     -----
@@ -75,26 +60,15 @@ def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
 def friedman(data: Comparison) -> xr.Dataset:
     """Friedman test of equal ranks of all strategies, on means of volunteers.
 
-    Only values that all strategies have are averaged, so that all are ranked on the same trials
-    and markers.
-
-    Parameters
-    ----------
-    data : Comparison
-        Of `analysis.statistics.paired.compare`; its contrasts do not matter.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `analysis.statistics.finding.collected`, one contrast "all strategies": ``estimate``
-        is Kendall's W [1], 0 for no agreement between volunteers and 1 for the same order in all;
-        no interval. Besides ``statistic`` (chi-square), ``p_chi2`` (its limit for many
-        volunteers) and ``mean_rank`` (strategy), 1 the lowest.
+    Only values defined for all strategies are averaged. The result has one contrast, "all
+    strategies": ``estimate`` is Kendall's W [1], 0 for no agreement between volunteers and 1 for
+    the same order in all; no interval. Besides ``statistic`` (chi-square), ``p_chi2`` (its limit
+    for many volunteers) and ``mean_rank`` (strategy), 1 the lowest.
 
     Notes
     -----
-    Exact by enumeration of all orders within volunteers while their sums of ranks are few (three
-    strategies: up to about 100 volunteers); ``exact`` says so. Source: Friedman 1937, Journal of
+    Exact, by enumeration of all orders within volunteers, while their sums of ranks are few (three
+    strategies: up to about 100 volunteers), as stated by ``exact``. Source: Friedman 1937, Journal of
     the American Statistical Association 32:675.
     """
     values = data.values
@@ -155,14 +129,8 @@ def hodges_lehmann(values: Array, level: float) -> tuple[float, float, float, fl
 def friedman_p(table: Array) -> tuple[float, float, float, bool]:
     """Friedman's test of a table, shape (volunteers, strategies).
 
-    Returns
-    -------
-    statistic : float
-        Chi-square corrected for ties; 0 where all strategies tie in every volunteer.
-    p, p_chi2 : float
-        Probability by enumeration where feasible, and by the chi-square limit.
-    exact : bool
-        Whether `p` is exact.
+    Returns the chi-square statistic corrected for ties, 0 if all strategies tie in every volunteer;
+    p by enumeration if feasible; p by the chi-square limit; and True if the first p is exact.
     """
     n, k = map(int, table.shape)
     ranks = np.asarray(rankdata(table, axis=1), dtype=np.float64)
@@ -172,7 +140,7 @@ def friedman_p(table: Array) -> tuple[float, float, float, bool]:
     sums: Array = ranks.sum(axis=0)
     statistic = (k - 1) * float(((sums - n * (k + 1) / 2.0) ** 2).sum()) / spread
     p_chi2 = float(chi2.sf(statistic, k - 1))
-    # The sum of squares of doubled sums of ranks orders tables like the statistic, in integers.
+    # The sum of squares of doubled sums of ranks is an integer and increases with the statistic.
     found = int((np.rint(2.0 * sums).astype(np.int64) ** 2).sum())
     states: dict[tuple[int, ...], float] = {(0,) * k: 1.0}
     for row in np.rint(2.0 * ranks).astype(np.int64).tolist():

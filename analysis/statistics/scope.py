@@ -1,4 +1,4 @@
-"""Population to which a test applies, and the least sample for estimates about it."""
+"""Population of a test, and the least sample for inference about it."""
 
 from typing import Final, Literal
 
@@ -8,14 +8,15 @@ Scope = Literal["instructions", "these instructions"]
 LEAST_VOLUNTEERS: Final = 5
 """Least number of volunteers for intervals.
 
-The least number at which every kind of interval covers its nominal 0.95 within two Monte Carlo
-errors: ``docs/statistics/intervals.md``.
+With this number, the coverage of all intervals is 0.95 within two Monte Carlo errors
+(``docs/statistics/intervals.md``).
 """
 
 LEAST_INSTRUCTIONS: Final = 4
 """Least number of instructions for intervals about instructions in general.
 
-Two and three leave one and two degrees of freedom; the same table has coverages down to 0.92.
+With two and three instructions there are one and two degrees of freedom, and coverages down to
+0.92.
 """
 
 
@@ -27,20 +28,7 @@ def too_few_volunteers(n: int) -> str:
 
 
 def told_scope(scope: Scope, instructions: int) -> str:
-    """Describe the scope of a result.
-
-    Parameters
-    ----------
-    scope : {"instructions", "these instructions"}
-        Population represented by the instructions of the study.
-    instructions : int
-        Their number.
-
-    Returns
-    -------
-    str
-        For example "volunteers in general, these 6 instructions".
-    """
+    """Describe the scope of a result, such as "volunteers in general, these 6 instructions"."""
     if scope == "instructions":
         return "volunteers and instructions in general"
     these = "this 1 instruction" if instructions == 1 else f"these {instructions} instructions"

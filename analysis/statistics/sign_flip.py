@@ -30,33 +30,27 @@ def sign_flip(
 ) -> xr.Dataset:
     """Test by flipping the signs of the volunteers' mean differences.
 
-    If a strategy made no difference, each volunteer's difference would as likely have had the
-    other sign. p is the share of all 2^n sign patterns whose mean is at least as far from zero as
-    the one observed; the interval holds the shifts that the test would not reject.
+    Under the null hypothesis, each volunteer's difference has either sign with equal probability. p
+    is the fraction of all 2^n sign patterns whose mean is at least as far from zero as the observed
+    one; the interval contains the shifts that the test does not reject.
 
     Parameters
     ----------
     data : Comparison
-        Of `analysis.statistics.paired.compare`.
+        Contrasts.
     level : float
         Nominal level of the interval; the exact one is in ``coverage``.
-    draws : int
-        Random patterns in addition to the observed one, for more than 16 volunteers.
-    seed : int
-        Of those draws.
+    draws, seed : int
+        For more than 16 volunteers, number of random patterns in addition to the observed one, and
+        seed.
 
     Returns
     -------
     xarray.Dataset
-        See `analysis.statistics.finding.collected`; besides ``p_joint``, adjusted over the
-        contrasts by flipping all of a volunteer's differences together (single step, largest
-        statistic), ``coverage`` [1] and ``standard_deviation`` between volunteers. An interval is
-        infinite where n is too small for `level`.
-
-    Raises
-    ------
-    StatisticsError
-        A level outside 0-1.
+        See `collected`; besides ``p_joint``, adjusted over the contrasts by flipping all of a
+        volunteer's differences together (single step, largest statistic), ``coverage`` [1] and
+        ``standard_deviation`` between volunteers. An interval is infinite if n is too small for
+        `level`.
 
     Notes
     -----
@@ -88,10 +82,10 @@ def sign_flip(
 def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Array:
     """Return sign patterns of n numbers, the observed one (all +1) first.
 
-    All of them up to a common sign for n <= 16, which leaves 2^(n-1); else random ones.
+    For n <= 16 all patterns up to a common sign, 2^(n-1); otherwise random ones.
     """
     if n <= MOST_EXACT:
-        # The first sign is held: a pattern and its negative have the same size of mean.
+        # The first sign is fixed, because a pattern and its negative have the same absolute mean.
         pattern = np.arange(2 ** (n - 1), dtype=np.int64)[:, None]
         flipped = (pattern >> np.arange(n - 1, dtype=np.int64)) & 1
         signs = np.ones((len(pattern), n))
@@ -111,12 +105,12 @@ def sign_flip_p(values: Array, patterns: Array) -> float:
 def sign_flip_interval(values: Array, patterns: Array, level: float) -> tuple[float, float, float]:
     """Return the shifts that the test does not reject, lower and upper, and its exact level.
 
-    A pattern that keeps the set K and flips the set F counts against a shift theta exactly where
-    theta lies between the means of K and F, so the bounds are order statistics of those means.
+    A pattern that keeps the set K and flips the set F counts against a shift theta if theta lies
+    between the means of K and F, so that the bounds are order statistics of those means.
     """
     kept = patterns[1:] > 0
     flipped = ~kept
-    # A pattern that flips all or nothing counts against every shift, as the observed one does.
+    # A pattern that flips all or none counts against every shift, like the observed one.
     proper = kept.any(axis=1) & flipped.any(axis=1)
     kept, flipped = kept[proper], flipped[proper]
     always = len(patterns) - len(kept)

@@ -44,41 +44,31 @@ def simulated_scores(
     ----------
     seed : int
         Of the draws.
-    volunteers, instructions, repetitions, markers : int
-        Sizes of the cube.
-    strategies : sequence of str
-        Labels.
-    effects : sequence of float
-        One per strategy, in Fisher's z.
-    centre : float
-        Mean of Fisher's z where all else is zero.
+    volunteers, instructions, repetitions, markers, strategies
+        Sizes of the cube, and labels of the strategies.
+    effects, centre
+        Effect of each strategy, and mean without effects, in Fisher's z.
     sd_volunteer, sd_instruction, sd_marker, sd_interaction, sd_error : float
         Standard deviations of the random terms, in Fisher's z; sd_interaction is that of
         volunteer x strategy.
     sd_instruction_strategy, sd_trial : float
-        Of instruction x strategy, and of volunteer x instruction x strategy, which all markers
-        and repetitions share.
+        Of instruction x strategy, and of volunteer x instruction x strategy, which is common to all
+        markers and repetitions.
     spread : sequence of float
-        One factor per strategy on the terms of the volunteers and of the error that involve it.
+        Factor per strategy on the terms of the volunteers and of the error that involve it.
     freedom : float
-        Degrees of freedom of the t distribution of every term, above 2 and scaled to the standard
-        deviations above; normal where infinite.
+        Degrees of freedom, above 2, of the t distribution of every term; normal if infinite.
     missing : float
-        Share of trials lost at random [1].
+        Fraction of trials lost at random [1].
     these : bool
-        Whether instruction x strategy sums to zero over the instructions drawn, so that the
-        effects are those over these instructions, and not only over all.
+        If true, instruction x strategy sums to zero over the instructions drawn, so that the
+        effects are those over these instructions.
 
     Returns
     -------
     xarray.Dataset
-        As of `analysis.cube.build_cube` with ``rho``, ``amplitude_ratio`` and ``rmse`` [m], the
-        latter two functions of rho, and ``status``; ``origin`` is "simulated".
-
-    Raises
-    ------
-    StatisticsError
-        Not one effect and spread per strategy, or degrees of freedom not above 2.
+        As of `build_cube` with ``rho``, ``amplitude_ratio`` and ``rmse`` [m], the latter two
+        functions of rho, and ``status``; ``origin`` is "simulated".
     """
     if len(effects) != len(strategies) or len(spread) != len(strategies):
         raise StatisticsError(

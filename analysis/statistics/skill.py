@@ -45,22 +45,22 @@ def against_baselines(
     Returns
     -------
     xarray.Dataset
-        Dims strategy, bound. Means over the trials of a strategy of each of `LEVELS` [1]; of each of
-        `GAINS` [1] the estimate and, as ``<name>_interval``, its bounds: markers are averaged first,
-        volunteers and repetitions drawn as in `analysis.statistics.bootstrap`, quantiles expanded.
-        ``skill`` is the mean of rho - template over the mean of ceiling - template, not the mean of
-        the trials' skills, which a trial with little room would decide. ``volunteers`` and ``trials``
-        for which rho minus template is defined, ``template_volunteers`` (median), ``instructions``.
+        Dims strategy, bound. Means over the trials of a strategy of each of `LEVELS` [1]; of each
+        of `GAINS` [1] the estimate and, as ``<name>_interval``, its bounds: markers are averaged
+        first, volunteers and repetitions drawn as in `analysis.statistics.bootstrap`, quantiles
+        expanded. ``skill`` is the mean of rho - template over the mean of ceiling - template, not
+        the mean of the trials' skills, which trials with similar template and ceiling would
+        dominate. ``volunteers`` and ``trials`` for which rho minus template is defined,
+        ``template_volunteers`` (median), ``instructions``.
 
     Raises
     ------
     StatisticsError
-        The cube holds no baselines, has further axes, or an option is outside its range.
+        The cube contains no baselines, has further axes, or an option is outside its range.
 
     Notes
     -----
-    Fewer than `analysis.statistics.scope.LEAST_VOLUNTEERS` volunteers get no interval. Templates of
-    different volunteers share members, so volunteers are not wholly independent here.
+    Templates of different volunteers share members, so that volunteers are not wholly independent.
     """
     check_level(level)
     if not has_baselines(cube):
@@ -84,16 +84,14 @@ def against_baselines(
     rho = values["rho"]
     room = values["ceiling"] - values["template_rho"]
     parts = {
-        "gain_template": (rho - values["template_rho"], None),
-        "gain_shuffled": (rho - values["shuffled_rho"], None),
-        "gain_wrong": (rho - values["wrong_rho"], None),
-        "within": (cube["within_rho"].expand_dims("repetition"), None),
-        "skill": (
-            (rho - values["template_rho"]).where(np.isfinite(room)),
-            room.where(np.isfinite(rho)),
-        ),
+        "gain_template": rho - values["template_rho"],
+        "gain_shuffled": rho - values["shuffled_rho"],
+        "gain_wrong": rho - values["wrong_rho"],
+        "within": cube["within_rho"].expand_dims("repetition"),
+        "skill": (rho - values["template_rho"]).where(np.isfinite(room)),
     }
-    for name, (top, bottom) in parts.items():
+    for name, top in parts.items():
+        bottom = room.where(np.isfinite(rho)) if name == "skill" else None
         found = [
             _ratio(
                 _cells(top, k), None if bottom is None else _cells(bottom, k), level, draws, seed
@@ -104,20 +102,14 @@ def against_baselines(
         result[name] = ("strategy", np.array([one[0] for one in found]), attrs)
         bounds = np.array([one[1:] for one in found]).reshape(-1, 2)
         result[f"{name}_interval"] = (("strategy", "bound"), bounds, attrs)
-    scored = parts["gain_template"][0].transpose("strategy", *TRIAL[:3], "marker").notnull().values
+    scored = parts["gain_template"].transpose("strategy", *TRIAL[:3], "marker").notnull().values
     result["trials"] = ("strategy", scored.any(axis=4).sum(axis=(1, 2, 3)))
     result["volunteers"] = ("strategy", scored.any(axis=(2, 3, 4)).sum(axis=1))
     others = cube["template_volunteers"].values
     others = others[np.isfinite(others)]
     result["template_volunteers"] = float(np.median(others)) if len(others) else 0.0
     result["instructions"] = cube.sizes["instruction"]
-    result.attrs = {
-        "origin": origin_of(cube),
-        "level": level,
-        "draws": draws,
-        "seed": seed,
-    }
-    return result
+    return result.assign_attrs(origin=origin_of(cube), level=level, draws=draws, seed=seed)
 
 
 def _cells(data: xr.DataArray, strategy: int) -> Array:
@@ -137,11 +129,9 @@ def _ratio(
         return nothing
     estimate, drawn = float(np.nanmean(top)), replicates(top, "mean", draws, seed)
     if bottom is not None:
-        # The same seed and shape draw the same volunteers and repetitions.
-        room, drawn_room = (
-            float(np.nanmean(bottom[kept])),
-            replicates(bottom[kept], "mean", draws, seed),
-        )
+        # With the same seed and shape, the same volunteers and repetitions are drawn.
+        bottom = bottom[kept]
+        room, drawn_room = float(np.nanmean(bottom)), replicates(bottom, "mean", draws, seed)
         if room < LEAST_ROOM:
             return nothing
         estimate /= room

@@ -37,11 +37,11 @@ def study_statistics(
     variable : str
         ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
     margin : float, optional
-        Of equivalence, on the scale of the analysis; without it equivalence is not tested.
+        Of equivalence, on the scale of the analysis; by default equivalence is not tested.
     level : float
         Of the intervals.
     draws, seed : int
-        Bootstrap samples, and the seed of all that is drawn.
+        Number of bootstrap samples, and the seed of all draws.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def study_statistics(
         Unknown variable, further dims, or an option outside its range.
     """
     data = compare(cube, variable=variable)
-    # Effects are read in the variable itself.
+    # The bootstrap estimates effects in units of the variable.
     raw = compare(cube, variable=variable, scale="raw")
     found = {
         "sign_flip": sign_flip(data, level=level, seed=seed),
@@ -77,18 +77,10 @@ def study_statistics(
 def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
     """State for every contrast if a difference is significant, and its scope.
 
-    Parameters
-    ----------
-    found : mapping of str to xarray.Dataset
-        Result of `study_statistics`.
-
-    Returns
-    -------
-    list of str
-        One sentence or two per contrast, or one that says that there is none. A difference is
-        shown on the instructions of the study where the sign-flip p over all contrasts jointly is
-        at most 1 - level; on instructions in general where that of the mixed model is, after Holm
-        over the contrasts. Where none is shown, the smallest difference that would have been.
+    One or two sentences per contrast of the result of `study_statistics`. A difference is
+    significant for the instructions of the study if the sign-flip p over all contrasts jointly is
+    at most 1 - level, and for instructions in general if that of the mixed model is, after Holm's
+    correction. Otherwise the smallest detectable difference is stated.
     """
     exact = found["sign_flip"]
     alpha = 1.0 - float(exact.attrs["level"])
@@ -155,17 +147,9 @@ def _in_general(row: xr.Dataset, alpha: float) -> str:
 
 
 def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
-    """Tabulate estimate, interval and p of every test and contrast.
+    """Tabulate estimate, interval and p of every test and contrast of `study_statistics`.
 
-    Parameters
-    ----------
-    found : mapping of str to xarray.Dataset
-        Result of `study_statistics`.
-
-    Returns
-    -------
-    Table
-        One row per test and contrast. The unit of the estimate is in the column ``in``.
+    The column ``in`` contains the unit of the estimate.
     """
     columns = (
         Column("test"), Column("instructions"), Column("contrast"), Column("in"),
