@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from emgface._xarray import register_accessor
 
-# Threads of linear algebra otherwise wait by spinning, which multiplies the processor time where other
-# programs run. The libraries read this when they are loaded; what a user has set stays.
+# Threads of linear algebra otherwise wait by spinning, which multiplies the processor time if other
+# programs run. The libraries read this when they are loaded; settings of the user have priority.
 for _name, _value in {
     "OMP_WAIT_POLICY": "PASSIVE",
     "KMP_BLOCKTIME": "0",

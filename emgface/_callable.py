@@ -1,7 +1,7 @@
-"""Packages that can be called: ``ef.face`` and ``ef.study`` are subpackages and functions at once.
+"""Packages that can be called: ``ef.face`` and ``ef.study`` are both subpackages and functions.
 
-Importing a submodule binds its package's name in the parent, so that a function of the same name
-would disappear with the first ``import emgface.face.motion``. The package therefore is the function.
+Importing a submodule binds its package's name in the parent, so that ``import emgface.face.motion``
+would replace a function of the same name. The package itself is therefore callable.
 """
 
 import sys
@@ -11,15 +11,7 @@ from typing import Any
 
 
 def make_callable(package: str, function: Callable[..., Any]) -> None:
-    """Let a package be called as a function.
-
-    Parameters
-    ----------
-    package : str
-        Name of an imported package.
-    function : callable
-        Called with the arguments that the package is called with.
-    """
+    """Make an imported package callable as a function."""
 
     class Callables(ModuleType):
         def __call__(self, *args: Any, **choices: Any) -> Any:

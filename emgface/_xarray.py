@@ -1,7 +1,7 @@
-"""Registers the accessor ``emg`` of xarray objects without importing xarray.
+"""Registration of the accessor ``emg`` of xarray objects without importing xarray.
 
-Importing xarray takes longer than everything else that ``import emgface`` does. Where xarray has not
-been imported yet, the registration waits until it is.
+Importing xarray takes longer than all other imports of ``import emgface``. If xarray has not been
+imported, the accessor is registered when it is.
 """
 
 import sys
@@ -12,7 +12,7 @@ from typing import Any
 
 
 def register_accessor() -> None:
-    """Register the accessor now if xarray is there, otherwise as soon as it has been imported."""
+    """Register the accessor, immediately or when xarray is imported."""
     if "xarray" in sys.modules:
         _register()
     else:
@@ -31,19 +31,19 @@ def _register() -> None:
 
 
 def _steps(signal: Any) -> Any:
-    """Make the accessor of one object; its module is imported at the first use."""
+    """Return the accessor of one object; its module is imported at the first use."""
     from emgface.signals.accessor import Steps
 
     return Steps(signal)
 
 
 class _Waiting:
-    """Finder that finds xarray as the others do and registers the accessor after its import."""
+    """Import finder that registers the accessor after the import of xarray."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Find xarray once; leave every other name to the other finders."""
+        """Find xarray once; leave all other names to the other finders."""
         if name != "xarray":
             return None
         from importlib.util import find_spec

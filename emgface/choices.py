@@ -1,7 +1,7 @@
 """Declaration of parameters, and validation of mappings as parameter models.
 
-A parameter states its default, unit, source and note; `configure` turns a mapping into a model and
-states what is wrong with it.
+A parameter states its default, unit, source and note; `configure` converts a mapping to a model and
+reports invalid values.
 """
 
 import difflib
@@ -26,25 +26,9 @@ def parameter(
 ) -> Any:
     """Field of a parameter model whose description states unit, source and note.
 
-    Parameters
-    ----------
-    default : Any
-        Default value.
-    text : str
-        What the parameter is, one sentence.
-    unit : str
-        SI unit, ``"1"`` for numbers, ``"-"`` for names.
-    source : str
-        Paper and place the default is taken from.
-    note : str
-        Remark for experienced users.
-    **bounds : Any
-        Constraints of `pydantic.Field` (``gt``, ``le`` ...).
-
-    Returns
-    -------
-    Any
-        The field.
+    `text` is one sentence, `unit` an SI unit, ``"1"`` for numbers or ``"-"`` for names, `source`
+    the origin of the default, `note` a remark, and `bounds` are constraints of `pydantic.Field`
+    (``gt``, ``le`` ...).
     """
     description = f"{text} Unit: {unit}. Source: {source}." + (f" Note: {note}" if note else "")
     extra: dict[str, Any] = {"unit": unit, "source": source, "note": note}
@@ -57,12 +41,12 @@ def positive(default: Any, text: str, *, source: str = OWN, **stated: Any) -> An
 
 
 def choice(default: Any, text: str, *, source: str = OWN, note: str = "") -> Any:
-    """Field of a name out of several, which has no unit; arguments as of `parameter`."""
+    """Field with a choice of names, which has no unit; arguments as of `parameter`."""
     return parameter(default, text, unit="-", source=source, note=note)
 
 
 class Parameters(BaseModel):
-    """Base of all parameter models: frozen, and an unknown name is an error."""
+    """Base of all parameter models: immutable, and an unknown name is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -84,24 +68,8 @@ class Parameters(BaseModel):
 def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = "") -> ModelT:
     """Validate a mapping (a table of a study file) against a parameter model.
 
-    Parameters
-    ----------
-    model : type
-        Parameter model, for example `SignalChain`.
-    values : Mapping
-        Names and values.
-    where : str
-        Place to name in messages, for example ``"study.toml [signals]"``.
-
-    Returns
-    -------
-    BaseModel
-        The validated, frozen parameters.
-
-    Raises
-    ------
-    ConfigurationError
-        If a name is unknown (with the nearest valid one) or a value is refused.
+    `where` is stated in messages, for example ``"study.toml [signals]"``. Raises ConfigurationError
+    if a name is unknown (with the nearest valid one) or a value is invalid.
     """
     try:
         return model.model_validate(dict(values))
@@ -139,18 +107,7 @@ def _names_at(model: type[BaseModel], path: list[str]) -> list[str]:
 
 
 def parameter_table(parameters: BaseModel) -> pd.DataFrame:
-    """Every parameter of a model with value, default, unit, source and note.
-
-    Parameters
-    ----------
-    parameters : BaseModel
-        A parameter model; nested models are walked.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns parameter, value, default, unit, source, note; one row per parameter.
-    """
+    """All parameters of a (nested) model with value, default, unit, source and note."""
     rows: list[dict[str, Any]] = []
 
     def walk(model: BaseModel, prefix: str) -> None:

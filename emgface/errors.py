@@ -1,4 +1,4 @@
-"""Typed failures of the study chain.
+"""Typed errors of emgface.
 
 Each message is one sentence: what was found, what was expected, what to try.
 """
@@ -38,11 +38,11 @@ class MarkerError(DataError):
 
 
 class FaceError(DataError):
-    """A face model is unusable: inverted element, muscle with no element."""
+    """A face model is invalid, for example an inverted element or a muscle without element."""
 
 
 class ActivationError(DataError):
-    """An activation lies outside 0-1 or is not finite."""
+    """An activation is outside 0-1 or not finite."""
 
 
 class ConfigurationError(EmgfaceError, ValueError):
@@ -50,8 +50,8 @@ class ConfigurationError(EmgfaceError, ValueError):
 
 
 class StoreError(EmgfaceError):
-    """Results cannot be written, or their parameters cannot be expressed as plain data."""
+    """Results cannot be written, or their parameters cannot be expressed as JSON."""
 
 
 class FeatureWarning(UserWarning):
-    """A feature was computed but is zero, saturated, or of a narrowed pass-band."""
+    """A feature is zero, saturated, or of a narrowed pass-band."""

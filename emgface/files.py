@@ -11,17 +11,7 @@ from emgface.errors import DataError
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     """Write a temporary file by `write` and rename it to `path`; remove it on failure.
 
-    Parameters
-    ----------
-    path : Path
-        File to write; its folder is made if need be.
-    write : callable
-        Takes the path of the temporary file and fills it.
-
-    Raises
-    ------
-    DataError
-        If the file cannot be written.
+    Folders are created. Raises DataError if the file cannot be written.
     """
     temporary: Path | None = None
     try:
@@ -32,7 +22,7 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         write(temporary)
         with temporary.open("rb") as stream:
             os.fsync(stream.fileno())
-        # mkstemp makes the file private; the result has the mode of any newly made file.
+        # mkstemp creates a private file; the result has the usual mode of new files.
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)

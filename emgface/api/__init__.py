@@ -2,7 +2,7 @@
 
 Arguments have the names of the command line's options; tables of parameters have the names of the
 study file (``emgface study template``). Files and datasets are both accepted. Each function imports
-what it needs when it is called, so that importing this module costs nothing.
+what it needs when it is called, so that importing this module is fast.
 """
 
 from emgface.api.faces import face, simulate

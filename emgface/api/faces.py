@@ -19,15 +19,15 @@ def face(
     measures: Mapping[str, str | float] | None = None,
     seed: int | None = None,
 ) -> "xr.Dataset":
-    """Generate a lower face of published measures, or read a face model.
+    """Generate a lower face from published measures, or read a face model.
 
     Parameters
     ----------
     path : path-like, optional
-        Face model as written by ``emgface face build`` or ``emgface face import``; without it a face
+        Face model written by ``emgface face build`` or ``emgface face import``; by default a face
         is generated.
     resolution : str or int
-        "coarse" (576 elements), "medium" (2448), "fine" (6480), or about how many elements.
+        "coarse" (576 elements), "medium" (2448), "fine" (6480), or an approximate number of elements.
     preset : str
         Group of people: "adult", "woman", "man", "older_woman", "older_man", "girl" or "boy".
     measures : mapping, optional
@@ -44,7 +44,7 @@ def face(
     Raises
     ------
     FaceError
-        A file is no usable face; a measure, a group or a resolution is impossible.
+        A file does not contain a valid face; a measure, a group or a resolution is impossible.
 
     Examples
     --------
@@ -81,7 +81,7 @@ def simulate(
 ) -> "xr.Dataset":
     """Simulate the motion of a face for an activation.
 
-    Where an element inverts or a step does not converge, sigma_max is lowered by the rule of the
+    If an element inverts or a step does not converge, sigma_max is lowered by the rule of the
     parameters ``sigma_max_policy``.
 
     Parameters
@@ -89,20 +89,20 @@ def simulate(
     activation : Dataset, DataArray or path-like
         ``activation`` (muscle, time) [1] of every muscle of the face, at times in s.
     face : Dataset or path-like, optional
-        Face model; that of the study when absent, which is a generated face by default.
+        Face model; default: that of the study, which by default is a generated face.
     study : path-like, mapping or StudyConfiguration, optional
-        Study whose tables ``[simulation]`` and ``[face]`` apply; the defaults when absent.
+        Study whose tables ``[simulation]`` and ``[face]`` apply.
     accuracy : str, optional
-        "draft", "study", "reference", "published", or the error wanted such as "0.1 mm".
+        "draft", "study", "reference", "published", or the desired error such as "0.1 mm".
     settled : Dataset, optional
         Face at rest (`emgface.face.motion.settle_face`) for the parameters, if it has been computed.
     surface : bool
-        Whether the trajectory keeps the surface of the face, which `show` needs to move it.
+        Store the surface of the face in the trajectory, which `show` requires to move it.
     probes : tuple of sim.probes.Probe
         Probes in addition to markers and lip opening, such as ``sim.Positions()``.
     progress : bool or callable, optional
-        Whether a line of progress is printed; by default it is where a run takes longer than a few
-        seconds. A callable receives steps done and steps in all.
+        Print a line of progress; by default for runs longer than a few
+        seconds. A callable receives the completed and the total number of steps.
     **choices : Any
         Parameters of the table ``[simulation]`` of a study file, such as ``sigma_max=100e3`` [Pa] or
         ``contact={"method": "barrier"}``.

@@ -31,10 +31,7 @@ ModelT = TypeVar("ModelT", bound=BaseModel)
 def study_of(given: Given) -> StudyConfiguration:
     """Return the configuration of a study file, of its content, or the default.
 
-    Raises
-    ------
-    ConfigurationError
-        The file cannot be read, or a name or value in it is not valid.
+    Raises ConfigurationError if the file cannot be read, or a name or value in it is not valid.
     """
     if given is None:
         return StudyConfiguration()
@@ -50,10 +47,8 @@ def study_of(given: Given) -> StudyConfiguration:
 def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
     """Return a dataset of a kind, read from its netCDF file if a path is passed.
 
-    Raises
-    ------
-    DataError
-        The file is absent, damaged or of another kind, or the dataset lacks the variable.
+    Raises DataError if the file is absent, damaged or of another kind, or the dataset lacks the
+    variable.
     """
     if not isinstance(given, xr.Dataset):
         return read_netcdf(Path(given), kind)
@@ -68,10 +63,7 @@ def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
 def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Dataset:
     """Return a recording, read from a file of any supported format if a path is passed.
 
-    Raises
-    ------
-    DataError, ConfigurationError
-        As `emgface.recordings.dataset.read_recording`.
+    Raises errors as `emgface.recordings.dataset.read_recording`.
     """
     if isinstance(given, xr.Dataset):
         return given
@@ -80,13 +72,7 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
 
 
 def face_of(given: Data | None, study: StudyConfiguration) -> xr.Dataset:
-    """Return the specified face, or that of the study.
-
-    Raises
-    ------
-    FaceError
-        The file holds no usable face.
-    """
+    """Return the specified face, or that of the study; FaceError if it is not valid."""
     if given is None:
         return study_face(study.face)
     return given if isinstance(given, xr.Dataset) else load_face(given)
@@ -95,19 +81,9 @@ def face_of(given: Data | None, study: StudyConfiguration) -> xr.Dataset:
 def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:
     """Return parameters with some of them replaced, including nested tables.
 
-    Parameters
-    ----------
-    model : BaseModel
-        Parameters; what was not set in it keeps its default.
-    tables : mapping
-        Names and values as in a study file; a parameter model represents its table.
-    where : str
-        Place to name in messages.
-
-    Raises
-    ------
-    ConfigurationError
-        A name is unknown (with the nearest valid one) or a value is refused.
+    Parameters that are not set keep their defaults; a parameter model may be passed for its table,
+    and `where` is stated in messages. Raises ConfigurationError if a name is unknown (with the
+    nearest valid one) or a value is invalid.
     """
     if not tables:
         return model
@@ -120,19 +96,18 @@ def simulation_of(
 ) -> SimulationParameters:
     """Return the simulation parameters with the specified accuracy and parameters.
 
-    Raises
-    ------
-    ConfigurationError
-        The accuracy, a name or a value is not valid.
+    Raises ConfigurationError if the accuracy, a name or a value is not valid.
     """
     values = parameters.model_dump(exclude_unset=True)
     wanted = {} if accuracy is None else {"accuracy": accuracy}
     changes = merged(wanted, choices)
     if "accuracy" in changes:
-        # Solver, step and tolerances of the parameters follow from their own accuracy.
+        # Solver, step and tolerances of the parameters were determined by their own accuracy.
         values = {name: v for name, v in values.items() if name not in SET_BY_ACCURACY}
     elif "solver" in changes:
-        values.pop("error_tolerance", None)  # schemes of one solution do not control their error
+        values.pop(
+            "error_tolerance", None
+        )  # schemes with one solution per step have no error control
     if not changes:
         return parameters
     return configure(SimulationParameters, merged(values, changes), where="simulation")

@@ -16,15 +16,10 @@ PERIOD: Final = 0.5
 
 @contextmanager
 def shown(progress: Show | bool | None, what: str) -> Iterator["Line"]:
-    """Show the progress of a computation until it ends.
+    """Show the progress of a computation (`what`) until it ends.
 
-    Parameters
-    ----------
-    progress : bool, callable or None
-        True or False shows it or not; None shows it when the work takes longer than `PATIENCE`; a
-        callable receives the number done and the number in all.
-    what : str
-        Description of the work.
+    `progress` True or False switches the line on or off; None shows it after `PATIENCE`; a callable
+    receives the completed and the total number.
     """
     line = Line(progress, what)
     try:

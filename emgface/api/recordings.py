@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def read(path: "File", *, mapping: "Mapping[str, Any] | File | None" = None) -> "xr.Dataset":
-    """Read a recording of any known format, or a file that this package has written.
+    """Read a recording of any supported format, or a file written by this package.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ def read(path: "File", *, mapping: "Mapping[str, Any] | File | None" = None) -> 
         Recording (``emgface data check --help`` lists the formats), or a netCDF file of a face, an
         activation, a trajectory, scores or a cube.
     mapping : mapping or path-like, optional
-        Tables ``channels``, ``markers`` and ``units`` that give a recording's labels their names, or
+        Tables ``channels``, ``markers`` and ``units`` that assign names to a recording's labels, or
         a TOML file with them (``emgface data map`` proposes one).
 
     Returns
@@ -74,14 +74,14 @@ def activate(
     recording : Dataset or path-like
         Recording of one trial: ``emg`` (channel, time_emg) [V].
     strategy : str, optional
-        "act_all", "act_3", "act_rel" or "act_threshold"; "true" takes the true activation of a
-        simulated recording. That of the study when absent.
+        "act_all", "act_3", "act_rel" or "act_threshold"; "true" for the true activation of a
+        simulated recording. Default: that of the study.
     instruction : str, optional
         A to F, if the recording does not specify it; required by "act_rel".
     mapping : mapping or path-like, optional
-        As for `read`, where `recording` is a file.
+        As for `read`, if `recording` is a file.
     study : path-like, mapping or StudyConfiguration, optional
-        Study whose table ``[signals]`` applies; the defaults when absent.
+        Study whose table ``[signals]`` applies.
     band : tuple of float, optional
         Edges of the pass-band [Hz].
     feature : str or mapping, optional
@@ -90,9 +90,9 @@ def activate(
         Treatment of a channel that was recorded on the other side only ("mirror", "zero" or
         "leave_out"), and of one that was recorded on neither side ("zero" or "leave_out").
     session, reference : Dataset, optional
-        Range of the features, where ``normalisation`` has another reach than the trial
+        Range of the features, unless ``normalisation`` refers to the trial
         (`emgface.signals.activation.feature_range`). `reference` may also be a sequence of
-        maximum-effort recordings of the same volunteer; the reach is then "reference".
+        maximum-effort recordings of the same volunteer.
     **tables : mapping
         Further tables of ``[signals]`` in a study file, such as ``normalisation={"silent": "zero"}``.
 
@@ -167,11 +167,11 @@ def score(
     trajectory : Dataset or path-like
         Result of `simulate`.
     face : Dataset or path-like, optional
-        Face model that was simulated; that of the study when absent.
+        Face model that was simulated; default: that of the study.
     study : path-like, mapping or StudyConfiguration, optional
-        Study whose tables apply; the defaults when absent.
+        Study whose tables apply.
     mapping : mapping or path-like, optional
-        As for `read`, where `recording` is a file.
+        As for `read`, if `recording` is a file.
     alignment, score : mapping, optional
         Parameters of the tables ``[alignment]`` and ``[score]`` of a study file.
 
@@ -179,12 +179,12 @@ def score(
     -------
     Dataset
         ``rho`` (marker) [1], the 3D correlation; ``amplitude_ratio`` [1], ``rmse`` [m], ``reason``
-        why a rho is undefined, and what the alignment found (``shift`` [s], ...).
+        of an undefined rho, and the results of the alignment (``shift`` [s], ...).
 
     Raises
     ------
     DataError
-        Markers are absent or were not seen during the simulated time.
+        Markers are absent or not visible during the simulated time.
     AnalysisError
         The motions cannot be aligned or compared.
     ConfigurationError

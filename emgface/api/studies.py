@@ -22,16 +22,15 @@ def study(
     Parameters
     ----------
     study : path-like, mapping or StudyConfiguration, optional
-        Study file (TOML), or its content; the defaults when absent.
+        Study file (TOML), or its content.
     out : path-like
-        Folder of the results. What is stored there already is not computed again.
+        Folder of the results. Results that are stored there are not computed again.
     workers : int
-        Processes that simulate at the same time.
+        Number of processes that simulate.
     accuracy : str, optional
-        "draft", "study", "reference", "published", or the error wanted such as "0.1 mm".
+        "draft", "study", "reference", "published", or the desired error such as "0.1 mm".
     progress : bool, optional
-        Whether a line of progress is printed; by default it is where the study takes longer than a
-        few seconds.
+        Print a line of progress; by default for studies longer than a few seconds.
     **tables : Any
         Tables and parameters of the study file that replace those of `study`, such as
         ``recordings={"folder": "recordings"}`` or ``strategies=["act_all", "act_rel"]``.
@@ -40,14 +39,14 @@ def study(
     -------
     StudyResult
         ``cube``: rho [1], amplitude ratio [1], distance [m] and status over volunteer, instruction,
-        repetition, strategy and marker; ``path`` of its file; ``events``: what was computed.
+        repetition, strategy and marker; ``path`` of its file; ``events``: computed and reused results.
 
     Raises
     ------
     ConfigurationError
-        A name or value of a parameter is not valid, or no folder is given.
+        A name or value of a parameter is not valid, or no folder is specified.
     DataError
-        No recording can be used, or the face is unusable.
+        No recording can be used, or the face is not valid.
     StoreError
         Results cannot be written.
 

@@ -33,21 +33,21 @@ def show(
     Parameters
     ----------
     shown : Dataset or path-like
-        A dataset of this package, its file, the folder of a finished study, or a recording in any known
-        format. The face of a trajectory moves where it was simulated with ``surface=True``.
+        A dataset of this package, its file, the folder of a finished study, or a recording in any
+        supported format. The face of a trajectory moves if it was simulated with ``surface=True``.
     out : path-like, optional
-        File to write as well: a page (``*.html``), a picture (``*.png``, ``*.pdf``, ``*.svg``) or a
+        File to write in addition: a page (``*.html``), a picture (``*.png``, ``*.pdf``, ``*.svg``) or a
         movie (``*.gif``, ``*.mp4``).
     activation : Dataset, optional
-        Activation (muscle, time) [1] that a trajectory was simulated from, shown beside the face.
+        Activation (muscle, time) [1] that caused a trajectory, shown beside the face.
     mapping : mapping or path-like, optional
-        As for `read`, where `shown` is a recording.
+        As for `read`, if `shown` is a recording.
 
     Returns
     -------
     View
-        Displays itself in a notebook: faces as a page on which they turn and move, with a still picture
-        where pages cannot be displayed; everything else as a figure. `View.open` opens a browser.
+        Object that displays itself in a notebook: faces as a page on which they can be rotated and move,
+        with a still picture where pages cannot be displayed; other datasets as a figure.
 
     Raises
     ------
@@ -70,16 +70,9 @@ def show(
 
 
 class View:
-    """A dataset that displays itself.
+    """A dataset that displays itself, with the activation shown beside a moving face.
 
-    Parameters
-    ----------
-    data : Dataset
-        What is shown.
-    kind : str
-        Its kind, such as "trajectory".
-    activation : Dataset, optional
-        Activation beside a moving face.
+    `kind` is that of the dataset, such as "trajectory".
     """
 
     def __init__(self, data: "xr.Dataset", kind: str, activation: "xr.Dataset | None") -> None:
@@ -87,12 +80,12 @@ class View:
 
     @property
     def moving(self) -> bool:
-        """Return True where a face can be turned or moves."""
+        """Return True if the view is a face, which can be rotated or moves."""
         return self._kind == "face_model" or "surface_position" in self._data
 
     @cached_property
     def page(self) -> str:
-        """Page as HTML that loads nothing."""
+        """Page as HTML without network requests."""
         from emgface.pictures.page import motion_page
         from emgface.pictures.show import page
 
@@ -108,7 +101,7 @@ class View:
         return figure(self._data)
 
     def save(self, path: "File") -> "Path":
-        """Write a page, a picture or, of a moving face, a movie, by the suffix of the file.
+        """Write a page, a picture or, for a moving face, a movie, according to the suffix.
 
         Raises
         ------
@@ -146,13 +139,13 @@ class View:
         return path
 
     def __repr__(self) -> str:
-        """Say what is shown and how to see it."""
+        """State what is shown and how it can be displayed."""
         return (
             f"<emgface.View of a {self._kind}: save('view.html') writes it, open() opens a browser>"
         )
 
     def _repr_mimebundle_(self, **_: Any) -> dict[str, Any]:
-        """Still picture and, where a face moves, the page in a frame of its own."""
+        """Still picture and, for a moving face, the page in a separate frame."""
         bundle: dict[str, Any] = {"text/plain": repr(self), "image/png": self._png()}
         if self.moving:
             bundle["text/html"] = (

@@ -59,8 +59,8 @@ class Commands(TyperGroup):
 def is_expected(error: Exception) -> bool:
     """Return True for errors of this package and of the file system, which need no traceback.
 
-    A class of errors whose module was never imported cannot have been raised, so that nothing is
-    imported here: ``--help`` ends in an exception, too, and would wait for the mechanics.
+    A class of errors cannot have been raised if its module was never imported. Nothing is therefore
+    imported here; ``--help``, which also ends in an exception, remains fast.
     """
     bases = (
         getattr(sys.modules.get(module), name, None)
@@ -96,7 +96,7 @@ def warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) ->
 
 
 def show_warnings_as_sentences() -> None:
-    """Print warnings like other messages, each once."""
+    """Print warnings in the form of other messages, each once."""
     warnings.showwarning = warn
     warnings.simplefilter("ignore", DeprecationWarning)
     warnings.simplefilter("ignore", FutureWarning)
@@ -143,10 +143,10 @@ def frame(given: "pd.DataFrame") -> Rows:
 
 
 def show_table(rows: Rows, title: str) -> None:
-    """Print a table; no cell is cut off.
+    """Print a table without truncating cells.
 
-    In a terminal that is too narrow, columns are folded: those that do not fit follow in a further
-    block that repeats the first column, and the text of the last column is wrapped.
+    In a terminal that is too narrow, columns that do not fit follow in a further block that repeats
+    the first column, and the text of the last column is wrapped.
     """
     every = list(range(len(rows.heads)))
     needed = [
@@ -171,7 +171,7 @@ def show_table(rows: Rows, title: str) -> None:
 
 
 def _blocks(needed: list[int], width: int) -> list[list[int]]:
-    """Columns of a table in blocks that a terminal can hold, each with the first column."""
+    """Columns of a table in blocks that fit the terminal, each with the first column."""
     blocks, used = [[0]], needed[0]
     for k in range(1, len(needed)):
         wraps = k == len(needed) - 1 and width - used >= LEAST_TEXT

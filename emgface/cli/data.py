@@ -28,7 +28,7 @@ COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap"
 
 
 class Side(StrEnum):
-    """Sides of the face, as the volunteer sees them."""
+    """Sides of the face, from the perspective of the volunteer."""
 
     left = "L"
     right = "R"
@@ -109,7 +109,7 @@ def check(
                 fail(error)
                 n_bad += 1
                 continue
-            except Exception as error:  # one file must not end the check of the others
+            except Exception as error:  # an invalid file must not stop the check of the others
                 fail(DataError(f"{file.name} could not be examined ({one_line(error)})."))
                 n_bad += 1
                 continue
@@ -146,13 +146,7 @@ def check(
 
 
 def _containing(text: str, names: "Iterable[str]", file: str) -> list[str]:
-    """Channels whose name contains a text, in any case.
-
-    Raises
-    ------
-    DataError
-        If there is none.
-    """
+    """Channels whose name contains a text, in any case; DataError if there is none."""
     from emgface.errors import DataError
 
     held = list(names)
@@ -245,10 +239,10 @@ def propose(
         Side | None, typer.Option(help="Side of channels whose label contains none.")
     ] = None,
 ) -> None:
-    """Propose the muscle of each channel and the place of each marker, for you to confirm.
+    """Propose the muscle of each channel and the position of each marker, for your confirmation.
 
-    Proposals come from the labels (names and abbreviations of muscles, words for sides), from target
-    muscles where the file names them, and from the positions of markers.
+    Proposals are based on the labels (names and abbreviations of muscles, words for sides), on
+    target muscles if the file states them, and on the positions of markers.
     """
     from emgface.errors import DataError
     from emgface.files import replace_file

@@ -29,7 +29,7 @@ def describe(
     ] = None,
     confirm: Annotated[bool, typer.Option("--confirm", help="Accept all guesses.")] = False,
 ) -> None:
-    """Draft the sidecar of a table or array from what can be seen in it, for you to confirm.
+    """Draft the sidecar of a table or array from its contents, for your confirmation.
 
     Guesses are marked and listed under 'unconfirmed'; the sidecar is refused until that list is
     deleted.

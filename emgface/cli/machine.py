@@ -18,8 +18,8 @@ def cores() -> int:
 def use_one_blas_thread() -> None:
     """Restrict numerical libraries to one thread for linear algebra, unless configured.
 
-    The matrices are small: more threads would only wait for each other. Those of the element loops
-    are another matter (`sim.threads`).
+    The matrices are small, so that further threads would only wait. Threads of the element loops
+    are separate (`sim.threads`).
     """
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -37,7 +37,7 @@ def announce_compilation() -> None:
 
 
 def show_page(page: Path) -> None:
-    """Open a page in the browser where a person sits before a display."""
+    """Open a page in the browser if the session is interactive and has a display."""
     from emgface.errors import DataError
     from emgface.pictures.show import check_display
 

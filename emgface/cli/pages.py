@@ -17,30 +17,16 @@ AddPage = Callable[[xr.Dataset, pd.DataFrame], None]
 
 @contextmanager
 def overview_pages(path: Path | None, n_recordings: int) -> Iterator[AddPage]:
-    """Collect overview pages and write them at the end.
+    """Collect overview pages and write them at the end; yields a function that adds one.
 
-    Parameters
-    ----------
-    path : Path or None
-        Picture (png, pdf, svg) to write; an existing one is replaced. None: no picture.
-    n_recordings : int
-        Number of recordings; more than one require a PDF.
-
-    Yields
-    ------
-    callable
-        Takes a recording and its result of `emgface.recordings.check.check_recording`.
-
-    Raises
-    ------
-    DataError
-        If the format is unknown or holds one page where several come, or the file cannot be
-        written.
+    That function receives a recording and its `emgface.recordings.check.check_recording`. `path` is
+    the picture to write (png, pdf, svg), or None. Raises DataError if the format is unknown or has
+    one page for several recordings, or the file cannot be written.
     """
     if path is None:
         yield lambda recording, table: None
         return
-    # Drawing is slow to load, and most checks draw nothing.
+    # Importing the drawing library is slow, and most checks do not draw.
     from matplotlib.backend_bases import FigureCanvasBase
     from matplotlib.backends.backend_pdf import PdfPages
 
@@ -77,6 +63,6 @@ def overview_pages(path: Path | None, n_recordings: int) -> Iterator[AddPage]:
             n_pages += 1
 
         yield draw
-    if n_pages:  # none where no recording could be read
+    if n_pages:  # there is none if no recording could be read
         replace_file(path, lambda target: target.write_bytes(content.getvalue()))
         say(f"Wrote {path}.")

@@ -58,7 +58,7 @@ def simulate(
         bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
     ] = True,
 ) -> None:
-    """Move the face by an activation or a recording; store the motion, or show it."""
+    """Simulate the motion of the face for an activation or a recording; store it, or show it."""
     if not (out_path or page or movie or vtk):
         from emgface.errors import ConfigurationError
 
@@ -125,7 +125,7 @@ def _activation(
     mapping: Path | None,
     study: Path | None,
 ) -> "xr.Dataset":
-    """Activation of a file, computed where the file is a recording."""
+    """Activation of a file, computed if the file is a recording."""
     import emgface as ef
     from emgface.schema.netcdf import open_netcdf, read_netcdf
 

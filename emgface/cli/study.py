@@ -91,7 +91,7 @@ def _results(
 
 
 def _code(result: "StudyResult", report: "Report") -> int:
-    """Say which trials failed; exit code."""
+    """Report the trials that failed, and return the exit code."""
     from analysis.axes import NOT_IN_DESIGN
 
     planned = result.cube["reason"].values != NOT_IN_DESIGN
@@ -131,7 +131,7 @@ def report(
 
 
 def _page(folder: Path, out_path: Path, *, faces: bool = True) -> None:
-    """Write the page of a study and say where it is."""
+    """Write the page of a study and print its path."""
     from emgface.report.write import write_page
 
     announce_compilation()

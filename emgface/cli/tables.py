@@ -40,12 +40,9 @@ def score_rows(scores: xr.Dataset) -> Rows:
 
 
 def draw_activation(activation: xr.Dataset, path: Path) -> None:
-    """Draw the activation over time, left solid and right dashed; name muscles without any.
+    """Draw the activation over time, left solid and right dashed; list inactive muscles.
 
-    Raises
-    ------
-    DataError
-        If the picture's format is unknown or it cannot be written.
+    Raises DataError if the format of the picture is unknown or it cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -117,7 +117,7 @@ def volunteers(
     simulation |= {"step": fine, "output": fine}
     parameters = configure(SimulationParameters, simulation)
     model = load_face(face) if face else None
-    own = configuration.face  # of a template each volunteer has its own
+    own = configuration.face  # template faces are individual
     if model is None and own.path is not None:
         model = study_face(own)
     announce_compilation()

@@ -63,7 +63,7 @@ class Body:
     Attributes
     ----------
     n : int
-        Nodes of the skin, the first points.
+        Number of nodes of the skin, which are the first points.
     rules : ndarray of int, shape (k, 4)
         The next points: each is (9 b + 9 c - a - d) / 16 of four earlier points a, b, c, d.
     teeth : ndarray, shape (m, 3)
@@ -73,7 +73,7 @@ class Body:
     colour : ndarray, shape (points, 3)
         sRGB from 0 to 1.
     tissue : int
-        Points of the tissue; those after it are the dark behind the mouth, and the teeth.
+        Number of points of the tissue; later points are the oral cavity and the teeth.
     """
 
     n: int
@@ -89,7 +89,7 @@ class Body:
         return np.concatenate([moved, self.teeth])
 
     def coloured(self, colour: NDArray[np.floating]) -> Floats:
-        """Colours of all points, where those of the nodes of the skin are given, (n, 3)."""
+        """Colours of all points, from those of the nodes of the skin (n, 3)."""
         found = follow(self.rules, np.asarray(colour, dtype=np.float64))[: self.tissue]
         return np.concatenate([np.clip(found, 0.0, 1.0), self.colour[self.tissue :]])
 
@@ -97,18 +97,8 @@ class Body:
 def skin_of(face: xr.Dataset, *, most: int = MOST_NODES) -> Skin:
     """Find the facets of a face that are visible from outside or through the mouth.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    most : int
-        Nodes that may stay; where there are more the surface is thinned.
-
-    Returns
-    -------
-    Skin
-        Skin, red of the lips and their lining where the face names them; otherwise the skin and the
-        rims of the tissue.
+    These are skin, vermilion and lining of the lips if the face names them, otherwise the skin and
+    the rims of the tissue. A surface with more than `most` nodes is simplified.
     """
     named = {name: facets_of(face, name) for name in surface_names(face)}
     parts = [(LINING if name.endswith("inner") else VERMILION, f) for name, f in named.items()]
@@ -126,17 +116,9 @@ def skin_of(face: xr.Dataset, *, most: int = MOST_NODES) -> Skin:
 
 
 def skin_faces(face: xr.Dataset) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-    """Boundary faces visible from outside, and those of the skin.
+    """Boundary faces (faces, 4) visible from outside, and those of the skin.
 
-    Parameters
-    ----------
-    face : xarray.Dataset
-        A face_model.
-
-    Returns
-    -------
-    visible, of_skin : ndarray of int, shape (faces, 4)
-        Nodes of each face; the visible ones include the rims, not the inner sheet behind.
+    The visible ones include the rims, but not the inner sheet.
     """
     faces, element = boundary_faces(face["connectivity"].values)
     skin = np.zeros(face.sizes["node"], dtype=bool)
@@ -146,25 +128,13 @@ def skin_faces(face: xr.Dataset) -> tuple[NDArray[np.integer], NDArray[np.intege
 
 
 def body_of(face: xr.Dataset, skin: Skin | None = None) -> Body:
-    """Compute the drawn surface of a face.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model; its dental arches are drawn where it has them.
-    skin : Skin, optional
-        Result of `skin_of`.
-
-    Returns
-    -------
-    Body
-    """
+    """Compute the drawn surface of a face, with its dental arches if it has them."""
     skin = skin_of(face) if skin is None else skin
     return make_body(face["position"].values[skin.node], skin, arches_of(face))
 
 
 def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) -> Body:
-    """Compute the drawn surface of the facets of a skin, at `rest` (n, 3) [m], and of dental arches."""
+    """Compute the drawn surface of a skin, at `rest` (n, 3) [m], and of dental arches."""
     n, facet, part = len(rest), skin.facet, skin.part
     values = np.asarray(rest, dtype=np.float64)
     stages: list[Indices] = []
@@ -176,9 +146,9 @@ def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) ->
     tissue = len(values)
     triangle, colour = [triangles(facet, values)], [_point_colours(facet, part, tissue)]
     loop = rim(facet, values)
-    if len(loop) > 2:  # closed behind, so that a look through the mouth meets the dark
+    if len(loop) > 2:  # closed at the back, so that the oral cavity is dark
         cap, height = strip(len(loop)), values[loop, 2]
-        # Not above the cheeks, where it would be seen from the front.
+        # Not above the cheeks, where it would be visible from the front.
         cut = 0.5 * (height[np.argmin(values[loop, 1])] + height.max())
         stages.append(np.repeat(loop[:, None], 4, axis=1))
         triangle.append(tissue + cap[(height[cap] < cut).all(axis=1)])
@@ -200,7 +170,7 @@ def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) ->
 
 
 def _point_colours(facet: Indices, part: Indices, n: int) -> Floats:
-    """Mean colour of the facets round each of n points."""
+    """Mean colour of the facets at each of n points."""
     colour, weight = np.zeros((n, 3)), np.zeros(n)
     own = np.array([COLOURS[k] for k in range(3)])[part]
     for corner in range(4):
@@ -232,21 +202,10 @@ def _proper(corners: Indices, part: Indices) -> tuple[Indices, Indices]:
 
 
 def merged(position: Floats, corners: Indices, most: int) -> Indices:
-    """Merge neighbouring nodes along the shortest edges until few enough are left.
+    """Merge neighbouring nodes along the shortest edges until at most `most` remain.
 
-    Only nodes that share an edge are merged, so that lips that lie against each other stay two.
-
-    Parameters
-    ----------
-    position : ndarray, shape (nodes, 3)
-    corners : ndarray of int, shape (triangles, 3)
-    most : int
-        Nodes that may stay.
-
-    Returns
-    -------
-    ndarray of int, shape (nodes,)
-        Representative node of each.
+    Only nodes that share an edge are merged, so that lips in contact remain separate. The result is
+    the representative node of each.
     """
     whole = np.arange(len(position))
     excess = len(np.unique(corners)) - most

@@ -1,4 +1,4 @@
-"""Encoding of surfaces, motions and activations as JSON-expressible text for pages."""
+"""Encoding of surfaces, motions and activations as JSON for pages."""
 
 import base64
 import zlib
@@ -21,7 +21,7 @@ ABSENT: Final = -32768
 def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:
     """Encode the drawn surface, relative to the centre of the nodes of its skin at rest (n, 3) [m].
 
-    Positions are whole numbers of `QUANTUM` about `centre`; arrays are deflated, in base 64.
+    Positions are multiples of `QUANTUM` relative to `centre`; arrays are deflated, in base 64.
     """
     centre = middle_of(rest)
     return {
@@ -41,7 +41,7 @@ def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:
 
 
 def middle_of(rest: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Middle of the box that holds points (n, 3), which a page counts positions from."""
+    """Centre of the bounding box of points (n, 3), the origin of positions in a page."""
     return np.asarray(rest.min(axis=0) + rest.max(axis=0), dtype=np.float64) / 2.0
 
 
@@ -59,16 +59,16 @@ def levels(activation: xr.DataArray, at: NDArray[np.floating]) -> str:
 
 
 def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:
-    """Round positions [m] to whole numbers of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
+    """Round positions [m] to multiples of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
     steps = np.round((np.asarray(position, dtype=np.float64) - centre) / QUANTUM)
     steps = np.where(np.isfinite(steps), np.clip(steps, -32767, 32767), ABSENT)
     return steps.astype(np.int16)
 
 
 def deltas(values: NDArray[np.int16]) -> str:
-    """Encode frames of whole numbers, the first dim being time, as differences.
+    """Encode frames of integers, with time as the first dim, as differences.
 
-    Each frame is the difference from the one before, low bytes before high ones.
+    Each frame is the difference to the preceding one, all low bytes before all high bytes.
     """
     flat = values.reshape(len(values), -1)
     with np.errstate(over="ignore"):

@@ -1,4 +1,4 @@
-"""Movies of a simulated motion: GIF by pillow, MP4 by ffmpeg where it is installed."""
+"""Movies of a simulated motion: GIF by pillow, MP4 by ffmpeg if it is installed."""
 
 import shutil
 import subprocess
@@ -28,32 +28,16 @@ PANEL: Final = 360
 def write_movie(
     motion: xr.Dataset, path: str | Path, *, progress: Callable[[int, int], None] | None = None
 ) -> Path:
-    """Write a movie of a motion, at the pace at which it was simulated.
+    """Write a movie (``*.gif`` or ``*.mp4``) of a trajectory with surface, at the simulated speed.
 
-    Parameters
-    ----------
-    motion : Dataset
-        Trajectory with the surface of its face.
-    path : path-like
-        ``*.gif`` or ``*.mp4``.
-    progress : callable, optional
-        Called as ``progress(done, total)`` after every frame.
-
-    Returns
-    -------
-    Path
-        Movie. Every frame is labelled as simulated, with trial and time.
-
-    Raises
-    ------
-    DataError
-        The format is another one, the trajectory has no surface, ffmpeg is not found (MP4) or
-        fails, or the file cannot be written.
+    ``progress(done, total)`` is called after every frame. Every frame is labelled as simulated,
+    with trial and time. Raises DataError if the format is unknown, the trajectory has no surface,
+    ffmpeg is not found (MP4) or fails, or the file cannot be written.
     """
     path = Path(path)
     program = check_movie(path)
     pictures, times = frames(motion, progress), motion["frame_time"].values
-    # GIF counts in hundredths of a second.
+    # The unit of time in GIF is a hundredth of a second.
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     if program:
         replace_file(path, lambda target: _write_mp4(pictures, target, program, 1.0 / step))
@@ -63,12 +47,9 @@ def write_movie(
 
 
 def check_movie(path: Path) -> str:
-    """Return the program required by a movie, empty for a GIF; for a check before a long simulation.
+    """Return the program required by a movie, empty for a GIF, for a check before a simulation.
 
-    Raises
-    ------
-    DataError
-        The format is unknown, or the program is not found.
+    Raises DataError if the format is unknown, or the program is not found.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f"{path.name} is no movie, expected a name that ends in .gif or .mp4")
@@ -84,7 +65,7 @@ def frames(
     windows = [window_of(rest, VIEWS[side], 0.04) for side in SIDES]
     sizes = [round(PANEL * (w.top - w.bottom) / (w.right - w.left)) for w in windows]
     height = max(sizes) + 28
-    height += height % 2  # MP4 halves the colours
+    height += height % 2  # MP4 has half the resolution in colour
     font = ImageFont.load_default(14)
     label = f"simulated motion: {trial_name(motion)}"
     for k, (position, time) in enumerate(zip(surface, times, strict=True), start=1):
@@ -100,13 +81,7 @@ def frames(
 
 
 def ffmpeg() -> str:
-    """Path of the program ffmpeg, of the system or of the package imageio-ffmpeg.
-
-    Raises
-    ------
-    DataError
-        There is none.
-    """
+    """Path of the program ffmpeg, of the system or of imageio-ffmpeg; DataError without one."""
     found = shutil.which("ffmpeg")
     if found:
         return found
@@ -121,7 +96,7 @@ def ffmpeg() -> str:
 
 def _write_gif(pictures: Iterator[Image.Image], path: Path, step: float) -> None:
     first = next(pictures)
-    # One palette for all frames, so that colours do not flicker.
+    # One palette for all frames avoids flicker.
     palette = first.quantize(255, method=Image.Quantize.MEDIANCUT)
     rest = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures]
     first.quantize(palette=palette, dither=Image.Dither.NONE).save(

@@ -43,24 +43,10 @@ def face_page(face: xr.Dataset) -> str:
 
 
 def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str:
-    """Write the page of one simulated motion.
+    """Write the page of one simulated motion as HTML without network requests.
 
-    Parameters
-    ----------
-    motion : Dataset
-        Trajectory with the surface of its face.
-    activation : Dataset, optional
-        What drove it, ``activation(muscle, time)``.
-
-    Returns
-    -------
-    str
-        HTML without network requests.
-
-    Raises
-    ------
-    DataError
-        The trajectory has no surface.
+    `motion` is a trajectory with surface, without which DataError is raised, and `activation`
+    (muscle, time) is shown beside it.
     """
     body, _, frames = drawn_surface(motion)
     time, centre = motion["frame_time"].values, middle_of(frames[0])
@@ -142,21 +128,10 @@ def page_of(data: dict[str, Any], *, title: str, badge: str, words: str, simulat
 
 
 def svg_of(figure: "Figure", name: str, description: str) -> Markup:
-    """Write a figure as an SVG element.
+    """Write a figure as an SVG element without size, so that it fills its container.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        What to write.
-    name : str
-        Unique in the page; put before every id within.
-    description : str
-        Read to those who do not see the picture.
-
-    Returns
-    -------
-    Markup
-        ``<svg>`` without size, so that it fills its place.
+    `name` is unique in the page and prefixes every id; `description` is the text for screen
+    readers.
     """
     buffer = io.StringIO()
     with settings(WRITTEN):
@@ -186,7 +161,7 @@ def figure_page(figure: "Figure") -> str:
 
 
 def environment(*packages: str) -> Environment:
-    """Templates of this package and of others, which may include each other's."""
+    """Templates of this package and of others, which may include each other's templates."""
     loaders = [PackageLoader(name, "page") for name in (*packages, "emgface.pictures")]
     return Environment(
         loader=ChoiceLoader(loaders),
@@ -220,13 +195,13 @@ def policy(script: str) -> str:
 def viewer_script() -> str:
     """Combine three.js and the viewer in one module without imports.
 
-    The last statement of a module build exports its names; here they become an object.
+    The exports, which are the last statement of a module, are replaced by an object.
     """
     library = resource(THREE)
     body, exported = re.fullmatch(r"(.*)export\{([^{}]*)\};\s*", library, re.DOTALL).groups()  # pyright: ignore[reportOptionalMemberAccess]
     names = [pair.split(" as ") for pair in exported.split(",")]
     made = ",".join(f"{pair[-1]}:{pair[0]}" for pair in names)
-    # What the library declares at top level would collide with the names of the viewer.
+    # Top-level names of the library would collide with those of the viewer.
     text = f"const THREE=(()=>{{{body}return{{{made}}};}})();\n{resource('page/viewer.js')}"
     if "</script" in text.lower():
         raise AssertionError("the script would end its own element")
@@ -240,6 +215,6 @@ def resource(name: str) -> str:
 
 def as_json(value: Any) -> Markup:
     """JSON that can be embedded in a page."""
-    # "<" would let text in the data end the element it stands in.
+    # "<" in the data could end the enclosing element.
     text = json.dumps(value, allow_nan=False, separators=(",", ":"), default=dict)
     return Markup(text.replace("<", "\\u003c"))

@@ -1,6 +1,6 @@
 """Shaded pictures of a body: cameras, light and a z-buffer in numpy.
 
-The page draws with the same cameras, colours and light (`page/viewer.js`), by WebGL.
+The page has the same cameras, colours and light (`page/viewer.js`), by WebGL.
 """
 
 from collections.abc import Mapping
@@ -60,14 +60,14 @@ class Window(NamedTuple):
 
 
 def axes_of(view: tuple[float, float]) -> Floats:
-    """Unit vectors to the right of the picture, up in it and towards the camera, in rows (3, 3)."""
+    """Unit vectors (3, 3), in rows: right and up in the picture, and towards the camera."""
     a, b = np.radians(view)
     sa, ca, sb, cb = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
     return np.array([[-ca, sa, 0.0], [-sa * sb, -ca * sb, cb], [sa * cb, ca * cb, sb]])
 
 
 def project(points: NDArray[np.floating], view: tuple[float, float]) -> Floats:
-    """Coordinates to the right and up in the picture and towards the camera [m], shape (n, 3)."""
+    """Coordinates (n, 3) [m]: right and up in the picture, and towards the camera."""
     return np.asarray(points, dtype=np.float64) @ axes_of(view).T
 
 
@@ -80,7 +80,7 @@ def window_of(points: NDArray[np.floating], view: tuple[float, float], margin: f
 
 
 def normals(points: Floats, triangle: Indices) -> Floats:
-    """Unit normals of points, the mean of those of their triangles by area, shape (n, 3)."""
+    """Unit normals (n, 3) of points, the means of those of their triangles, weighted by area."""
     a, b, c = (points[triangle[:, k]] for k in range(3))
     own = np.cross(b - a, c - a)
     total = np.zeros_like(points)
@@ -101,28 +101,24 @@ def render(
     colour: Floats | None = None,
     finer: int = 2,
 ) -> NDArray[np.uint8]:
-    """Draw a body by an orthographic camera.
+    """Draw a body by an orthographic camera, as sRGB and opacity (height, width, 4).
 
     Parameters
     ----------
     body : Body
+        Surface.
     position : ndarray, shape (n, 3)
         Nodes of its skin [m].
     view : tuple of float
         Yaw and pitch of the camera [degrees].
     window : Window
-        What is in the picture.
+        Visible part of the plane.
     width : int
-        Pixels across; the height follows from the window.
+        Pixels; the height follows from the window.
     colour : ndarray, shape (n, 3), optional
         sRGB of the nodes of the skin, instead of those of the body.
     finer : int
         Samples per pixel along both sides.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 4)
-        sRGB and opacity, the first row at the top.
     """
     scale = finer * width / (window.right - window.left)
     height = max(1, round((window.top - window.bottom) * scale / finer))
@@ -134,7 +130,7 @@ def render(
         [(seen[:, 0] - window.left) * scale, (window.top - seen[:, 1]) * scale], axis=1
     )
     pixel, face, weight = nearest(on_screen, seen[:, 2], triangle, size)
-    # Light is computed at the points, which are dense, and interpolated between them.
+    # Light is computed at the points, which are dense, and interpolated.
     lit = shaded(paint, normal @ axes_of(view).T)[triangle]
     a, b, c = (on_screen[triangle[:, k]] for k in range(3))
     behind = _twice_the_area(a, b, c) >= 0.0
@@ -148,7 +144,7 @@ def render(
 
 
 def shaded(colour: Floats, normal: Floats) -> Floats:
-    """Light colours (n, 3) of a surface with these normals in the frame of the camera, by `LIGHT`."""
+    """Light colours (n, 3) of a surface with normals in the frame of the camera, by `LIGHT`."""
     ambient, sky, key, gloss, power = (
         float(LIGHT[name])  # pyright: ignore[reportArgumentType]
         for name in ("ambient", "sky", "key", "gloss", "power")
@@ -169,25 +165,12 @@ def shaded(colour: Floats, normal: Floats) -> Floats:
 def nearest(
     points: Floats, depth: Floats, triangle: Indices, size: tuple[int, int]
 ) -> tuple[Indices, Indices, Floats]:
-    """Find the triangle nearest the camera in every pixel that one covers.
+    """Find the triangle nearest to the camera in every covered pixel.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-        Place from the left and from the top [pixels].
-    depth : ndarray, shape (n,)
-        Towards the camera.
-    triangle : ndarray of int, shape (m, 3)
-    size : tuple of int
-        Height and width [pixels].
-
-    Returns
-    -------
-    pixel : ndarray of int, shape (p,)
-        Row times width plus column.
-    triangle : ndarray of int, shape (p,)
-    weight : ndarray, shape (p, 3)
-        Barycentric coordinates of the middle of the pixel.
+    `points` (n, 2) are positions from the left and from the top [pixels], `depth` (n,) is towards
+    the camera, and `size` is height and width [pixels]. Returns the pixels (row times width plus
+    column), their triangles, and the barycentric coordinates (pixels, 3) of the centres of the
+    pixels.
     """
     height, width = size
     corner = points[triangle]
@@ -196,7 +179,7 @@ def nearest(
     last = np.clip(np.ceil(high - 0.5), 0, height).astype(np.int64)
     owner, row = _ranges(first, last)
     y = row + 0.5
-    # Between the two edges that a line of pixels crosses: half open, so that neighbours share none.
+    # Pixels of a row between two edges; half-open intervals assign each pixel to one triangle.
     left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
     mine = corner[owner]
     for k in range(3):
@@ -215,7 +198,7 @@ def nearest(
     ab, ac = b - a, c - a
     area = _twice_the_area(a, b, c)
     area = np.where(area != 0.0, area, 1.0)[:, None]
-    # Weights of b and c, and with them the depth, are linear in the picture.
+    # Weights of b and c, and therefore the depth, are linear in the picture.
     slope_b = np.stack([ac[:, 1], -ac[:, 0]], axis=1) / area
     slope_c = np.stack([-ab[:, 1], ab[:, 0]], axis=1) / area
     da, db, dc = (depth[triangle[:, k]] for k in range(3))
@@ -241,7 +224,7 @@ def _twice_the_area(a: Floats, b: Floats, c: Floats) -> Floats:
 
 
 def _ranges(first: Indices, last: Indices) -> tuple[Indices, Indices]:
-    """All whole numbers from first to last, each after its owner."""
+    """All integers from first to last, each with the index of its range."""
     count = np.maximum(last - first, 0)
     owner = np.repeat(np.arange(len(first)), count)
     offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)

@@ -24,7 +24,7 @@ MARGIN: Final = 0.022
 
 
 def midline_faces(face: xr.Dataset) -> NDArray[np.int64]:
-    """Faces of elements (n, 4) in the midsagittal plane at rest, each once; few if the face is askew."""
+    """Faces of elements (n, 4) in the midsagittal plane at rest; few in asymmetric faces."""
     faces, _ = element_faces(face["connectivity"].values)
     flat = (np.abs(face["position"].values[faces, 0]) < MIDLINE).all(axis=1)
     faces = faces[flat]
@@ -33,21 +33,10 @@ def midline_faces(face: xr.Dataset) -> NDArray[np.int64]:
 
 
 def cut(points: Floats, triangles: NDArray[np.integer]) -> Floats:
-    """Segments (n, 2, 2) in y and z where triangles cross the plane x = 0.
-
-    Parameters
-    ----------
-    points : ndarray, shape (k, 3)
-    triangles : ndarray of int, shape (m, 3)
-
-    Returns
-    -------
-    ndarray, shape (n, 2, 2)
-        Ends of each segment.
-    """
+    """Segments (n, 2, 2) in y and z in which triangles (m, 3) intersect the plane x = 0."""
     corners = points[triangles]
     ahead = np.roll(corners, -1, axis=1)
-    # A corner in the plane counts as on its positive side, so that every triangle is cut twice or never.
+    # A corner in the plane is assigned to its positive side, so that two edges are cut, or none.
     crossed = (corners[..., 0] >= 0.0) != (ahead[..., 0] >= 0.0)
     step = np.where(crossed, ahead[..., 0] - corners[..., 0], 1.0)
     at = corners - (corners[..., :1] / step[..., None]) * (ahead - corners)
@@ -57,25 +46,10 @@ def cut(points: Floats, triangles: NDArray[np.integer]) -> Floats:
 def draw_sections(
     face: xr.Dataset, shown: Mapping[str, Floats], path: Path, *, title: str, dpi: int = 110
 ) -> Path:
-    """Draw the section through the lips in several states, with the teeth behind them.
+    """Draw the section through lips and teeth in several states to a file.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model with `lip_opening_node`.
-    shown : mapping
-        Name to node positions (nodes, 3) [m]; one panel each, with the outline of the section at rest.
-    path : Path
-        Picture to write.
-    title : str
-        Title, which should state what is simulated and how.
-    dpi : int
-        Dots per inch.
-
-    Returns
-    -------
-    Path
-        The picture.
+    `shown` contains node positions (nodes, 3) [m] by name, one panel each, with the outline of the
+    section at rest. `title` should state what is simulated.
     """
     rest, faces = face["position"].values, midline_faces(face)
     lips = rest[face["lip_opening_node"].values][:, 1:]

@@ -25,7 +25,7 @@ PAGES: Final = (".html", ".htm")
 
 @dataclass(frozen=True)
 class Drawing:
-    """Pictures of one kind of dataset: a figure, and a page if it differs from the figure."""
+    """Pictures of one kind of dataset: a figure, and a page if it is not that of the figure."""
 
     figure: "Callable[[xr.Dataset], Figure]"
     page: Callable[[xr.Dataset], str] | None = None
@@ -42,19 +42,14 @@ def show(
     Parameters
     ----------
     shown : Dataset or path-like
-        What to draw: a dataset of this package, its netCDF file, the folder of a finished study, or a
+        A dataset of this package, its netCDF file, the folder of a finished study, or a
         recording in any format supported by `emgface.recordings.dataset.read_recording`.
     out : path-like, optional
-        File to write: a page (``*.html``), in which faces turn and move; a picture (``*.png``,
-        ``*.pdf``, ``*.svg``); or, of a motion with its surface, a movie (``*.gif``, ``*.mp4``).
-        Without it a page is opened in the browser.
+        File to write: a page (``*.html``), in which faces can be rotated and move; a picture (``*.png``,
+        ``*.pdf``, ``*.svg``); or, for a motion with its surface, a movie (``*.gif``, ``*.mp4``).
+        By default a page is opened in the browser.
     mapping : path-like or mapping, optional
-        Which label of a recording is which muscle, as `read_recording` takes it.
-
-    Returns
-    -------
-    Path
-        The file.
+        Labels of a recording, as for `read_recording`.
 
     Raises
     ------
@@ -86,7 +81,7 @@ def show(
 
 
 def page(data: xr.Dataset) -> str:
-    """Return the page of a dataset as HTML without network requests; see `show`."""
+    """Return the page of a dataset as HTML without network requests (`show`)."""
     from emgface.pictures.page import figure_page
 
     drawing = DRAWINGS[kind(data)]
@@ -96,18 +91,12 @@ def page(data: xr.Dataset) -> str:
 
 
 def figure(data: xr.Dataset) -> "Figure":
-    """Return the figure of a dataset; see `show`."""
+    """Return the figure of a dataset (`show`)."""
     return DRAWINGS[kind(data)].figure(data)
 
 
 def kind(data: xr.Dataset) -> str:
-    """Identify the kind of a dataset, one of `DRAWINGS`, by its variables.
-
-    Raises
-    ------
-    DataError
-        It is none of them.
-    """
+    """Identify the kind of a dataset, one of `DRAWINGS`, by its variables; DataError for others."""
     signs = {
         "face_model": "connectivity" in data,
         "cube": "status" in data,
@@ -131,7 +120,7 @@ def opened(
     shown: xr.Dataset | str | os.PathLike[str],
     mapping: str | Path | Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Read the dataset to be shown, if a path is passed; see `show`."""
+    """Read the dataset to be shown if a path is passed (`show`)."""
     from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import kind_of, read_netcdf
 
@@ -148,13 +137,7 @@ def opened(
 
 
 def check_display() -> None:
-    """Refuse to open a window where there is no display.
-
-    Raises
-    ------
-    DataError
-        On Linux, without DISPLAY and WAYLAND_DISPLAY.
-    """
+    """Raise DataError on Linux without DISPLAY and WAYLAND_DISPLAY, before a window is opened."""
     here = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform.startswith("linux") and not here:
         raise DataError(
@@ -180,7 +163,7 @@ def _activation(data: xr.Dataset) -> "Figure":
 
 
 def _motion(data: xr.Dataset) -> "Figure":
-    """Draw the face at the start and farthest from it, or the paths of the markers."""
+    """Draw the face at the start and at its largest displacement, or the paths of the markers."""
     if _only_markers(data):
         return marker_figure(data)
     from emgface.pictures.page import trial_name

@@ -62,15 +62,7 @@ def paint(
 ) -> None:
     """Draw a body in axes whose coordinates are millimetres in the plane of the picture.
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    body, position, view, window, colour
-        As `emgface.pictures.render.render` takes them.
-    pixels : int
-        Across the picture.
-    opacity : float
-        Of the body [1].
+    Other arguments as of `emgface.pictures.render.render`; `pixels` is the width of the picture.
     """
     picture = render(body, position, view, window, pixels, colour=colour)
     picture[..., 3] = np.round(opacity * picture[..., 3])
@@ -82,7 +74,7 @@ def paint(
 def marks(
     axes: Axes, points: NDArray[np.floating], view: tuple[float, float], **style: Any
 ) -> None:
-    """Draw points [m] into axes of `paint`, except those on the far side of the head."""
+    """Draw points [m] in axes of `paint`, except those on the far side of the head."""
     seen = project(points, view)
     if abs(view[0]) > 45.0:
         seen = seen[seen[:, 2] >= project(np.zeros((1, 3)), view)[0, 2] - 2e-3]
@@ -95,15 +87,6 @@ def face_figure(face: xr.Dataset) -> Figure:
 
     The upper row shows skin, lips, teeth and markers, the lower one muscle fibres and fixed nodes
     through the skin.
-
-    Parameters
-    ----------
-    face : xarray.Dataset
-        A face_model that passed `emgface.face.validity.check_face`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     figure = blank(11.0, 8.2)
     kind = "generated" if face.attrs["origin"] == "generated" else "imported"
@@ -156,7 +139,7 @@ def _draw_fibres(axes: Axes, face: xr.Dataset, view: tuple[float, float]) -> Non
     for muscle in MODELLED:
         for name in (f"{muscle}_{side}" for side in SIDES):
             lines = [project(f, view) for f in fibres_of(face, name)] if name in known else []
-            # From the side, the muscles of the other side are faint.
+            # In a side view, the muscles of the other side are faint.
             far = bool(lines) and abs(view[0]) > 45.0 and np.concatenate(lines)[:, 2].mean() < 0.0
             flat = [MM * line[:, :2] for line in lines]
             axes.add_collection(
@@ -182,24 +165,10 @@ def states_figure(
 ) -> Figure:
     """Draw a face in several states, one column each, one row for each view.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    shown : mapping
-        Name to node positions (nodes, 3) [m].
-    title : str
-        Title, which should state what is simulated and how.
-    views : sequence of str
-        Some of `emgface.pictures.render.VIEWS`.
-    displacement : bool
-        Colour the surface by its distance from the geometry that the face stores.
-    lips : bool
-        Show the region of the lips alone.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    `shown` contains node positions (nodes, 3) [m] by name, `views` some of
+    `emgface.pictures.render.VIEWS`. `title` should state what is simulated. With `displacement` the
+    colour is the distance from the geometry of the face model; with `lips` only the region of the
+    lips is shown.
     """
     skin = skin_of(face)
     moved = {name: np.asarray(q)[skin.node] for name, q in shown.items()}
@@ -224,10 +193,10 @@ def body_figure(
     rest: NDArray[np.floating] | None = None,
     around: NDArray[np.floating] | None = None,
 ) -> Figure:
-    """Draw states of a body; as `states_figure`, of the nodes of its skin (n, 3) [m].
+    """Draw states of a body, as `states_figure`, by the nodes of its skin (n, 3) [m].
 
-    `rest` is what displacement counts from, where the surface is coloured by it; `around` are points
-    that the picture shows with `MARGIN` around them, rather than the whole.
+    `rest` are the positions to which a displacement shown by colour refers; `around` are points
+    whose surroundings (`MARGIN`) are shown instead of the whole.
     """
     every = np.concatenate(list(shown.values()))
     windows = [
@@ -261,13 +230,13 @@ def body_figure(
             ScalarMappable(norm, colours), ax=np.array(panels), shrink=0.7, pad=0.01
         )
         bar.set_label("displacement [mm], simulated")
-    wide = round(11 * figure.get_figwidth())  # letters across the figure
+    wide = round(11 * figure.get_figwidth())  # characters in the width of the figure
     cast(Any, figure).suptitle(textwrap.fill(title, wide))
     return figure
 
 
 def lips_window(markers: NDArray[np.floating], view: tuple[float, float]) -> Window:
-    """Window round the markers of the lips, and the skin near them."""
+    """Window around the markers of the lips, with a margin of skin."""
     window = window_of(markers, view, 0.0)
     return Window(
         window.left - MARGIN, window.bottom - MARGIN, window.right + MARGIN, window.top + MARGIN
@@ -275,12 +244,9 @@ def lips_window(markers: NDArray[np.floating], view: tuple[float, float]) -> Win
 
 
 def write_figure(figure: Figure, path: str | Path, *, dpi: int = 150) -> Path:
-    """Write a figure; the suffix of the path determines the format.
+    """Write a figure in the format of the suffix of the path.
 
-    Raises
-    ------
-    DataError
-        The format is unknown or the file cannot be written.
+    Raises DataError if the format is unknown or the file cannot be written.
     """
     path = Path(path)
     form = path.suffix.lower().removeprefix(".")

@@ -1,9 +1,9 @@
 """Smooth surfaces through the nodes of a coarse one.
 
-The interpolating four-point scheme (Dyn, Levin and Gregory 1987) is applied along both directions of
-quadrilaterals, as Kobbelt (1996) extends it: nodes keep their places, and the surface between them is
-smooth. Each new point is a fixed combination of four earlier ones, so that a motion needs no more than
-the positions of the nodes.
+The interpolating four-point scheme (Dyn, Levin and Gregory 1987) is applied along both directions
+of quadrilaterals, with the extension of Kobbelt (1996): the surface is smooth and passes through
+the nodes. Each new point is a fixed combination of four earlier ones, so that a motion requires
+only the positions of the nodes.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ def follow(rules: Indices, values: Floats) -> Floats:
     found = np.concatenate([values, np.empty((len(rules), values.shape[1]))])
     done = 0
     while done < len(rules):
-        # As many at once as need only points that are known.
+        # All points whose rules refer to computed points are evaluated together.
         ready = rules[done:].max(axis=1) >= n + done
         until = done + int(np.argmax(ready)) if ready.any() else len(rules)
         a, b, c, d = (found[rules[done:until, k]] for k in range(4))
@@ -29,27 +29,14 @@ def follow(rules: Indices, values: Floats) -> Floats:
 
 
 def refined(facet: Indices, part: Indices, n: int) -> tuple[list[Indices], Indices, Indices]:
-    """Divide every facet into four, with new points on its edges and in its middle.
+    """Divide every facet into four, with new points on its edges and in its centre.
 
-    Parameters
-    ----------
-    facet : ndarray of int, shape (m, 4)
-        Corners among n points; a triangle repeats its last.
-    part : ndarray of int, shape (m,)
-        Handed on to the four.
-    n : int
-        Points so far.
+    `facet` (m, 4) are corners among n points, where a triangle repeats its last; `part` is passed
+    on to the four. Returns the rules of the points on the edges, then of those in quadrilaterals
+    (`emgface.pictures.body.Body`), and the new facets and parts.
 
-    Returns
-    -------
-    rules : list of ndarray
-        Of the points on the edges, then of those in quadrilaterals, see `emgface.pictures.body.Body`.
-    facet, part : ndarray
-
-    Notes
-    -----
-    Beyond a vertex the line of an edge continues along the opposite edge, where four edges meet
-    within the surface or three on its border; elsewhere it ends, and the end counts twice.
+    Beyond a vertex the line of an edge continues along the opposite edge if four edges meet within
+    the surface or three on its border; elsewhere it ends, and the end point is repeated.
     """
     after = np.roll(facet, -1, axis=1)
     before = np.roll(facet, 1, axis=1)
@@ -62,7 +49,7 @@ def refined(facet: Indices, part: Indices, n: int) -> tuple[list[Indices], Indic
     def place(a: Indices, b: Indices) -> Indices:
         return np.searchsorted(both, a * n + b)
 
-    # Turning from one edge at a vertex to the next, across a facet and back.
+    # From one edge at a vertex to the next, across a facet.
     turn = np.full(len(both), -1)
     turn[place(tail, head)] = place(tail, last)
     back = np.full(len(both), -1)
@@ -112,7 +99,7 @@ def refined(facet: Indices, part: Indices, n: int) -> tuple[list[Indices], Indic
 
 
 def rim(facet: Indices, position: Floats) -> Indices:
-    """Points along the longest border of a surface, as its facets go round it; none if it is closed."""
+    """Points along the longest border of a surface, oriented as its facets; none if closed."""
     a, b = facet.ravel(), np.roll(facet, -1, axis=1).ravel()
     a, b = a[a != b], b[a != b]
     n = len(position)
@@ -133,7 +120,7 @@ def rim(facet: Indices, position: Floats) -> Indices:
 
 
 def strip(n: int) -> Indices:
-    """Triangles that span a closed line of n points from side to side, against its direction."""
+    """Triangles that fill a closed line of n points, with the opposite orientation."""
     found, low, high = [], 0, n
     while high - low > 2:
         found.append((low + 1, low, high % n))

@@ -1,4 +1,4 @@
-"""Surface of a face as part of a trajectory, for drawing a motion without its face."""
+"""Surface of a face as part of a trajectory, for drawing a motion without the face model."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -43,23 +43,12 @@ def frame_stride(output: float) -> int:
 
 
 def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dataset:
-    """Complete a trajectory that holds the nodes of a skin, so that it can be drawn.
+    """Complete a trajectory that contains the nodes of a skin, so that it can be drawn.
 
-    Parameters
-    ----------
-    trajectory : Dataset
-        Result of `emgface.face.motion.simulate_face` with a `SurfaceProbe` of `skin.node`.
-    face : Dataset
-        Face model.
-    skin : Skin
-        Result of `emgface.pictures.body.skin_of`.
-
-    Returns
-    -------
-    Dataset
-        With ``surface_position(frame, surface_node, axis)`` [m] in single precision and
-        ``frame_time(frame)`` [s], about 25 frames a second, ``surface_corner``, ``surface_part`` and
-        the dental arches of the face.
+    `trajectory` is the result of `emgface.face.motion.simulate_face` with a `SurfaceProbe` of
+    `skin.node`. The result contains ``surface_position(frame, surface_node, axis)`` [m] in single
+    precision and ``frame_time(frame)`` [s], about 25 frames a second, ``surface_corner``,
+    ``surface_part`` and the dental arches of the face.
     """
     every = frame_stride(float(trajectory.attrs["output"]))
     frames = trajectory["surface_position"].transpose("time", "surface_node", "axis")
@@ -77,26 +66,9 @@ def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dat
 
 
 def drawn_surface(trajectory: xr.Dataset) -> tuple[Body, Skin, NDArray[np.floating]]:
-    """Return the surface of a trajectory.
+    """Return the surface of a trajectory: body, skin, and nodes (frames, n, 3) [m] of the skin.
 
-    Parameters
-    ----------
-    trajectory : Dataset
-        Result of `with_surface`.
-
-    Returns
-    -------
-    Body
-        What is drawn.
-    Skin
-        Its facets.
-    ndarray, shape (frames, n, 3)
-        Nodes of the skin in each frame [m].
-
-    Raises
-    ------
-    DataError
-        The trajectory has no surface.
+    Raises DataError if the trajectory has no surface.
     """
     if "surface_position" not in trajectory:
         raise DataError(

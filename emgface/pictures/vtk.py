@@ -1,7 +1,7 @@
-"""A simulated motion for ParaView: one unstructured grid (.vtu) for each frame, and their list (.pvd).
+"""A simulated motion for ParaView: one unstructured grid (.vtu) per frame, and their list (.pvd).
 
-The format is that of VTK 5 and later, XML with data in base 64, as the VTK File Formats document
-describes it; VTK is not required to write it.
+The format is that of VTK 5 and later, XML with data in base 64, as described in the VTK File
+Formats document; VTK is not required.
 """
 
 import base64
@@ -34,30 +34,13 @@ def write_vtk(
     positions: NDArray[np.floating],
     times: NDArray[np.floating],
 ) -> Path:
-    """Write a motion of all nodes of a face.
+    """Write a motion of all nodes of a face, and return the path of ``simulated.pvd``.
 
-    Parameters
-    ----------
-    folder : path-like
-        Where the files go; those of the same names are replaced.
-    face : Dataset
-        Face model.
-    positions : ndarray, shape (frames, nodes, 3)
-        [m]
-    times : ndarray, shape (frames,)
-        [s]
-
-    Returns
-    -------
-    Path
-        ``simulated.pvd``, which ParaView opens: the elements with the displacement of their nodes
-        from the geometry of the face [m], the bone that holds each node and the layer of each element,
-        at every instant; and the dental arches where the face has them.
-
-    Raises
-    ------
-    DataError
-        There are not as many nodes as in the face, or a file cannot be written.
+    `positions` (frames, nodes, 3) are in [m], `times` (frames,) in [s]. The files contain the
+    elements with the displacement of their nodes from the geometry of the face [m], the bone to
+    which each node is fixed and the layer of each element, and the dental arches if the face has
+    them. Files of the same names are replaced. Raises DataError if the number of nodes differs from
+    the face, or a file cannot be written.
     """
     folder, rest = Path(folder), face["position"].values
     if positions.shape[1:] != rest.shape or len(positions) != len(times):
@@ -111,7 +94,7 @@ def grid(
     points: dict[str, NDArray[Any]] | None = None,
     cells_data: dict[str, NDArray[Any]] | None = None,
 ) -> str:
-    """Text of a .vtu file: points (n, 3), nodes of all cells, where each cell ends, VTK cell types."""
+    """Text of a .vtu file: points (n, 3), nodes of all cells, end of each cell, cell types."""
     body = [f'<Piece NumberOfPoints="{len(position)}" NumberOfCells="{len(kinds)}">\n']
     for tag, arrays in (("PointData", points or {}), ("CellData", cells_data or {})):
         body += [
@@ -133,7 +116,7 @@ def grid(
 
 def _array(name: str, values: NDArray[Any]) -> str:
     data = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<")).tobytes()
-    # The number of bytes stands before them, encoded with them.
+    # The number of bytes precedes the data and is encoded with them.
     text = base64.b64encode(np.uint64(len(data)).astype("<u8").tobytes() + data).decode("ascii")
     width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
     kind = NAMES[values.dtype.name]

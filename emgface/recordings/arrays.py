@@ -1,4 +1,4 @@
-"""Variables of MATLAB and HDF5 files, and the one that seems to hold the recording."""
+"""Variables of MATLAB and HDF5 files, and selection of the one that contains the recording."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,30 +33,11 @@ _LEAST: Final = 100
 def array_table(
     path: Path, draft: "Draft", variable: str | None, columns: Sequence[str] | None
 ) -> tuple[pd.DataFrame, float | None]:
-    """Choose the variable of a file that holds the recording.
+    """Choose the variable of a file that contains the recording, one column per channel.
 
-    Parameters
-    ----------
-    path : Path
-        MATLAB or HDF5 file.
-    draft : Draft
-        Sidecar that receives variable, dims and labels.
-    variable : str or None
-        The variable, where it is known.
-    columns : sequence of str or None
-        Labels, where they are known.
-
-    Returns
-    -------
-    DataFrame
-        One column per channel.
-    float or None
-        Sampling rate [Hz] of a variable or attribute that is named so.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged or holds no such array.
+    `draft` is the sidecar that receives variable, dims and labels; `variable` and `columns`
+    (labels) are specified if known. Returns in addition the sampling rate [Hz], if a variable or
+    attribute states it. Raises DataError if the file is damaged or contains no such array.
     """
     try:
         held = isolated(path, parse_contents, path)
@@ -127,7 +108,7 @@ def array_table(
 
 
 def _merit(path: Path, name: str, shape: tuple[int, ...]) -> tuple[bool, int, bool]:
-    """Order of arrays: those that vary before constant ones and counters, then the largest."""
+    """Order of arrays: varying ones before constant ones and counters, then the largest."""
     step = np.diff(read_array(path, name).squeeze(), axis=0)
     words = name.lower()
     return bool(np.ptp(step) > 0), int(np.prod(shape)), "emg" in words or "raw" in words

@@ -15,41 +15,23 @@ from emgface.signals.parameters import SignalChain
 
 
 def channel_report(recording: xr.Dataset, chain: SignalChain) -> pd.DataFrame:
-    """Describe every channel of a recording, for any names.
+    """Describe every channel of a recording, for any names, in one row.
 
-    The power spectral density of the raw signal is Welch's, with Hann segments of one second
-    (the whole recording where it is shorter) overlapping by half, each free of its mean.
+    The power spectral density of the raw signal is Welch's, with Hann segments of one second (the
+    whole recording if it is shorter) overlapping by half, each without its mean. Columns are
 
-    Parameters
-    ----------
-    recording : Dataset
-        ``emg`` (channel, time_emg) [V]; channels of any name.
-    chain : SignalChain
-        Band-pass and feature.
+    - ``status``: "ok", "constant", "gap of ... s at t = ... s", or, if the feature is
+      uninformative, "feature zero" or "feature saturated";
+    - ``rms`` [V]: of the filtered signal;
+    - ``power_in_band`` [1]: fraction of the raw signal's power between the edges of the band-pass;
+    - ``median_frequency`` [Hz]: halves the power between the edges;
+    - ``feature_min``, ``feature_max``: in the unit ``attrs["feature_units"]``; the Willison
+      amplitude counts [1], up to ``attrs["feature_full_scale"]``.
 
-    Returns
-    -------
-    pandas.DataFrame
-        One row per channel, with columns
-
-        - ``status``: "ok", "constant", "gap of ... s at t = ... s", or, if the feature is
-          uninformative, "feature zero" or "feature saturated";
-        - ``rms`` [V]: of the filtered signal;
-        - ``power_in_band`` [1]: share of the raw signal's power between the edges of the band-pass;
-        - ``median_frequency`` [Hz]: halves the power between the edges;
-        - ``feature_min``, ``feature_max``: in the unit ``attrs["feature_units"]``; the Willison
-          amplitude counts [1], up to ``attrs["feature_full_scale"]``.
-
-        ``attrs["pass_band"]`` are the edges [Hz] as used, see `emgface.signals.filters.pass_band`.
-        Values are NaN where the status leaves them undefined.
-
-    Raises
-    ------
-    SchemaError, UnitsError
-        If the recording has no sEMG, or not in volts.
-    SignalError
-        If the sampling is not uniform, the rate too low for the pass-band, or the recording too
-        short.
+    ``attrs["pass_band"]`` are the edges [Hz] as used (`emgface.signals.filters.pass_band`). Values
+    that the status leaves undefined are NaN. Raises SchemaError or UnitsError if there is no sEMG
+    in volts, and SignalError if the sampling is not uniform, the rate too low for the pass-band, or
+    the recording too short.
     """
     emg = emg_of(recording)
     rate = sampling_rate(emg[TIME_EMG])
@@ -71,7 +53,7 @@ def channel_report(recording: xr.Dataset, chain: SignalChain) -> pd.DataFrame:
         return table
     filtered = bandpass(emg.sel(channel=live), chain.filter)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FeatureWarning)  # the status says it
+        warnings.simplefilter("ignore", FeatureWarning)  # stated by the status
         feature = feature_of(filtered, chain.feature, phase=chain.filter.phase)
     edges = filtered.attrs["filter_low"], filtered.attrs["filter_high"]
     share, median = _band_power(emg.sel(channel=live), rate, *edges)

@@ -36,33 +36,32 @@ def check_recording(
     Parameters
     ----------
     recording : xarray.Dataset
-        Recording as `emgface.recordings.dataset.read_recording` returns it.
+        Result of `emgface.recordings.dataset.read_recording`.
     study : bool
-        Also list the channels and markers that a study needs and the recording lacks.
+        List also the channels and markers that a study requires and the recording lacks.
     max_gap : float, optional
         Longest gap [s] of a marker that is interpolated later; the default of
         `emgface.signals.parameters.HeadFrameParameters`.
     quality : bool
-        Also measure hum, artefacts, drift, saturation, baseline, cross-talk, noise of markers,
-        and exchanged names, see `emgface.recordings.quality`.
+        Measure also hum, artefacts, drift, saturation, baseline, cross-talk, noise of markers,
+        and exchanged names (`emgface.recordings.quality`).
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``name``, ``kind`` (channel or marker), ``signal`` (EMG, position, or what else a
-        channel holds, see `emgface.recordings.kinds`), ``rate`` [Hz], ``duration`` [s] (samples
-        over rate), ``unit``, ``finite`` (share of samples), ``longest_gap`` [s], ``constant``,
-        ``rms`` (about zero for a channel, about its mean for a marker), ``smallest``,
-        ``largest``, the measures of `emgface.recordings.quality` (NaN where they do not apply),
-        ``verdict`` (ok, warning, error, or not EMG) and ``reason``.
+        Columns ``name``, ``kind`` (channel or marker), ``signal`` (EMG, position, or another signal of
+        `emgface.recordings.kinds`), ``rate`` [Hz], ``duration`` [s] (samples over rate), ``unit``,
+        ``finite`` (fraction of samples), ``longest_gap`` [s], ``constant``, ``rms`` (about zero for a
+        channel, about its mean for a marker), ``smallest``, ``largest``, the measures of
+        `emgface.recordings.quality` (NaN if they do not apply), ``verdict`` (ok, warning, error, or
+        not EMG) and ``reason``.
 
     Notes
     -----
-    Errors are properties that a study cannot use: a gap in EMG; a constant
-    channel, whose normalisation is 0/0; a marker never seen, or lost for longer than `max_gap`
-    between frames that show it; a clock that is not uniform. Warnings are what a person should
-    look at. Channels that hold no EMG, among them those that the reader left out because of their
-    unit, are listed and not judged.
+    Errors are properties that prevent use in a study: a gap in EMG; a constant channel, for which
+    Eq. 8 is 0/0; a marker that is never visible, or lost for longer than `max_gap` between frames in
+    which it is visible; a clock that is not uniform. Warnings should be examined by a person. Channels
+    without EMG, including those omitted by the reader because of their unit, have no such verdict.
     """
     limit = HeadFrameParameters().max_gap if max_gap is None else max_gap
     rows: list[dict[str, object]] = []
@@ -95,20 +94,7 @@ def check_recording(
 
 
 def problems(table: pd.DataFrame, verdict: Verdict = "error") -> list[str]:
-    """Return one sentence for each channel or marker with a verdict.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        Result of `check_recording`.
-    verdict : str
-        ``error`` for what makes the recording unusable, ``warning`` for what to look at.
-
-    Returns
-    -------
-    list of str
-        Sentences; a command should fail where there is any of verdict ``error``.
-    """
+    """Return one sentence for each channel or marker with a verdict ("error" or "warning")."""
     columns = (table[name] for name in ("kind", "name", "verdict", "reason"))
     return [
         f"{kind} {name}: {reason}."
@@ -138,12 +124,12 @@ def _with_quality(rows: list[dict[str, object]], recording: xr.Dataset) -> list[
 
 
 def _other(row: dict[str, object], signal: Signal) -> dict[str, object]:
-    """Row of a channel that holds no EMG."""
+    """Row of a channel that does not contain EMG."""
     return {**row, "signal": signal.kind, "verdict": "not EMG", "reason": signal.reason}
 
 
 def _left_out(recording: xr.Dataset) -> list[dict[str, object]]:
-    """Rows for analog channels that the reader left out because they are no voltages."""
+    """Rows for analog channels that the reader omitted because they are not voltages."""
     rows: list[dict[str, object]] = []
     for label, reason in note(recording, "dropped").items():
         found = re.fullmatch(

@@ -1,6 +1,6 @@
-"""Read recordings of all supported formats as checked datasets, and write them as netCDF.
+"""Reading of recordings of all formats as checked datasets, and writing as netCDF.
 
-The only place that reads raw files; the formats themselves are modules of `emgface.recordings.readers`.
+Raw files are read only here; the formats are modules of `emgface.recordings.readers`.
 """
 
 import hashlib
@@ -41,11 +41,6 @@ class Reader(Protocol):
 def readers() -> dict[str, Reader]:
     """Return the readers by file suffix.
 
-    Returns
-    -------
-    dict of str to Reader
-        One for each suffix, for example ``.c3d``.
-
     Examples
     --------
     >>> readers()[".c3d"].FORMAT
@@ -67,37 +62,35 @@ def read_recording(
     mapping: Mapping[str, Any] | LabelMap | str | Path | None = None,
     study: bool = False,
 ) -> xr.Dataset:
-    """Read one trial.
+    """Read one trial in SI units, with gaps as NaN.
 
     Parameters
     ----------
     path : str or Path
-        File; its suffix chooses the reader. Tables, MATLAB and HDF5 arrays are opened by their
+        File; its suffix determines the reader. Tables, MATLAB and HDF5 arrays are specified by their
         TOML sidecar (`emgface.recordings.readers.csv_toml`), BrainVision recordings by their
-        header, trials of a BIDS dataset by their EMG file, or by ``*_motion.tsv`` where there is
-        none.
+        header, trials of a BIDS dataset by their EMG file, or by ``*_motion.tsv`` without EMG.
     mapping : mapping, LabelMap or path, optional
-        Tables ``channels`` and ``markers`` from the labels of the file to names, ``units`` where
-        the file names none, and ``volunteer``, ``instruction``, ``repetition``; or a TOML file
-        with the same. Without it the labels are kept.
+        Tables ``channels`` and ``markers`` from the labels of the file to names, ``units`` if the file
+        does not state them, and ``volunteer``, ``instruction``, ``repetition``; or a TOML file
+        with the same. Without it the labels are unchanged.
     study : bool
-        Demand all channels and markers of the study, see `emgface.schema.validation.validate`.
+        Require all channels and markers of the study (`emgface.schema.validation.validate`).
 
     Returns
     -------
     xarray.Dataset
-        Recording in SI, gaps as NaN. The attributes specify its origin: ``source`` (file
-        name), ``source_digest`` (sha256 of the file and of those that it names), ``device`` where
-        the file names one, and as JSON ``original_names``, ``original_units``, ``dropped`` and
-        ``flagged`` (kept although constant).
+        Its attributes are ``source`` (file name), ``source_digest`` (SHA-256 of all files),
+        ``device`` if stated in the file, and as JSON ``original_names``, ``original_units``,
+        ``dropped`` and ``flagged`` (included although constant).
 
     Raises
     ------
     DataError
-        If the file is absent, damaged, of unknown format, or does not follow the declaration
+        The file is absent, damaged, of unknown format, or does not fulfil the declaration
         (`SchemaError`, `UnitsError`).
     ConfigurationError
-        If the mapping or sidecar holds an unknown entry.
+        The mapping or sidecar contains an unknown entry.
     """
     path = Path(path)
     reader = readers().get(path.suffix.lower())
@@ -114,7 +107,9 @@ def read_recording(
             recording.attrs.update(source=path.name, source_digest=_digest(files))
         return validate(_flag_constant(recording), "recording", study=study)
     except DataError as error:
-        told = " ".join(line.strip() for line in str(error).splitlines())  # libraries write several
+        told = " ".join(
+            line.strip() for line in str(error).splitlines()
+        )  # errors of libraries may have several lines
         told = told if path.name in told else f"{path.name}: {told}"
         if told == str(error):
             raise
@@ -129,25 +124,10 @@ def read_recording(
 
 
 def write_recording(recording: xr.Dataset, path: str | Path) -> Path:
-    """Write one trial as netCDF.
+    """Check one trial and write it as netCDF to a file with the suffix ``.nc``.
 
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        Recording; checked first.
-    path : str or Path
-        File with the suffix ``.nc``; an existing one is replaced.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If the suffix is another, the recording does not follow its declaration, or the file
-        cannot be written.
+    An existing file is replaced. Raises DataError if the suffix differs, the recording does not
+    fulfil its declaration, or the file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() != ".nc":
@@ -159,23 +139,10 @@ def write_recording(recording: xr.Dataset, path: str | Path) -> Path:
 
 
 def find_recordings(folder: str | Path) -> list[Path]:
-    """Return the files of a folder and its subfolders that may be recordings.
+    """Return the files of a folder and its subfolders that may be recordings, sorted.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Folder to search.
-
-    Returns
-    -------
-    list of pathlib.Path
-        Files with a reader, sorted; those that declare another kind are omitted, damaged
-        ones are not.
-
-    Raises
-    ------
-    DataError
-        If the folder is absent or holds none.
+    Files that declare another kind are omitted, damaged ones are not. Raises DataError if the
+    folder is absent or contains none.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -212,24 +179,9 @@ def read_recordings(
 ) -> Iterator[tuple[Path, xr.Dataset | EmgfaceError]]:
     """Read trials one by one, continuing after an invalid one.
 
-    Parameters
-    ----------
-    *paths : str or Path
-        Files, and folders to search as `find_recordings` does.
-    mapping, study
-        As for `read_recording`, the same for all files.
-
-    Yields
-    ------
-    pathlib.Path
-        The file.
-    xarray.Dataset or EmgfaceError
-        The recording, or why it could not be read.
-
-    Raises
-    ------
-    DataError
-        If a folder holds no recording.
+    `paths` are files, and folders that are searched by `find_recordings`. Yields each file with its
+    recording, or with the error. Other arguments as for `read_recording`. Raises DataError if a
+    folder contains no recording.
     """
     labels = read_label_map(mapping)
     given = [Path(path) for path in paths]
@@ -243,7 +195,7 @@ def read_recordings(
 
 
 def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
-    """Flag channels that never change: a loose electrode, or a socket without a sensor."""
+    """Flag constant channels: a loose electrode, or a socket without a sensor."""
     if "emg" not in recording or "channel" not in recording.coords:
         return recording
     flagged: dict[str, str] = {}
@@ -253,17 +205,17 @@ def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
             flagged[str(label)] = f"constant at {still:g} V"
     if flagged:
         return recording.assign_attrs(flagged=json.dumps(flagged, ensure_ascii=False))
-    recording.attrs.pop("flagged", None)  # its channel was left out by the mapping
+    recording.attrs.pop("flagged", None)  # the mapping omits its channel
     return recording
 
 
 def _always(_: Path) -> bool:
-    """Accept every file with the suffix of a format as a possible recording."""
+    """Accept every file with the suffix of a format."""
     return True
 
 
 def _none(_: Path) -> list[Path]:
-    """Further files of a format that has none."""
+    """Return no further files."""
     return []
 
 

@@ -1,7 +1,8 @@
-"""Draft of the sidecar of a table or array, from what can be seen in the file.
+"""Draft of the sidecar of a table or array, from the contents of the file.
 
-Information that the file does not contain is guessed, and every guess is listed under ``unconfirmed``,
-which the reader refuses: a person checks the guesses and deletes the list.
+Information that the file does not contain is guessed, and every guess is listed under
+``unconfirmed``, which the reader refuses until a person has checked the guesses and deleted the
+list.
 """
 
 import json
@@ -54,7 +55,7 @@ class Draft:
             self.guesses.append(f"{table}.{key}" if table else key)
 
     def text(self, file: str, confirmed: bool) -> str:
-        """Return the sidecar; `confirmed` leaves out the list of guesses."""
+        """Return the sidecar, without the list of guesses if `confirmed`."""
         head = [f"# Sidecar of {file}, drafted by 'emgface data describe'.", 'schema = "recording"']
         if self.guesses and not confirmed:
             head += [
@@ -76,37 +77,31 @@ def describe(
     variable: str | None = None,
     confirmed: bool = False,
 ) -> str:
-    """Draft the sidecar of a text table, a MATLAB or an HDF5 file.
+    """Draft the sidecar of a text table, a MATLAB or an HDF5 file, as TOML.
 
     Parameters
     ----------
     path : str or Path
         File to describe.
     beside : str or Path, optional
-        Folder of the sidecar, from which the entry ``file`` is relative; that of the file when
-        absent.
+        Folder of the sidecar, to which the entry ``file`` is relative; default: that of the file.
     rate : float [Hz], optional
-        Sampling rate, where it is known.
+        Sampling rate, if known.
     unit : str, optional
-        Unit of the EMG, where it is known.
+        Unit of the EMG, if known.
     columns : sequence of str, optional
-        Labels of the columns, where the file has none.
+        Labels of the columns, if the file contains none.
     variable : str, optional
-        Array of a MATLAB or HDF5 file that holds the recording, where it is known.
+        Array of a MATLAB or HDF5 file that contains the recording, if known.
     confirmed : bool
         Accept all guesses.
-
-    Returns
-    -------
-    str
-        TOML, as `emgface.recordings.readers.csv_toml` reads it once it is confirmed.
 
     Raises
     ------
     DataError
-        If the file is absent, describes itself, or holds no rows of numbers.
+        The file is absent, of a format that requires no sidecar, or contains no rows of numbers.
     """
-    from emgface.recordings.arrays import array_table  # parsers of arrays are slow to load
+    from emgface.recordings.arrays import array_table  # importing parsers of arrays is slow
 
     path = Path(path)
     if not path.is_file():
@@ -136,7 +131,7 @@ def describe(
 def _text_table(
     path: Path, draft: Draft, columns: Sequence[str] | None
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Numbers of a text table, and the unit of each column; the layout goes into the draft."""
+    """Numbers of a text table, and the unit of each column; adds the layout to the draft."""
     found = text_layout(path)
     given: dict[str, Any] = {"delimiter": found.delimiter}
     draft.put("delimiter", found.delimiter, table="emg", sure=found.sure,
@@ -177,7 +172,7 @@ def _text_table(
 def _clock(
     draft: Draft, frame: pd.DataFrame, units: dict[str, str], rate: float | None
 ) -> tuple[list[str], float | None]:
-    """Write the rate or the column of instants; return columns that only count, and the rate."""
+    """Write the rate or the column of instants; return columns of counters, and the rate."""
     counting: list[str] = []
     for name in frame.columns:
         values = frame[name].to_numpy()
@@ -199,7 +194,7 @@ def _clock(
             counting.append(name)
             continue
         found, hertz = next(iter(fits.items()))
-        if found == "min":  # no unit of a sidecar
+        if found == "min":  # not a unit of sidecars
             draft.put("rate", float(f"{hertz:.6g}"), f"Hz; {name} seems to be in minutes",
                       table="emg", sure=False)  # fmt: skip
             return [*counting, name], hertz
@@ -219,7 +214,7 @@ def _clock(
 def _emg(
     draft: Draft, frame: pd.DataFrame, units: dict[str, str], rate: float | None, unit: str | None
 ) -> None:
-    """Write the unit of the EMG and the columns that hold it."""
+    """Write the unit of the EMG and its columns."""
     names = [
         name for name in frame.columns if _axis(name, frame) is None and kind_of_name(name) is None
     ]
@@ -261,7 +256,7 @@ def _emg(
 
 
 def _positions(draft: Draft, frame: pd.DataFrame) -> None:
-    """Write the table of markers, where columns come in threes."""
+    """Write the table of markers, if there are columns of three axes."""
     found = {_axis(name, frame) for name in frame.columns} - {None}
     if not found:
         return
@@ -271,7 +266,7 @@ def _positions(draft: Draft, frame: pd.DataFrame) -> None:
     unit = "mm" if middle > 5.0 else "m"
     first = draft.lines.index("")
     layout = [line for line in draft.lines[1:first] if not line.startswith("unit")]
-    if all(line.startswith("#") for line in draft.lines[first + 2 :]):  # no column holds EMG
+    if all(line.startswith("#") for line in draft.lines[first + 2 :]):  # no column contains EMG
         draft.lines.clear()
         draft.guesses = [
             name.replace("emg.", "position.") for name in draft.guesses if name != "emg.unit"
@@ -284,9 +279,9 @@ def _positions(draft: Draft, frame: pd.DataFrame) -> None:
 
 
 def _axis(name: str, frame: pd.DataFrame) -> tuple[str, str, str] | None:
-    """Endings of the three columns of a marker, one of which a column has."""
+    """Suffixes of the three columns of the marker to which a column may belong."""
     if kind_of_name(name) is not None:
-        return None  # accelerometers have axes, too
+        return None  # accelerometers also have axes
     for endings in AXES:
         for known in (endings, tuple(e.upper() for e in endings)):
             stem = name[: len(name) - len(known[0])]
@@ -296,13 +291,13 @@ def _axis(name: str, frame: pd.DataFrame) -> tuple[str, str, str] | None:
 
 
 def _fast(values: np.ndarray) -> float:
-    """Size of the fast part of a signal, blind to offset and drift: spread of its differences."""
+    """Standard deviation of the differences of a signal, independent of offset and drift."""
     step = np.diff(values[np.isfinite(values)])
     return float(np.std(step) / np.sqrt(2.0)) if step.size else 0.0
 
 
 def _toml(value: Any) -> str:
-    """Return a value as TOML writes it."""
+    """Return a value in TOML."""
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_toml, value))}]"
     return json.dumps(value, ensure_ascii=False)

@@ -17,22 +17,10 @@ COLUMNS = ("onset", "duration", "label")
 
 
 def read_events(path: str | Path) -> pd.DataFrame:
-    """Read events of a BIDS dataset.
+    """Read the events ``*_events.tsv`` of a BIDS dataset.
 
-    Parameters
-    ----------
-    path : str or Path
-        File called ``*_events.tsv``, with the columns onset and duration [s].
-
-    Returns
-    -------
-    DataFrame
-        Columns ``onset``, ``duration`` [s] and ``label`` (of ``trial_type``, else ``value``).
-
-    Raises
-    ------
-    DataError
-        If a column is absent or an onset no number.
+    The columns are ``onset``, ``duration`` [s] and ``label`` (``trial_type`` or ``value``). Raises
+    DataError if a column is absent or an onset is not a number.
     """
     path = Path(path)
     table = read_tsv(path)
@@ -63,26 +51,11 @@ def cut_trials(
 ) -> Iterator[xr.Dataset]:
     """Cut a long recording into trials, one per event.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording, EMG and markers on one clock.
-    events : DataFrame
-        Columns ``onset`` and ``duration`` [s], and ``label``, the instruction where it is not
-        empty; as from `read_events` or `find_repetitions`.
-    before, after : float [s]
-        Time taken before the onset and after the end.
-
-    Yields
-    ------
-    Dataset
-        Trial with time 0 at its start; ``repetition`` counts the events of the same instruction,
-        ``cut_from`` holds the span in the long recording [s].
-
-    Raises
-    ------
-    SignalError
-        If a span reaches beyond the recording.
+    `events` has the columns ``onset`` and ``duration`` [s], and ``label``, the instruction unless
+    it is empty (`read_events`, `find_repetitions`); the trial begins `before` the onset and ends
+    `after` the end [s]. Yields trials with time 0 at their start; ``repetition`` counts the events
+    of the same instruction, ``cut_from`` is the interval in the long recording [s]. Raises
+    SignalError if an interval extends beyond the recording.
     """
     counts: dict[str, int] = {}
     for onset, duration, label in zip(*(events[c] for c in COLUMNS), strict=True):
@@ -116,29 +89,12 @@ def find_repetitions(
 ) -> pd.DataFrame:
     """Find the bursts of activity that are repetitions of a movement.
 
-    Activity is the root mean square over the rows, in a moving window, of what was filtered (for
-    EMG) or of the speed (for markers). A repetition lasts while it exceeds rest + level (peak -
-    rest), rest and peak the 10th and 99th percentiles; pauses shorter than `least_rest` are
-    bridged, bursts shorter than `least_duration` left out.
-
-    Parameters
-    ----------
-    signal : DataArray, dims (channel, time_emg) [V] or (marker, axis, time_marker) [m]
-        Band-passed EMG, or positions in the head frame without gaps.
-    level : float [1]
-        Part of the way from rest to peak.
-    window, least_duration, least_rest : float [s]
-        Durations.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``onset``, ``duration`` [s] and ``label`` (empty), one row per repetition.
-
-    Raises
-    ------
-    SignalError
-        If the signal has gaps, never changes, or holds no burst.
+    Activity is the root mean square over the rows, in a moving window, of the band-passed EMG or of
+    the speed of markers (positions [m] in the head frame without gaps). A repetition lasts while it
+    exceeds rest + level (peak - rest), with rest and peak the 10th and 99th percentiles; pauses
+    shorter than `least_rest` [s] are included, bursts shorter than `least_duration` [s] are
+    omitted. The result has the columns ``onset``, ``duration`` [s] and ``label`` (empty). Raises
+    SignalError if the signal has gaps, is constant, or contains no burst.
     """
     name = str(next(d for d in signal.dims if str(d).startswith("time")))
     time = signal[name].values
@@ -151,7 +107,7 @@ def find_repetitions(
     scale = np.sqrt(np.mean(values**2, axis=1, keepdims=True))
     values, scale = values[scale[:, 0] > 0], scale[scale[:, 0] > 0]
     if name != "time_marker":
-        # A loud channel must not drown the others, so each counts in units of its own strength.
+        # Each channel is scaled by its own amplitude, so that no channel dominates.
         values = values / scale
     if values.size == 0:
         raise SignalError("the signal never changes, expected bursts of activity")

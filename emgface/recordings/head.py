@@ -1,7 +1,7 @@
 """Removal of the rigid motion of the head by the face markers.
 
-Each frame is turned and shifted so that its face markers fit a reference configuration in the
-least-squares sense; what remains of the lip markers' motion is motion of the lips.
+Each frame is rotated and translated so that its face markers fit a reference configuration in the
+least-squares sense; the remaining motion of the lip markers is motion of the lips.
 
 Source: Kabsch 1976, Acta Cryst A 32:922; Eskes et al. 2017, Methods (six face markers).
 """
@@ -27,23 +27,23 @@ def in_head_frame(
     """Remove the rigid motion of the head from marker positions.
 
     For every frame the rotation R and the translation minimise the sum over the face markers
-    present of |R (p - mean p) - (q - mean q)|^2, q their reference positions; they then move all
-    markers of the frame. A face marker that drops out is left out of its frames as long as three
-    that are not on one line remain. Where a reference is given, q is the person's own mean
-    configuration, placed on that reference by the same fit once: a head differs in shape from a
-    face model, and a fit of the markers present to the model itself would shift the whole frame
-    whenever one of them drops out. Afterwards, in the head frame, dropouts up to `max_gap` are
-    bridged by monotone cubic interpolation.
+    present of |R (p - mean p) - (q - mean q)|^2, with the reference positions q; they are applied
+    to all markers of the frame. A missing face marker is omitted in its frames as long as three
+    that are not collinear remain. If a reference is specified, q is the person's own mean
+    configuration, fitted to that reference once: a head differs in shape from a face model, and a
+    fit of the present markers to the model itself would shift the frame whenever a marker is
+    missing. Afterwards, in the head frame, gaps up to `max_gap` are interpolated by monotone
+    cubics.
 
     Parameters
     ----------
     recording_position : DataArray, dims (marker, axis, time_marker) [m]
-        Measured positions; a dropout is NaN.
+        Measured positions, NaN if not visible.
     parameters : HeadFrameParameters
-        Longest gap to bridge [s]; reference where none is given.
+        Longest gap to interpolate [s]; reference if none is specified.
     reference : DataArray, dims (marker or face_marker, axis) [m], optional
-        Positions of the face markers in the frame wanted, for example ``face_marker_position`` of
-        a face model: the result then has its axes. Without it the trial's own configuration.
+        Positions of the face markers in the desired frame, for example ``face_marker_position`` of
+        a face model; default: the trial's own configuration.
 
     Returns
     -------
@@ -51,30 +51,23 @@ def in_head_frame(
         Positions in the head frame; NaN where a marker was lost at either end of the recording,
         or a face marker for longer than `max_gap`. Attrs ``head_reference``, ``residual_rms`` and
         ``residual_max`` [m] of the face markers about the reference (shape differences, skin
-        motion, noise), ``bridged`` (number of bridged marker frames), ``face_markers_left_out``
+        motion, noise), ``bridged`` (number of interpolated marker frames), ``face_markers_left_out``
         (names, lost in any frame).
 
     Raises
     ------
     MarkerError
-        If a marker is missing, a lip marker is never seen or lost for longer than `max_gap`, no
-        frame has three face markers that are not collinear, or one between two such frames has
-        not.
-    UnitsError
-        If positions are not in metres.
-    SignalError
-        If the frames are not uniformly spaced.
-
-    Notes
-    -----
-    Source: Kabsch 1976; Eskes et al. 2017, Methods.
+        A marker is missing, a lip marker is never visible or lost for longer than `max_gap`, or a frame
+        other than at the ends lacks three face markers that are not collinear.
+    UnitsError, SignalError
+        Positions are not in metres, or the frames are not uniformly spaced.
     """
     position = _checked(recording_position)
     time = np.asarray(position["time_marker"], dtype=float)
     rate = sampling_rate(time)
     values = np.asarray(position, dtype=float).transpose(2, 0, 1)  # frame, marker, axis
     names = [str(name) for name in position["marker"].values]
-    # A position with one coordinate lost is lost.
+    # A position requires all three coordinates.
     values = np.where(np.isfinite(values).all(axis=2, keepdims=True), values, np.nan)
     face = np.array([names.index(name) for name in FACE_MARKERS])
     points = values[:, face]
@@ -83,7 +76,7 @@ def in_head_frame(
     given = None if reference is None else _given_reference(reference)
     described = f"own, {parameters.own_reference}" if given is None else "given"
     target = points[int(np.argmax(present.sum(axis=1)))]
-    present = present & np.isfinite(target[:, 0])  # only what that frame shows as well
+    present = present & np.isfinite(target[:, 0])  # markers present in that frame
     fitted = _check_frames(points, present, time, rate)
     if given is not None or parameters.own_reference == "mean":
         target = _aligned_mean(points[fitted], present[fitted], target)
@@ -135,18 +128,15 @@ def _checked(position: xr.DataArray) -> xr.DataArray:
 
 
 def _check_frames(points: np.ndarray, present: np.ndarray, time: np.ndarray, rate: float) -> slice:
-    """Frames from the first to the last with three face markers that are not on one line.
+    """Frames from the first to the last with three face markers that are not collinear.
 
-    Raises
-    ------
-    MarkerError
-        If there is none, or a frame between them has not.
+    Raises MarkerError if there is none, or if a frame between them lacks these.
     """
     count = present.sum(axis=1)
     mean = np.where(present[:, :, None], points, 0.0).sum(axis=1) / np.maximum(count, 1)[:, None]
     centred = np.where(present[:, :, None], points - mean[:, None], 0.0)
     singular = np.linalg.svd(centred, compute_uv=False)
-    # Written so that fewer than two points (all singular values zero) fail too.
+    # Fewer than two points (all singular values zero) also fail this comparison.
     poor = (count < 3) | ~(singular[:, 1] > COLLINEAR * singular[:, 0])
     good = np.flatnonzero(~poor)
     span = slice(int(good[0]), int(good[-1]) + 1) if good.size else slice(0, poor.size)
@@ -179,7 +169,7 @@ def _aligned_mean(points: np.ndarray, present: np.ndarray, target: np.ndarray) -
 
 
 def _placed(own: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Rotate and shift a configuration onto a reference of another shape."""
+    """Rotate and translate a configuration onto a reference of another shape."""
     known = np.isfinite(own[:, 0])[None]
     rotation, origin, goal = _fit(own[None], known, reference)
     return (own - origin[0]) @ rotation[0].T + goal[0]
@@ -226,7 +216,7 @@ def _fit(
     q = np.where(weight > 0, target - goal[:, None], 0.0)
     covariance = np.einsum("tmi,tmj->tij", q, p)
     u, _, vt = np.linalg.svd(covariance)
-    # A reflection would fit planar markers as well; the sign makes it a rotation.
+    # A reflection would fit planar markers equally; the sign excludes it.
     sign = np.ones((points.shape[0], 3))
     sign[:, 2] = np.sign(np.linalg.det(u @ vt))
     return (u * sign[:, None, :]) @ vt, origin, goal
@@ -260,7 +250,7 @@ def _bridge(
                     "increase head_frame.max_gap if a gap of this length may be "
                     "interpolated, or exclude the trial"
                 )
-            lost[start:stop] = False  # at an end nothing bridges it; a face marker stays lost
+            lost[start:stop] = False  # gaps at the ends, and of face markers, are not interpolated
         if lost.any():
             seen = np.isfinite(moved[:, m, 0])
             curve = PchipInterpolator(time[seen], moved[seen, m], axis=0)

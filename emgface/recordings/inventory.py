@@ -27,28 +27,14 @@ _MOST = 3
 
 
 def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -> pd.DataFrame:
-    """Read and examine every file of a folder that may contain signals.
+    """Read and examine every file of a folder that may contain signals, in one row each.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Folder to search, and those in it.
-    sidecars : str or Path, optional
-        Folder of TOML sidecars (`emgface.recordings.readers.csv_toml`) for tables and arrays; the
-        files that they name are relative to `folder`.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row per file: ``file``, ``format``, number of ``channels`` and ``markers``,
-        ``emg_rate`` and ``marker_rate`` [Hz], ``units`` of the source, ``duration`` [s],
-        ``findings`` of the checks, or ``refusal``, the error message. Files that
-        describe others (see `TEXTS`) are left out.
-
-    Raises
-    ------
-    DataError
-        If the folder is absent or holds no such file.
+    `sidecars` is a folder of TOML sidecars (`emgface.recordings.readers.csv_toml`) for tables and
+    arrays, whose paths are relative to `folder`. Columns are ``file``, ``format``, number of
+    ``channels`` and ``markers``, ``emg_rate`` and ``marker_rate`` [Hz], ``units`` of the source,
+    ``duration`` [s], ``findings`` of the checks, or ``refusal``, the error message. Files that
+    describe others (`TEXTS`) are omitted. Raises DataError if the folder is absent or contains no
+    such file.
     """
     root = Path(folder)
     rows = [_row(path, root, found) for path, found in read_files(root, sidecars=sidecars)]
@@ -64,22 +50,8 @@ def read_files(
 ) -> Iterator[tuple[Path, xr.Dataset | EmgfaceError]]:
     """Read every file of a folder that may contain signals, one after the other.
 
-    Parameters
-    ----------
-    folder, sidecars
-        As for `inventory_table`.
-
-    Yields
-    ------
-    pathlib.Path
-        The file.
-    xarray.Dataset or EmgfaceError
-        The recording, or why it was refused.
-
-    Raises
-    ------
-    DataError
-        If a folder is absent.
+    Arguments as for `inventory_table`. Yields each file with its recording, or with the error.
+    Raises DataError if a folder is absent.
     """
     root = Path(folder)
     if not root.is_dir():
@@ -164,7 +136,7 @@ def _row(path: Path, root: Path, found: xr.Dataset | EmgfaceError) -> dict[str, 
         row["format"] += " with a sidecar"
     try:
         return row | _measures(found) | {"findings": _findings(found)}
-    except Exception as error:  # one file must not end an inventory
+    except Exception as error:  # an invalid file must not stop the inventory
         return row | {"refusal": f"{path.name} could not be examined ({one_line(error)})."}
 
 
@@ -191,7 +163,7 @@ def _findings(recording: xr.Dataset) -> str:
     reasons: dict[tuple[str, str], list[str]] = {}
     for row in table[table["verdict"] != "ok"].to_dict("records"):
         for reason in str(row["reason"]).split("; "):
-            # Numbers differ from channel to channel; the finding is the same.
+            # Findings that differ only in their numbers are combined.
             key = re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?", "#", reason.partition(":")[0])
             reasons.setdefault((str(row["kind"]), key), []).append(f"{row['name']}|{reason}")
     told: list[str] = []
@@ -208,18 +180,7 @@ def _findings(recording: xr.Dataset) -> str:
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """Write the inventory as a table in Markdown.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Result of `inventory_table`.
-
-    Returns
-    -------
-    str
-        One row per file; the last column holds the findings, or the refusal in italics.
-    """
+    """Write an `inventory_table` in Markdown; the last column contains findings or the refusal."""
     heads = ("file", "format", "channels", "rate [Hz]", "units", "duration [s]", "findings")
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for row in table.to_dict("records"):

@@ -54,17 +54,7 @@ class Signal(NamedTuple):
 
 
 def kind_of_unit(unit: str) -> str | None:
-    """Return the kind of signal that a unit belongs to, None where several or none do.
-
-    Parameters
-    ----------
-    unit : str
-        Unit as a file spells it.
-
-    Returns
-    -------
-    str or None
-        Kind.
+    """Return the kind of signal that has a unit (in the spelling of a file), None if ambiguous.
 
     Examples
     --------
@@ -76,17 +66,9 @@ def kind_of_unit(unit: str) -> str | None:
 
 
 def kind_of_name(label: str) -> str | None:
-    """Return the kind of signal that a label names, None where it names none or EMG.
+    """Return the kind of signal stated by a label; None for EMG or an unknown label.
 
-    Parameters
-    ----------
-    label : str
-        Label in a file.
-
-    Returns
-    -------
-    str or None
-        Kind. Sensors that combine EMG and acceleration name both; then it is the latter.
+    For sensors that combine EMG and acceleration, whose labels state both, it is the latter.
 
     Examples
     --------
@@ -106,24 +88,13 @@ def kind_of_name(label: str) -> str | None:
 
 
 def signal_of(label: str, values: np.ndarray, rate: float) -> Signal:
-    """Decide what a channel in volts holds, by its name, its values and its spectrum.
+    """Classify a channel in volts (samples,) by its name, its values and its spectrum.
 
-    Parameters
-    ----------
-    label : str
-        Name of the channel. A channel that carries a name of the study is EMG or unused.
-    values : ndarray, shape (samples,) [V]
-        Samples.
-    rate : float [Hz]
-        Sampling rate.
-
-    Returns
-    -------
-    Signal
-        ``unused`` for a channel that never changes; the kind given by the name; ``switch or event
-        marker`` for a few levels; ``rectified EMG`` for one that is never negative and touches zero;
-        ``slow signal`` for one with nine tenths of its power below 10 Hz and either more than 10 mV
-        in all or less than an electrode's noise above 20 Hz; ``EMG`` otherwise.
+    The kind is ``unused`` for a constant channel; that of the name; ``switch or event marker`` for
+    a few levels; ``rectified EMG`` for one that is never negative and reaches zero; ``slow signal``
+    for one with nine tenths of its power below 10 Hz and either more than 10 mV in total or less
+    than the noise of an electrode above 20 Hz; ``EMG`` otherwise. A channel with a name of the
+    study is EMG or unused.
     """
     still = constant_value(values)
     if still is not None:
@@ -148,7 +119,7 @@ def signal_of(label: str, values: np.ndarray, rate: float) -> Signal:
         or finite.size < values.size
         or not rate > 4 * SLOW
     ):
-        return Signal("EMG")  # too short or too slow to be judged by its spectrum
+        return Signal("EMG")  # too short or too slow for a spectrum
     frequency, density = power_density(values, rate)
     share = float(density[frequency < SLOW].sum() / density.sum())
     above = float(np.sqrt(np.trapezoid(density[frequency >= 2 * SLOW], dx=frequency[1])))

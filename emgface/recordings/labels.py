@@ -21,14 +21,12 @@ class LabelMap(Parameters):
     Attributes
     ----------
     channels, markers : dict of str to str or None
-        Label in the file to name here; what is not listed is left out. None keeps everything
-        under its own label.
+        Label in the file to name of the study; labels that are not listed are omitted. None keeps all
+        labels.
     units : dict of str to str
-        Unit of ``emg`` or ``position`` where the file names none, or a wrong one.
-    volunteer, instruction : str or None
-        Volunteer, instruction and repetition, if the file does not specify them.
-    repetition : int or None
-        Which repetition, from 1.
+        Unit of ``emg`` or ``position`` if that of the file is missing or wrong.
+    volunteer, instruction, repetition : str, str, int or None
+        Trial, if the file does not specify it; repetitions are counted from 1.
     """
 
     channels: dict[str, str] | None = None
@@ -40,22 +38,10 @@ class LabelMap(Parameters):
 
 
 def read_label_map(mapping: Mapping[str, Any] | LabelMap | str | Path | None) -> LabelMap:
-    """Return a label map from a mapping or a TOML file.
+    """Return a label map from a mapping or a TOML file; None is an empty map.
 
-    Parameters
-    ----------
-    mapping : mapping, LabelMap, path or None
-        Tables ``channels``, ``markers``, ``units`` and the names of the trial; None: no mapping.
-
-    Returns
-    -------
-    LabelMap
-        The checked map.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file is absent or no TOML, or holds an unknown entry; the nearest one is named.
+    Raises ConfigurationError if the file is absent or is not TOML, or contains an unknown entry
+    (with the nearest valid one).
 
     Examples
     --------
@@ -72,23 +58,7 @@ def read_label_map(mapping: Mapping[str, Any] | LabelMap | str | Path | None) ->
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        Its tables.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is absent or no TOML.
-    """
+    """Return the tables of a TOML file; ConfigurationError if it is absent or is not TOML."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -103,26 +73,11 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
-    """Rename and select channels and markers, and name the trial.
+    """Rename and select channels and markers, in the order of the map, and name the trial.
 
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        Recording under the labels of its file.
-    labels : LabelMap
-        Labels to names.
-
-    Returns
-    -------
-    xarray.Dataset
-        Recording under the names of the map, in its order; the attributes ``original_names`` and
-        ``dropped`` (JSON) record the treatment of each label.
-
-    Raises
-    ------
-    SchemaError
-        If a mapped label is not in the file (the nearest one is named), or two labels have one
-        name.
+    The attributes ``original_names`` and ``dropped`` (JSON) record the treatment of each label.
+    Raises SchemaError if a mapped label is not in the file (with the nearest one), or two labels
+    have one name.
     """
     names = note(recording, "original_names")
     dropped = note(recording, "dropped")
@@ -175,24 +130,10 @@ def _demand(dim: str, chosen: dict[str, str], found: list[str], dropped: dict[st
 
 
 def note(dataset: xr.Dataset, name: str) -> dict[str, str]:
-    """Return a JSON object stored as an attribute of a dataset.
+    """Return an attribute of a recording that is a JSON object, empty if it is absent.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Recording.
-    name : str
-        ``original_names``, ``original_units``, ``dropped`` or ``flagged``.
-
-    Returns
-    -------
-    dict of str to str
-        Empty where the attribute is absent.
-
-    Raises
-    ------
-    DataError
-        If the attribute is no JSON object.
+    It is ``original_names``, ``original_units``, ``dropped`` or ``flagged``. Raises DataError if
+    the attribute is not a JSON object.
     """
     try:
         value = json.loads(str(dataset.attrs.get(name, "{}")))
@@ -207,18 +148,7 @@ def note(dataset: xr.Dataset, name: str) -> dict[str, str]:
 
 
 def constant_value(values: np.ndarray) -> float | None:
-    """Return the value of a signal that never changes.
-
-    Parameters
-    ----------
-    values : ndarray
-        Samples of one signal; NaN are ignored.
-
-    Returns
-    -------
-    float or None
-        The constant value; None for a signal that changes or has no finite sample.
-    """
+    """Return the value of a constant signal; None if it varies or has no finite sample."""
     finite = values[np.isfinite(values)]
     if finite.size == 0 or finite.min() != finite.max():
         return None

@@ -1,4 +1,4 @@
-"""Layout of a text table as it can be seen: encoding, delimiter, decimal sign, labels, units."""
+"""Layout of a text table, from its contents: encoding, delimiter, decimal sign, labels, units."""
 
 import codecs
 import gzip
@@ -33,17 +33,17 @@ class Layout:
     encoding : str or None
         None for UTF-8 or with a byte order mark.
     delimiter, decimal : str
-        As of a sidecar.
+        As in a sidecar.
     skip_rows : int
-        Lines before the labels, or before the numbers where `labelled` is false.
+        Number of lines before the labels, or before the numbers unless `labelled`.
     labelled : bool
-        Whether the line after them holds the labels.
+        True if the line after them contains the labels.
     labels : tuple of str
-        Labels of the columns; ``column 1`` and so on where the file has none.
+        Labels of the columns; ``column 1`` and so on if the file contains none.
     units : tuple of str
         Unit of each column by its label or a line of units, empty if none is specified.
     sure : bool
-        Whether no other delimiter fits as well.
+        True if no other delimiter fits equally.
     """
 
     encoding: str | None
@@ -57,21 +57,9 @@ class Layout:
 
 
 def text_layout(path: Path) -> Layout:
-    """Find how a text table is written.
+    """Determine the layout of a text table, which may be compressed by gzip.
 
-    Parameters
-    ----------
-    path : Path
-        File of text, compressed by gzip or not.
-
-    Returns
-    -------
-    Layout
-
-    Raises
-    ------
-    DataError
-        If the file is no text, or no delimiter gives rows of numbers.
+    Raises DataError if the file is not text, or no delimiter separates rows of numbers.
     """
     text, encoding = _text(path)
     lines = text.splitlines()
@@ -89,7 +77,7 @@ def text_layout(path: Path) -> Layout:
             f"{path.name} has no rows of numbers that tabs, semicolons, commas, bars or blanks "
             "separate; expected a table: export it as one."
         )
-    # Blanks fit wherever tabs do; what gives another number of columns is another reading.
+    # Blanks always fit if tabs do; only another number of columns is an alternative.
     sure = not any(other == share and 0 < n != count for other, n, *_ in tried)
     rows = [_cells(line, delimiter) for line in lines]
     width = Counter(len(_cells(line, delimiter)) for line in tail).most_common(1)[0][0]
@@ -117,7 +105,7 @@ def text_layout(path: Path) -> Layout:
 
 
 def unit_in(label: str) -> str:
-    """Return the unit of voltage, length or time that a label ends in, empty where it has none.
+    """Return the unit of voltage, length or time at the end of a label, empty without one.
 
     Examples
     --------
@@ -128,13 +116,13 @@ def unit_in(label: str) -> str:
     if found is None:
         return ""
     unit = spelling(found.group(2))
-    # After a blank or an underscore a single letter may be anything, such as an axis or a side.
+    # A single letter after a blank or an underscore is ambiguous, for example an axis or a side.
     told = found.group(1) in "[(/" or len(unit) > 1
     return unit if told and quantity_of(unit) else ""
 
 
 def _text(path: Path) -> tuple[str, str | None]:
-    """Beginning of a file as text without its last, perhaps broken, line; and its encoding."""
+    """Beginning of a file as text without its last, possibly truncated, line; and its encoding."""
     try:
         with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
             data = stream.read(HEAD)
@@ -158,20 +146,20 @@ def _text(path: Path) -> tuple[str, str | None]:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """Cells of a line; an empty one at its end, after a last delimiter, is none."""
+    """Cells of a line, without an empty one after a final delimiter."""
     parts = line.split() if delimiter == r"\s+" else line.split(delimiter)
     cells = [cell.strip().strip('"').strip() for cell in parts]
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
 
 
 def _share(row: list[str], sign: str) -> float:
-    """Share of numbers among the cells of a row that hold anything."""
+    """Fraction of numbers among the cells of a row that are not empty."""
     held = [cell for cell in row if cell]
     return sum(bool(_NUMBER[sign].fullmatch(cell)) for cell in held) / max(1, len(held))
 
 
 def _numbers(lines: list[str], delimiter: str, sign: str) -> tuple[float, int]:
-    """Share of numbers among all cells, to a tenth, and columns; empty if rows differ."""
+    """Fraction of numbers among all cells, to a tenth, and columns; empty if rows differ."""
     rows = [_cells(line, delimiter) for line in lines]
     width, often = Counter(map(len, rows)).most_common(1)[0]
     if often < 0.9 * len(rows):
@@ -185,6 +173,6 @@ def _has_fractions(lines: list[str], delimiter: str) -> bool:
 
 
 def _are_units(row: list[str]) -> bool:
-    """Decide whether a line between labels and numbers holds units."""
+    """Return True if a line between labels and numbers contains units."""
     told = [quantity_of(cell.strip("[]()")) for cell in row if cell]
     return bool(told) and sum(found is not None for found in told) >= 0.5 * len(told)

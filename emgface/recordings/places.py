@@ -1,4 +1,4 @@
-"""Names of markers proposed from where they lie, by comparison with the layout of a face."""
+"""Names of markers proposed from their positions, by comparison with the layout of a face."""
 
 from itertools import permutations, product
 from typing import Final
@@ -24,21 +24,11 @@ _REFINEMENTS: Final = 8
 def with_places(table: pd.DataFrame, position: xr.DataArray) -> pd.DataFrame:
     """Complete proposals for markers by their positions.
 
-    With three or more known labels the layout is fitted to those markers; without, all orientations of
-    the axes are tried. Each unresolved marker that lies near a place of the layout that no other
-    marker claims is proposed for it.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Result of `emgface.recordings.proposal.propose_mapping` for the markers, in their order.
-    position : DataArray, dims (marker, axis, time_marker) [m]
-        Positions; axes form a right-handed frame.
-
-    Returns
-    -------
-    DataFrame
-        The table with further names of certainty ``likely``.
+    `table` is the result of `emgface.recordings.proposal.propose_mapping` for the markers, in their
+    order. With three or more known labels the layout is fitted to those markers; otherwise all
+    orientations of the axes are tried, which form a right-handed frame. Each unresolved marker near
+    a position of the layout that belongs to no other marker is proposed for it, with the certainty
+    ``likely``.
     """
     values = position.transpose("marker", "axis", "time_marker").values
     seen = np.asarray(np.isfinite(values).all(axis=1))
@@ -85,7 +75,7 @@ def _laid(points: np.ndarray, layout: np.ndarray, others: np.ndarray) -> tuple[n
 
 
 def _oriented(points: np.ndarray, layout: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Points in the frame of the layout by the best of all orientations, if it is clearly best."""
+    """Points in the frame of the layout by the best orientation, if it is clearly the best."""
     found: list[tuple[float, tuple[int, ...], np.ndarray, float]] = []
     for turn in _orientations():
         size = np.linalg.norm(layout - layout.mean(axis=0)) / np.linalg.norm(
@@ -113,7 +103,7 @@ def _oriented(points: np.ndarray, layout: np.ndarray) -> tuple[np.ndarray, float
 
 
 def _orientations() -> list[np.ndarray]:
-    """The 24 rotations that carry axes into axes."""
+    """The 24 rotations that map axes to axes."""
     found = []
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         turn = np.eye(3)[list(order)] * np.array(signs)[:, None]

@@ -1,7 +1,7 @@
 """Proposed meanings of the labels of a file, to be confirmed by the user.
 
-A proposal is a table; `mapping_text` writes it as the mapping file that
-`emgface.recordings.labels.read_label_map` reads, unresolved labels as comments.
+A proposal is a table; `mapping_text` writes it as a mapping file for
+`emgface.recordings.labels.read_label_map`, with unresolved labels as comments.
 """
 
 import json
@@ -31,22 +31,11 @@ COLUMNS: Final = ("label", "name", "certainty", "reason")
 def propose_for(
     recording: xr.Dataset, *, side: Literal["L", "R"] | None = None
 ) -> dict[Literal["channel", "marker"], pd.DataFrame]:
-    """Propose the meaning of every channel and marker of a recording.
+    """Propose the meaning of every channel and marker of a recording, by kind (`propose_mapping`).
 
-    Labels are read first. For channels of a BIDS dataset the column ``target_muscle`` follows, for
-    markers their positions (`emgface.recordings.places`).
-
-    Parameters
-    ----------
-    recording : Dataset
-        Recording under the labels of its file.
-    side : str, optional
-        Side of channels whose label contains none.
-
-    Returns
-    -------
-    dict of str to DataFrame
-        Result of `propose_mapping` for ``channel`` and ``marker``, as far as the recording has them.
+    In addition to labels, the column ``target_muscle`` is used for channels of a BIDS dataset, and
+    positions (`emgface.recordings.places`) for markers. `side` is that of channels whose label
+    contains none.
     """
     tables: dict[Literal["channel", "marker"], pd.DataFrame] = {}
     if "channel" in recording.coords:
@@ -78,7 +67,7 @@ def propose_mapping(
     labels : iterable of str
         Labels in the file.
     kind : str
-        ``channel`` for muscles and side, ``marker`` for places on the face.
+        ``channel`` for muscles and side, ``marker`` for positions on the face.
     side : str, optional
         Side of channels whose label contains none.
     told : mapping of str to str, optional
@@ -87,15 +76,15 @@ def propose_mapping(
     Returns
     -------
     DataFrame
-        One row per label, in their order: ``label``; ``name`` (of the study, empty where
-        unresolved); ``certainty`` (``sure``: a name or words known; ``likely``: a spelling close
-        to one; ``unresolved``); ``reason``. No name is given twice: where several labels claim
-        one, all stay unresolved unless one alone is sure.
+        One row per label, in their order: ``label``; ``name`` (of the study, empty if unresolved);
+        ``certainty`` (``sure``: a known name or words; ``likely``: a similar spelling;
+        ``unresolved``); ``reason``. No name is assigned twice: if several labels fit one name, all
+        remain unresolved unless exactly one is sure.
 
     Raises
     ------
     DataError
-        If the kind is another.
+        The kind is unknown.
 
     Examples
     --------
@@ -125,37 +114,15 @@ def propose_mapping(
 
 
 def missing_names(table: pd.DataFrame, kind: Literal["channel", "marker"] = "channel") -> list[str]:
-    """Return the names of a study for which no label was proposed.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Result of `propose_mapping`.
-    kind : str
-        As there.
-
-    Returns
-    -------
-    list of str
-        Names, in the order of the study.
-    """
+    """Return the names of a study, in its order, for which no label was proposed."""
     names = CHANNELS if kind == "channel" else FACE_MARKERS + LIP_MARKERS
     return [name for name in names if name not in set(table["name"])]
 
 
 def mapping_text(channels: pd.DataFrame | None, markers: pd.DataFrame | None = None) -> str:
-    """Write proposals as a mapping file in TOML.
+    """Write proposals (or None) as a mapping file in TOML.
 
-    Parameters
-    ----------
-    channels, markers : DataFrame or None
-        Results of `propose_mapping`.
-
-    Returns
-    -------
-    str
-        Tables ``channels`` and ``markers``; likely names carry a comment, unresolved labels are
-        comments that a person completes or deletes.
+    Likely names have a comment; unresolved labels are comments to be completed or deleted.
     """
     lines: list[str] = []
     for title, table, kind in (("channels", channels, "channel"), ("markers", markers, "marker")):
@@ -215,7 +182,7 @@ def _words(label: str, kind: str) -> tuple[list[str], str | None]:
     side = sides[0] if len(set(sides)) == 1 else None
     kept = [w for w in words if w not in SIDES and (w not in FILLERS or kind == "marker")]
     if side is None and not sides and kept:
-        # A side glued to the muscle, as in 'LZYG' or 'zygR'.
+        # A side without separation from the muscle, as in 'LZYG' or 'zygR'.
         for letter in "lr":
             for at in (0, -1):
                 word = kept[at]
@@ -237,7 +204,7 @@ def _known(text: str, known: Mapping[str, tuple[str, ...]]) -> tuple[str | None,
     flat = {phrase: what for what, phrases in known.items() for phrase in phrases}
     if text in flat:
         return flat[text], "sure"
-    # The longest known phrase inside the text, as whole words.
+    # The longest known phrase in the text, as whole words.
     inside = [p for p in flat if f" {p} " in f" {text} "]
     if inside:
         best = max(inside, key=len)

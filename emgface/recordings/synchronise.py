@@ -1,4 +1,4 @@
-"""EMG and markers on one clock, by the offset between their clocks; spans cut out of a recording."""
+"""EMG and markers on one clock, by the offset between their clocks; intervals of a recording."""
 
 import numpy as np
 import xarray as xr
@@ -10,23 +10,8 @@ from emgface.signals.filters import sampling_rate
 def synchronise(recording: xr.Dataset, offset: float) -> xr.Dataset:
     """Convert the times of the markers to the clock of the EMG, t_emg = offset + t_marker.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording with EMG and markers, each with its own time.
-    offset : float [s]
-        Reading of the EMG clock where that of the markers is 0.
-
-    Returns
-    -------
-    Dataset
-        The same samples with ``time_marker`` by the clock of the EMG; the attribute
-        ``clock_relation`` of that coordinate records the offset.
-
-    Raises
-    ------
-    SignalError
-        If a part is absent, or the parts do not overlap.
+    The attribute ``clock_relation`` of ``time_marker`` records the offset [s]. Raises SignalError
+    if EMG or markers are absent, or do not overlap.
     """
     if "emg" not in recording or "position" not in recording:
         raise SignalError("the recording lacks EMG or markers, expected both for synchronisation")
@@ -44,24 +29,11 @@ def synchronise(recording: xr.Dataset, offset: float) -> xr.Dataset:
 
 
 def cut(recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
-    """Cut an interval out of a recording.
+    """Cut the interval from `start` to `stop` [s] out of a recording with one clock.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording, its parts on one clock.
-    start, stop : float [s]
-        Span; samples at both ends are included, up to half a sample.
-
-    Returns
-    -------
-    Dataset
-        The span, with time 0 at its first EMG sample (or marker frame, without EMG).
-
-    Raises
-    ------
-    SignalError
-        If the span holds fewer than two samples of a part.
+    Samples at both ends are included, up to half a sample. Time is 0 at the first EMG sample (or
+    marker frame, without EMG). Raises SignalError if the interval contains fewer than two samples
+    of a part.
     """
     zero: float | None = None
     for name in ("time_emg", "time_marker", "time_true"):

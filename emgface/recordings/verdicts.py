@@ -31,7 +31,7 @@ class Finding(NamedTuple):
 
 
 class Clock(NamedTuple):
-    """Rate [Hz], whether intervals are equal, and number of instants."""
+    """Rate [Hz], uniformity of the intervals, and number of instants."""
 
     rate: float
     uniform: bool
@@ -39,7 +39,7 @@ class Clock(NamedTuple):
 
 
 def clock_of(time: np.ndarray) -> Clock:
-    """Rate of a clock [Hz], and whether its intervals are equal."""
+    """Rate of a clock [Hz], and uniformity of its intervals."""
     if time.size < 2:
         return Clock(float("nan"), False, time.size)
     interval = np.diff(time)
@@ -106,7 +106,7 @@ def channel_findings(values: np.ndarray, row: dict[str, object], clock: Clock) -
         )
         return found
     found += _band(clock.rate)
-    variation = float(np.nanstd(values))  # an offset is no fault, the band-pass removes it
+    variation = float(np.nanstd(values))  # an offset is removed by the band-pass
     if variation > LARGEST_VARIATION:
         found.append(
             Finding("warning", f"varies by {variation:.3g} V, far above EMG: check gain and unit")
@@ -147,14 +147,14 @@ def _band(rate: float) -> list[Finding]:
 def marker_findings(
     values: np.ndarray, row: dict[str, object], clock: Clock, limit: float
 ) -> list[Finding]:
-    """Find faults of a marker, shape (axes, frames) [m]; gaps up to `limit` [s] are bridged."""
+    """Find faults of a marker (axes, frames) [m]; gaps up to `limit` [s] are interpolated."""
     found = _common(row, clock)
     if found:
         return found
     seen: np.ndarray = np.all(np.isfinite(values), axis=0)
     first, last = int(np.argmax(seen)), seen.size - int(np.argmax(seen[::-1]))
     gap, ends = _longest_run(~seen[first:last]) / clock.rate, (first + seen.size - last)
-    # Half a frame of room, so that a gap of exactly the limit is not judged by its rounding.
+    # Half a frame of tolerance accepts a gap of exactly the limit in spite of rounding.
     if gap > limit + 0.5 / clock.rate:
         found.append(
             Finding(
@@ -181,6 +181,6 @@ def judged(row: dict[str, object], findings: list[Finding]) -> dict[str, object]
     order: tuple[Verdict, ...] = ("error", "warning")
     found = {finding.verdict for finding in findings}
     verdict = next((one for one in order if one in found), "ok")
-    # The reasons of the verdict come first.
+    # Reasons for the verdict are listed first.
     ranked = sorted(findings, key=lambda finding: finding.verdict != verdict)
     return {**row, "verdict": verdict, "reason": "; ".join(f.reason for f in ranked)}

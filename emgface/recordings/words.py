@@ -1,4 +1,4 @@
-"""Words of laboratories for sides, muscles and places on the face.
+"""Words used in laboratories for sides, muscles and positions on the face.
 
 Names of muscles follow the guidelines of Fridlund and Cacioppo (1986, Psychophysiology 23:567-589)
 and Terminologia Anatomica; abbreviations are those of published facial EMG.
@@ -81,4 +81,4 @@ FILLERS: Final = frozenset(
     ("emg", "semg", "m", "musc", "muscle", "musculus", "ch", "channel", "chan", "marker", "mk",
      "sensor", "raw", "bip", "bipolar", "of", "the", "v", "uv", "mv", "analog", "voltage"),
 )  # fmt: skip
-"""Words that name neither muscle nor side."""
+"""Words that denote neither muscle nor side."""

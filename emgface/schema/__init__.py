@@ -1,1 +1,1 @@
-"""Declarations of datasets (`data_schema/`), checked on input and output of every stage."""
+"""Declarations of datasets (`data_schema/`), checked at input and output of every stage."""

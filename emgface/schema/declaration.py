@@ -19,30 +19,30 @@ class ArrayDeclaration(_Entry):
     dims : tuple of str
         Dims in their order; empty for a scalar.
     dtype : str
-        Type after validation; integers of any width are accepted, ``number`` takes integers
+        Type after validation; integers of any width are accepted, ``number`` accepts integers
         and floats.
     units : str or None
-        Unit that the attribute ``units`` must name; None where a unit has no meaning (names).
+        Required value of the attribute ``units``; None for names.
     long_name : str
         Description, written to files.
     required : bool
-        Whether the object must have it.
+        True if the object must contain it.
     nullable : bool
-        Whether NaN is allowed; an infinity never is.
+        True if NaN is allowed; infinity never is.
     range : tuple of (float or None, float or None) or None
         Smallest and largest value.
     names : tuple of str or None
-        Values a string array may take.
+        Allowed values of a string array.
     complete : bool
         The values must be exactly `names`, in that order.
     pattern : str or None
         Regular expression that every string must match in full.
     unique, increasing : bool
-        No value twice; every value above the one before.
+        Values must be different, or increase.
     index_into : str or None
         The values are 0-based positions along this dim of the same object.
     fill : int or None
-        Value of an index that points nowhere.
+        Value of an index without position.
     unit_length : str or None
         Dim along which the vectors have length one.
     """
@@ -77,14 +77,8 @@ class AttributeDeclaration(_Entry):
 class StudyDeclaration(_Entry):
     """Additional requirements of a study.
 
-    Attributes
-    ----------
-    required : tuple of str
-        Variables and attributes that may not be absent.
-    names : dict of str to tuple of str
-        Values that each coordinate must hold, all of them and in any order.
-    meaning : str
-        Description of the requirement.
+    `required` are variables and attributes, `names` the values that each coordinate must contain,
+    in any order, and `meaning` describes the requirement.
     """
 
     required: tuple[str, ...] = ()
@@ -95,7 +89,7 @@ class StudyDeclaration(_Entry):
 class ObjectDeclaration(_Entry):
     """One kind of dataset: the content of one file in data_schema.
 
-    Where ``further_dims``, dims that are not declared may stand before those of every variable.
+    With ``further_dims``, undeclared dims may precede those of every variable.
     """
 
     kind: str

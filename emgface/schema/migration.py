@@ -37,27 +37,9 @@ def migrate(
 ) -> xr.Dataset:
     """Convert a dataset to a version of its declaration, one version after the other.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Dataset with the attribute ``schema_version``; without it the present version is assumed.
-    kind : str
-        Kind of dataset.
-    version : int
-        The present version.
-    migrations : mapping
-        For a kind and a version, what makes the next one.
-
-    Returns
-    -------
-    xarray.Dataset
-        The dataset itself where it is of the present version; else a copy, whose attribute
-        ``migrated_from`` is the version in which it was written.
-
-    Raises
-    ------
-    SchemaError
-        If the version is newer, no number, or so old that no migration leads from it.
+    Without the attribute ``schema_version`` the present version is assumed; otherwise the result is
+    a copy, whose attribute ``migrated_from`` is the version in which it was written. Raises
+    SchemaError if the version is newer, is not a number, or cannot be converted.
     """
     found = dataset.attrs.get("schema_version", version)
     if found == version:

@@ -25,33 +25,13 @@ _COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": Tru
 
 
 def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
-    """Check a dataset and write it as netCDF-4, compressed.
+    """Check a dataset of a kind and write it as netCDF-4, compressed, and return the path.
 
-    The file appears under its name only when it is complete: it is written to a temporary file and
-    renamed.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Dataset to write. Attributes that netCDF cannot hold, or not give back as they were
-        (lists, dicts, booleans, None), are written as JSON text and listed in the attribute
-        ``json_attributes``.
-    path : str or Path
-        File to write; its folder is made if need be, an existing file is replaced.
-    kind : str
-        Kind of dataset, one of `emgface.schema.validation.kinds`.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-
-    Raises
-    ------
-    SchemaError, UnitsError
-        If the dataset does not follow its declaration; no file is written.
-    DataError
-        If the file cannot be written.
+    The file is written under a temporary name and renamed when it is complete; an existing one is
+    replaced and folders are created. Attributes that netCDF cannot represent exactly (lists, dicts,
+    booleans, None) are written as JSON text and listed in the attribute ``json_attributes``. Raises
+    SchemaError or UnitsError, without writing, if the dataset does not fulfil its declaration, and
+    DataError if the file cannot be written.
     """
     path = Path(path)
     ready = validate(dataset, kind).drop_encoding()
@@ -67,26 +47,10 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
 
 
 def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
-    """Read a netCDF file into memory and check it.
+    """Read a netCDF file of an expected kind into memory and check it.
 
-    Parameters
-    ----------
-    path : str or Path
-        File written by `write_netcdf`, or another one that follows the declaration.
-    kind : str
-        Kind of dataset that is expected.
-
-    Returns
-    -------
-    xarray.Dataset
-        What `emgface.schema.validation.validate` returned when the file was written.
-
-    Raises
-    ------
-    DataError
-        If the file is absent, truncated or no netCDF.
-    SchemaError, UnitsError
-        If its content does not follow the declaration.
+    Raises DataError if the file is absent, truncated or is not netCDF, and SchemaError or
+    UnitsError if its content does not fulfil the declaration.
     """
     path = Path(path)
     with open_netcdf(path) as opened:
@@ -110,44 +74,18 @@ def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
 
 
 def kind_of(path: str | Path) -> str:
-    """Return the kind of dataset declared by a netCDF file.
+    """Return the kind of dataset declared by a netCDF file, empty if it is not specified.
 
-    Parameters
-    ----------
-    path : str or Path
-        File to open.
-
-    Returns
-    -------
-    str
-        One of `emgface.schema.validation.kinds`, empty if the file does not specify it.
-
-    Raises
-    ------
-    DataError
-        If the file is absent, truncated or no netCDF.
+    Raises DataError if the file is absent, truncated or is not netCDF.
     """
     with open_netcdf(Path(path)) as opened:
         return str(getattr(opened, "schema", ""))
 
 
 def open_netcdf(path: Path) -> netCDF4.Dataset:
-    """Open a netCDF file for reading, or raise an error that states the problem.
+    """Open a netCDF file for reading; the caller closes it.
 
-    Parameters
-    ----------
-    path : Path
-        File to open; the caller closes it.
-
-    Returns
-    -------
-    netCDF4.Dataset
-        The open file.
-
-    Raises
-    ------
-    DataError
-        If the file is absent, truncated or no netCDF.
+    Raises DataError if the file is absent, truncated or is not netCDF.
     """
     if not path.is_file():
         raise DataError(f"No file {path}; expected a netCDF file: check the path.")
@@ -168,7 +106,7 @@ def _check_sizes(path: Path, opened: netCDF4.Dataset) -> None:
     """Refuse a file whose damaged counts would fill the memory."""
     room = _EXPANSION * path.stat().st_size
     for name, variable in opened.variables.items():
-        # Not variable.size, which wraps around.
+        # The product of the shape, because variable.size overflows.
         size = getattr(variable.dtype, "itemsize", 1)
         if math.prod(variable.shape) * size > room:
             raise DataError(
@@ -187,7 +125,7 @@ def _check_texts(path: Path) -> None:
         if not isinstance(item, h5py.Dataset) or h5py.check_string_dtype(item.dtype) is None:
             return
         count = math.prod(item.shape)
-        start = item.id.get_offset()  # None where it is stored in pieces
+        start = item.id.get_offset()  # None if it is stored in chunks
         if start is not None and item.id.get_type().is_variable_str():
             # A length of 4 bytes, an address of 8 and an index of 4 for each text.
             held = np.memmap(path, np.uint8, "r", start, (count, 16))

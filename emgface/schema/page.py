@@ -21,27 +21,13 @@ and is an error where the table does not allow it.
 
 
 def schema_page() -> str:
-    """Write the page.
-
-    Returns
-    -------
-    str
-        Markdown: one section per kind of dataset, with every coordinate, variable and attribute,
-        its dims, unit and range; then the parameters of a study.
-    """
+    """Return the page in Markdown: all coordinates, variables, attributes, and study parameters."""
     sections = [_section(declaration(kind)) for kind in kinds()]
     return "\n".join([HEAD, *sections, _study()])
 
 
 def study_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a study file, as in ``data_schema/study.json``.
-
-    Returns
-    -------
-    dict
-        JSON Schema (draft 2020-12) that editors of TOML understand; ``version`` is that of the
-        form.
-    """
+    """Return the JSON Schema (draft 2020-12) of a study file, as in ``data_schema/study.json``."""
     from emgface.study.configuration import STUDY_VERSION, StudyConfiguration
 
     return {

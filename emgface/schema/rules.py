@@ -98,7 +98,7 @@ def finite_rule(declared: ArrayDeclaration) -> Rule:
 
 
 def range_rule(declared: ArrayDeclaration) -> Rule:
-    """Values lie in the declared range, up to rounding."""
+    """Values are in the declared range, up to rounding."""
     low, high = declared.range or (None, None)
     lower = -np.inf if low is None else low
     upper = np.inf if high is None else high
@@ -108,7 +108,7 @@ def range_rule(declared: ArrayDeclaration) -> Rule:
         values = array.values
         if array.dtype.kind not in "iuf" or not values.size:
             return None
-        # NaN compares false on both sides: whether it may be there is another rule's business.
+        # Comparisons with NaN are false; `finite_rule` decides on NaN.
         bad = (values < lower - slack) | (values > upper + slack)
         if not bad.any():
             return None
@@ -126,7 +126,7 @@ def range_rule(declared: ArrayDeclaration) -> Rule:
 
 
 def names_rule(declared: ArrayDeclaration) -> Rule:
-    """Strings are among the declared names, or exactly those where declared complete."""
+    """Strings are among the declared names, or exactly those if declared complete."""
     names = declared.names or ()
 
     def rule(array: xr.DataArray) -> str | None:
@@ -163,7 +163,7 @@ def unique_rule(array: xr.DataArray) -> str | None:
 
 
 def increasing_rule(array: xr.DataArray) -> str | None:
-    """Every value lies above the one before."""
+    """Every value is larger than the preceding one."""
     step = np.diff(array.values)
     if step.size == 0 or (step > 0).all():
         return None

@@ -1,6 +1,6 @@
 """Units of input data: known spellings, and their conversion to SI.
 
-Inside the package every array is in SI; only readers of foreign files convert.
+All arrays of the package are in SI; only readers of foreign files convert.
 """
 
 import difflib
@@ -9,7 +9,7 @@ import xarray as xr
 
 from emgface.errors import UnitsError
 
-# Divisors, not factors: 1000 is exact in binary and 0.001 is not, so a value in millimetres
+# Divisors instead of factors: 1000 is exact in binary, 0.001 is not, so that a value in millimetres
 # divided by 1000 is the double closest to the value in metres.
 DIVISORS: dict[str, dict[str, float]] = {
     "V": {"V": 1.0, "mV": 1e3, "uV": 1e6, "nV": 1e9},
@@ -34,17 +34,7 @@ _MICRO = ("\u00b5", "\u03bc", "\u00c2\u00b5", "\u00ce\u00bc", "\u00e6")
 
 
 def spelling(unit: str) -> str:
-    """Return the package's spelling of a unit, e.g. ``uV`` for ``microvolts``.
-
-    Parameters
-    ----------
-    unit : str
-        Unit as a file spells it.
-
-    Returns
-    -------
-    str
-        The known spelling; the stripped input where the unit is unknown.
+    """Return the package's spelling of a unit; an unknown one is only stripped.
 
     Examples
     --------
@@ -59,23 +49,12 @@ def spelling(unit: str) -> str:
             unit = "u" + unit[len(sign) :]
     if unit.lower() in _WORDS:
         return _WORDS[unit.lower()]
-    # Case carries meaning in prefixes (mV, MV), so only what cannot be mistaken is folded.
+    # Case distinguishes prefixes (mV, MV); only unambiguous spellings ignore it.
     return {"MM": "mm", "CM": "cm", "uv": "uV", "UV": "uV", "mv": "mV", "v": "V"}.get(unit, unit)
 
 
 def quantity_of(unit: str) -> str | None:
-    """Return the quantity measured by a unit.
-
-    Parameters
-    ----------
-    unit : str
-        Unit in any known spelling.
-
-    Returns
-    -------
-    str or None
-        ``voltage``, ``length`` or ``time``; None for any other unit.
-    """
+    """Return ``voltage``, ``length`` or ``time`` for a unit in any spelling, None for others."""
     known = spelling(unit)
     for quantity, si in QUANTITIES.items():
         if known in DIVISORS[si]:
@@ -84,24 +63,10 @@ def quantity_of(unit: str) -> str | None:
 
 
 def to_si(array: xr.DataArray, quantity: str) -> xr.DataArray:
-    """Convert an array from the unit in its attributes to SI.
+    """Convert an array from the unit in its attributes to SI (V, m or s), as float64.
 
-    Parameters
-    ----------
-    array : xarray.DataArray
-        Values with the attribute ``units``.
-    quantity : str
-        ``voltage`` (to V), ``length`` (to m) or ``time`` (to s).
-
-    Returns
-    -------
-    xarray.DataArray
-        The values in SI as float64, with ``units`` set; coordinates and other attributes kept.
-
-    Raises
-    ------
-    UnitsError
-        If the unit is absent, unknown, or measures another quantity.
+    Coordinates and other attributes are kept. Raises UnitsError if the unit is absent, unknown, or
+    of another quantity.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Validation of names, dims, units and ranges of datasets.
 
-The declarations lie in ``data_schema/*.json``, one file per kind of dataset, and are read here
-alone: a new kind is a new file.
+The declarations ``data_schema/*.json``, one file per kind of dataset, are read only here; a new
+kind requires a new file.
 """
 
 import json
@@ -26,15 +26,7 @@ STUDY = "study"
 def schema_folder() -> Path:
     """Return the folder of declarations, in the package or in the checkout.
 
-    Returns
-    -------
-    pathlib.Path
-        Folder that holds one JSON file per kind.
-
-    Raises
-    ------
-    DataError
-        If neither exists.
+    Raises DataError if neither exists.
     """
     here = Path(__file__).resolve().parents[1]
     for folder in (here / "_data_schema", here.parent / "data_schema"):
@@ -47,12 +39,7 @@ def schema_folder() -> Path:
 
 
 def kinds() -> tuple[str, ...]:
-    """Return the kinds of dataset that are declared.
-
-    Returns
-    -------
-    tuple of str
-        Names, sorted.
+    """Return the kinds of dataset that are declared, sorted.
 
     Examples
     --------
@@ -65,22 +52,7 @@ def kinds() -> tuple[str, ...]:
 
 @cache
 def declaration(kind: str) -> ObjectDeclaration:
-    """Return the declaration of one kind of dataset.
-
-    Parameters
-    ----------
-    kind : str
-        One of `kinds`.
-
-    Returns
-    -------
-    ObjectDeclaration
-        Coordinates, variables and attributes with their dims, units and ranges.
-
-    Raises
-    ------
-    SchemaError
-        If no such kind is declared.
+    """Return the declaration of one kind of dataset; SchemaError if it is unknown.
 
     Examples
     --------
@@ -108,24 +80,24 @@ def validate(
     kind : str
         One of `kinds`.
     study : bool
-        Also demand what a study needs: for a recording EMG and positions, all channels and
+        Require also the contents needed by a study: for a recording EMG and positions, all channels and
         markers by name, and the attributes that identify the trial.
     partial : collection of str
-        Coordinates that may lack some of the names a study demands, for example ``("channel",)``.
+        Coordinates that may lack names required by a study, for example ``("channel",)``.
 
     Returns
     -------
     xarray.Dataset
-        The same values, migrated where they follow an older version, integers in their declared
+        The same values, migrated from older versions, integers in their declared
         width and strings as NumPy strings, with ``long_name`` and the attributes
-        ``schema``, ``schema_version``, ``Conventions`` set.
+        ``schema``, ``schema_version``, ``Conventions``.
 
     Raises
     ------
     UnitsError
-        If units are missing or differ, and nothing else is wrong.
+        Units are missing or differ, without any other problem.
     SchemaError
-        If anything else is wrong; the message has one sentence for each problem.
+        There is another problem; the message has one sentence for each.
 
     Examples
     --------
@@ -176,7 +148,7 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem
     for name in map(str, dataset.variables):
         if name in arrays:
             continue
-        # Where further variables are allowed, only a close likeness makes one a misspelling.
+        # If further variables are allowed, only a very similar name is regarded as misspelt.
         near = nearest(name, absent, cutoff=0.75 if declared.extra_variables else 0.6)
         if near:
             text = (
@@ -204,10 +176,10 @@ def _structure(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem
 
 
 def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
-    """Presence, dims, type, units and values of every array; of each the first fault only."""
+    """Presence, dims, type, units and values of every array; only its first fault is reported."""
     problems: list[Problem] = []
     further = _further(dataset, declared)
-    # An optional variable brings its dims with it: their coordinates are required then.
+    # The coordinates of the dims of a present optional variable are required.
     used = {dim for name in declared.variables if name in dataset for dim in dataset[name].dims}
     for name, array in declared.arrays().items():
         what = "coordinate" if name in declared.coords else "variable"
@@ -229,7 +201,7 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
         rules += rules_of(array)
         if array.index_into in dataset.sizes:
             rules.append(("index", index_rule(array, dataset.sizes[array.index_into])))
-        # Values in a wrong type or unit say nothing about their range.
+        # The range of values of a wrong type or unit is not examined.
         broken = ((label, rule(dataset[name])) for label, rule in rules)
         label, sentence = next((one for one in broken if one[1]), ("", None))
         if sentence:

@@ -16,27 +16,13 @@ AXES: Final = ("x", "y", "z")
 
 
 def read_electrodes(path: Path, channels: pd.DataFrame) -> str | None:
-    """Read the electrodes of an EMG file from a dataset.
+    """Read the electrodes of an EMG file from a dataset, with the table of its channels.
 
-    Parameters
-    ----------
-    path : Path
-        EMG file.
-    channels : DataFrame
-        Table of its channels.
-
-    Returns
-    -------
-    str or None
-        JSON object, the attribute ``electrodes`` of a recording: ``channels`` (electrodes and
-        muscle of each channel, by the labels of the table), ``positions`` (place of each
-        electrode, null where unknown), ``spaces`` (label of the coordinate system of each, where
-        told) and ``system`` (the coordinate system). None if it is not specified.
-
-    Raises
-    ------
-    DataError
-        If a file is damaged, or a place no number.
+    The JSON object is the attribute ``electrodes`` of a recording: ``channels`` (electrodes and
+    muscle of each channel, by the labels of the table), ``positions`` (of each electrode, null if
+    unknown), ``spaces`` (label of the coordinate system of each, if stated) and ``system`` (the
+    coordinate system). Returns None if electrodes are not specified. Raises DataError if a file is
+    damaged, or a position is not a number.
     """
     told: dict[str, Any] = {}
     held = [name for name in LINKS if name in channels]
@@ -85,31 +71,12 @@ def _positions(table: Path) -> dict[str, list[float | None]]:
 def electrode_tables(
     attribute: str, names: Sequence[str], original: Mapping[str, str]
 ) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], dict[str, Any]]:
-    """Return the rows that describe the electrodes of a recording.
+    """Return the rows that describe the electrodes (attribute ``electrodes``) of a recording.
 
-    Parameters
-    ----------
-    attribute : str
-        Attribute ``electrodes`` of the recording.
-    names : sequence of str
-        Its channels.
-    original : mapping of str to str
-        Labels in the source of channels that were renamed.
-
-    Returns
-    -------
-    list of tuple
-        Cells of ``LINKS`` for each channel.
-    list of tuple
-        Rows name, x, y, z, coordinate_system of ``*_electrodes.tsv``; empty where no place is
-        known.
-    dict
-        Content of ``*_coordsystem.json``.
-
-    Raises
-    ------
-    DataError
-        If the attribute is no such object.
+    `names` are its channels, `original` the labels in the source of channels that were renamed.
+    Returned are the cells of ``LINKS`` for each channel; the rows name, x, y, z, coordinate_system
+    of ``*_electrodes.tsv``, empty if no position is known; and the content of
+    ``*_coordsystem.json``. Raises DataError if the attribute is not such an object.
     """
     try:
         told = json.loads(attribute)

@@ -14,17 +14,7 @@ TRIAL = ("sub", "ses", "task", "acq", "run")
 
 
 def entities(path: Path) -> dict[str, str]:
-    """Return the entities in the name of a file.
-
-    Parameters
-    ----------
-    path : Path
-        File of a BIDS dataset.
-
-    Returns
-    -------
-    dict of str to str
-        Key to label; empty where the name follows no such pattern.
+    """Return the entities in the name of a file of a BIDS dataset; empty for other names.
 
     Examples
     --------
@@ -39,24 +29,9 @@ def entities(path: Path) -> dict[str, str]:
 
 
 def file_name(found: dict[str, str], ending: str) -> str:
-    """Compose a name from entities.
+    """Compose a name from entities that have a value, and an ending such as ``emg.bdf``.
 
-    Parameters
-    ----------
-    found : dict of str to str
-        Entities; those of no value are left out.
-    ending : str
-        Suffix and extension, for example ``emg.bdf``.
-
-    Returns
-    -------
-    str
-        The name.
-
-    Raises
-    ------
-    DataError
-        If a label holds more than letters and digits.
+    Raises DataError if a label contains anything but letters and digits.
 
     Examples
     --------
@@ -73,18 +48,7 @@ def file_name(found: dict[str, str], ending: str) -> str:
 
 
 def trial_of(path: Path) -> dict[str, str | int]:
-    """Return volunteer, instruction and repetition from the name of a file.
-
-    Parameters
-    ----------
-    path : Path
-        File of a BIDS dataset.
-
-    Returns
-    -------
-    dict
-        The attributes of the recording that its entities sub, task and run give.
-    """
+    """Return volunteer, instruction and repetition (sub, task and run) from the name of a file."""
     found = entities(path)
     trial: dict[str, str | int] = {}
     if "sub" in found:

@@ -1,7 +1,8 @@
-"""Rules of the specification by which a dataset of EMG and motion is checked.
+"""Rules of the specification for the check of a dataset of EMG and motion.
 
-Source: BIDS specification 1.11, schema: rules/sidecars/{emg,motion}, rules/tabular_data/{emg,motion},
-rules/files/raw/{emg,motion}, and the pages on electromyography and motion.
+Source: BIDS specification 1.11, schema: rules/sidecars/{emg,motion},
+rules/tabular_data/{emg,motion}, rules/files/raw/{emg,motion}, and the pages on electromyography and
+motion.
 """
 
 import json
@@ -42,23 +43,10 @@ _SIGNALS: Final = {"emg": ("emg.edf", "emg.bdf"), "motion": ("motion.tsv",)}
 
 
 def bids_problems(root: str | Path) -> list[str]:
-    """Return one sentence for each rule of BIDS that a dataset breaks.
+    """Return one sentence for each rule of BIDS that a dataset violates.
 
-    Parameters
-    ----------
-    root : str or Path
-        Folder of the dataset.
-
-    Returns
-    -------
-    list of str
-        File, problem, and requirement of the specification; empty if there is no problem. Only
-        EMG and motion are examined, and the tables that all datasets have.
-
-    Raises
-    ------
-    DataError
-        If the folder is absent.
+    It states file, problem, and requirement. Only EMG and motion are examined, and the tables
+    common to all datasets. Raises DataError if the folder is absent.
     """
     root = Path(root)
     if not root.is_dir():

@@ -15,17 +15,7 @@ from emgface.schema.units import spelling
 
 
 class EmgSidecars(NamedTuple):
-    """Contents of the table and the JSON file of an EMG file.
-
-    Attributes
-    ----------
-    path : Path
-        The EMG file.
-    channels : DataFrame
-        Table of the channels, one row each.
-    description : dict
-        Content of ``*_emg.json``.
-    """
+    """Contents of the table of `channels` and of the JSON file (`description`) of an EMG file."""
 
     path: Path
     channels: pd.DataFrame
@@ -34,20 +24,8 @@ class EmgSidecars(NamedTuple):
     def names(self, labels: Sequence[str]) -> list[str]:
         """Return the names in the table, in the order of the labels of the signal file.
 
-        Parameters
-        ----------
-        labels : sequence of str
-            Labels in the signal file, which may be cut at 16 characters.
-
-        Returns
-        -------
-        list of str
-            One each.
-
-        Raises
-        ------
-        DataError
-            If the table holds another number of channels.
+        Those labels may be truncated at 16 characters. Raises DataError if the table has another
+        number of channels.
         """
         listed = [str(name) for name in self.channels["name"]]
         if len(listed) != len(labels):
@@ -55,48 +33,22 @@ class EmgSidecars(NamedTuple):
                 f"{self.path.name} contains {len(labels)} channels, and its channels.tsv "
                 f"lists {len(listed)}; expected one row each: repair the table."
             )
-        # The table stands in the order of the file; only where it does not, labels decide.
+        # Labels are used only if the order of the table differs from that of the file.
         if sorted(listed) == sorted(labels):
             return list(labels)
         return listed
 
     def type_of(self, label: str) -> str:
-        """Return the type of a channel, EMG if the table specifies none.
-
-        Parameters
-        ----------
-        label : str
-            Name of the channel.
-
-        Returns
-        -------
-        str
-            Type in capital letters.
-        """
+        """Return the type of a channel in capital letters, EMG if the table specifies none."""
         rows = self.channels.loc[self.channels["name"] == label]
         if rows.empty or "type" not in rows:
             return "EMG"
         return str(rows["type"].iloc[0])
 
     def units(self, labels: Sequence[str], own: Sequence[str]) -> list[str]:
-        """Return the unit of each channel from the file, or otherwise from the table.
+        """Return the unit of each channel from the file (`own`), or otherwise from the table.
 
-        Parameters
-        ----------
-        labels : sequence of str
-            Names of the channels.
-        own : sequence of str
-            Units in the signal file.
-
-        Returns
-        -------
-        list of str
-            One each.
-
-        Raises
-        ------
-        UnitsError
-            If file and table name different units.
+        Raises UnitsError if file and table state different units.
         """
         result: list[str] = []
         for label, unit in zip(labels, own, strict=True):
@@ -146,39 +98,15 @@ def world(description: dict[str, Any]) -> dict[str, str]:
 
 
 def device(description: dict[str, Any]) -> str:
-    """Return manufacturer and model from a sidecar.
-
-    Parameters
-    ----------
-    description : dict
-        Content of ``*_emg.json`` or ``*_motion.json``.
-
-    Returns
-    -------
-    str
-        Empty if neither is specified.
-    """
+    """Return manufacturer and model from a sidecar; empty if neither is specified."""
     told = (description.get(key) for key in ("Manufacturer", "ManufacturersModelName"))
     return " ".join(str(text) for text in told if text and text != "n/a")
 
 
 def emg_sidecars(path: Path) -> EmgSidecars | None:
-    """Read the table and the JSON file of an EMG file.
+    """Read the table and the JSON file of an EMG file; None if they do not exist.
 
-    Parameters
-    ----------
-    path : Path
-        File called ``*_emg.edf`` or ``*_emg.bdf``.
-
-    Returns
-    -------
-    EmgSidecars or None
-        None where the file is of no BIDS dataset.
-
-    Raises
-    ------
-    DataError
-        If one of them is damaged.
+    Raises DataError if one of them is damaged.
     """
     if not path.stem.endswith("_emg") or "sub" not in entities(path):
         return None
@@ -192,17 +120,8 @@ def emg_sidecars(path: Path) -> EmgSidecars | None:
 def sidecar_path(path: Path, ending: str) -> Path | None:
     """Return the file that describes another one, by the inheritance principle.
 
-    Parameters
-    ----------
-    path : Path
-        File with signals.
-    ending : str
-        Suffix and extension of what describes it, for example ``channels.tsv``.
-
-    Returns
-    -------
-    Path or None
-        The file with most entities in common, in the folder of `path` or up to three above.
+    `ending` is suffix and extension, for example ``channels.tsv``. The result is the file with most
+    entities in common, in the folder of `path` or up to three above, or None.
     """
     own = entities(path)
     for folder in (path.parent, *list(path.parents)[1:4]):
@@ -222,20 +141,7 @@ def sidecar_path(path: Path, ending: str) -> Path | None:
 def read_tsv(path: Path) -> pd.DataFrame:
     """Read a table of texts separated by tabs.
 
-    Parameters
-    ----------
-    path : Path
-        Table with a row of names.
-
-    Returns
-    -------
-    DataFrame
-        All cells as text.
-
-    Raises
-    ------
-    DataError
-        If it is no such table, or has no column ``name`` where it lists channels.
+    Raises DataError if it is not such a table, or a list of channels lacks the column ``name``.
     """
     try:
         table = pd.read_csv(
@@ -255,23 +161,7 @@ def read_tsv(path: Path) -> pd.DataFrame:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON file that contains an object.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        Its content.
-
-    Raises
-    ------
-    DataError
-        If it is absent, no JSON, or no object.
-    """
+    """Read a JSON file that contains an object; DataError if it is absent or does not."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
@@ -287,18 +177,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def start_times(path: Path) -> dict[str, datetime]:
-    """Return the start times of the files of a volunteer, from ``*_scans.tsv``.
-
-    Parameters
-    ----------
-    path : Path
-        One of the files.
-
-    Returns
-    -------
-    dict of str to datetime
-        Instants by file name, as far as the table specifies them.
-    """
+    """Return the start times, by file name, of the files of a volunteer from ``*_scans.tsv``."""
     found = entities(path)
     own = {key: found[key] for key in ORDER[:2] if key in found}
     table = path.parent.parent / file_name(own, "scans.tsv") if own else None

@@ -60,12 +60,12 @@ def write_bids(
     Parameters
     ----------
     recording : xarray.Dataset
-        Recording that names volunteer, instruction and repetition; they become the entities sub,
+        Recording with volunteer, instruction and repetition, which become the entities sub,
         task and run.
     root : str or Path
         Folder of the dataset; its tables of participants and scans are completed.
     name : str
-        Name of the dataset, when it is begun.
+        Name of a new dataset.
     emg, motion : mapping, optional
         Further entries of ``*_emg.json`` and ``*_motion.json``, for example
         ``{"PowerLineFrequency": 50, "Manufacturer": "TMSi"}``; they replace the defaults.
@@ -78,19 +78,19 @@ def write_bids(
     Raises
     ------
     SchemaError, UnitsError
-        If the recording does not follow its declaration.
+        The recording does not fulfil its declaration.
     SignalError
-        If EMG has a gap, which BDF cannot hold, or a clock is not uniform.
+        EMG has a gap, which BDF cannot represent, or a clock is not uniform.
     DataError
-        If a name is no BIDS label, or the rate fits no BDF record.
+        A name is not a BIDS label, or the rate is not possible in BDF.
 
     Notes
     -----
     Markers are written with all their digits. EMG is quantised to 24 bits of a range that is a
     power of two of microvolts and at least 1 uV: an error of at most 6e-8 of that range, and none
-    where the values were read from such a file. Time is 0 at the first EMG sample; the lag of the
-    markers is kept in ``*_scans.tsv`` to the microsecond. BIDS has no place for the true
-    activation of simulated trials: write them as netCDF too.
+    for values read from such a file. Time is 0 at the first EMG sample; ``*_scans.tsv`` contains the lag
+    of the markers to the microsecond. BIDS cannot represent the true activation of simulated trials,
+    which is written as netCDF.
     """
     recording = validate(recording, "recording")
     root = Path(root)
@@ -123,22 +123,9 @@ def write_bids(
 
 
 def bids_entities(recording: xr.Dataset) -> dict[str, str]:
-    """Return the labels of subject, task and run that name the files of a recording.
+    """Return the labels of subject (``sub``), ``task`` and ``run`` of a recording.
 
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        Recording that names volunteer, instruction and repetition.
-
-    Returns
-    -------
-    dict of str to str
-        ``sub``, ``task`` and ``run``.
-
-    Raises
-    ------
-    DataError
-        If one is absent or no BIDS label.
+    Raises DataError if one is absent or is not a BIDS label.
     """
     absent = [n for n in ("volunteer", "instruction", "repetition") if n not in recording.attrs]
     if absent:
@@ -183,7 +170,7 @@ def _write_emg(
     time, n = emg["time_emg"].values, emg.sizes["time_emg"]
     rate = _rate(time)
     record, seconds = _record(rate)
-    # A number of the header has 8 characters: -8388608 uV is the lowest that fits.
+    # Numbers in the header have 8 characters: -8388608 uV is the lowest possible.
     unit, factor = ("uV", 1e6) if np.abs(emg.values).max() <= 8.0 else ("mV", 1e3)
     padded = np.pad(emg.values * factor, ((0, 0), (0, -n % record)), mode="edge")
     labels = [str(c) for c in emg["channel"].values]
@@ -205,7 +192,7 @@ def _write_emg(
     columns = (*EMG_COLUMNS, "target_muscle")
     if "electrodes" in recording.attrs:
         links = _write_electrodes(recording, labels, path.parent, given)
-        # The muscle of the study's name, where it is one; else what the source says.
+        # The muscle of the name of the study, if it is one, otherwise that of the source.
         rows = [
             (*row[:3], link[2] if row[3] == "n/a" else row[3], *link[:2])
             for row, link in zip(rows, links, strict=True)

@@ -1,6 +1,6 @@
 """Measures of the quality of a recording.
 
-`emgface.recordings.check.check_recording` joins them to its table; each may be used alone.
+`emgface.recordings.check.check_recording` includes them in its table.
 """
 
 from emgface.recordings.quality.cross_talk import cross_talk

@@ -20,13 +20,7 @@ LARGEST_LAG = 0.01
 
 
 def neighbours() -> list[tuple[str, str]]:
-    """Return the pairs of channels with neighbouring electrodes.
-
-    Returns
-    -------
-    list of tuple of str
-        Pairs on each side, and across the midline.
-    """
+    """Return the pairs of channels with neighbouring electrodes on each side and at the midline."""
     pairs = [(f"{a}_{side}", f"{b}_{side}") for side in SIDES for a, b in NEIGHBOURS]
     return pairs + [(f"{name}_{SIDES[0]}", f"{name}_{SIDES[1]}") for name in ACROSS]
 
@@ -34,35 +28,20 @@ def neighbours() -> list[tuple[str, str]]:
 def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None) -> pd.DataFrame:
     """Measure the common part of pairs of channels.
 
-    Parameters
-    ----------
-    emg : DataArray, dims (channel, time_emg) [V]
-        Raw signal; it is filtered to 15-500 Hz here, and strong hum is removed.
-    pairs : iterable of tuple of str, optional
-        Channels to compare; the neighbours on the face, as far as they exist, or all pairs
-        of channels that are no channels of the face.
+    `emg` (channel, time_emg) [V] is the raw signal, which is filtered to 15-500 Hz, and strong hum
+    is removed. By default the pairs are the neighbours on the face that exist, or, if the channels
+    are not those of the face, all pairs. Columns are ``channel``, ``neighbour``; ``correlation``,
+    the cross-correlation coefficient r of largest magnitude for delays up to 10 ms, and its ``lag``
+    [s] (positive if the channel is later than its neighbour); ``common`` = r^2, the common part of
+    the power; ``share``, the relative amplitude c of each source at the other electrode. Pairs with
+    gaps, a constant channel or less than a second are omitted. Raises SignalError if the clock is
+    not uniform.
 
-    Returns
-    -------
-    DataFrame
-        Columns ``channel``, ``neighbour``; ``correlation``, the cross-correlation coefficient r of
-        largest magnitude for delays up to 10 ms, and its ``lag`` [s]
-        (above 0 where the channel follows its neighbour); ``common`` = r^2, the part of
-        the power that both share; ``share``, the relative amplitude c of each source at the other
-        electrode. Pairs with gaps, a constant channel or less than a second are left out.
-
-    Raises
-    ------
-    SignalError
-        If the clock is not uniform.
-
-    Notes
-    -----
-    r^2 as the common part: Winter, Fuglevand and Archer 1994, J Electromyogr Kinesiol 4:15-26.
-    Of two independent sources of powers P and Q, each picked up by the other electrode with amplitude
-    c, the covariance is c (P + Q) and the sum of variances (1 + c^2) (P + Q). With q their ratio,
-    c = (1 - sqrt(1 - 4 q^2)) / (2 q), for any powers; a silent muscle beside a strong one has
-    a large r and a small c. Muscles that contract together are not correlated for this reason alone:
+    r^2 as the common part: Winter, Fuglevand and Archer 1994, J Electromyogr Kinesiol 4:15-26. For
+    two independent sources of powers P and Q, each recorded by the other electrode with amplitude
+    c, the covariance is c (P + Q) and the sum of variances (1 + c^2) (P + Q). With q their ratio, c
+    = (1 - sqrt(1 - 4 q^2)) / (2 q), for any powers; a passive muscle beside a strong one results in
+    a large r and a small c. Simultaneous contraction alone does not correlate muscles, because
     their motor units fire independently.
     """
     rate = sampling_rate(emg[TIME_EMG])
@@ -86,7 +65,7 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
 
 
 def _without_hum(emg: xr.DataArray, values: np.ndarray, rate: float) -> np.ndarray:
-    """Remove strong hum, which channels share without cross-talk."""
+    """Remove strong hum, which is common to channels without cross-talk."""
     hum = mains_hum(values, rate)
     if hum.share < STRONG_HUM or hum.frequency >= 0.5 * rate:
         return values

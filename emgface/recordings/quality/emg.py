@@ -29,27 +29,15 @@ COLUMNS = (
 def emg_quality(emg: xr.DataArray) -> pd.DataFrame:
     """Measure hum, artefact, drift, saturation, dropouts and noise of every channel.
 
-    Parameters
-    ----------
-    emg : DataArray, dims (channel, time_emg) [V]
-        Raw signal.
-
-    Returns
-    -------
-    DataFrame
-        One row per channel, its name as index. Columns ``hum`` (share of the power from 10 to
-        500 Hz in the lines of the mains), ``hum_frequency`` [Hz], ``hum_rms`` [V],
-        ``hum_chance`` (probability of such lines without hum); ``artefact`` (share of the power
-        above 2 Hz that lies below 15 Hz); ``drift`` [V] (spread of the means of half seconds);
-        ``stuck`` [s] (longest run of one value); ``saturated`` (share of samples in runs of
-        three or more at the least or greatest value); ``baseline`` [V] and ``snr`` [dB] (10th
-        percentile of the root mean square in 100 ms from 15 to 500 Hz, and the 95th over it);
-        ``median_frequency`` [Hz] of that band. NaN where `can_be_judged` is false.
-
-    Raises
-    ------
-    SignalError
-        If the clock is not uniform.
+    `emg` (channel, time_emg) [V] is the raw signal. The table (index: channel) has the columns
+    ``hum`` (fraction of the power from 10 to 500 Hz in the lines of the mains), ``hum_frequency``
+    [Hz], ``hum_rms`` [V], ``hum_chance`` (probability of such lines without hum); ``artefact``
+    (fraction below 15 Hz of the power above 2 Hz); ``drift`` [V] (spread of the means of half
+    seconds); ``stuck`` [s] (longest run of one value); ``saturated`` (fraction of samples in runs
+    of three or more at the least or greatest value); ``baseline`` [V] and ``snr`` [dB] (10th
+    percentile of the root mean square in 100 ms from 15 to 500 Hz, and the 95th over it);
+    ``median_frequency`` [Hz] of that band. Values are NaN unless `can_be_judged`. Raises
+    SignalError if the clock is not uniform.
     """
     rate = sampling_rate(emg[TIME_EMG])
     rows = [_measures(values, rate) for values in emg.transpose("channel", TIME_EMG).values]
@@ -88,20 +76,7 @@ def _measures(values: np.ndarray, rate: float) -> dict[str, float]:
 
 
 def can_be_judged(values: np.ndarray, rate: float) -> bool:
-    """Test if a channel is finite, varying, long enough and sampled at a sufficient rate.
-
-    Parameters
-    ----------
-    values : ndarray, shape (samples,) [V]
-        One channel.
-    rate : float [Hz]
-        Sampling rate.
-
-    Returns
-    -------
-    bool
-        True for at least 1 s sampled at `LEAST_RATE` or faster.
-    """
+    """Return True for a finite, varying channel of at least 1 s and `LEAST_RATE`."""
     return bool(
         rate >= LEAST_RATE
         and values.size >= LEAST_DURATION * rate
@@ -111,20 +86,10 @@ def can_be_judged(values: np.ndarray, rate: float) -> bool:
 
 
 def in_muscle_band(values: np.ndarray, rate: float) -> np.ndarray:
-    """Filter signals to the band of surface EMG, without delay.
+    """Filter signals (..., samples) without gaps to the band of surface EMG, without delay.
 
-    Parameters
-    ----------
-    values : ndarray, shape (..., samples) [V]
-        Signals without gaps.
-    rate : float [Hz]
-        Sampling rate, at least `LEAST_RATE`; where it cannot hold 500 Hz the band ends at 0.45
-        of it.
-
-    Returns
-    -------
-    ndarray
-        Same shape [V].
+    The sampling rate is at least `LEAST_RATE`; if it is too low for 500 Hz, the band ends at 0.45
+    of it.
     """
     edges = (MUSCLE[0], min(MUSCLE[1], 0.45 * rate))
     sos = scipy.signal.butter(4, edges, "bandpass", fs=rate, output="sos")
@@ -139,18 +104,7 @@ def _runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def longest_run(values: np.ndarray) -> int:
-    """Return the number of samples in the longest run of one value.
-
-    Parameters
-    ----------
-    values : ndarray, shape (samples,)
-        Signal.
-
-    Returns
-    -------
-    int
-        At least 1.
-    """
+    """Return the number of samples in the longest run of one value."""
     return int(_runs(values)[1].max())
 
 

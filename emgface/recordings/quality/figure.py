@@ -25,21 +25,12 @@ _WEAKEST, _STRONGEST = 0.25, 1.25
 
 
 def overview_figure(recording: xr.Dataset, table: pd.DataFrame | None = None) -> Figure:
-    """Draw the overview page of a recording.
+    """Draw the overview page of a recording, of 8.3 by 11.7 inches.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording, of EMG or markers or both.
-    table : DataFrame, optional
-        Result of `emgface.recordings.check.check_recording`, computed here otherwise.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Page of 8.3 by 11.7 inches: every channel and its spectrum, the distance of every marker
-        from its mean position, its losses, and the findings as sentences. Colour and word give
-        the verdict. No more than 24 rows of each are drawn; the page states the number of the others.
+    `table` is the result of `emgface.recordings.check.check_recording` (default: computed). The
+    page shows every channel and its spectrum, the distance of every marker from its mean position,
+    its losses, and the findings as sentences. The verdict is shown by colour and word. At most 24
+    rows of each are drawn; the page states the number of the others.
     """
     table = check_recording(recording) if table is None else table
     figure = Figure(figsize=(8.27, 11.69), layout="constrained")
@@ -101,17 +92,8 @@ def _envelope(values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndar
 def scale_factor(strength: float, unit: float) -> float:
     """Return the factor by which a row is scaled to be visible.
 
-    Parameters
-    ----------
-    strength : float [V]
-        Of the row; 0 or NaN for one that never moves.
-    unit : float [V]
-        Of the usual row.
-
-    Returns
-    -------
-    float
-        1 for a row of about the usual strength, else 1, 2 or 5 times a power of ten.
+    It is 1 for a row of about the usual amplitude `unit` [V], otherwise 1, 2 or 5 times a power of
+    ten; `strength` [V] is 0 or NaN for a constant row.
     """
     if not strength > 0.0 or _WEAKEST <= strength / unit <= _STRONGEST:
         return 1.0
@@ -129,7 +111,7 @@ def _traces(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
     strong = np.nanpercentile(np.abs(centred), 99.5, axis=1)
     unit = float(np.nanmedian(strong[strong > 0])) if (strong > 0).any() else 1.0
     for row, (name, values) in enumerate(zip(names, centred, strict=True)):
-        # Half a row for the usual strength; what is far from it has a scale of its own, as it says.
+        # The usual amplitude is half a row; rows far from it state their own scale.
         factor = scale_factor(float(strong[row]), unit)
         t, drawn = _envelope(np.clip(0.45 * factor * values / unit, -0.6, 0.6), time)
         axes.plot(t, drawn - row, lw=0.4, color=COLOURS[verdicts.get(name, "ok")])
@@ -159,7 +141,7 @@ def _spectra(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
         level = 10.0 * np.log10(np.maximum(density[inside], 1e-30))
         if np.ptp(level) == 0.0:
             continue
-        # 60 dB below the strongest line fill a row.
+        # A row shows 60 dB below the strongest line.
         drawn = np.clip((level - level.max()) / 60.0, -1.0, 0.0) * 0.9 + 0.5
         colour = COLOURS[verdicts.get(name, "ok")]
         axes.plot(frequency[inside], drawn - row, lw=0.5, color=colour)

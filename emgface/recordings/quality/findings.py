@@ -46,18 +46,9 @@ def findings(
 ) -> tuple[dict[tuple[str, str], dict[str, float]], list[Finding]]:
     """Measure the quality of a recording and return the findings.
 
-    Parameters
-    ----------
-    recording : Dataset
-        Recording, of EMG or markers or both.
-
-    Returns
-    -------
-    dict of (kind, name) to dict
-        Measures of `emg_quality` and `marker_quality`; ``common`` and ``cross_talk``, the largest
-        that `cross_talk` finds between a channel and a neighbour.
-    list of tuple
-        Kind, name and one clause for each thing to look at.
+    Returned are, by (kind, name), the measures of `emg_quality` and `marker_quality`, with
+    ``common`` and ``cross_talk``, the largest value of `cross_talk` between a channel and a
+    neighbour; and kind, name and one clause for each finding.
     """
     measures: dict[tuple[str, str], dict[str, float]] = {}
     found: list[Finding] = []
@@ -86,7 +77,7 @@ def findings(
                 text = f"correlates with the mouth corner of the other side (r = {r:.2f} with {right}): "
                 found.append(("channel", left, text + "check whether left and right are exchanged"))
     except SignalError:
-        pass  # a clock that is not uniform, which the check of clocks tells for every row
+        pass  # a non-uniform clock, which the check of clocks reports for every row
     return measures, found
 
 

@@ -28,13 +28,13 @@ class Hum(NamedTuple):
     Attributes
     ----------
     frequency : float [Hz]
-        Frequency of the mains that explains most.
+        Mains frequency (50 or 60 Hz) that explains most of the power.
     share : float [1]
-        Part of the power from 10 to 500 Hz that lies in its lines.
+        Fraction of the power from 10 to 500 Hz in its lines.
     rms : float [V]
         Root mean square of these lines.
     chance : float [1]
-        Probability of a line so strong by chance, in a signal without hum.
+        Probability of a line of this power in a signal without hum.
     """
 
     frequency: float
@@ -44,24 +44,13 @@ class Hum(NamedTuple):
 
 
 def power_density(values: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate a power density with lines of 1 Hz, after Welch.
+    """Welch's estimate of the power density, with lines of 1 Hz, of signals (..., samples).
 
-    Parameters
-    ----------
-    values : ndarray, shape (..., samples)
-        Signal of at least `LEAST_DURATION`.
-    rate : float [Hz]
-        Sampling rate.
-
-    Returns
-    -------
-    ndarray, shape (lines,) [Hz]
-        Frequencies.
-    ndarray, shape (..., lines) [V^2/Hz]
-        One-sided density.
+    The signals have at least the duration `LEAST_DURATION`. Returns frequencies (lines,) [Hz] and
+    one-sided densities (..., lines) [V^2/Hz].
     """
     size = min(values.shape[-1], round(rate))
-    # A slope would leak into the lines of low frequency.
+    # A linear trend would leak into the lines of low frequency.
     frequency, density = scipy.signal.welch(values, rate, nperseg=size, detrend=_detrended)
     return np.asarray(frequency), np.asarray(density)
 
@@ -73,23 +62,10 @@ def _detrended(values: np.ndarray) -> np.ndarray:
 def mains_hum(values: np.ndarray, rate: float) -> Hum:
     """Measure mains hum as lines above the spectrum around 50 or 60 Hz and their harmonics.
 
-    Parameters
-    ----------
-    values : ndarray, shape (samples,) [V]
-        One channel without gaps, at least 1 s long.
-    rate : float [Hz]
-        Sampling rate.
-
-    Returns
-    -------
-    Hum
-        For the frequency that explains more.
-
-    Notes
-    -----
-    Two lines either side of the harmonic count for it (the width of the window), the median of the
-    lines 3 to 10 Hz away represents the signal below it. In a trial of a second or two the spectrum
-    of any muscle has high and low lines; ``chance`` is the probability of such a line without hum.
+    The channel (samples,) [V] has no gaps and lasts at least 1 s. Two lines on either side of the
+    harmonic belong to it (the width of the window); the median of the lines 3 to 10 Hz away
+    represents the signal below it. In a trial of one or two seconds the spectrum of any muscle has
+    high and low lines; ``chance`` is the probability of such a line without hum.
     """
     frequency, density = power_density(values, rate)
     step = float(frequency[1])
@@ -103,7 +79,7 @@ def mains_hum(values: np.ndarray, rate: float) -> Hum:
             inside = away <= 2.0 * step + 1e-9
             beside = (away >= 3.0 * step) & (away <= 10.0 * step) & (frequency > 0)
             power += float(density[inside].sum() - inside.sum() * np.median(density[beside]))
-        # Single lines may lie below their neighbours by chance; only all of them together count.
+        # Single lines may by chance be below their neighbours; only the sum of all is used.
         power = max(power, 0.0)
         share = power / total if total > 0 else 0.0
         if share > best.share:
@@ -116,9 +92,9 @@ def mains_hum(values: np.ndarray, rate: float) -> Hum:
 def _chance(values: np.ndarray, rate: float, lines: np.ndarray) -> float:
     """Probability that the strongest of several lines reaches its power by chance.
 
-    Over the mean of m lines of the same spectrum beside it, the power of a line of noise follows the
-    F distribution of 2 and 2 m degrees of freedom: ``P(F > x) = (1 + x/m)^-m``; times the number of
-    lines that were tried (Bonferroni).
+    Relative to the mean of m neighbouring lines of the same spectrum, the power of a line of noise
+    has the F distribution of 2 and 2 m degrees of freedom: ``P(F > x) = (1 + x/m)^-m``; multiplied
+    by the number of lines examined (Bonferroni).
     """
     duration = values.size / rate
     if duration > ENOUGH or not lines.size:
@@ -135,38 +111,21 @@ def _chance(values: np.ndarray, rate: float, lines: np.ndarray) -> float:
         if level > 0.0:
             ratio = float(power[away <= WANDER].max()) / level
             best = min(best, float((1.0 + ratio / m) ** -m))
-    # The mains wander, and each place that is a line apart is another try.
+    # The mains frequency varies, and each line within its range is one more comparison.
     return min(1.0, best * lines.size * max(1.0, 2.0 * WANDER * duration))
 
 
 def remove_hum(
     signal: xr.DataArray, frequency: float, *, harmonics: bool = True, width: float = 2.0
 ) -> xr.DataArray:
-    """Remove mains hum with notches, forward and backward, so that nothing is delayed.
+    """Remove mains hum by notch filters, forward and backward, without delay.
 
-    A notch also removes EMG: 2 Hz in every 50 are about 4 % of its power. Use it where
-    `mains_hum` shows that it is required.
-
-    Parameters
-    ----------
-    signal : DataArray, dims (row, time_emg) [V]
-        Raw signal.
-    frequency : float [Hz]
-        50 or 60, or the measured frequency.
-    harmonics : bool
-        Remove all multiples below half the sampling rate, too.
-    width : float [Hz]
-        Distance of the points at -6 dB, the two passes together.
-
-    Returns
-    -------
-    DataArray, dims (row, time_emg) [V]
-        Filtered signal; attrs ``notch_frequency``, ``notch_width`` [Hz], ``notch_lines``.
-
-    Raises
-    ------
-    SignalError
-        If the frequency is not below half the sampling rate, or the signal has a gap.
+    A notch also removes EMG: 2 Hz in every 50 are about 4 % of its power. `mains_hum` shows if it
+    is required. `signal` (row, time_emg) [V] is the raw signal; `frequency` [Hz] is 50 or 60, or
+    the measured frequency; `harmonics` includes all multiples below half the sampling rate; `width`
+    [Hz] is the distance of the points at -6 dB of both passes together. The result has the
+    attributes ``notch_frequency``, ``notch_width`` [Hz] and ``notch_lines``. Raises SignalError if
+    the frequency is not below half the sampling rate, or the signal has a gap.
     """
     dim, rate = row_dim(signal), sampling_rate(signal[TIME_EMG])
     if not 0.0 < width < frequency < 0.5 * rate:

@@ -31,31 +31,19 @@ NEAREST = 0.003
 
 
 def marker_quality(position: xr.DataArray) -> pd.DataFrame:
-    """Measure noise and largest speed of every marker.
+    """Measure noise and largest speed of every marker (marker, axis, time_marker) [m].
 
-    Parameters
-    ----------
-    position : DataArray, dims (marker, axis, time_marker) [m]
-        Positions; NaN where a marker was not seen.
-
-    Returns
-    -------
-    DataFrame
-        One row per marker, its name as index: ``noise`` [m], root mean square of the noise of the
-        three axes together, from third differences (a smooth motion leaves none there; the median
-        makes leaps count little); ``largest_speed`` [m/s] between frames that follow each other.
-
-    Raises
-    ------
-    SignalError
-        If the clock is not uniform.
+    The table (index: marker) has the columns ``noise`` [m], root mean square of the noise of the
+    three axes together, from the median of third differences (which vanish for a smooth motion),
+    and ``largest_speed`` [m/s] between consecutive frames. Raises SignalError if the clock is not
+    uniform.
     """
     rate = sampling_rate(position["time_marker"])
     rows: list[tuple[float, float]] = []
     for values in position.transpose("marker", "axis", "time_marker").values:
         third = np.diff(values, 3, axis=1)
         third = third[:, np.asarray(np.isfinite(third).all(axis=0))]
-        # Coefficients 1 3 3 1: white noise of variance s^2 has third differences of 20 s^2.
+        # With coefficients 1 3 3 1, white noise of variance s^2 has third differences of 20 s^2.
         spread = np.median(np.abs(third), axis=1) / 0.6745 if third.size else np.full(3, np.nan)
         step = np.linalg.norm(np.diff(values, axis=1), axis=0) * rate
         fastest = float(np.nanmax(step)) if np.isfinite(step).any() else np.nan
@@ -67,20 +55,11 @@ def marker_quality(position: xr.DataArray) -> pd.DataFrame:
 def swapped_markers(position: xr.DataArray) -> pd.DataFrame:
     """Find markers whose names were exchanged, within a trial or throughout.
 
-    Within a trial: from one frame to the next, two markers leap to where the other was. Throughout:
-    the mean positions fit the layout of the face clearly better with two names exchanged.
-
-    Parameters
-    ----------
-    position : DataArray, dims (marker, axis, time_marker) [m]
-        Positions in any frame, under the names of the study.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``first``, ``second`` (names), ``time`` [s] (of the exchange; NaN throughout) and
-        ``ratio`` (distance or misfit with names exchanged over the given; small is certain). A row
-        of the names ``left`` and ``right`` means all of them, or axes that are a mirror image.
+    Within a trial, two markers exchange their positions from one frame to the next. Throughout, the
+    mean positions fit the layout of the face clearly better with two names exchanged. The columns
+    are ``first``, ``second`` (names), ``time`` [s] (of the exchange; NaN throughout) and ``ratio``
+    (distance or misfit after over before an exchange; small is certain). A row of the names
+    ``left`` and ``right`` means all of them, or mirrored axes.
     """
     values = position.transpose("marker", "axis", "time_marker").values
     names = [str(m) for m in position["marker"].values]
@@ -112,7 +91,7 @@ def _throughout(values: np.ndarray, names: Sequence[str]) -> list[_Row]:
     known = [i for i, name in enumerate(names) if name in LAYOUT and seen[i]]
     if len(known) < FEWEST:
         return []
-    # Frames in which all are seen, so that the head's motion moves all of them alike.
+    # Frames with all markers, so that the motion of the head is common to all.
     whole = np.asarray(np.isfinite(values[known]).all(axis=(0, 1)))
     if not whole.any():
         return []
@@ -132,7 +111,7 @@ def _throughout(values: np.ndarray, names: Sequence[str]) -> list[_Row]:
                 order = np.arange(len(held))
                 order[[i, j]] = j, i
                 left = _misfit(frame[order], layout)
-                # Neighbours change the misfit little, but the way from one to the other turns round.
+                # Exchanged neighbours change the misfit little, but reverse the vector between them.
                 if left < BETTER * given or (left < given and _reversed(frame, layout, i, j)):
                     tried.append((left, i, j))
         if not tried:
@@ -164,6 +143,6 @@ def _misfit(points: np.ndarray, layout: np.ndarray) -> float:
     a, b = points - points.mean(axis=0), layout - layout.mean(axis=0)
     u, s, vt = np.linalg.svd(a.T @ b)
     s[-1] *= np.sign(np.linalg.det(u @ vt))
-    # |b|^2 - (sum of singular values)^2 / |a|^2 is what the best scaled rotation of a leaves.
+    # The residual of the best scaled rotation of a is |b|^2 - (sum of singular values)^2 / |a|^2.
     left = np.sum(b**2) - s.sum() ** 2 / np.sum(a**2)
     return float(np.sqrt(max(left, 0.0) / len(points)))

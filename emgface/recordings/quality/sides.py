@@ -26,25 +26,12 @@ SMOOTHING = 0.2
 def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     """Compare the difference between the sides in EMG with that in the motion of the corners.
 
-    A muscle of one side moves the mouth corner of that side more than the other. Where both sides
-    do the same the difference is noise: only movements to one side are used.
-
-    Parameters
-    ----------
-    recording : Dataset
-        EMG in V and markers in m on one clock, the mouth corners among them.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``left``, ``right`` (channels), ``correlation`` (of the two differences over time)
-        and ``swapped`` (whether it is below -0.5). No rows where the corners or both sides of a
-        muscle are missing, or have gaps.
-
-    Raises
-    ------
-    SignalError
-        If a clock is not uniform.
+    A muscle of one side moves the mouth corner of that side more than the other. If both sides move
+    equally, the difference is noise; only movements to one side are used. The recording contains
+    EMG [V] and markers [m] on one clock. Columns are ``left``, ``right`` (channels),
+    ``correlation`` (of the two differences over time) and ``swapped`` (True below -0.5). There are
+    no rows if the corners or both sides of a muscle are missing, or have gaps. Raises SignalError
+    if a clock is not uniform.
     """
     empty = pd.DataFrame([], columns=list(COLUMNS))
     if "emg" not in recording or "position" not in recording:
@@ -86,13 +73,13 @@ def _ways(position: xr.DataArray) -> np.ndarray | None:
     corners = position.sel(marker=list(CORNERS)).transpose("marker", "axis", "time_marker").values
     if len(steady) >= 3:
         frame = position.sel(marker=steady).transpose("marker", "axis", "time_marker").values
-        # The mean follows the translation of the head; small turns move both corners alike.
+        # The mean follows the translation of the head; small rotations move both corners equally.
         corners = corners - np.nanmean(frame, axis=0)
     if not np.isfinite(corners).all():
         return None
     size = max(1, round(SMOOTHING * sampling_rate(position["time_marker"])))
     way = np.linalg.norm(corners - np.median(corners, axis=2, keepdims=True), axis=1)
     smooth = uniform_filter1d(way, size, axis=1)
-    # What the sides of a face differ by when both do the same tells nothing of their electrodes.
+    # Differences between the sides in symmetric movements do not identify the electrodes.
     apart = float(np.ptp(smooth[0] - smooth[1]))
     return smooth if apart > max(LEAST_APART, SHARE_APART * float(np.max(smooth))) else None
