@@ -1,7 +1,7 @@
 """Generate the page docs/science: simulated volunteers, their studies, figures and text.
 
     python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
-                              [--instructions ABCDEF] [--accuracy study] [--finished] [--ends]
+                              [--instructions ABCDEF] [--accuracy draft] [--finished] [--ends]
 
 Stored results are not computed again. With --finished, the cube of a finished study is used
 irrespective of the code that computed it; with --ends, only the first and the last world of the series
@@ -30,7 +30,8 @@ HEAD = """# What a simulated study can and cannot show
 
 generates this page: {volunteers} simulated volunteers, instructions {instructions}, {repetitions}
 repetitions, seed {seed}, faces of resolution {resolution}, accuracy "{accuracy}", no contact of the
-lips. **All recordings are
+lips. At accuracy "draft" the error of time stepping changes rho by less than 0.001
+([accuracy](../accuracy.md)). **All recordings are
 simulated.** The scores on this page do not estimate how well the method predicts the motion of people.
 """
 

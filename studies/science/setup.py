@@ -34,7 +34,7 @@ class Plan:
     store: Path = Path("studies-store")
     volunteers: int = 6
     instructions: tuple[str, ...] = tuple(INSTRUCTIONS)
-    accuracy: str = "study"
+    accuracy: str = "draft"
     workers: int = 2
     observer: Observer = Silent()
     finished: bool = False
