@@ -136,8 +136,8 @@ def ceiling_of(repeat_rho: Array) -> Array:
     Notes
     -----
     Source: Spearman 1904, American Journal of Psychology 15:72 (attenuation); as a ceiling for
-    models Hsu, Borst and Theunissen 2004, Network 15:91. A motion driven by the signals of the trial
-    itself may exceed it, because it may contain differences between trials.
+    models Hsu, Borst and Theunissen 2004, Network 15:91. A motion driven by the signals of the
+    trial itself may exceed it, because it may contain differences between trials.
     """
     return np.sqrt(np.maximum(repeat_rho, 0.0))
 

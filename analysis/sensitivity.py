@@ -78,8 +78,9 @@ def sensitivity(
 
     Notes
     -----
-    One axis is varied at a time; interactions of two axes are not estimated. The exact p is not used for
-    the conclusion, because with six volunteers Holm's correction over two tests leaves none below 0.05.
+    One axis is varied at a time; interactions of two axes are not estimated. The exact p is not
+    used for the conclusion, because with six volunteers Holm's correction over two tests leaves
+    none below 0.05.
     """
     check_level(level)
     if variable not in cube:

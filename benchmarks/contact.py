@@ -1,8 +1,8 @@
-"""Contact of the lips on a face: depths, steadiness and cost, against the same face without contact.
+"""Contact of the lips on a face: depths, oscillations and cost, compared with the face without contact.
 
-All advance in turn, a few steps each, so that a drift of the machine hits all of them alike. Cases are
-"closing", "protrusion" and the instructions A to F; methods are none, constraint and barrier; lips and
-teeth may touch.
+All scenes advance alternately, a few steps each, so that changes of the machine's speed affect all
+of them. Cases are "closing", "protrusion" and the instructions A to F; methods are none, constraint
+and barrier; surfaces are lips and teeth.
 """
 
 import time
@@ -47,13 +47,13 @@ CLOSING: Final = "closing"
 FULL: Final = {CLOSING: ("OOP", "OOM"), "protrusion": ("OOP",)}
 """Muscles of both sides that are fully active: parts of orbicularis oris."""
 RISE, HOLD, TAIL = 0.2, 1.0, 0.5
-"""Rise of the activation, time it is held, and last part of that over which motion is judged [s]."""
+"""Rise of the activation, time for which it is held, and last part of it that is evaluated [s]."""
 CHUNK: Final = 5
-"""Steps that each scene advances at a time, and between two measurements of depths."""
+"""Number of steps by which each scene advances at a time, and between two measurements of depths."""
 STEPPING: Final = accuracy_settings("study", constrained=True)
-"""Solver, step and tolerance that every method is measured with: what constraints take in a study."""
+"""Solver, step and tolerance of all methods: those of a study with constraints."""
 METHODS: Final[tuple[str, ...]] = get_args(ContactParameters.model_fields["method"].annotation)
-"""Kinds of contact, that without first."""
+"""Kinds of contact, "none" first."""
 
 
 def drive(name: str) -> dict[str, float]:
@@ -65,7 +65,7 @@ def drive(name: str) -> dict[str, float]:
 
 @dataclass(eq=False)
 class _Run:
-    """One face with one method, on its way."""
+    """State of one face with one method."""
 
     system: System
     activation: Activation
@@ -80,7 +80,7 @@ class _Run:
     failure: str = ""
 
     def advance(self, outputs: int) -> None:
-        """Go on for some outputs; a failure is kept."""
+        """Advance by a number of outputs, and store a failure."""
         before, own = time.process_time(), self.probe.seconds
         try:
             part, self.state = simulate(
@@ -109,40 +109,39 @@ def measure(
     hold: float = HOLD,
     parameters: SimulationParameters | None = None,
 ) -> xr.Dataset:
-    """Run cases with and without contact, side by side.
+    """Run cases with and without contact alternately.
 
     Parameters
     ----------
     face : Dataset
         Face model with `lip_opening_node`.
     methods : sequence of str
-        Of `METHODS`; the first is what run time is compared with.
+        Of `METHODS`; the run times of the others are compared with that of the first.
     cases : sequence of str
         Of `FULL`, and instructions A to F.
     between, friction
         As `emgface.face.contact_parameters.ContactParameters`.
     hold : float
-        How long the activation is held [s].
+        Time for which the activation is held [s].
     parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa, no gravity and `STEPPING`; its contact is set here.
+        By default sigma_max = 100 kPa, no gravity and `STEPPING`; its contact is replaced.
 
     Returns
     -------
     Dataset
-        Over (case, contact): ``status``, ``opening_rest``, ``opening_end`` in the midline along z [m],
-        the rest of the shape at the end as of `lip_shape`,
-        ``depth_lips`` and ``depth_teeth`` the deepest of every `CHUNK`-th output, the latter beyond
-        where the node is at rest, ``gap`` the smallest of all outputs as contact itself has it [m];
-        over the last `TAIL`, or half of `hold`: ``speed`` of the fastest lip node [m/s], ``ripple``,
-        range of the opening, and ``chatter``, longest way that a coordinate of a lip node goes back on
-        itself [m]; ``iterations``, ``factorisations`` and ``seconds`` (of the processor) per step,
-        ``ratio`` of the latter to the first method. Over (case, contact, time): ``opening`` [m]. Over
-        (case, contact, node, axis): ``node_position`` [m].
+        Over (case, contact): ``status``, ``opening_rest``, ``opening_end`` in the midline along z
+        [m], the shape at the end (`lip_shape`), the largest depths ``depth_lips`` and
+        ``depth_teeth`` (beyond that at rest) of every `CHUNK`-th output, ``gap``, the smallest of
+        all outputs as computed by contact [m]; over the last `TAIL`, or half of `hold`: ``speed``
+        of the fastest lip node [m/s], ``ripple``, range of the opening, and ``chatter``
+        (`to_and_fro`) [m]; ``iterations``, ``factorisations`` and processor ``seconds`` per step,
+        ``ratio`` of the latter to the first method. Over (case, contact, time): ``opening`` [m].
+        Over (case, contact, node, axis): ``node_position`` [m].
 
     Raises
     ------
     FaceError, ContactFailure, SceneError
-        The face has no surfaces that fit; a failure during a run is its ``status``.
+        The surfaces of the face are unsuitable; a failure during a run is its ``status``.
     """
     base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, **STEPPING)
     penetration, rim = Penetration(face), lip_rim(face)
@@ -225,7 +224,7 @@ UNITS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("iterations", "factorisations"), "1"),
     "seconds": "s",
 }
-"""Figures of a run and their units."""
+"""Quantities of a run and their units."""
 
 
 def _compiled(
@@ -252,7 +251,7 @@ def _start(
     integrator, state = integrator_of(base), system.rest_state()
     work = Workspace(system, base.linear_solver)
     if isinstance(integrator, ConvergedEuler):
-        # no step pays for what is done once
+        # Preparations that are made once are not part of the measured steps.
         work.prepare(state)
     return _Run(
         system=system,
@@ -268,7 +267,7 @@ def _start(
 
 
 def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, tail: int) -> dict[str, Any]:
-    """Figures of one run, over as much of it as there is."""
+    """Quantities of one run, as far as it was completed."""
     every = xr.concat(run.parts, "time") if run.parts else None
     shape = lip_shape(face, rim, run.state.q)
     opening = np.full(outputs + 1, np.nan)

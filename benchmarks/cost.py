@@ -1,9 +1,8 @@
 """Cost of each part of a scene in a step, and a check that an absent part costs nothing.
 
-Scenes that differ by one part are evaluated in turn, round after round, so that a drift of the machine
-hits all of them. 'The same scene again' is a second, independently compiled copy of the first scene:
-what it differs by is the noise of the measurement, and a part that is switched off must not differ by
-more.
+Scenes that differ by one part are evaluated alternately, so that changes of the machine's speed
+affect all of them. 'The same scene again' is a second, independently compiled copy of the first
+scene, whose difference from the first is the noise of the measurement.
 """
 
 import time
@@ -35,20 +34,13 @@ from sim import (
 from sim.linear import ReusedFactor
 
 LEVEL: Final = 0.02
-"""Activation of all muscles; low, since the step is the first one and linear."""
-PHASES: Final = (
-    "force",
-    "tangent",
-    "damping",
-    "factorisation",
-    "solution",
-    "step",
-    "step with a new factor",
-)
+"""Activation of all muscles, which is low because the step is the first one and linear."""
+PHASES: Final = ("force", "tangent", "damping", "factorisation", "solution", "step",
+                 "step with a new factor")  # fmt: skip
 
 
 def scenes(face: xr.Dataset) -> dict[str, tuple[Scene, float]]:
-    """Scenes by name, with the activation of all muscles; each adds to 'tissue alone' what it names."""
+    """Scenes by name, with the activation of all muscles; each adds one part to 'tissue alone'."""
 
     def scene(**changes: Any) -> Scene:
         base = {"sigma_max": SIGMA_MAX, "gravity": False, "alpha": 0.0, "beta": 0.0}
@@ -89,7 +81,7 @@ def scenes(face: xr.Dataset) -> dict[str, tuple[Scene, float]]:
 
 
 class _Stepped:
-    """One compiled scene, ready to be timed phase by phase."""
+    """One compiled scene and the times of its phases."""
 
     def __init__(self, scene: Scene, level: float) -> None:
         self.system = compile_scene(scene)
@@ -98,10 +90,10 @@ class _Stepped:
         self.work = Workspace(self.system)
 
     def seconds(self) -> dict[str, float]:
-        """Seconds of every phase of a linearly implicit step, once.
+        """Seconds of every phase of one linearly implicit step.
 
-        The step is taken twice, first without a factor of an older step; 'factorisation' is what is
-        left of it the second time.
+        The step is computed twice, first without an earlier factor; 'factorisation' is that of the
+        second.
         """
         system, q, clock = self.work.form(self.system), self.state.q, time.perf_counter
         found: dict[str, float] = {}
@@ -131,21 +123,10 @@ def measure(
 ) -> pd.DataFrame:
     """Time every scene.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    rounds : int
-        Rounds over all scenes; times are medians.
-    only : sequence of str, optional
-        Names of the scenes to time, all by default.
-
-    Returns
-    -------
-    DataFrame
-        One row per scene: milliseconds per phase, what force, tangent and step cost more than those of
-        the first scene, the difference of the step between the two halves of the rounds ("spread"), and
-        the step in units U of `benchmarks.unit`.
+    Times are medians over `rounds` of all scenes, or of those named in `only`. The table has one
+    row per scene: milliseconds per phase; force, tangent and step minus those of the first scene;
+    the difference of the step between the two halves of the rounds ("spread"); and the step in
+    units U of `benchmarks.unit`.
     """
     made = {n: _Stepped(*scene) for n, scene in scenes(face).items() if only is None or n in only}
     times = np.zeros((rounds, len(made), len(PHASES)))

@@ -32,5 +32,5 @@ def activation_of(
 
 
 def gesture(instruction: str, muscles: tuple[str, ...], duration: float) -> Activation:
-    """Activation of a gesture of an instruction, A to F; muscles that the face lacks are left out."""
+    """Activation of the gesture of an instruction, A to F; muscles that the face lacks are omitted."""
     return activation_of(gesture_activation(instruction), muscles, duration)

@@ -1,11 +1,11 @@
-"""Spectra and amplitudes of simulated EMG beside those of real recordings, as a figure.
+"""Spectra and amplitudes of simulated EMG and of real recordings, as a figure.
 
     python -m benchmarks emg_realism SET FOLDER FIGURE.png
 
-SET is a folder written by ``emgface volunteers``; FOLDER holds the public recordings that the
-sidecars in ``docs/recordings`` describe. Only moments of activity are compared: windows of a quarter
-of a second whose power in the band exceeds a tenth of the 95th percentile. Prints the median
-frequency, the amplitude and the kurtosis of every source.
+SET is a folder written by ``emgface volunteers``; FOLDER contains the public recordings described
+by the sidecars in ``docs/recordings``. Only active windows are compared: those of 0.25 s whose
+power in the band exceeds a tenth of the 95th percentile. Prints median frequency, amplitude and
+kurtosis of every source.
 """
 
 from dataclasses import dataclass
@@ -33,16 +33,15 @@ BAND = (15.0, 500.0)
 LIMB = ("Delt", "Biceps", "Triceps", "Trap", "Gd_dent", "Infra")
 WINDOW = 0.25
 DOMINANT = (50.0, 150.0)
-"""Hertz: where most of the energy of surface EMG lies (De Luca 2002, Surface electromyography:
-detection and recording)."""
+"""Band of most of the energy of surface EMG [Hz] (De Luca 2002, Surface electromyography: detection and
+recording)."""
 FACIAL = ((15.0, 25.0), (400.0, 500.0))
-"""Hertz: lower and upper edges of the band of facial EMG (van Boxtel 2001, Psychophysiology
-38:22-34)."""
+"""Lower and upper edges of the band of facial EMG [Hz] (van Boxtel 2001, Psychophysiology 38:22-34)."""
 
 
 @dataclass
 class Signals:
-    """One source: its channels, and whether they were measured."""
+    """Channels of one source (samples and rate), and the upper edge of its band [Hz]."""
 
     name: str
     top: float
@@ -50,7 +49,7 @@ class Signals:
 
 
 def in_band(values: np.ndarray, rate: float, top: float) -> np.ndarray:
-    """Filter to the band, without delay."""
+    """Filter to the band without delay."""
     sos = scipy.signal.butter(4, (BAND[0], top), "bandpass", fs=rate, output="sos")
     return scipy.signal.sosfiltfilt(sos, values - values.mean())
 
@@ -86,13 +85,8 @@ def measures(source: Signals):
         kept = level[strength > 0.3 * np.percentile(strength, 95)]
         shapes.append(kept)
         kurtoses.append(float(scipy.stats.kurtosis(kept)))
-    return (
-        spectra,
-        np.array(medians),
-        np.array(amplitudes),
-        np.concatenate(shapes),
-        np.array(kurtoses),
-    )
+    numbers = (np.array(values) for values in (medians, amplitudes))
+    return (spectra, *numbers, np.concatenate(shapes), np.array(kurtoses))
 
 
 def simulated(folder: Path) -> Signals:
@@ -131,7 +125,7 @@ def modulated_noise() -> Signals:
 
 
 def real(folder: Path, sidecars: Path) -> list[Signals]:
-    """Channels of the public recordings that carry EMG at a sufficient rate."""
+    """Channels of the public recordings that contain EMG at a sufficient rate."""
     limb = Signals("real, shoulder (pyomeca)", 500.0, [])
     biceps = Signals("real, biceps (biosignals)", 450.0, [])
     face = Signals("real, face and neck (subvocal, to 110 Hz)", 110.0, [])

@@ -2,12 +2,11 @@
 
     python -m benchmarks error_coverage OUT.csv [--volunteers 6] [--seed 0] [--shared ../shared]
 
-Simulated volunteers' EMG goes through the signal chain with three strategies; with --shared rectified
-recordings drive the face too. Every trial is moved by each preset and by SDIRK2 in
-steps of a quarter of the output, without contact: the largest distance of a lip marker over outputs is
-the true error.
-One row per trial and preset; then, per preset, how many trials have a true error of at most the
-estimate, how many one within the tolerance, medians and the worst.
+Activations are estimated from simulated volunteers' EMG with three strategies; with --shared also
+from rectified recordings. Every trial is simulated without contact with each preset and with SDIRK2
+in steps of a quarter of the output; the largest distance of a lip marker over outputs is the true
+error. Writes one row per trial and preset, and prints, per preset, the fractions of trials whose
+true error is at most the estimate or the tolerance, medians and the largest error.
 """
 
 import time
@@ -46,7 +45,7 @@ EXACT = {"solver": "sdirk2", "step": OUTPUT / 4, "iteration_tolerance": 1e-6}
 def emg_trials(
     n: int, seed: int, duration: float
 ) -> Iterator[tuple[str, xr.DataArray, xr.DataArray]]:
-    """Label, activation estimated from simulated EMG, and the true one, in an order drawn by lot."""
+    """Label, activation estimated from simulated EMG, and the true one, in random order."""
     settings = VolunteerParameters(duration=duration)
     signals = configure(SignalChain, {"normalisation": {"silent": "zero"}})
     wanted = [(i, x, s) for i in range(1, n + 1) for x in INSTRUCTIONS for s in STRATEGIES]
@@ -103,7 +102,7 @@ Job = tuple[str, xr.DataArray, xr.DataArray | None]
 
 
 class Bench:
-    """A settled face that every trial is moved on; made once per process."""
+    """A settled face on which every trial of a process is simulated."""
 
     one: "Bench"
 

@@ -1,4 +1,4 @@
-"""Process that simulates a face and tells the end of every phase: child of `benchmarks.start`."""
+"""Process that simulates a face and prints the end of every phase: child of `benchmarks.start`."""
 
 import importlib
 import json
@@ -10,13 +10,13 @@ import xarray as xr
 
 PHASES: Final = ("imports", "face", "equilibrium", "first output")
 DURATION: Final = 0.1
-"""Time simulated after the first output, for the memory [s]."""
+"""Time simulated after the first output, for the measurement of memory [s]."""
 LEVEL: Final = 0.2
 """Activation of all muscles at its end."""
 
 
 def work() -> None:
-    """Simulate a face in this process, telling the end of every phase; the task is an argument."""
+    """Simulate a face in this process and print the end of every phase; the task is an argument."""
     task: dict[str, Any] = json.loads(sys.argv[-1])
     path, volume = task["face"], task["volume"]
     name = "emgface.face.template" if path is None else "emgface.face.file"
@@ -47,7 +47,7 @@ def work() -> None:
 
 
 def peak_memory() -> float:
-    """Largest resident memory of this process so far [B]; NaN where the system does not tell."""
+    """Largest resident memory of this process so far [B]; NaN if the system does not report it."""
     try:
         import resource
     except ImportError:  # Windows

@@ -1,18 +1,18 @@
-"""A deformable sphere on a rigid plane against Hertz: force over indentation, mesh by mesh.
+"""Force and indentation of a deformable sphere on a rigid plane compared with Hertz, for several meshes.
 
     python -m benchmarks hertz [--cells 8 --cells 12] [--depth 0.0004] [--method constraint]
 
-A quarter of a sphere of radius 1 m, cut off at its equator, where it is held; small strain, E = 10
-kPa, nu = 0.3. The plane rises by `depth` radii; the indentation is the rise of the pole, the force the
-normal force that the contact reports, times four. Hertz (1881):
+A quarter of a sphere of radius 1 m, fixed at its equator; small strain, E = 10 kPa, nu = 0.3. The
+plane rises by `depth` radii; the indentation is the rise of the pole, the force four times the
+normal force reported by contact. Hertz (1881), for a half-space of the same curvature:
 
-    F = 4/3 E* sqrt(R) delta^(3/2),   E* = E/(1 - nu^2),
+    F = 4/3 E* sqrt(R) delta^(3/2),   E* = E/(1 - nu^2).
 
-for a half-space of the sphere's curvature. A sphere held a radius away differs from it: a half-space
-under the same force still moves there, by about 0.64 a/R of delta (Boussinesq; a: radius of the
-contact), which holding forbids, while the sides, free at 0.7 R, give way more. At a depth of 0.0004 R,
-a = 0.02 R, either is 1 to 2 % of the force, and they oppose each other. The radius is large because
-contact is solved to 1e-6 m, the scale of a face: the indentation is 400 times that. Simulated data.
+The sphere is fixed at a distance of one radius, where a half-space under the same force would move
+by about 0.64 a/R of delta (Boussinesq; a: radius of the contact), and its sides, free at 0.7 R, are
+more compliant. At a depth of 0.0004 R, a = 0.02 R, each of the two effects is 1 to 2 % of the
+force, and they have opposite signs. The indentation is 400 times the tolerance of contact, 1e-6 m.
+Simulated data.
 """
 
 from pathlib import Path
@@ -42,14 +42,7 @@ def sphere(cells):
 def pressed(cells, depth, contact=sim.ConstraintContact, steps=STEPS):
     """Indentations [m] and forces of the whole sphere [N].
 
-    Parameters
-    ----------
-    cells : int
-        Cells along every edge.
-    depth : float
-        Last rise, in radii.
-    contact : type
-        Method of contact.
+    The sphere has `cells` elements along every edge, and the plane rises by `depth` radii in all.
     """
     mesh = sphere(cells)
     X, low = mesh.X, np.flatnonzero(np.arange(len(mesh.X)) % (cells + 1) == 0)
@@ -84,7 +77,7 @@ def pressed(cells, depth, contact=sim.ConstraintContact, steps=STEPS):
 
 
 def hertz(rise):
-    """Force [N] that Hertz expects for an indentation [m]."""
+    """Force [N] by Hertz for an indentation [m]."""
     return 4.0 / 3.0 * YOUNG / (1.0 - POISSON**2) * np.sqrt(RADIUS) * rise**1.5
 
 

@@ -1,4 +1,4 @@
-"""The integrators that are measured, by the names that tables and figures give them."""
+"""Measured integrators by the names used in tables and figures."""
 
 from typing import Final
 
@@ -18,13 +18,13 @@ LINEARLY_IMPLICIT: Final[dict[str, Integrator]] = {
     "linearly implicit Euler": LinearlyImplicitEuler(),
     "linearly implicit trapezoidal": LinearlyImplicitTrapezoidal(),
 }
-"""One linear solution a step."""
+"""Integrators with one linear solution per step."""
 CONVERGED: Final[dict[str, Integrator]] = {
     "Euler": ConvergedEuler(),
     "trapezoidal": Trapezoidal(),
     "SDIRK2": Sdirk2(),
 }
-"""Iterated to a tolerance."""
+"""Integrators that iterate to a tolerance."""
 IMPLICIT: Final = LINEARLY_IMPLICIT | CONVERGED
 STATIC: Final[dict[str, Integrator]] = {"static": Static()}
 EXPLICIT: Final[dict[str, Integrator]] = {

@@ -1,11 +1,12 @@
-"""Kill a study at random moments, and compare what is resumed with what was never interrupted.
+"""Kill a study at random times and compare the resumed results with those of an uninterrupted run.
 
     python -m benchmarks interruptions FOLDER [--kills 50] [--workers 1] [--seed 0]
 
-A small study of simulated volunteers runs once undisturbed; then again and again in fresh folders,
-each run killed (SIGKILL) at a random moment and started anew until it ends. After every kill each
-stored result is read and held against its index. The cube and all stored results must equal those
-of the undisturbed run bit for bit, measured computing times apart. Exit status 1 if any does not.
+A small study of simulated volunteers runs once without interruption, and then repeatedly in new
+folders, where each run is killed (SIGKILL) at a random time and restarted until it ends. After
+every kill each stored result is compared with its index. The cube and all stored results must be
+bitwise equal to those of the uninterrupted run, except measured computing times. Exit status 1 if
+any differs.
 """
 
 import json
@@ -42,7 +43,7 @@ MEASURED = ("run_time", "run_time_s", "written", "seconds")
 
 
 def start(study: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
-    """Start the command line in a process of its own."""
+    """Start the command line in a separate process."""
     code = "from emgface.cli import main; main()"
     command = [sys.executable, "-c", code, "study", "run", str(study), "--out", str(out),
                "--workers", str(workers)]  # fmt: skip
@@ -50,7 +51,7 @@ def start(study: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
 
 
 def content(path: Path) -> str:
-    """Digest of a dataset, measured times apart."""
+    """Digest of a dataset without measured times."""
     dataset = xr.load_dataset(path, decode_times=False)
     dataset = dataset.drop_vars([name for name in MEASURED if name in dataset])
     dataset.attrs = {k: v for k, v in dataset.attrs.items() if k not in MEASURED}
@@ -58,7 +59,7 @@ def content(path: Path) -> str:
 
 
 def results(out: Path) -> dict[str, str]:
-    """Content of the cube and of every stored result, by their names."""
+    """Content of the cube and of every stored result, by name."""
     files = [
         *(out / "store").rglob("*.nc"),
         *([out / "cube.nc"] if (out / "cube.nc").exists() else []),
@@ -69,8 +70,8 @@ def results(out: Path) -> dict[str, str]:
 def damage(out: Path) -> tuple[list[str], int]:
     """Results that do not agree with their index, and the number of those without one.
 
-    A result is written before its index: one without is recomputed, since nobody can tell what it
-    came from.
+    A result is written before its index. A result without index is computed again, because its
+    inputs are unknown.
     """
     wrong: list[str] = []
     alone = 0
@@ -80,7 +81,7 @@ def damage(out: Path) -> tuple[list[str], int]:
         index = path.with_suffix(".json")
         if not index.exists():
             alone += 1
-            content(path)  # whole all the same
+            content(path)  # raises unless the file is complete
             continue
         told = json.loads(index.read_text())
         if told["sha256"] != file_digest(path) or told["bytes"] != path.stat().st_size:
@@ -89,7 +90,7 @@ def damage(out: Path) -> tuple[list[str], int]:
 
 
 def main(out: Path, kills: int = 50, workers: int = 1, seed: int = 0) -> None:
-    """Run it all and print the findings."""
+    """Run all studies and print the findings."""
     rng = random.Random(seed)
     out = out.resolve()
     shutil.rmtree(out, ignore_errors=True)

@@ -2,9 +2,9 @@
 
     python -m benchmarks law_cost [--cells 18] [--repeats 7]
 
-One block of hexahedra, at a random deformation, without muscles; the summation into nodes and matrix is
-counted, as every law needs it. Processor time, on one thread; the laws take turns, so that a drift of
-the machine hits all of them. Set NUMBA_NUM_THREADS=1.
+One block of hexahedra at a random deformation, without muscles, including the assembly, which is
+common to all laws. Processor time on one thread (set NUMBA_NUM_THREADS=1); the laws are evaluated
+alternately, so that changes of the machine's speed affect all of them.
 """
 
 import statistics
@@ -30,20 +30,10 @@ CASES = {
 }
 
 
-def block(cells):
-    """Cube of cells^3 hexahedra of 1 mm."""
-    axis = np.arange(cells + 1) * 1e-3
-    X = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
-    index = np.arange((cells + 1) ** 3).reshape(X.shape[:3])
-    low, high = slice(0, cells), slice(1, cells + 1)
-    corners = ((low, low), (high, low), (high, high), (low, high))
-    nodes = [index[a, b, c].ravel() for c in (low, high) for a, b in corners]
-    return sim.mesh_from_arrays(X.reshape(-1, 3), hex8=np.stack(nodes, axis=1))
-
-
 def main(cells: int = 18, repeats: int = 7, out: Path | None = None):
     """Measure, print and store."""
-    mesh = block(cells)
+    axis = np.arange(cells + 1) * 1e-3
+    mesh = sim.grid_mesh(np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1))
     q = mesh.X + np.random.default_rng(0).normal(size=mesh.X.shape) * 5e-5
     axes = np.broadcast_to(np.eye(3), (mesh.n_elements, 3, 3))
     times, calls = {}, {}

@@ -20,20 +20,10 @@ Floats = NDArray[np.float64]
 
 
 def to_and_fro(path: Floats) -> float:
-    """Longest way that a coordinate goes back on itself.
+    """Largest back-and-forth motion of a coordinate in a path, shape (times, points, 3) [m].
 
-    Of every coordinate the smaller of the sums of all its moves up and of all its moves down: 0 for one
-    that creeps one way, n times its width for one that trembles n times.
-
-    Parameters
-    ----------
-    path : ndarray, shape (times, points, 3)
-        Positions [m].
-
-    Returns
-    -------
-    float
-        [m]
+    For each coordinate it is the smaller of the sums of its positive and of its negative
+    increments: 0 for monotone motion, and n times the amplitude for n oscillations.
     """
     moves = np.diff(path, axis=0)
     up, down = (np.maximum(sign * moves, 0.0).sum(axis=0) for sign in (1.0, -1.0))
@@ -41,7 +31,7 @@ def to_and_fro(path: Floats) -> float:
 
 
 class LipProbe:
-    """Depths in m, smallest gap in m as contact itself has it, opening in m, fastest lip node in m/s.
+    """Depths, smallest gap computed by contact and opening [m], speed of the fastest lip node [m/s].
 
     Parameters
     ----------
@@ -54,9 +44,9 @@ class LipProbe:
     Attributes
     ----------
     seconds : float
-        Time of the processor that the probe itself has taken [s].
+        Processor time of the probe itself [s].
     path : dict
-        Time [s] to the positions (n, 3) of the lip nodes [m].
+        Positions (n, 3) of the lip nodes [m] by time [s].
     """
 
     def __init__(self, face: xr.Dataset, penetration: Penetration, period: float) -> None:
@@ -67,14 +57,14 @@ class LipProbe:
         self.path: dict[float, Floats] = {}
 
     def variables(self) -> tuple[Variable, ...]:
-        """Five numbers."""
+        """Names and units of the five quantities."""
         names = ("depth_lips", "depth_teeth", "gap", "opening")
         return (*(Variable(name, "m") for name in names), Variable("speed", "m/s"))
 
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[float, ...]:
-        """Measure a state; a scene without contact has the gap NaN."""
+        """Measure a state; without contact the gap is NaN."""
         start = time.process_time()
         touches = any(isinstance(term, MeasuresContact) for term in system.terms)
         gaps = Contacts().record(system, state, control, report)[1] if touches else np.nan

@@ -1,10 +1,10 @@
-"""Volumetric locking: Cook's membrane and a bending beam, for every volumetric part.
+"""Volumetric locking: Cook's membrane and a bending beam, for every treatment of the volume.
 
     python -m benchmarks locking [--body cook] [--out FOLDER]
 
 Cook's membrane in plane strain at small strains: E = 250 Pa, side 44 to 16 m over 48 m, a shear
-traction on the right side; vertical displacement of the upper right corner for a traction of 6.25 Pa.
-The beam sags under its weight; slender-beam theory is 1.
+traction on the right side; vertical displacement of the upper right corner for a traction of 6.25
+Pa. The deflection of the beam under its weight is relative to slender-beam theory.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ PARTS = ("pointwise", "element", "nodal", "hard")
 
 @dataclass(frozen=True)
 class Elastic:
-    """Neo-Hookean tissue by its Poisson ratio and the part that keeps its volume."""
+    """Neo-Hookean tissue with a Poisson ratio and a treatment of the volume."""
 
     mu: float
     poisson: float
@@ -47,10 +47,10 @@ class Elastic:
 
 
 def equilibrium(system: sim.System, residual: float, position: float) -> np.ndarray:
-    """Displacements (n_nodes, 3) at rest [m]."""
+    """Displacements (n_nodes, 3) in equilibrium [m]."""
     static = sim.Static(tolerance=position, residual_tolerance=residual)
     control = system.control(np.zeros(0))
-    # direct: the iterative default does not converge where kappa is 5000 times mu, by nodes
+    # The iterative default does not converge for nodal volumes with kappa = 5000 mu.
     work = sim.Workspace(system, "superlu")
     state, _ = static.step(system, system.rest_state(), control, 1.0, work)
     return state.q - system.scene.mesh.X
@@ -80,7 +80,7 @@ def cook(n: int, poisson: float, part: str) -> float:
 
 
 def beam(cells: int, poisson: float, part: str) -> float:
-    """Sagging of a cantilever of 100 x 10 x 10 mm over that of slender-beam theory.
+    """Deflection of a cantilever of 100 x 10 x 10 mm relative to slender-beam theory.
 
     w = rho g A L^4/(8 E I); cells is the number of elements over the height.
     """
@@ -100,14 +100,14 @@ BODIES = {"cook": (cook, (4, 8, 16, 32)), "beam": (beam, (2, 4, 6))}
 
 
 def main(body: list[str] = list(BODIES), out: Path | None = None) -> None:  # noqa: B006
-    """Print and store a table for every body: a column for every number of elements."""
+    """Print and store a table for every body, with one column for every number of elements."""
     for name in body:
         function, sizes = BODIES[name]
         rows: list[dict[str, object]] = []
         for poisson in (0.3, 0.4999, 0.49999):
             for part in PARTS:
                 if part == "hard" and poisson < 0.49999:
-                    continue  # it has no other Poisson ratio than 0.5
+                    continue  # its Poisson ratio is always 0.5
                 row = {"Poisson ratio": f"{0.5 if part == 'hard' else poisson:g}", "volume": part}
                 rows.append(row | {str(n): f"{function(n, poisson, part):.3g}" for n in sizes})
         finish(f"locking-{name}", pd.DataFrame(rows), out)

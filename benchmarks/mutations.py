@@ -1,11 +1,12 @@
-"""Damage files of every format at random, and see that each read ends in time, room and words.
+"""Read randomly damaged files of every format within limits of time and memory, and count the errors.
 
     python -m benchmarks mutations [--count 500] [--seed 0]
 
-Every reader has a process of its own, whose memory is limited. A crash of a parser that runs in the
-child process of its reader is counted as a typed error "after a crash"; any other crash ends the
-process and is reported as FAILED. Prints, for each reader, how many damaged files were still valid
-recordings, the typed errors by name, the most computing time of a read and the growth of memory.
+Every reader has a separate process of limited memory. A crash of a parser that runs in the child
+process of its reader is counted as a typed error "after a crash"; any other crash ends the process
+and is reported as FAILED. Prints, for each reader, the number of damaged files that were still
+valid recordings, the typed errors by name, the largest computing time of a read and the growth of
+memory.
 """
 
 import collections
@@ -23,11 +24,11 @@ from benchmarks.report import markdown
 from tests.data.test_mutations import FORMATS, attempt, mutated
 
 ROOM = 1 << 30
-"""Bytes that reading a file of a few kilobytes may add to the address space."""
+"""Largest growth of the address space [B] in reading a file of a few kilobytes."""
 
 
 def examine(name: str, count: int, seed: int) -> dict[str, object]:
-    """Damage one file `count` times and read it."""
+    """Damage one file `count` times and read each of the damaged files."""
     outcomes: collections.Counter[str] = collections.Counter()
     longest = 0.0
     with tempfile.TemporaryDirectory() as place:
@@ -53,7 +54,7 @@ def examine(name: str, count: int, seed: int) -> dict[str, object]:
 
 
 def child(name: str, count: int, seed: int, place: str) -> None:
-    """Examine one reader and leave the result in a file."""
+    """Examine one reader and write the result to a file."""
     Path(place).write_text(json.dumps(examine(name, count, seed)))
 
 

@@ -2,8 +2,9 @@
 
     python -m benchmarks open_choices --out docs/choices
 
-simulates volunteers on the coarse template face, scores them under every level of eight choices, one
-off its reference at a time, and writes table and figure. About four seconds per trial and core.
+Simulates volunteers on the coarse template face, scores them under every level of eight choices, of
+which one at a time differs from its reference, and writes table and figure. About four seconds per
+trial and core.
 """
 
 import tempfile
@@ -60,7 +61,7 @@ levels = ["FOLDER/lips.nc", "FOLDER/further_out.nc"]
 
 
 def with_markers_further_out(face):
-    """Move every marker to the nearest other node of the skin, away from the mouth."""
+    """Move every marker to the nearest node of the skin that is further from the mouth."""
     position = face["position"].values
     node = face["marker_node"].values.copy()
     skin = np.setdiff1d(sheet_nodes(face, OUTER), node)
@@ -82,7 +83,7 @@ def main(
     out: Path = Path("docs/choices"),
     work: Path | None = None,
 ) -> None:
-    """Simulate and score; a folder `work` is kept, so that a run can be resumed."""
+    """Simulate and score; the files in a folder `work` remain, so that a run can be resumed."""
     warnings.simplefilter("ignore", FeatureWarning)
     with tempfile.TemporaryDirectory() as temporary:
         folder = work or Path(temporary)
@@ -96,7 +97,7 @@ def main(
             instructions=instructions,
             seed=seed,
             parameters=SimulationParameters(step=0.02, sigma_max=100e3),
-            # Choices are told apart best where nothing else differs from what the study assumes.
+            # In the matched world only the choice differs from the assumptions of the study.
             settings=VolunteerParameters(world=MATCHED),
             workers=workers,
         )

@@ -29,7 +29,16 @@ from emgface.face.simulation_parameters import SimulationParameters
 
 RAMP = 0.1  # s
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
-THEIR_HEX = [3, 2, 1, 0, 7, 6, 5, 4]  # that program lists the faces of a hexahedron the other way
+THEIR_HEX = [
+    3,
+    2,
+    1,
+    0,
+    7,
+    6,
+    5,
+    4,
+]  # the other program orders the faces of a hexahedron oppositely
 
 
 @dataclass(frozen=True)
@@ -44,9 +53,9 @@ class Case:
     level : final excitation.
     integrator : the scheme.
     fibre : law of the fibres.
-    gravity : whether gravity acts.
-    contact : whether lips touch each other and the bones; that program holds every node that stands
-        inside at the start of a step for this step, ours only from where it stands at the start on.
+    gravity : with gravity.
+    contact : with contact of the lips with each other and with the bones. The other program holds
+        every node that is inside at the start of a step; here, initial depths are kept.
     """
 
     name: str
@@ -59,7 +68,7 @@ class Case:
     contact: bool = False
 
 
-# that program solves directly; an iterative solution leaves up to 1e-6 mm in every step
+# The other program solves directly; the error of an iterative solution is up to 1e-6 mm per step.
 EULER = sim.LinearlyImplicitEuler(tolerance=1e-9)
 TRAPEZOIDAL = sim.LinearlyImplicitTrapezoidal(tolerance=1e-9)
 BLEMKER = sim.Blemker(100e3)
@@ -76,23 +85,20 @@ CONTACT = (
     Case(LIPS, "hard", "", 0.0, TRAPEZOIDAL, sim.Generic(100e3), gravity=True),
     Case(LIPS, "hard", "", 0.0, TRAPEZOIDAL, sim.Generic(100e3), gravity=True, contact=True),
 )
-"""The recorded run with contact, against ours without and with it.
+"""The recorded run with contact, compared with simulations without and with contact.
 
-Here the methods differ: that program moves the nodes that start inside the bones out of them in
-the first steps, ours lets them stay. Hence the columns `..._far`, without the nodes near those.
+The other program moves the nodes that are initially inside the bones out of them in the first
+steps; here they may stay. The columns `..._far` therefore omit the nodes near them.
 """
 ROUNDING = 1e-9
-"""Distances below this are rounding, and other on another processor [mm]."""
+"""Distances below this are due to rounding, which depends on the processor [mm]."""
 
 FAR = 15e-3
-"""Nodes farther than this from those that start inside a bone count as undisturbed [m]."""
+"""Distance from the nodes initially inside a bone beyond which nodes are undisturbed [m]."""
 
 
 def their_face(folder: Path, case: Case) -> sim.System:
-    """Scene of a case on the recorded mesh.
-
-    The fibres of both sides belong to one muscle there.
-    """
+    """Scene of a case on the recorded mesh, whose muscles contain the fibres of both sides."""
     model = json.loads((folder / "refmodel_model.json").read_text())
     blocks: dict[str, list[list[int]]] = {"hex8": [], "wedge6": []}
     place: list[tuple[str, int]] = []
@@ -113,7 +119,7 @@ def their_face(folder: Path, case: Case) -> sim.System:
         case.fibre,
     )
     solid = sim.Solid((sim.Material(bulk=sim.QuadraticBulk(0.0)),), muscles=muscles)
-    # with hard volumes that program keeps its soft pressure, whose geometric stiffness remains
+    # With hard volumes the other program keeps its soft pressure, whose geometric stiffness remains.
     soft = sim.NodalVolume(25e3) if case.volume == "nodal" else sim.ElementVolume(25e3)
     gravity = (sim.Gravity(),) if case.gravity else ()
     touching: tuple[sim.scene.Term, ...] = ()
@@ -173,7 +179,7 @@ def compare(folder: Path, case: Case, until: float, h: float = 5e-3) -> list[dic
 
 
 def _undisturbed(folder: Path, system: sim.System) -> NDArray[np.bool_]:
-    """Nodes far from those that start inside a bone."""
+    """Nodes far from those that are initially inside a bone."""
     face = import_artisynth(folder.parent / "artisynth_models")
     X, free = system.scene.mesh.X, face["fixed"].values == FREE
     inside = np.zeros(len(X), dtype=bool)
@@ -202,7 +208,7 @@ def main(
 
 
 def table_of(rows: list[dict[str, Any]]) -> list[dict[str, str]]:
-    """Distances [mm]; what is below `ROUNDING` is told as such."""
+    """Distances [mm]; those below `ROUNDING` are printed as such."""
     names = {
         c.name: f"{c.volume} volumes, {type(c.fibre).__name__} muscle, "
         f"{'trapezoidal rule' if c.integrator is TRAPEZOIDAL else 'backward Euler'}, "

@@ -21,7 +21,7 @@ _KEPT: Final = {
 
 
 def _hexahedron() -> tuple[list[tuple[int, ...]], list[list[int]]]:
-    """Points as the corners that they are the mean of, and the points of the eight children."""
+    """Parents of the points, as indices of the corners, and points of the eight children."""
     corners = [
         tuple(corner) for corner in (ELEMENT_TYPES["hex8"].corners > 0.0).astype(int).tolist()
     ]
@@ -60,24 +60,10 @@ def _wedge() -> tuple[list[tuple[int, ...]], list[list[int]]]:
 def refine_face(face: xr.Dataset) -> xr.Dataset:
     """Divide every hexahedron into eight hexahedra and every wedge into eight wedges.
 
-    New nodes lie at the means of the corners of their edge, face or element, so that the shape stays
-    that of the coarse mesh; they are fixed where all those corners are. The children of an element
-    inherit its layer and its muscles with their directions and shares. Markers stay at their nodes.
-
-    Parameters
-    ----------
-    face : xarray.Dataset
-        A face_model.
-
-    Returns
-    -------
-    xarray.Dataset
-        A face_model with eight times as many elements; the children of element e are 8 e to 8 e + 7.
-
-    Raises
-    ------
-    FaceError, SchemaError
-        As `emgface.face.validity.check_face`.
+    New nodes lie at the means of the corners of their edge, face or element, so that the shape of
+    the mesh is unchanged; they are fixed if all those corners are. The children 8 e to 8 e + 7 of
+    element e inherit its layer and its muscles with their directions and shares. Markers stay at
+    their nodes. Errors are those of `emgface.face.validity.check_face`.
     """
     connectivity = face["connectivity"].values.astype(np.int64)
     wedge = is_wedge(connectivity)
@@ -92,7 +78,7 @@ def refine_face(face: xr.Dataset) -> xr.Dataset:
         ]
         parents.append(np.stack(padded, axis=1).reshape(-1, 8))
         rows.append((np.flatnonzero(mask), children, len(points)))
-    # corners first, in their old order: a point with one parent is that node
+    # A point with one parent is that corner; corners keep their order and precede the new nodes.
     unique, inverse = np.unique(np.concatenate(parents), axis=0, return_inverse=True)
     single = unique[:, 1] < 0
     number = np.where(single, unique[:, 0], n_nodes - 1 + np.cumsum(~single))

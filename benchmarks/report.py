@@ -20,18 +20,16 @@ LINES = ("-", "--", ":", "-.")
 
 @dataclass(frozen=True)
 class Chart:
-    """Columns of a table as lines, or as bars where the column along the axis holds text.
+    """Columns of a table as lines, or as stacked bars if the column `x` contains text.
 
     Attributes
     ----------
-    x : str
-        Column along the axis; of text: one bar per row, which the columns `y` divide.
-    y : tuple of str
-        Columns drawn.
+    x, y : str, tuple of str
+        Column along the axis, and columns that are drawn.
     label : str
         Quantity and unit of `y`.
     by, panel : str
-        Columns of which each value has a line or a panel of its own; "" for one.
+        Columns whose values are drawn as separate lines or panels; "" for one.
     log : bool
         Both axes of lines are logarithmic.
     """
@@ -45,12 +43,12 @@ class Chart:
 
 
 def say(text: str) -> None:
-    """Tell on the error stream what is being measured."""
+    """Print the progress of a measurement on the error stream."""
     print(text, file=sys.stderr, flush=True)
 
 
 def face_of(path: Path | None, resolution: str = "coarse") -> xr.Dataset:
-    """Face model of a file, or the template face where there is none."""
+    """Face model of a file, by default the template face."""
     from emgface.face.file import load_face
     from emgface.face.template import template_face
 
@@ -58,7 +56,7 @@ def face_of(path: Path | None, resolution: str = "coarse") -> xr.Dataset:
 
 
 def markdown(table: pd.DataFrame, form: str = ".4g") -> str:
-    """Table in Markdown; numbers with decimals in this format, what is undefined empty."""
+    """Table in Markdown; floats in the given format, undefined values empty."""
 
     def cell(value: object) -> str:
         if isinstance(value, float):
@@ -72,19 +70,7 @@ def markdown(table: pd.DataFrame, form: str = ".4g") -> str:
 
 @styled
 def draw(table: pd.DataFrame, chart: Chart, title: str) -> "Figure":
-    """Draw a table.
-
-    Parameters
-    ----------
-    table : DataFrame
-    chart : Chart
-    title : str
-        Its head; "(simulated)" is added.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw a table with a title, to which "(simulated)" is added."""
     bars = not pd.api.types.is_numeric_dtype(table[chart.x])
     names = list(dict.fromkeys(table[chart.panel])) if chart.panel else [""]
     across = min(3, len(names))
@@ -105,7 +91,7 @@ def draw(table: pd.DataFrame, chart: Chart, title: str) -> "Figure":
 
 
 def _lines(panel: Any, table: pd.DataFrame, chart: Chart, handles: dict[str, Any]) -> None:
-    """Draw a panel; a line that another panel has looks as it does there."""
+    """Draw a panel; equal labels have the same style in all panels."""
     order = list(handles)
     groups = table.groupby(chart.by, sort=False) if chart.by else [("", table)]
     for name, own in groups:
@@ -147,21 +133,9 @@ def shrink(picture: Path) -> Path:
 def finish(
     name: str, table: pd.DataFrame, out: Path | None = None, chart: Chart | None = None
 ) -> list[Path]:
-    """Print a table, and store it with its figure where a folder is given.
+    """Print a table and, if a folder is given, store it with its figure.
 
-    Parameters
-    ----------
-    name : str
-        Of the files and in the title.
-    table : DataFrame
-    out : Path, optional
-        Folder; made if absent.
-    chart : Chart, optional
-
-    Returns
-    -------
-    list of Path
-        The files: CSV, and SVG and PNG of the figure.
+    `name` is that of the files and the title. Returns the paths of CSV, SVG and PNG.
     """
     print(markdown(table), flush=True)
     if out is None:

@@ -2,8 +2,9 @@
 
     python -m benchmarks same_bits --processes 20
 
-The first process compiles the kernels into an empty cache, the others load them from it. Prints a line
-for each process and result, and fails unless every result has one digest. Simulated data throughout.
+The first process compiles the kernels into an empty cache, from which the others load them. Prints
+a line for each process and result, and fails unless every result has one digest. Simulated data
+throughout.
 """
 
 import hashlib
@@ -20,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def digest(*arrays: object) -> str:
-    """Twelve digits that change with any bit."""
+    """Digest (12 hexadecimal digits) of the bits of arrays."""
     import numpy as np
 
     found = hashlib.blake2b(digest_size=6)
@@ -30,7 +31,7 @@ def digest(*arrays: object) -> str:
 
 
 def of_blocks() -> dict[str, str]:
-    """Small bodies: contact by both methods, and the same with a restart from a file."""
+    """Contact of small bodies by both methods, without and with a restart from a file."""
     import sim
     from tests.verification.test_same_bits import CONVERGED, falling
 
@@ -58,7 +59,7 @@ def _still():
 
 
 def of_face() -> dict[str, str]:
-    """The coarse generated face: rest, short motions of two presets, and a score."""
+    """Results of the coarse generated face: equilibrium, short motions of two presets, and a score."""
     import numpy as np
     import xarray as xr
 
@@ -101,7 +102,7 @@ def environment(number: int, cache: str) -> dict[str, str]:
 
 
 def main(processes: int = 20, small: bool = False, warm: bool = False, child: bool = False) -> None:
-    """Compare processes: --small bodies of a few elements alone, --warm kernels from the cache."""
+    """Compare processes; --small: only bodies of a few elements, --warm: kernels from the cache."""
     if child:
         for name, value in (of_blocks() | ({} if small else of_face())).items():
             print(f"{name}: {value}")
@@ -113,14 +114,8 @@ def main(processes: int = 20, small: bool = False, warm: bool = False, child: bo
             own = environment(number, cache)
             if not cache:
                 del own["EMGFACE_CACHE"]
-            command = [
-                sys.executable,
-                "-m",
-                "benchmarks",
-                "same_bits",
-                "--child",
-                *(["--small"] if small else []),
-            ]
+            command = [sys.executable, "-m", "benchmarks", "same_bits", "--child"]
+            command += ["--small"] if small else []
             lines = subprocess.run(
                 command, env=own, check=True, text=True, stdout=subprocess.PIPE, cwd=ROOT
             ).stdout.splitlines()

@@ -1,4 +1,4 @@
-"""Growth: time and memory of a step against the number of elements, phase by phase."""
+"""Time and memory of a step as functions of the number of elements, by phase."""
 
 import statistics
 import time
@@ -35,7 +35,7 @@ def _median(call: Callable[[], object], repeats: int) -> float:
 
 
 def phase_seconds(system: System, repeats: int) -> tuple[dict[str, float], float]:
-    """Median seconds of every phase of a linearly implicit step of 10 ms, and the factor's size [B]."""
+    """Median seconds of every phase of a linearly implicit step of 10 ms, and size of the factor [B]."""
     control, q = system.control(np.zeros(len(system.muscles))), system.scene.mesh.X
     start = time.perf_counter()
     linear = linear_solver()
@@ -74,27 +74,15 @@ def measure(
     refine: bool = True,
     repeats: int = 3,
 ) -> pd.DataFrame:
-    """Time every phase on faces of growing size.
+    """Time every phase on faces of increasing size.
 
-    Parameters
-    ----------
-    faces : sequence of Dataset
-        Face models, such as one template face at several resolutions.
-    parameters : SimulationParameters
-        Tissue and loads.
-    refine : bool
-        Whether the last face is also divided, each element into eight.
-    repeats : int
-        Calls per phase; times are medians.
-
-    Returns
-    -------
-    DataFrame
-        One row per mesh: elements, unknowns, nonzeros, milliseconds per phase and the factor's size.
+    With `refine`, the last face is also divided, each element into eight. Times are medians of
+    `repeats` calls. One row per mesh: elements, unknowns, nonzeros, milliseconds per phase and size
+    of the factor.
     """
     chosen = [*faces, *([refine_face(faces[-1])] if refine else [])]
     rows: list[dict[str, float]] = []
-    Workspace(compile_scene(compose_scene(chosen[0], parameters)))  # what the first one loads
+    Workspace(compile_scene(compose_scene(chosen[0], parameters)))  # loads libraries and kernels
     for face in chosen:
         say(f"{face.sizes['element']} elements")
         system = compile_scene(compose_scene(face, parameters))
@@ -127,7 +115,7 @@ def slope(elements: Floats, values: Floats) -> float:
 
 
 def main(out: Path = Path("bench"), face: Path | None = None, refine: bool = True) -> None:
-    """Measure the template face at three resolutions, or one face, and print table and exponents."""
+    """Measure the template face at three resolutions, or one face; print table and exponents."""
     faces = [
         face_of(face, name) for name in (("coarse", "medium", "fine") if face is None else "-")
     ]

@@ -1,7 +1,7 @@
-"""Time of a fresh process until its first result, and the memory that it needs.
+"""Time from the start of a process to its first result, and the memory required.
 
-Every measurement is a process of its own: it tells the end of each phase, and its parent takes the
-time. Compiled kernels are on disk, since a first process that is not counted comes before.
+Every measurement is a separate process that prints the end of each phase; its parent measures the
+time. Kernels are loaded from disk, because a first process is not counted.
 """
 
 import json
@@ -38,19 +38,10 @@ def import_seconds(what: str) -> float:
 
 
 def first_result(face: Path | None, volume: str) -> tuple[dict[str, float], float]:
-    """Seconds of every phase of a fresh process until its first output, and its peak memory [B].
+    """Seconds of every phase of a new process until its first output, and its peak memory [B].
 
-    Parameters
-    ----------
-    face : Path, optional
-        Face model; the coarse template face if absent.
-    volume : str
-        Treatment of the volume.
-
-    Raises
-    ------
-    DataError
-        The process failed.
+    The face is the coarse template face if no file is given. Raises `DataError` if the process
+    fails.
     """
     task = json.dumps({"face": None if face is None else str(face), "volume": volume})
     start = time.perf_counter()
@@ -81,27 +72,10 @@ def first_result(face: Path | None, volume: str) -> tuple[dict[str, float], floa
 def measure(
     face: Path | None = None, *, volumes: Sequence[str] = VOLUMES, repeats: int = 3
 ) -> pd.DataFrame:
-    """Time fresh processes.
+    """Time new processes, `repeats` per case, for every treatment of the volume and imported module.
 
-    Parameters
-    ----------
-    face : Path, optional
-        Face model; the coarse template face if absent.
-    volumes : sequence of str
-        Treatments of the volume.
-    repeats : int
-        Processes per case; times are medians, memory is the largest.
-
-    Returns
-    -------
-    DataFrame
-        One row per treatment of the volume with the seconds of every phase until the first output and
-        the largest memory after 0.1 s of motion; then one per imported module.
-
-    Raises
-    ------
-    DataError
-        A process failed.
+    Times are medians, memory is the largest, after 0.1 s of motion. Raises `DataError` if a process
+    fails.
     """
     rows: list[dict[str, object]] = []
     for volume in volumes:

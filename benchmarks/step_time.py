@@ -1,13 +1,13 @@
-"""Step time of a face by bulk law and integrator, split into phases, in milliseconds and in units U.
-
-U is one numerical factorisation plus one solution in double precision of the face's matrix with
-pointwise bulk, measured in every round with the same threads, so that figures from different machines
-and times compare. The rounds go through all configurations in turn, so that a drift of the machine hits
-all alike; medians are printed. Damping follows the current tangent for the linearly implicit steps, as
-the published simulator's does, and that at rest for the converged ones, which leave at most 1e-3 mm.
+"""Step time of a face by bulk law and integrator, divided into phases, in milliseconds and in units U.
 
     python -m benchmarks step_time FACE.nc [--steps 40] [--repeats 5] [--muscle OOP] [--peak 0.5]
         [--bulk nodal] [--linear pardiso]
+
+U is one numerical factorisation plus one solution in double precision of the face's matrix with
+pointwise bulk, measured in every round with the same threads, so that values from different
+machines and times can be compared. Each round measures all configurations; medians are printed.
+Damping follows the current tangent for the linearly implicit steps, as in the published simulator,
+and the tangent at rest for the converged ones, whose error is at most 1e-3 mm.
 """
 
 import os
@@ -42,7 +42,7 @@ INTEGRATORS = {
 
 @dataclass
 class Case:
-    """One configuration and what its rounds have measured."""
+    """One configuration and the measurements of its rounds."""
 
     name: str
     system: sim.System
@@ -51,7 +51,7 @@ class Case:
 
 
 def run(case, activation, steps, linear):
-    """Milliseconds per step in all and by phase, with the counts per step."""
+    """Milliseconds per step in total and by phase, and the counts per step."""
     work = sim.Workspace(case.system, linear)
     start = time.perf_counter()
     trajectory, _ = sim.simulate(

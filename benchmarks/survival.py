@@ -1,11 +1,11 @@
-"""The largest sigma_max that each solver survives on a face, for every muscle pair alone and all.
-
-Activation rises from 0 to 1 over 0.1 s and is held, from rest, without gravity and contact. A run
-survives if every step ends with det F > 0 at every Gauss point; the value is found by bisection on a
-grid, taking survival as monotone in sigma_max. Every attempt is appended to a CSV file at once, and
-attempts found there are not repeated.
+"""Largest sigma_max at which each solver succeeds on a face, for every muscle pair and all muscles.
 
     python -m benchmarks survival FACE.nc survival.csv [--step 0.01] [--duration 0.5]
+
+The activation rises from 0 to 1 over 0.1 s and is held, from rest, without gravity and contact. A
+run survives if every step ends with det F > 0 at every Gauss point; the value is found by bisection
+on a grid, assuming that survival is monotone in sigma_max. Every attempt is appended to a CSV file
+at once; attempts in the file are not repeated.
 """
 
 import csv
@@ -32,22 +32,9 @@ SOLVERS = {
     "linearly implicit, damping at rest": (sim.LinearlyImplicitEuler, sim.RestRayleigh),
     "converged, damping at rest": (sim.ConvergedEuler, sim.RestRayleigh),
 }
-COLUMNS = (
-    "face",
-    "step_s",
-    "duration_s",
-    "incompressibility",
-    "muscle",
-    "solver",
-    "sigma_max_kPa",
-    "survived",
-    "failure",
-    "failed_at_s",
-    "smallest_J",
-    "largest_marker_displacement_mm",
-    "rejected_steps",
-    "wall_s",
-)
+COLUMNS = ("face", "step_s", "duration_s", "incompressibility", "muscle", "solver",
+           "sigma_max_kPa", "survived", "failure", "failed_at_s", "smallest_J",
+           "largest_marker_displacement_mm", "rejected_steps", "wall_s")  # fmt: skip
 
 
 def attempt(face, muscle, solver, kilopascal, options):
@@ -120,7 +107,7 @@ class Attempts:
                 csv.DictWriter(file, COLUMNS, lineterminator="\n").writeheader()
 
     def survives(self, muscle, solver, kilopascal):
-        """Look the attempt up, or make it and write it down."""
+        """Return the stored result of an attempt, or compute and store it."""
         key = muscle, solver, float(kilopascal)
         if key not in self.known:
             row = self.fixed | attempt(self.face, muscle, solver, kilopascal, self.options)
@@ -137,7 +124,7 @@ class Attempts:
     def largest(self, muscle, solver):
         """Largest surviving value of the grid [kPa], 0 if none."""
         low, high = -1, len(GRID_KPA)
-        middle = high - 1  # a solver that survives everything is done after one run
+        middle = high - 1  # one run suffices if the largest value is survived
         while high - low > 1:
             if self.survives(muscle, solver, GRID_KPA[middle]):
                 low = middle
@@ -149,7 +136,7 @@ class Attempts:
 
 @dataclass(frozen=True)
 class Options:
-    """One table: where it is kept and how all of its runs are made."""
+    """Options of all runs of a table, and its file."""
 
     out: Path
     step: float
@@ -165,7 +152,7 @@ def main(
     incompressibility: str = "pointwise",
     muscle: list[str] = [*MODELLED, "all"],  # noqa: B006
 ):
-    """Fill the table and print it."""
+    """Complete the table and print it."""
     attempts = Attempts(load_face(face), Options(out, step, duration, incompressibility))
     rows = [{"muscle": m} | {s: attempts.largest(m, s) for s in SOLVERS} for m in muscle]
     print("largest sigma_max survived [kPa]")

@@ -1,4 +1,4 @@
-"""The unit of run time U: one numerical factorisation plus one solution of a scene's matrix."""
+"""Unit of run time U: one numerical factorisation plus one solution of a scene's matrix."""
 
 import statistics
 import time
@@ -12,7 +12,7 @@ from sim import System
 from sim.linear import linear_solver
 
 STEP: Final = 0.01
-"""Time step that the cost of a step is measured with [s]."""
+"""Time step of the measured step [s]."""
 
 
 def step_matrix(system: System) -> NDArray[np.float64]:
@@ -29,7 +29,7 @@ def unit_seconds(
 ) -> float:
     """Median time [s] of one factorisation and one solution with `step_matrix`.
 
-    Figures in units U compare between machines, since most of a step is this.
+    Times in units U can be compared between machines, because these two are most of a step.
     """
     A = step_matrix(system)
     linear = linear_solver()

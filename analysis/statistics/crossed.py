@@ -77,9 +77,9 @@ def fit_crossed(y: Array, X: Array, factors: Mapping[str, NDArray[np.int64]]) ->
 
     Notes
     -----
-    The profiled criterion in terms of relative standard deviations is regular at a variance of zero,
-    which occurs often with few volunteers. Source: Bates, Maechler, Bolker and Walker 2015, Journal
-    of Statistical Software 67(1), sections 3.4 and 3.5.
+    The profiled criterion in terms of relative standard deviations is regular at a variance of
+    zero, which occurs often with few volunteers. Source: Bates, Maechler, Bolker and Walker 2015,
+    Journal of Statistical Software 67(1), sections 3.4 and 3.5.
     """
     names = list(factors)
     columns: list[Array] = [np.zeros((len(y), 0))]

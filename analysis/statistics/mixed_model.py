@@ -65,11 +65,11 @@ def mixed_model(
 
     Notes
     -----
-    Each contrast is fitted separately, so that variances may differ between strategies. The model of
-    "instructions" in R: ``lmer(d ~ 1 + (1 | volunteer) + (1 | instruction))``. Sources: Clark
+    Each contrast is fitted separately, so that variances may differ between strategies. The model
+    of "instructions" in R: ``lmer(d ~ 1 + (1 | volunteer) + (1 | instruction))``. Sources: Clark
     1973, Journal of Verbal Learning and Verbal Behavior 12:335; Baayen, Davidson and Bates 2008,
-    Journal of Memory and Language 59:390; Judd, Westfall and Kenny 2012, Journal of Personality
-    and Social Psychology 103:54.
+    Journal of Memory and Language 59:390; Judd, Westfall and Kenny 2012, Journal of Personality and
+    Social Psychology 103:54.
     """
     check_level(level)
     if scope not in ("instructions", "these instructions"):

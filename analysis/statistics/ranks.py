@@ -68,8 +68,8 @@ def friedman(data: Comparison) -> xr.Dataset:
     Notes
     -----
     Exact, by enumeration of all orders within volunteers, while their sums of ranks are few (three
-    strategies: up to about 100 volunteers), as stated by ``exact``. Source: Friedman 1937, Journal of
-    the American Statistical Association 32:675.
+    strategies: up to about 100 volunteers), as stated by ``exact``. Source: Friedman 1937, Journal
+    of the American Statistical Association 32:675.
     """
     values = data.values
     complete = values.notnull().all("strategy")

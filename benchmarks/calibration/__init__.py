@@ -3,9 +3,9 @@
     python -m benchmarks calibration --out docs/statistics
 
 draws cubes of scores without any difference between strategies and counts how often each test
-claims one and how often each interval holds the truth: six volunteers and six instructions under
-eight conditions, and each kind of interval, on three times as many cubes, for two to twelve
-volunteers. About six minutes of one processor; --simulations scales it.
+rejects and how often each interval contains the true value: six volunteers and six instructions
+under eight conditions, and each kind of interval, on three times as many cubes, for two to twelve
+volunteers. About six minutes of processor time, in proportion to --simulations.
 """
 
 from pathlib import Path
@@ -38,7 +38,7 @@ SIZES = ((2, 6), (3, 6), (4, 6), (5, 6), (6, 6), (8, 6), (12, 6), (6, 2), (6, 3)
 
 
 def shown(one: xr.Dataset, test: str, name: str) -> str:
-    """Write the share of a test with its Monte Carlo error; empty where there is none."""
+    """Format the fraction of a test with its Monte Carlo error; empty if undefined."""
     if test not in one["test"].values:
         return ""
     one = one.sel(test=test)
@@ -47,7 +47,7 @@ def shown(one: xr.Dataset, test: str, name: str) -> str:
 
 
 def pivot(found: dict[str, xr.Dataset], name: str, title: str, note: str) -> Table:
-    """Tests down, conditions across."""
+    """Tabulate tests in rows and conditions in columns."""
     tests = list(dict.fromkeys(str(test) for one in found.values() for test in one["test"].values))
     rows: list[tuple[str, ...]] = []
     for test in tests:

@@ -20,10 +20,10 @@ from analysis.statistics.simulated import STRATEGIES, simulated_scores
 from analysis.trajectory import names
 
 Outcome = dict[str, tuple[float, float]]
-"""Per test: p of a true null hypothesis, and 1 where the interval contains the true value."""
+"""Per test: p of a true null hypothesis, and 1 if the interval contains the true value."""
 
 PAIR: Final = (STRATEGIES[1], STRATEGIES[0])
-"""The one contrast of which size and coverage are counted."""
+"""Contrast whose size and coverage are counted."""
 
 
 def _sign_flip(cube: xr.Dataset, seed: int) -> Outcome:
@@ -70,7 +70,7 @@ def _mixed_model_in_general(cube: xr.Dataset, seed: int) -> Outcome:
 
 def _bootstrap(cube: xr.Dataset, seed: int) -> Outcome:
     draw = partial(hierarchical_bootstrap, draws=500, seed=seed)
-    # The mean of z is zero also where instructions differ, the median of rho only nearly.
+    # If instructions differ, the mean of z is still zero, the median of rho only approximately.
     mean = partial(draw, compare(cube, contrasts=[PAIR]), statistic="mean")
     median = draw(compare(cube, contrasts=[PAIR], scale="raw"))
     return {
@@ -81,7 +81,7 @@ def _bootstrap(cube: xr.Dataset, seed: int) -> Outcome:
 
 
 def _equivalence(cube: xr.Dataset, seed: int) -> Outcome:
-    # The test has its largest size where the true difference equals the margin.
+    # The test has its largest size if the true difference equals the margin.
     margin = 0.3
     moved = fisher_z(cube["rho"]) + margin * (cube["strategy"] == PAIR[0])
     cube = cube.assign(rho=moved.copy(data=np.tanh(moved.values)).assign_attrs(units="1"))
@@ -99,7 +99,7 @@ METHODS: Final[dict[str, Callable[[xr.Dataset, int], Outcome]]] = {
     "equivalence": _equivalence,
 }
 IN_GENERAL: Final = ("mixed_model_in_general",)
-"""Methods whose null hypothesis is of instructions in general; else of those drawn."""
+"""Methods whose null hypothesis concerns instructions in general instead of those drawn."""
 
 
 def calibration(
@@ -110,7 +110,7 @@ def calibration(
     seed: int = 0,
     **model: Any,
 ) -> xr.Dataset:
-    """Measure how often each test rejects a true null hypothesis, and each interval holds.
+    """Measure how often each test rejects a true null hypothesis, and the coverage of each interval.
 
     Parameters
     ----------
@@ -123,18 +123,17 @@ def calibration(
     seed : int
         Cubes are drawn with the seeds seed, seed + 1, and so on.
     **model
-        Sizes and terms of `simulated_scores`; its effects stay zero.
+        Sizes and terms of `simulated_scores`; its effects are zero.
 
     Returns
     -------
     xarray.Dataset
-        Dim test: ``size`` [1], share of p <= alpha (over all contrasts for joint and Holm, one
-        contrast otherwise); ``coverage`` [1] of the interval, nominal 0.95 (equivalence 0.90; the
-        exact ones choose the next level they can reach); each with its Monte Carlo error,
-        ``size_error`` and ``coverage_error``; NaN where a method has no p or no interval. The
-        truth is that of the instructions drawn, except for "mixed model, instructions" and
-        "mixed model, misread", of instructions in general; the latter is the test of these
-        instructions taken for one of instructions in general.
+        Dim test: ``size`` [1], fraction of p <= alpha (over all contrasts for joint and Holm, one
+        contrast otherwise); ``coverage`` [1] of the interval, nominal 0.95 (equivalence 0.90);
+        their Monte Carlo errors ``size_error`` and ``coverage_error``; NaN if a method has no p or
+        no interval. The truth is that of the instructions drawn, except for "mixed model,
+        instructions" and "mixed model, misread", of instructions in general; the latter is the test
+        of these instructions interpreted as one of instructions in general.
 
     Raises
     ------
@@ -159,19 +158,12 @@ def calibration(
 
 
 def interval_coverage(*, simulations: int = 200, seed: int = 0, **model: Any) -> xr.Dataset:
-    """Measure the coverage of every kind of interval, also where too few volunteers give none.
+    """Measure the coverage of every kind of interval, also with fewer volunteers than required.
 
-    Parameters
-    ----------
-    simulations, seed, **model
-        As in `calibration`.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dim test: ``coverage`` [1], nominal 0.95, and ``coverage_error``, of the difference of two
-        strategies in Fisher's z: "paired t" (that of equivalence and sensitivity), "mixed model",
-        "mixed model, instructions" and "bootstrap, expanded".
+    The options are those of `calibration`. Dim test: ``coverage`` [1], nominal 0.95, and
+    ``coverage_error``, of the difference of two strategies in Fisher's z: "paired t" (that of
+    equivalence and sensitivity), "mixed model", "mixed model, instructions" and "bootstrap,
+    expanded".
     """
     outcomes: list[Outcome] = []
     for index in range(simulations):
@@ -201,7 +193,7 @@ def interval_coverage(*, simulations: int = 200, seed: int = 0, **model: Any) ->
 
 
 def _shares(outcomes: Sequence[Outcome], alpha: float) -> xr.Dataset:
-    """Count over cubes how often p is at most alpha, and how often intervals hold."""
+    """Fractions of cubes with p at most alpha, and with the true value in the interval."""
     labels = list(outcomes[0])
     absent = (np.nan, np.nan)
     both = np.array([[outcome.get(label, absent) for label in labels] for outcome in outcomes])

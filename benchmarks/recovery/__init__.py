@@ -1,11 +1,12 @@
-"""Recovery of the true activation by the signal chain against noise and cross-talk, as a figure.
+"""Recovery of the true activation by the signal chain with noise and cross-talk, as a figure.
 
     python -m benchmarks recovery FIGURE.png [--n 3] [--seed 0] [--emg motor_units]
 
-Simulated EMG of known activations goes through the chain; estimate and truth are compared muscle by
-muscle: Spearman's rank correlation over time, and the root-mean-square error. Noise and cross-talk in
-the matched world; noise in the mismatched one, where electrodes hear all muscles through the tissue and
-the truth is the activation, which follows the EMG. Writes the figure and, beside it, the values.
+Activations are estimated from simulated EMG of known activations; estimate and truth are compared
+for each muscle by Spearman's rank correlation over time and the root-mean-square error. Noise and
+cross-talk are varied in the matched world, noise in the mismatched one, in which electrodes pick up
+all muscles through the tissue and the truth is the activation, which lags the EMG. Writes the
+figure and its values.
 """
 
 import warnings
@@ -39,7 +40,7 @@ FALSE = "false activation (RMS)"
 
 
 def sweep(found, axis, conditions):
-    """Select the conditions of one sweep, along its axis."""
+    """Select the conditions of one sweep."""
     return found.isel(condition=[conditions.index(c) for c in axis])
 
 
@@ -66,15 +67,8 @@ def draw(noise: xr.Dataset, mixed: xr.Dataset, other: xr.Dataset):
             middle = 0.5 * sum(limits)
             for (i, j), value in np.ndenumerate(per_muscle.values):
                 colour = "white" if value < middle else "black"
-                panel.text(
-                    j,
-                    i,
-                    "-" if np.isnan(value) else f"{value:.2f}",
-                    ha="center",
-                    va="center",
-                    fontsize=6.5,
-                    color=colour,
-                )
+                text = "-" if np.isnan(value) else f"{value:.2f}"
+                panel.text(j, i, text, ha="center", va="center", fontsize=6.5, color=colour)
             panel.set_xticks(range(len(ticks)), ticks)
             panel.set_yticks(range(found.sizes["muscle"]), found["muscle"].values)
             world = str(found.attrs["world"])

@@ -20,20 +20,20 @@ from emgface.volunteers.session import trial_activation, trial_excitation
 from emgface.volunteers.settings import VolunteerParameters
 
 LEAST_PEAK: Final = 0.06
-"""Peak of the true activation from which a muscle takes part in a trial."""
+"""Peak of the true activation above which a muscle takes part in a trial."""
 MEASURES: Final = ("rank_correlation", "error", "shape_error", "false_activation")
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Properties common to the electrodes of all volunteers.
+    """Properties of the electrodes of all volunteers.
 
     Attributes
     ----------
     snr : float [dB]
         Root mean square of a channel at full activation over that of its baseline noise.
     cross_talk : float or None [1]
-        Share of a neighbour's amplitude; None where the world picks up through the tissue.
+        Fraction of a neighbour's amplitude; None if the world models pick-up through the tissue.
     """
 
     snr: float
@@ -49,19 +49,17 @@ def recover(
     instructions: Sequence[str] = tuple(INSTRUCTIONS),
     settings: VolunteerParameters | None = None,
 ) -> xr.Dataset:
-    """Compare the activation that signal chains give with the true one, muscle by muscle.
+    """Compare the activation estimated by signal chains with the true one, for each muscle.
 
     Parameters
     ----------
     conditions : iterable of Condition
-        Noise and cross-talk, one after the other.
+        Noise and cross-talk.
     chains : mapping of str to SignalChain
-        By name; one whose normalisation reaches to a reference is given a recording in which each
-        muscle is fully active once.
-    n : int
-        Number of volunteers.
-    seed : int
-        Seed of the set.
+        By name; a chain that normalises to a reference receives a recording in which each muscle is
+        fully active once.
+    n, seed : int
+        Number of volunteers and seed of the set.
     instructions : sequence of str
         Some of A to F; one repetition each.
     settings : VolunteerParameters, optional
@@ -72,16 +70,17 @@ def recover(
     Dataset
         Dims (condition, chain, muscle, trial), muscle without side, both sides averaged;
         ``rank_correlation`` [1], Spearman's over time; ``error`` [1], root mean square of the
-        difference; ``shape_error`` [1], the same after the best factor on the estimate, over the
-        root mean square of the truth; NaN where a muscle does not take part (`LEAST_PEAK`).
+        difference; ``shape_error`` [1], the same after the best scaling of the estimate, over the
+        root mean square of the truth; NaN if a muscle does not take part (`LEAST_PEAK`).
         ``false_activation`` [1], root mean square of the difference of a muscle that does not take
-        part; NaN elsewhere. All are NaN where the chain refused the trial. Coords ``snr`` [dB],
+        part; NaN otherwise. All are NaN if the chain refused the trial. Coords ``snr`` [dB],
         ``cross_talk`` [1]; attributes origin "simulated" and world.
 
     Raises
     ------
     ConfigurationError
-        If a condition has a cross-talk and the world another pick-up, or neither.
+        A condition has a cross-talk in a world with pick-up through the tissue, or lacks it in
+        another.
     """
     wanted = list(conditions)
     settings = settings or VolunteerParameters()
@@ -122,7 +121,7 @@ def recover(
                         reference=extents.get((name, person.index)),
                     )["activation"]
                 except SignalError:
-                    continue  # the chain says that it cannot; the cell stays NaN
+                    continue  # the chain refuses the trial; its values remain NaN
                 for measure, values in _compare(estimate, truth).items():
                     found[measure][k, c, :, t] = values
     dims = ("condition", "chain", "muscle", "trial")
@@ -150,17 +149,9 @@ def recover(
 
 
 def full_effort(*, hold: float = 0.6, rest: float = 0.4) -> xr.DataArray:
-    """Activation in which each muscle, both sides together, is fully active once.
+    """Activation ``(muscle, time_true)`` in which each muscle, on both sides, is fully active once.
 
-    Parameters
-    ----------
-    hold, rest : float
-        Seconds of full activation of each muscle, and of rest before and after.
-
-    Returns
-    -------
-    DataArray
-        ``(muscle, time_true)`` [1].
+    `hold` and `rest` are the durations of full activation and of rest [s].
     """
     rate, period = 1000.0, hold + rest
     time = np.arange(round(len(MODELLED) * period * rate) + 1) / rate
@@ -178,7 +169,7 @@ def full_effort(*, hold: float = 0.6, rest: float = 0.4) -> xr.DataArray:
 
 
 _Body = tuple[Pools | None, Conduction | None]
-"""Motor units of a person, and the ways of their muscles to the electrodes."""
+"""Motor units of a person, and conduction from the muscles to the electrodes."""
 
 
 def _body(person: SimulatedVolunteer, settings: VolunteerParameters) -> _Body:
@@ -207,7 +198,7 @@ def _recording(
     body: _Body,
     instruction: str,
 ) -> xr.Dataset:
-    """EMG of one trial; every channel has the same ratio of its gain to its noise."""
+    """EMG of one trial; all channels have the same ratio of gain to noise."""
     gain = settings.world.amplitude * np.array([person.gain[channel] for channel in CHANNELS])
     place = list(INSTRUCTIONS).index(instruction) if instruction else len(INSTRUCTIONS)
     rng = np.random.default_rng([person.seed, person.index, 11, place])
@@ -246,7 +237,7 @@ def _compare(estimate: xr.DataArray, truth: xr.DataArray) -> dict[str, np.ndarra
             factor = float(a @ b) / power if power > 0.0 else 0.0
             sides["error"][s, m] = np.sqrt(np.mean((b - a) ** 2))
             sides["shape_error"][s, m] = np.sqrt(np.mean((factor * b - a) ** 2) / np.mean(a**2))
-            # An estimate that never changes orders nothing.
+            # The rank correlation of a constant estimate is undefined; it counts as 0.
             flat = np.ptp(b) == 0.0
             sides["rank_correlation"][s, m] = 0.0 if flat else scipy.stats.spearmanr(a, b)[0]
     with np.errstate(invalid="ignore"):

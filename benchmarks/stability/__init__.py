@@ -1,8 +1,8 @@
-"""Stability battery: eleven rows of extreme cases, each run with every integrator that should hold.
+"""Stability battery: eleven rows of extreme cases, each simulated with every suitable integrator.
 
-Row 3, 4, 9 and 11 need a face, that of --face or the coarse template. Prints, over every parameter that
-a row sweeps, up to where each integrator holds and what stops it; fails where a wrong answer came
-without an error. The folder of --out receives every run besides.
+Rows 3, 4, 9 and 11 require a face, that of --face or the coarse template. Prints, for every
+parameter that is varied, the range in which each integrator succeeds and the errors outside it;
+fails if a wrong result occurred without an error. The folder of --out receives a table of all runs.
 """
 
 from collections.abc import Sequence
@@ -31,20 +31,13 @@ BLOCK_ROWS = (
     bulk_moduli, stiff_layers, time_steps, jumps, bad_starts, gravity_and_rotation, slivers, masses,
     bad_input, quiet,
 )  # fmt: skip
-"""Rows on small bodies; a new one is a function here. Row 9 needs a face."""
+"""Functions of the rows on small bodies."""
 
 
 def run_battery(
     face: xr.Dataset | None = None, *, rows: Sequence[int] | None = None
 ) -> pd.DataFrame:
-    """Run the battery.
-
-    Parameters
-    ----------
-    face : Dataset, optional
-        Face model for the rows on a whole face (3, 4, 9 and 11); left out if absent.
-    rows : sequence of int, optional
-        Rows to run, all by default.
+    """Run the battery, or some of its `rows`; rows on a face are omitted without one.
 
     Returns
     -------
@@ -67,19 +60,10 @@ def run_battery(
 
 
 def limits(found: pd.DataFrame) -> pd.DataFrame:
-    """One row per sweep, one column per integrator.
+    """Tabulate the result of `run_battery`, one row per varied parameter, one column per integrator.
 
-    Parameters
-    ----------
-    found : DataFrame
-        Of `run_battery`.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``row``, ``parameter``, ``swept`` and the integrators: "all", or the values that went
-        well and, in brackets, what came at the others; "" where a scheme was not run. Refusals that
-        are the right answer count as well.
+    A cell is "all", or the range of values that succeeded and, in brackets, the errors at the
+    others; "" if a scheme was not run. Expected refusals count as success.
     """
     swept = found[found["parameter"] != ""]
     if swept.empty:

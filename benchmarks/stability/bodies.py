@@ -1,4 +1,4 @@
-"""Small bodies for the battery: a layered block with two muscles, held at its base or free."""
+"""Small bodies for the battery: a layered block with two muscles, fixed at its base or free."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -30,10 +30,10 @@ class Block:
     stiff : factor on the passive stiffness of the uppermost layer.
     dense : factor on its density.
     gravity : acceleration along z [m/s^2].
-    held : whether the base is fixed.
-    damped : whether Rayleigh damping acts.
-    squeezed : factor on the height of the middle layer, which makes slivers of its elements.
-    corner : scaled Jacobian at one corner inside, whose node is moved for it; 1 leaves it.
+    held : the base is fixed.
+    damped : Rayleigh damping acts.
+    squeezed : factor on the height of the middle layer, whose elements become slivers.
+    corner : scaled Jacobian at one inner corner, whose node is moved accordingly; 1 for no change.
     """
 
     sigma_max: float = 100e3
@@ -104,9 +104,9 @@ class Block:
 
 
 def _drawn_in(jacobian: float) -> float:
-    """Factor on the place of the corner (1, 1, 1) of a unit cube that gives it a scaled Jacobian.
+    """Factor on the position of the corner (1, 1, 1) of a unit cube for a scaled Jacobian.
 
-    At 2/3 it lies in the plane of its three neighbours.
+    At 2/3 the corner lies in the plane of its three neighbours.
     """
 
     def at(c: float) -> float:

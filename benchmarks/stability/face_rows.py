@@ -1,4 +1,4 @@
-"""Rows of the battery that need a whole face."""
+"""Rows of the battery on a whole face."""
 
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -25,7 +25,7 @@ TOUCHING = {
     "constraint": {name: IMPLICIT[name] for name in ("linearly implicit Euler", "Euler")},
     **({"barrier": CONVERGED} if find_spec("ipctk") else {}),
 }
-"""Integrators that hold each kind of contact, of those that can be had."""
+"""Integrators that support each available kind of contact."""
 DEPTH = 1e-4
 """Largest accepted depth of a node in a surface [m]."""
 
@@ -112,13 +112,13 @@ def _surfaces(face: xr.Dataset) -> tuple[str, ...]:
 
 
 def _apart(face: xr.Dataset, between: tuple[str, ...]) -> Judge:
-    """Judge that nothing has passed into what it touches, or into teeth deeper than any node at rest."""
+    """Judge that no node is inside another surface, or in teeth deeper than the deepest node at rest."""
 
     def judge(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
         into = Penetration(face)
         depth = into.lips(end.q)
         if "teeth" in between:
-            # a barrier dents the shell by as much as tissue starts inside
+            # A barrier offsets the shell by the initial depth of the tissue.
             dent = max((deepest for _, deepest in into.at_rest().values()), default=0.0)
             depth = max(depth, into.teeth(end.q) - dent)
         return "" if depth < DEPTH else f"surfaces pass by {1e3 * depth:.2g} mm"
@@ -127,7 +127,7 @@ def _apart(face: xr.Dataset, between: tuple[str, ...]) -> Judge:
 
 
 def _inside(system: sim.System) -> sim.State:
-    """Every supported node behind its wall by OVERLAP, the rest of the tissue where it is."""
+    """State with every supported node behind its wall by OVERLAP and the rest of the tissue at rest."""
     walls = next(t for t in system.scene.terms if isinstance(t, sim.Support))
     rest = system.rest_state()
     q = rest.q.copy()

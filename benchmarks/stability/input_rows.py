@@ -1,4 +1,4 @@
-"""Row of input that cannot be."""
+"""Row of invalid input."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ TITLE = "invalid activation or muscle"
 
 
 def bad_input() -> Iterator[Trial]:
-    """Row 10: activations and muscles that cannot be, each refused by its own error."""
+    """Row 10: invalid activations and muscles, each refused by its own error."""
     for name, value in (
         ("NaN", np.nan), ("infinite", np.inf), ("negative", -0.1), ("above 1", 1.1),
     ):  # fmt: skip

@@ -1,4 +1,4 @@
-"""Rows of bad materials and bad elements: stiff volume, stiff layers, slivers, mass ratios."""
+"""Rows of extreme materials and elements: stiff volume, stiff layers, slivers, mass ratios."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from sim import FixedStep, HalvingStep
 
 STEP = HalvingStep(0.01)
 EXPLICIT_STEP = FixedStep(5e-5)
-"""About a fifth of what the block of soft tissue allows."""
+"""Step [s] of about a fifth of the stability limit of the block of soft tissue."""
 
 
 def both(
@@ -25,7 +25,8 @@ def both(
 ) -> Iterator[Trial]:
     """One case for the implicit schemes, and undamped and short for the explicit ones.
 
-    Stiffness damping bounds explicit steps so low that it would hide every other limit.
+    Stiffness-proportional damping limits explicit steps so strongly that it would hide other
+    limits.
     """
     drive = driven(FULL, 0.01) if full else driven(MODERATE, 0.1)
     yield Trial(
@@ -60,7 +61,7 @@ def stiff_layers() -> Iterator[Trial]:
 
 
 def slivers() -> Iterator[Trial]:
-    """Row 7: flat elements, and elements with a corner that is almost turned inside out."""
+    """Row 7: flat elements, and elements with a nearly inverted corner."""
     title = "sliver elements"
     for factor in (0.1, 0.02, 0.007, 0.001):
         block = Block(squeezed=factor)

@@ -1,4 +1,4 @@
-"""Rows of hard motions: time steps, jumps, bad starts, gravity and rotation, rest."""
+"""Rows of extreme motions: time steps, jumps, invalid initial states, gravity and rotation, rest."""
 
 from collections.abc import Callable, Iterator
 
@@ -11,11 +11,11 @@ from benchmarks.stability.material_rows import STEP, both
 from benchmarks.stability.trial import Judge, Trial, stays
 
 FREE_FALL = 1e-4
-"""Velocity that an iteration to 1e-6 m in steps of 10 ms may miss [m/s]."""
+"""Error of the velocity for a tolerance of 1e-6 m in steps of 10 ms [m/s]."""
 STRAIN = 3.0 * 1e-6 / (SIZE / 3.0)
-"""Change of volume that an error of 1e-6 m in the length of an edge may mean [1]."""
+"""Change of volume for an error of 1e-6 m in the length of an edge [1]."""
 KICK = 0.05
-"""Speed of the free end of a block that is set swinging [m/s]."""
+"""Initial speed of the free end of an oscillating block [m/s]."""
 TURNING = "gravity x 10, reversed; free fall; rigid rotation"
 NOTHING = driven((0.0, 0.0), 0.1)
 
@@ -70,7 +70,7 @@ def bad_starts() -> Iterator[Trial]:
 
 
 def gravity_and_rotation() -> Iterator[Trial]:
-    """Row 6: gravity x 10 and reversed, free fall; 1000 turns are a row of their own."""
+    """Row 6: gravity x 10 and reversed, and free fall; the 1000 turns are computed by `turned`."""
     for name, g in (("x 10", -98.0), ("reversed", 9.8), ("x 10, reversed", 98.0)):
         system = Block(gravity=g).system
         yield Trial(
@@ -94,9 +94,9 @@ def gravity_and_rotation() -> Iterator[Trial]:
 
 
 def turned(turns: int) -> str:
-    """Turn a body in steps of a degree; what is wrong with its forces, or "".
+    """Error of the forces of a body rotated in steps of a degree, or "".
 
-    The element loop sees only positions, so that a thousand turns are one rotation after the other.
+    The element loop depends only on positions, so that a thousand turns are successive rotations.
     """
     system = Block(held=False, gravity=0.0).system()
     X, angle = system.scene.mesh.X, np.deg2rad(1.0)
@@ -112,7 +112,7 @@ def turned(turns: int) -> str:
 
 
 def quiet() -> Iterator[Trial]:
-    """Row 11: nothing drives; ten seconds at equilibrium, and energy that never grows."""
+    """Row 11: ten seconds without activation, at equilibrium and with energy that must not increase."""
     title = "10 s without activation"
 
     def settled(system: sim.System) -> sim.State:
@@ -134,7 +134,7 @@ def quiet() -> Iterator[Trial]:
                 IMPLICIT | STATIC, start=settled, judge=stays)  # fmt: skip
     yield Trial(11, title, "energy never grows", Block().system, NOTHING, 10.0, slow,
                 judge=decays(1e-9))  # fmt: skip
-    # without damping the energy of a symplectic scheme swings about a constant
+    # Without damping, the energy of a symplectic scheme oscillates about a constant.
     swinging = Block(damped=False, gravity=0.0)
 
     def kicked(system: sim.System) -> sim.State:

@@ -1,4 +1,4 @@
-"""One case of the battery, run and judged."""
+"""One case of the battery and the evaluation of its result."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,13 +11,13 @@ from sim.integrators import Integrator
 from sim.steps import StepControl
 
 MOST = 1.0
-"""No node of a right answer moves further than this from where it was [m]."""
+"""Largest displacement of a node in a correct result [m]."""
 LEAST_ENERGY = 1e-9
-"""Size of an energy that a drift is told in [J]."""
+"""Least energy to which a drift is related [J]."""
 
 
 Judge = Callable[[sim.System, sim.State, sim.State, np.ndarray], str]
-"""Of the system, its first and last state and the energy over time: what is wrong, or ""."""
+"""Returns the error found in the system, its first and last state and the energy over time, or ""."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,10 @@ class Outcome:
 
     Attributes
     ----------
-    outcome : "ok", "refused: <error>" (a typed failure) or "WRONG: <what>".
-    parameter, value : what is swept, and where; NaN where a case stands alone.
-    energy_drift : largest growth of the energy in one interval over its size, where no muscle drives.
-    expected : whether a refusal is the right answer to the case.
+    outcome : "ok", "refused: <error>" (a typed failure) or "WRONG: <error>".
+    parameter, value : parameter that is varied, and its value; NaN for a single case.
+    energy_drift : largest relative growth of the energy in one interval, without activation.
+    expected : a refusal is the correct result.
     """
 
     row: int
@@ -52,13 +52,13 @@ class Trial:
 
     Attributes
     ----------
-    row, title, case : where it stands in the table.
-    system : made when it is run, so that its failure is part of the outcome.
-    activation, duration, steps : what drives it; `steps.h` is the output interval.
-    start : initial state, from the system; rest by default.
-    parameter, value : what the row sweeps, with its unit, and where this case stands.
-    judge : further condition of a right answer.
-    refusal : name of the error that is the right answer, or "".
+    row, title, case : labels in the table.
+    system : compiled at the start of the run, so that its failure is part of the outcome.
+    activation, duration, steps : excitation and stepping; `steps.h` is the output interval.
+    start : initial state of the system, by default at rest.
+    parameter, value : parameter varied in the row, with its unit, and its value.
+    judge : further condition of a correct result.
+    refusal : name of the expected error, or "".
     """
 
     row: int
@@ -77,10 +77,10 @@ class Trial:
 
 
 def run(trial: Trial, name: str) -> Outcome:
-    """Run a trial with one integrator and judge what comes of it."""
+    """Run a trial with one integrator and evaluate its result."""
     integrator = trial.integrators[name]
     head = (trial.row, trial.title, trial.case, trial.parameter, trial.value, name)
-    # the one-solution schemes have nothing to halve for: their failure is the finding
+    # Linearly implicit schemes do not halve a step that fails; their failure is the result.
     single = name not in CONVERGED | STATIC and isinstance(trial.steps, sim.HalvingStep)
     steps = sim.FixedStep(trial.steps.h) if single else trial.steps
     try:
@@ -132,6 +132,6 @@ def _wrong(
 
 
 def stays(system: sim.System, start: sim.State, end: sim.State, energy: np.ndarray) -> str:
-    """Judge that nothing has moved."""
+    """Judge that no node has moved."""
     moved = float(np.abs(end.q - start.q).max())
     return "" if moved < 1e-8 else f"it has moved by {moved:.1e} m"

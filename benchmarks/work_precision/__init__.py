@@ -1,8 +1,8 @@
-"""Error against run time: integrators, steps, tolerances, linear solvers, meshes, volume.
+"""Error and run time of integrators, steps, tolerances, linear solvers, meshes and volume treatments.
 
-Models are pointwise, element, nodal or hard; after "refined:" on the mesh with every element divided
-into eight. The first is measured widely, with --full all of them. Instructions are A to F. --processor
-takes processor time, for a machine that does other work.
+Models are pointwise, element, nodal or hard; "refined:" before them denotes the mesh with every
+element divided into eight. All settings are measured for the first model, and with --full for all
+of them. Instructions are A to F. --processor measures processor time.
 """
 
 from pathlib import Path

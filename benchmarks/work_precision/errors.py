@@ -1,4 +1,4 @@
-"""Distance of two motions in millimetres, and what it changes of a score."""
+"""Distance of two motions in millimetres, and the resulting change of a score."""
 
 from typing import Final
 
@@ -13,14 +13,14 @@ from sim import Activation
 LATE: Final = 0.03
 """Delay of the reference motion of the scores [s]."""
 FACTORS: Final = (1.3, 0.7)
-"""Factors on the activation of every other muscle in that motion."""
+"""Factors on the activations of alternate muscles in that motion."""
 
 
 def other_person(instruction: str, muscles: tuple[str, ...], duration: float) -> Activation:
-    """Drive of the motion that stands in for a measured one.
+    """Activation of the motion that represents a measured one.
 
-    The same gesture, muscles alternately stronger and weaker, and later: a score of a motion against
-    itself would hide errors, since rho is stationary there.
+    The same gesture with alternately stronger and weaker muscles, and later. The score of a motion
+    with itself would hide errors, because rho is stationary there.
     """
     levels = gesture_activation(instruction)
     factor = {name: FACTORS[i % 2] for i, name in enumerate(muscles)}
@@ -35,17 +35,10 @@ def other_person(instruction: str, muscles: tuple[str, ...], duration: float) ->
 
 
 def errors(found: xr.Dataset, exact: xr.Dataset, measured: xr.Dataset) -> dict[str, float]:
-    """Compare a motion with the exact one, and the scores of both against a measured one.
+    """Compare a motion with the exact one, and the scores of both with a measured one.
 
-    Parameters
-    ----------
-    found, exact, measured : Dataset
-        ``position(marker, axis, time)`` [m] at the same instants.
-
-    Returns
-    -------
-    dict
-        Root mean square and largest distance of a lip marker [mm], largest change of a marker's rho.
+    Datasets contain ``position(marker, axis, time)`` [m] at the same instants. Returns root mean
+    square and largest distance of a lip marker [mm], and the largest change of a marker's rho.
     """
     same = [d["position"].transpose("marker", "axis", "time") for d in (found, exact, measured)]
     here, there, goal = (d.assign_coords(time=same[1]["time"]) for d in same)

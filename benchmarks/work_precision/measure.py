@@ -1,4 +1,4 @@
-"""Run every setting on every gesture, and compare."""
+"""Run every setting on every gesture, and compute errors and run times."""
 
 import statistics
 import time
@@ -36,9 +36,9 @@ COUNTS: Final = ("steps", "rejected", "iterations", "factorisations")
 TIME: Final = "run time s/s"
 ERRORS: Final = ("error rms mm", "error max mm", "change of rho")
 ALIKE: Final = 1.02
-"""Ratio of errors that counts as none."""
+"""Ratio of errors that are regarded as equal."""
 FINER: Final = 4
-"""Steps of a reference to the smallest step that is compared with it."""
+"""Number of steps of the reference solution per smallest step compared with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +48,14 @@ class Found:
     Attributes
     ----------
     stepping : DataFrame
-        One row per setting and instruction. Error of the *time stepping* against SDIRK2 of the same
-        model in steps of a quarter of the smallest compared with it: ``error rms mm`` and ``error max
-        mm`` of the lip markers every 10 ms, ``change of rho``; ``run time s/s`` per simulated second,
-        counts of the solver, ``smallest J``, ``status`` ("ok" or the name of the failure);
+        One row per setting and instruction. Error of the *time stepping* relative to SDIRK2 of the
+        same model in steps of a quarter of the smallest compared step: ``error rms mm`` and ``error
+        max mm`` of the lip markers every 10 ms, ``change of rho``; ``run time s/s`` per simulated
+        second, counts of the solver, ``smallest J``, ``status`` ("ok" or the name of the failure);
         ``requested mm`` of error control.
     models : DataFrame
-        One row per model and instruction. Error of the *discretisation*: distance of the model, solved
-        exactly in time, from the finest one.
+        One row per model and instruction. Error of the *discretisation*: distance of the model,
+        solved with the reference steps, from the finest one.
     finest : str
     unit : float
         Time of one factorisation and solution of the first model [s].
@@ -86,11 +86,11 @@ def measure(
     face : Dataset
         Face model.
     parameters : SimulationParameters
-        Tissue and loads; the solver in it is not used.
+        Tissue and loads; its solver is not used.
     settings : iterable of Setting, optional
-        Those of `settings_of` for each model by default.
+        By default those of `settings_of` for each model.
     models : sequence of Model
-        Meshes and treatments of the volume. The first is measured widely.
+        Meshes and treatments of the volume; all settings are measured for the first.
     instructions : sequence of str
         Gestures, A to F.
     duration : float
@@ -98,10 +98,10 @@ def measure(
     repeats : int
         Runs per setting, interleaved; times are medians.
     full : bool
-        Whether every model is measured as widely as the first.
+        Measure all settings for every model.
     processor : bool
-        Whether the time of the processor is taken in place of that of the wall clock: fairer on a
-        machine that does other work, too high with several threads.
+        Measure processor time instead of wall time: less affected by other processes, but too long
+        with several threads.
     """
     clock = time.process_time if processor else time.perf_counter
     nodes = face["marker_node"].values.astype(np.int64)
@@ -165,7 +165,7 @@ def measure(
 
 
 def _requested(setting: Setting) -> float:
-    """Error that the steps are chosen by [m]; NaN without such a choice."""
+    """Tolerance of the error control [m]; NaN for other step controls."""
     steps = setting.steps
     return steps.tolerance if isinstance(steps, ErrorControlledStep) else float("nan")
 
@@ -207,7 +207,7 @@ def _row(
     goal: xr.Dataset,
     clock: Clock,
 ) -> dict[str, object]:
-    """Errors, time and counts of one run; of a failure its name."""
+    """Errors, time and counts of one run, or the name of its failure."""
     try:
         trajectory, seconds = _run(case, setting, drive, duration, clock)
     except SimulationError as error:
@@ -222,11 +222,11 @@ def _row(
 
 
 def worst(stepping: pd.DataFrame) -> pd.DataFrame:
-    """Worst of the instructions of every setting in `Found.stepping`, and which none beats.
+    """Maximum over the instructions of every setting in `Found.stepping`, and Pareto-optimal settings.
 
-    ``Pareto`` marks settings that no other of the same model beats in both time and error. An error
-    within 2 % is no other error: of settings that solve the same equations, the fastest stays. A
-    setting that failed on an instruction is out.
+    ``Pareto`` marks settings to which no other setting of the same model is superior in both time
+    and error. Errors within 2 % are regarded as equal, so that of settings that solve the same
+    equations the fastest is marked. A setting that failed on an instruction is not marked.
     """
     keys = ["model", "family", "setting"]
     groups = stepping.groupby(keys, sort=False, dropna=False)

@@ -1,4 +1,4 @@
-"""The models that are solved: a mesh with a treatment of its volume."""
+"""Models that are solved: a mesh with a treatment of its volume."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -19,33 +19,19 @@ VOLUMES: Final = ("pointwise", "element", "nodal", "hard")
 
 @dataclass(frozen=True, order=True)
 class Model:
-    """A discretisation.
-
-    Attributes
-    ----------
-    refinements : int
-        How often every element of the face has been divided into eight.
-    volume : str
-        "pointwise", "element", "nodal" or "hard".
-    """
+    """Discretisation: number of divisions of every element into eight, and treatment of the volume."""
 
     refinements: int = 0
     volume: str = "pointwise"
 
     @property
     def name(self) -> str:
-        """As the command takes it."""
+        """Name in the command's options."""
         return f"{'refined:' * self.refinements}{self.volume}"
 
     @classmethod
     def named(cls, name: str) -> "Model":
-        """Read a name such as "nodal" or "refined:element".
-
-        Raises
-        ------
-        ConfigurationError
-            It is none.
-        """
+        """Parse a name such as "nodal" or "refined:element", or raise `ConfigurationError`."""
         *divisions, volume = name.split(":")
         if volume not in VOLUMES or set(divisions) - {"refined"}:
             raise ConfigurationError(
@@ -63,10 +49,10 @@ MODELS: Final = tuple(
 
 
 def finest(models: tuple[Model, ...]) -> Model:
-    """The model that the others are compared with.
+    """Reference model for the discretisation error: the most refined one with the least locking.
 
-    Most refined; of these the one that locks least. A hard volume is another tissue, not a better
-    discretisation, and is taken only where nothing else is there.
+    A hard volume is a different tissue and not a better discretisation; it is chosen only without
+    others.
     """
     rank = {"hard": 0, "pointwise": 1, "element": 2, "nodal": 3}
     return max(models, key=lambda m: (m.volume != "hard", m.refinements, rank[m.volume]))
@@ -74,16 +60,7 @@ def finest(models: tuple[Model, ...]) -> Model:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A compiled model with its rest state.
-
-    Attributes
-    ----------
-    system : System
-    start : State
-        At rest under the loads.
-    nodes, names : lip markers.
-    elements : int
-    """
+    """A compiled model with its rest state under the loads, the nodes and names of the lip markers."""
 
     system: System
     start: State

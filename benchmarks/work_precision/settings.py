@@ -1,4 +1,4 @@
-"""The ways to solve a model: integrators x steps x tolerances x linear solvers."""
+"""Settings of a solution: integrators x steps x tolerances x linear solvers."""
 
 from dataclasses import dataclass
 
@@ -21,22 +21,19 @@ from sim.linear import LINEAR_SOLVERS, pardiso_is_available
 from sim.steps import StepControl
 
 HORIZON = 0.055
-"""Time over which tissue with the default damping forgets an error, its beta [s]."""
+"""Relaxation time of errors in tissue with the default damping, its beta [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """One way to solve a model.
+    """Method for the solution of a model.
 
     Attributes
     ----------
-    family : str
-        Settings of one family make one line of the figure.
-    label : str
-        What tells it from others of its family.
-    integrator : Integrator
-    steps : StepControl
-    model : Model
+    family, label : str
+        Line of the figure, and name within this line.
+    integrator, steps, model
+        Scheme, step control and model.
     linear : str
         Linear solver, or "auto".
     """
@@ -57,17 +54,16 @@ class Setting:
 def settings_of(
     model: Model, nodes: NDArray[np.int64], *, base: bool, full: bool = False
 ) -> list[Setting]:
-    """Return the settings that a model is solved with.
+    """Return the settings of a model.
 
     Parameters
     ----------
     model : Model
     nodes : ndarray of int
-        Nodes of the lip markers, which error control watches.
-    base : bool
-        Whether it is the model whose settings are measured widely; of others a few tell the cost.
-    full : bool
-        Whether every model is measured widely, with the smaller steps too.
+        Nodes of the lip markers, whose error is controlled.
+    base, full : bool
+        All settings are returned for the base model, and with `full` for every model, then also
+        smaller steps; otherwise only a few.
     """
     if not (base or full):
         return [
@@ -92,7 +88,7 @@ def _sized(
     steps: type[FixedStep] | type[HalvingStep],
     milliseconds: tuple[float, ...],
 ) -> list[Setting]:
-    """One integrator in steps of several sizes."""
+    """Settings of one integrator with steps of several sizes."""
     return [
         Setting(family, f"{milli:g} ms", integrator, steps(milli * 1e-3), model)
         for milli in milliseconds
@@ -100,7 +96,7 @@ def _sized(
 
 
 def _iterated(model: Model, full: bool) -> list[Setting]:
-    """Looser and tighter iterations than the default of 0.001 mm."""
+    """Settings with larger and smaller tolerances than the default of 0.001 mm."""
     found: list[Setting] = []
     for tolerance in (1e-4, 1e-5, 1e-7) if full else (1e-4, 1e-5):
         label = f"{tolerance * 1e3:g} mm"
@@ -127,7 +123,7 @@ def _controlled(model: Model, nodes: NDArray[np.int64]) -> list[Setting]:
 
 
 def _linear(model: Model) -> list[Setting]:
-    """Every linear solver there is; a hard volume has a saddle matrix and a solver of its own."""
+    """Settings with every available linear solver; a hard volume has its own solver."""
     if model.volume == "hard":
         return []
     names = [n for n in LINEAR_SOLVERS if pardiso_is_available() or "pardiso" not in n]

@@ -1,8 +1,8 @@
-"""Make the tables and pictures of `docs/mechanics`.
+"""Generate the tables and pictures of `docs/mechanics`.
 
 python -m studies.mechanics                          template face, then the page
 python -m studies.mechanics --face FACE.nc --out DIR  any other face; numbers and pictures to DIR
-python -m studies.mechanics --page                    the page alone, from the tables that are here
+python -m studies.mechanics --page                    the page only, from the stored tables
 """
 
 import argparse
@@ -116,7 +116,7 @@ def expressions(face: xr.Dataset, out: Path) -> None:
 
 
 def probes(face: xr.Dataset, out: Path) -> None:
-    """Stiffness of the skin under prestress."""
+    """Stiffness of the skin under prestress, as a table."""
     rows = []
     for stress in STRESSES:
         say(f"probe, {stress / 1e3:g} kPa")
@@ -144,7 +144,7 @@ def probes(face: xr.Dataset, out: Path) -> None:
 
 
 def lips_table(folder: Path) -> str:
-    """Rounding at half and full activation."""
+    """Lip rounding at half and full activation."""
     table = pd.read_csv(folder / "rounding.csv")
     table = table[table.activation.isin([0.0, 0.5, 1.0])]
     table = table[~((table.activation == 0.0) & (table.support | (table.stiffening > 1.0)))]
@@ -195,7 +195,7 @@ def page() -> str:
 
 
 def main() -> None:
-    """Make what is asked for."""
+    """Compute the results specified by the options."""
     parser = argparse.ArgumentParser(
         description="Tables and pictures of lips, expressions and skin."
     )

@@ -20,7 +20,7 @@ from sim import (
 from sim.state import State
 
 LEVELS = tuple(round(0.1 * k, 1) for k in range(11))
-"""Shares of the activation at which equilibria are kept."""
+"""Fractions of the activation at which equilibria are stored."""
 
 Progress = Callable[[int, int], None]
 
@@ -33,32 +33,32 @@ def equilibria(
     levels: Sequence[float] = LEVELS,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Raise an activation in steps; after each the face finds its equilibrium.
+    """Raise an activation in steps and compute the equilibrium of the face after each.
 
     Parameters
     ----------
     face : Dataset
         Face model.
     activation : mapping
-        Muscle such as ``ZYG_L`` to its activation at level 1 [1]; the rest is silent.
+        Muscle such as ``ZYG_L`` to its activation at level 1 [1]; the others are inactive.
     parameters : SimulationParameters
-        Laws and loads; step, solver and damping do not matter.
+        Laws and loads; step, solver and damping are not used.
     levels : sequence of float
-        Ascending shares of the activation, from 0 to 1. What the face does at level 0 comes of gravity
-        and prestress.
+        Increasing fractions of the activation, from 0 to 1. The displacement at level 0 is due to
+        gravity and prestress.
     progress : callable, optional
         Called as ``progress(done, total)`` after every level.
 
     Returns
     -------
     Dataset
-        ``node_position(level, node, axis)`` [m], ``smallest_J(level)``; attrs ``origin`` "simulated",
-        ``face``, ``sigma_max`` [Pa].
+        ``node_position(level, node, axis)`` [m], ``smallest_J(level)``; attrs ``origin``
+        "simulated", ``face``, ``sigma_max`` [Pa].
 
     Raises
     ------
     ActivationError
-        A muscle is unknown, or the levels do not ascend.
+        A muscle is unknown, or the levels do not increase.
     ControlError
         An activation lies outside 0-1.
     InvertedElement, NotConverged, SingularSystem
@@ -66,7 +66,8 @@ def equilibria(
 
     Notes
     -----
-    A branch that buckles is followed to the equilibrium that the descent from the previous level finds.
+    After buckling, the solution is the equilibrium found by descent from that of the previous
+    level.
     """
     if not len(levels) or not (np.diff(levels) > 0.0).all():
         raise ActivationError(

@@ -1,4 +1,4 @@
-"""Facial expressions: held activations, displacement of landmarks, and what the skin changes in them."""
+"""Facial expressions: held activations, displacement of landmarks, and effect of the skin."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,15 +25,15 @@ EXPRESSIONS: Final[Mapping[str, Mapping[str, float]]] = {
     "pursing of the lips": {"OOP": 0.5, "OOM": 0.1},
     "lips turned downwards": {"DAO": 0.7},
 }
-"""Muscles of either side and their activation [1]. Source of the four: Stavness et al., Facial
-expression simulations, which states no activations; these are chosen."""
+"""Muscles of both sides and their activation [1]. The four are those of Stavness et al., Facial
+expression simulations; the activations, which are not stated there, were chosen."""
 
 LEVELS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True)
 class Skin:
-    """A variant of the skin: its name and the changes it makes to `SimulationParameters`."""
+    """Variant of the skin: its name and its changes to `SimulationParameters`."""
 
     name: str
     changes: Mapping[str, Any]
@@ -63,26 +63,16 @@ SKINS: Final = (
         for name, factor in (("young", 0.5), ("mature", 1.0), ("old", 2.0))
     ),
 )
-"""Skins compared: isotropic and stiffer, tense, and the orthotropic skin of the publication at three
-ages; the tissue beneath is the same in all."""
+"""Variants of the skin: isotropic and stiffer, under tension, and the orthotropic skin of the
+publication at three ages; the tissue beneath is the same in all."""
 
 
 def landmarks(face: xr.Dataset) -> dict[str, int]:
-    """Nodes of the skin whose displacement is reported.
+    """Names and nodes of the skin landmarks whose displacement is reported.
 
-    The ten lip markers; the margins of both lips in the midline; chin: the foremost midline node of the
-    skin at least 10 mm below the lower lip margin; cheeks: the nodes nearest to 25 mm lateral and 20 mm
-    above the mouth corners.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model with `lip_opening_node`.
-
-    Returns
-    -------
-    dict
-        Name to node index.
+    The ten lip markers; the margins of both lips in the midline; chin: the foremost midline node of
+    the skin at least 10 mm below the lower lip margin; cheeks: the nodes nearest to 25 mm lateral
+    and 20 mm above the mouth corners.
     """
     position = face["position"].values
     found = {
@@ -97,7 +87,7 @@ def landmarks(face: xr.Dataset) -> dict[str, int]:
     found["chin"] = int(chin[np.argmax(position[chin, 1])])
     for side, sign in (("left", -1.0), ("right", 1.0)):
         wanted = position[found[f"corner_{side}"]] + np.array([sign * 0.025, 0.0, 0.02])
-        # nearest in front view: the skin falls away sideways
+        # The nearest node in front view, because the skin recedes laterally.
         away = np.linalg.norm((at - wanted)[:, [0, 2]], axis=1)
         front = at[:, 1] > np.median(position[:, 1])
         found[f"cheek_{side}"] = int(skin[np.argmin(np.where(front, away, np.inf))])
@@ -113,7 +103,7 @@ def express(
     parameters: SimulationParameters | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, dict[tuple[str, str], Floats]]:
-    """Hold expressions with several skins and measure how far landmarks move.
+    """Hold expressions with several skins and measure the displacements of landmarks.
 
     Parameters
     ----------
@@ -125,7 +115,7 @@ def express(
     points : mapping, optional
         Name to node; `landmarks` by default.
     parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa, no gravity, walls in place of teeth and bone, and no contact.
+        By default sigma_max = 100 kPa, no gravity, walls instead of teeth and bone, and no contact.
     progress : callable, optional
         Receives a sentence per run.
 
@@ -137,13 +127,9 @@ def express(
     positions : dict
         (expression, skin) to node positions (nodes, 3) [m].
 
-    Raises
-    ------
-    As `studies.mechanics.equilibria.equilibria`.
-
     Notes
     -----
-    Without contact of the lips: they may pass through each other.
+    Without contact, the lips may pass through each other. Errors are those of `equilibria`.
     """
     base = parameters or SimulationParameters(
         sigma_max=SIGMA_MAX, gravity=False, support=WALL, contact=NO_CONTACT
@@ -177,13 +163,9 @@ def express(
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
-    """Corners, mean and most moved landmark of every expression and skin in a table of `express`.
+    """Displacement of the corners (mean), of all landmarks (mean) and of the one with the largest [mm].
 
-    Returns
-    -------
-    DataFrame
-        Displacement of the corners (mean) and of all landmarks (mean) [mm], the landmark that moves
-        most, and whether it is a corner.
+    One row per expression and skin of a table of `express`.
     """
     rows: list[dict[str, object]] = []
     for (name, skin), own in table.groupby(["expression", "skin"], sort=False):

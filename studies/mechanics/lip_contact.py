@@ -7,7 +7,7 @@
 closing   both parts of orbicularis oris at full activation, held for 1 s, with and without contact
 gestures  the held gestures of the six instructions
 friction  closing with friction 0.3
-teeth     protrusion with and without teeth to rest on
+teeth     protrusion with and without support by the teeth
 """
 
 import argparse
@@ -51,7 +51,7 @@ def held(
     hold: float,
     friction: float = 0.0,
 ) -> xr.Dataset:
-    """Run cases side by side; table, figure and a section of every case."""
+    """Run cases with several methods; write table, figure and a section of every case."""
     found = measure(
         face,
         methods=methods,
@@ -77,7 +77,7 @@ def held(
 
 
 def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence[float]) -> None:
-    """Protrusion with and without teeth, by every method, under several stiffenings."""
+    """Protrusion with and without teeth, with every method and several stiffenings."""
     tables, motion = [], {}
     for method in methods:
         backing = {name: between for name, between in BACKING.items() if between}

@@ -33,8 +33,8 @@ class Rounding:
     Attributes
     ----------
     table : DataFrame
-        One row per support, stiffening and activation with the measures of `lip_shape` in mm and mm^2,
-        the closing of the corners [mm] and the smallest det F.
+        One row per support, stiffening and activation with the measures of `lip_shape` in mm and
+        mm^2, the displacement of the corners [mm] and the smallest det F.
     motion : mapping
         (support, stiffening) to the Dataset of `equilibria`.
     """
@@ -59,29 +59,23 @@ def round_lips(
     face : Dataset
         Face model with `lip_opening_node`.
     stiffening : sequence of float
-        Factors on the passive moduli of the muscle's elements at full activation; 1 is without.
+        Factors on the passive moduli of the muscle's elements at full activation; 1 is no
+        stiffening.
     support : sequence of bool
-        Without and with walls behind the lips in place of teeth and bone.
+        Without and with walls behind the lips instead of teeth and bone.
     levels : sequence of float
         Activations.
     parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa, no gravity and no contact; stiffening and support are set here.
+        By default sigma_max = 100 kPa, no gravity and no contact; stiffening and support are
+        replaced.
     progress : callable, optional
         Receives a sentence per run.
 
-    Returns
-    -------
-    Rounding
-
-    Raises
-    ------
-    As `studies.mechanics.equilibria.equilibria` and `emgface.face.lip_shape.lip_rim`.
-
     Notes
     -----
-    The lips do not touch each other: where they would, their overlap is reported. Source of the
-    experiment: Stavness et al., Lip stiffness enables protrusion and rounding, Fig. 11.10; Teeth support
-    lip protrusion, Fig. 11.12.
+    The lips may pass through each other; their overlap is reported. Errors are those of
+    `equilibria` and `lip_rim`. Source of the experiment: Stavness et al., Lip stiffness enables
+    protrusion and rounding, Fig. 11.10; Teeth support lip protrusion, Fig. 11.12.
     """
     base = parameters or SimulationParameters(
         sigma_max=SIGMA_MAX, gravity=False, contact=NO_CONTACT

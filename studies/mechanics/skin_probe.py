@@ -1,4 +1,4 @@
-"""Stiffness of the skin of a face, felt by a small probe along and across the tension lines."""
+"""Stiffness of the skin of a face, measured by a small probe along and across the tension lines."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ RADIUS = 0.003
 GAUGE = 0.016
 """Distance of the two feet of the probe [m]."""
 RING = 0.03
-"""Radius of the ring round it, outside which everything is held [m]."""
+"""Radius of the ring around the probe, outside which all nodes are fixed [m]."""
 
 
 def probe_skin(
@@ -36,29 +36,25 @@ def probe_skin(
     gauge: float = GAUGE,
     ring: float = RING,
 ) -> pd.DataFrame:
-    """Pull patches of skin apart a little and report force over the growth of their distance.
+    """Pull two patches of skin apart and compute force per growth of their distance.
 
-    A ring holds all nodes further than `ring` from the place; within, the tissue finds its equilibrium
-    without activation. The two feet of the probe then pull with opposite forces, each shared equally
-    among the skin nodes within `radius`, and the growth of their distance follows from one solution
-    with the tangent.
+    All nodes further than `ring` from the centre of an element are fixed; the tissue inside is in
+    equilibrium without activation. The two feet of the probe then pull with opposite forces, each
+    distributed equally among the skin nodes within `radius`; the growth of their distance follows
+    from one solution with the tangent.
 
     Parameters
     ----------
     face : Dataset
         Face model.
     parameters : SimulationParameters
-        Laws and loads, prestress among them.
+        Laws and loads, including prestress.
     elements : sequence of int, optional
-        Elements of the skin to probe; by default some of those that lie freest, evenly chosen.
+        Elements of the skin to probe; by default `places` of those furthest from fixed nodes.
     places : int
-        Number of those.
-    radius : float
-        Of each patch [m].
-    gauge : float
-        Distance of the feet [m].
-    ring : float
-        Of the held surroundings [m].
+        Number of default elements.
+    radius, gauge, ring : float
+        Radius of each patch, distance of the feet, radius of the ring [m].
 
     Returns
     -------
@@ -70,12 +66,12 @@ def probe_skin(
     FaceError
         An element is not on the skin.
     InvertedElement, NotConverged, SingularSystem
-        The tissue within a ring finds no equilibrium, or none that is a minimum.
+        The tissue within a ring has no stable equilibrium.
 
     Notes
     -----
-    Source of the claim that skin is stiffest along its tension lines: Stavness et al., Anisotropic
-    in-vivo measurements, by a probe within a ring that is glued to the skin.
+    Source of the experiment, in which skin is stiffest along its tension lines: Stavness et al.,
+    Anisotropic in-vivo measurements, by a probe within a ring that is glued to the skin.
     """
     scene = compose_scene(face, parameters)
     position = face["position"].values
@@ -85,7 +81,7 @@ def probe_skin(
     used = np.isin(connectivity, skin)
     place = (position[connectivity] * used[..., None]).sum(axis=1) / used.sum(axis=1)[:, None]
     if elements is None:
-        # far from what is held, and in front
+        # Elements far from fixed nodes.
         fixed = position[face["fixed"].values > 0]
         free = np.linalg.norm(place[:, None] - fixed[None], axis=2).min(axis=1)
         freest = np.sort(np.argsort(-free, kind="stable")[: max(len(own) // 3, places)])

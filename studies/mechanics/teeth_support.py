@@ -1,4 +1,4 @@
-"""Protrusion of the lips with and without teeth to rest on, and with and without each other."""
+"""Protrusion of the lips with and without support by teeth, and with and without contact of the lips."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -32,14 +32,14 @@ def protrude_lips(
     parameters: SimulationParameters | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, dict[tuple[str, float], xr.Dataset]]:
-    """Activate the peripheral orbicularis oris in steps, with several things to touch.
+    """Activate the peripheral orbicularis oris in steps, with several contact surfaces.
 
     Parameters
     ----------
     face : Dataset
         Face model with `lip_opening_node` and arches.
     backing : mapping
-        Name to what may touch, "lips" or "teeth" or both; nothing is no contact.
+        Name to contact surfaces, "lips" or "teeth" or both; none for no contact.
     method : str
         Of contact, "constraint" or "barrier".
     stiffening : sequence of float
@@ -47,27 +47,22 @@ def protrude_lips(
     levels : sequence of float
         Activations.
     parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa and no gravity; contact and stiffening are set here.
+        By default sigma_max = 100 kPa and no gravity; contact and stiffening are replaced.
     progress : callable, optional
         Receives a sentence per run.
 
     Returns
     -------
     table : DataFrame
-        One row per backing, stiffening and activation with the measures of
-        `emgface.face.lip_shape.lip_shape` in mm and mm^2, how deep lips stand in each other and in the
-        teeth [mm], and the smallest det F.
+        One row per backing, stiffening and activation with the measures of `lip_shape` in mm and
+        mm^2, the depths of lips in each other and in the teeth [mm], and the smallest det F.
     motion : dict
-        (backing, stiffening) to the Dataset of `studies.mechanics.equilibria.equilibria`.
-
-    Raises
-    ------
-    As `studies.mechanics.equilibria.equilibria` and `emgface.face.penetration.Penetration`.
+        (backing, stiffening) to the Dataset of `equilibria`.
 
     Notes
     -----
-    Source of the experiment: Stavness et al., Teeth support lip protrusion, Fig. 11.12, where contact
-    with the teeth is switched off.
+    Errors are those of `equilibria` and `Penetration`. Source of the experiment: Stavness et al.,
+    Teeth support lip protrusion, Fig. 11.12, where contact with the teeth is switched off.
     """
     base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
     rim, penetration = lip_rim(face), Penetration(face)

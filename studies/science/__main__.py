@@ -4,8 +4,8 @@
                               [--instructions ABCDEF] [--accuracy draft] [--finished] [--ends]
 
 Stored results are not computed again. With --finished, the cube of a finished study is used
-irrespective of the code that computed it; with --ends, only the first and the last world of the series
-are computed.
+irrespective of the code that computed it; with --ends, only the first and the last world of the
+series are computed.
 """
 
 import argparse
@@ -37,7 +37,7 @@ simulated.** The scores on this page do not estimate how well the method predict
 
 
 class Told(Silent):
-    """Print progress, one line for every tenth trial."""
+    """Print the progress of the run."""
 
     def __init__(self) -> None:
         self._started, self._done, self._total = time.monotonic(), 0, 0

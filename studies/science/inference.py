@@ -73,13 +73,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
 
 
 def claims_in_general() -> xr.Dataset:
-    """Size and coverage of three models, interpreted as claims about instructions in general.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``size`` at 0.05 and ``coverage`` of 0.95 [1], dims spread and model.
-    """
+    """Size at 0.05 and coverage of 0.95 [1] of three models for instructions in general."""
     outside = np.zeros((len(SPREADS), len(MODELS), CUBES), dtype=bool)
     for row, spread in enumerate(SPREADS):
         for index in range(CUBES):
@@ -115,14 +109,8 @@ def without_the_term(z: NDArray[np.float64]) -> tuple[float, float, int]:
     """Fit the second minus the first strategy without instruction x strategy, on complete data.
 
     z = strategy + volunteer + instruction + marker + volunteer x strategy + residual; restricted
-    maximum likelihood in closed form, volunteer x strategy at least zero.
-
-    Returns
-    -------
-    estimate, error : float
-        Of the difference.
-    freedom : int
-        (volunteers - 1)(strategies - 1).
+    maximum likelihood in closed form, volunteer x strategy at least zero. Returns the estimate, its
+    standard error and the degrees of freedom, (volunteers - 1)(strategies - 1).
     """
     v, i, s, m = z.shape
     cell = z.mean(axis=(1, 3))

@@ -10,11 +10,12 @@ import pandas as pd
 
 from analysis.figures.style import COLOURS, HATCHES, blank, save, styled
 from benchmarks.recovery.recover import LEAST_PEAK
+from benchmarks.report import markdown
 from emgface.errors import FeatureWarning, SignalError
 from emgface.recordings.dataset import read_recording
 from emgface.signals.activation import activation_of, feature_range
 from studies.science.setup import finished_study, opened, plan
-from studies.science.subset import markdown, median_per_volunteer, names_of, of_subset, subset_study
+from studies.science.subset import median_per_volunteer, names_of, of_subset, subset_study
 
 REACHES: Final = ("trial", "session")
 """Data from which Eq. 8 takes the minimum and maximum."""
@@ -71,7 +72,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             f"{LEAST_PEAK:g}. The table lists the median, over trials and silent muscles, of the "
             "peak activation computed by the chain (0 for muscles that the strategy omits).",
             "",
-            markdown(shown),
+            markdown(shown.reset_index(), ".2f"),
             "",
             "*rho: mean over volunteers of the median over instructions and markers (simulated; values: "
             "[rho](normalisation.csv), [silent muscles](silent_muscles.csv)).*",

@@ -1,9 +1,9 @@
-"""The sections of the page, in the order of the page.
+"""Sections of the page in their order.
 
-Each section is a module with ``make(studies, out)``. ``studies`` maps the name of a world ("matched",
-"mismatched") to the folder of a finished study, as `emgface study run` writes it: ``cube.nc`` with
-its configuration, and the results of all stages under ``store``. ``out`` is the folder of the page;
-figures and CSV go there. Returned is Markdown that begins with a heading of the second level.
+Each section is a module with ``make(studies, out)``. ``studies`` maps the name of a world
+("matched", "mismatched") to the folder of a finished study, as written by `emgface study run`;
+``out`` is the folder of the page, for figures and CSV. It returns Markdown that begins with a
+heading of the second level.
 """
 
 from collections.abc import Callable, Mapping

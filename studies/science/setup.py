@@ -47,7 +47,7 @@ plan = Plan()
 def simulation() -> SimulationParameters:
     """Simulation parameters of study and volunteers, except those changed by a world.
 
-    Contact is off: it makes a trial about nine times dearer, and the page several hours.
+    Without contact, which makes a trial about nine times as long.
     """
     return configure(
         SimulationParameters,
@@ -72,7 +72,8 @@ def study_of(recordings: Path, name: str, /, **changes: Any) -> StudyConfigurati
 def people(world: World, folder: Path, *, volunteers: int, repetitions: int) -> Path:
     """Simulate the volunteers of a world and return the folder of their recordings.
 
-    Motions of all worlds are kept in one store, because worlds that differ only in their EMG share them.
+    Motions of all worlds are stored in one folder, because worlds that differ only in their EMG
+    share them.
     """
     make_volunteers(
         None,

@@ -51,13 +51,3 @@ def median_per_volunteer(cube: xr.Dataset, **labels: Any) -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows)
-
-
-def markdown(table: pd.DataFrame) -> str:
-    """Format a table with two decimals, the index as the first column."""
-    head = [str(table.index.name or ""), *map(str, table.columns)]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for name, row in table.iterrows():
-        cells = [f"{v:.2f}" if isinstance(v, float) else str(v) for v in row]
-        lines.append("| " + " | ".join([str(name), *cells]) + " |")
-    return "\n".join(lines)

@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 
 from analysis.figures.style import COLOURS, MARKS, blank, save, styled
+from benchmarks.report import markdown
 from emgface.volunteers.world import KINDS, World, mismatched_in
 from studies.science.setup import finished_study, opened, people, plan
-from studies.science.subset import markdown, median_per_volunteer, names_of, of_subset, subset_study
+from studies.science.subset import median_per_volunteer, names_of, of_subset, subset_study
 
 RUNGS: Final = (
     ("matched", ()),
@@ -53,7 +54,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "instructions and random numbers. Of "
             f"{int(found['trials'].sum())} trials, {lost} have no score.",
             "",
-            markdown(table),
+            markdown(table.reset_index(), ".2f"),
             "",
             "*Mean over volunteers of the median of rho over instructions and markers (simulated; "
             "[values of each volunteer](worlds.csv)).*",
