@@ -1,7 +1,7 @@
 """Data of the element loops: slots, natural derivatives, positions in the matrix.
 
-Terms on elements share this layout. Every element has `NODES` slots; a slot that an element type does
-not use repeats the first node with zero derivatives and is left out of the matrix.
+All terms on elements use this layout. Every element has `NODES` slots; unused slots repeat the
+first node with zero derivatives and are omitted from the matrix.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ _A, _B = np.triu_indices(NODES)  # slots of the stored node pairs, row by row
 
 
 def slots(mesh: Mesh) -> tuple[Index, NDArray[np.bool_]]:
-    """Node of every slot (n_elements, NODES), and mask of the slots used."""
+    """Node of every slot (n_elements, NODES), and mask of the slots in use."""
     nodes = np.empty((mesh.n_elements, NODES), dtype=np.int64)
     used = np.zeros_like(nodes, dtype=bool)
     first = 0
@@ -63,10 +63,10 @@ def parts_of(
     mesh : Mesh
     chosen : (n_elements,) bool or None
     prestretch : (n_elements, 3, 3) or None
-        F0 from the state free of stress to the mesh. With F = (dx/dxi) A of the mesh the whole
-        deformation is F F0 = (dx/dxi) (A F0), and the volume free of stress is dV/det F0.
+        F0 from the stress-free state to the mesh. With F = (dx/dxi) A of the mesh, the total
+        deformation is F F0 = (dx/dxi) (A F0), and the stress-free volume is dV/det F0.
     point_per_node : bool
-        Divide the one point of an element among its nodes; other elements have a point per node.
+        Divide the single point of an element among its nodes; other elements have a point per node.
     """
     parts: list[Part] = []
     first = 0
@@ -134,6 +134,6 @@ def places_of(mesh: Mesh, part: Part, pattern: SymmetricPattern) -> Places:
     special = ((count > 0) & (count < 3))[part.nodes].any(axis=1)
     special |= (pair & (_A != _B) & (ascending[:, _A] == ascending[:, _B])).any(axis=1)
     row = np.where(special, np.cumsum(special) - 1, -1).astype(np.int32)
-    # of a pair that is stored whole the entries (i, i) exist also where the two nodes are one
+    # The entries (i, i) of a fully stored pair exist also if the two nodes are the same.
     start = np.where(target[..., ::4] < 0, -1, target[..., ::4] - np.arange(3, dtype=np.int32))
     return Places(order.astype(np.int8), np.ascontiguousarray(start), row, target[special])

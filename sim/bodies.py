@@ -17,7 +17,7 @@ Motion = Callable[[float], tuple[ArrayLike, ArrayLike]]
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body.
+    """A rigid body, whose axes are those of space at rest; its initial quaternion is (1, 0, 0, 0).
 
     Attributes
     ----------
@@ -25,20 +25,11 @@ class Body:
     mass : float
         Mass [kg]; 0 for a body that is fixed or follows a prescribed motion.
     inertia : (3, 3)
-        About the centre of mass, in the axes of space at rest [kg m^2].
+        About the centre of mass, in the axes of space at rest [kg m^2], positive definite.
     centre : (3,)
         Centre of mass at rest [m].
     damping : (2,) of float
-        Damping of the translation [kg/s] and of the rotation [kg m^2/s] against space.
-
-    Raises
-    ------
-    SceneError
-        A number is not finite or negative, or the inertia is not symmetric and positive definite.
-
-    Notes
-    -----
-    The axes of the body are those of space at rest, so its quaternion starts as (1, 0, 0, 0).
+        Damping of the translation [kg/s] and of the rotation [kg m^2/s] relative to space.
     """
 
     name: str
@@ -83,13 +74,15 @@ def body_of_surface(name: str, X: Array, triangles: Index, density: float, **mor
     Raises
     ------
     MeshError
-        The surface is open, an edge belongs to two faces in one direction, or the volume is negative.
+        The surface is open, an edge belongs to two faces in one direction, or the volume is
+        negative.
 
     Notes
     -----
-    Each face spans a tetrahedron with a point near the surface. Over a tetrahedron with corners a, b, c
-    and the origin, int x x' dV = V/20 (s s' + a a' + b b' + c c') with s = a + b + c. Source: Tonon
-    2004, Explicit exact formulas for the 3-D tetrahedron inertia tensor, J. Math. Stat. 1, 8-11.
+    Each face and a point near the surface span a tetrahedron. Over a tetrahedron with corners a, b,
+    c and the origin, int x x' dV = V/20 (s s' + a a' + b b' + c c') with s = a + b + c. Source:
+    Tonon 2004, Explicit exact formulas for the 3-D tetrahedron inertia tensor, J. Math. Stat. 1,
+    8-11.
     """
     _require_closed(name, triangles)
     base = X.mean(axis=0)

@@ -1,8 +1,9 @@
 """Chunks of neighbouring elements in two colours; chunks of one colour have no common node.
 
-An element loop runs the chunks of one colour in parallel, and each adds to nodes and matrix directly.
-Two colours are two waits for all threads; a division in blocks needs seven, which costs much where other
-programs run. The division depends on the mesh alone, hence the order of every sum does, too.
+An element loop processes the chunks of one colour in parallel, and each adds to nodes and matrix
+directly. Two colours require two synchronisations of the threads; a division into blocks would
+require seven, which is slow if other programs run. The division depends only on the mesh, so that
+the order of every sum is fixed.
 """
 
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 Index = NDArray[np.int64]
 
-ELEMENTS_PER_CHUNK = 96  # at least, where levels are smaller; what a chunk adds to fits a cache
+ELEMENTS_PER_CHUNK = 96  # at least; the nodes and matrix entries of a chunk fit a cache
 
 
 def levels(nodes: Index) -> Index:
@@ -30,7 +31,7 @@ def levels(nodes: Index) -> Index:
     back = touches.T.tocsr()
     _, start = np.unique(component, return_index=True)
     level = np.zeros(n, dtype=np.int64)
-    for _ in range(2):  # the second time from the ends that the first one found
+    for _ in range(2):  # The second pass starts at the ends found in the first.
         level[:] = -1
         front: NDArray[np.int32] = np.zeros(n, dtype=np.int32)
         front[start] = 1
@@ -46,7 +47,7 @@ def levels(nodes: Index) -> Index:
 
 
 def _folded(size: Index) -> Index:
-    """Order that alternates large and small, so that equal shares of it are equal work."""
+    """Order that alternates between large and small, so that equal parts of it have equal cost."""
     order = np.argsort(-size, kind="stable")
     folded = np.empty_like(order)
     half = (len(order) + 1) // 2

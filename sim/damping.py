@@ -1,10 +1,10 @@
-"""Rayleigh damping f = -(alpha M + beta K) v, by the choice of the tangent K.
+"""Rayleigh damping f = -(alpha M + beta K) v with different tangents K.
 
 With active muscles the current tangent need not be positive definite; beta K is then a *negative*
-damping, and the incremental potential of a step has no minimum. `PassiveRayleigh` leaves the active
-stress out of K and `RestRayleigh` takes K at rest, which is always positive semi-definite.
+damping, and the incremental potential of a step has no minimum. `PassiveRayleigh` omits the active
+stress from K, and `RestRayleigh` uses K at rest, which is always positive semi-definite.
 
-In all three K is taken at the start of a step, which keeps the step the minimiser of a potential.
+In all three K is that at the start of a step, so that the step minimises a potential.
 """
 
 from collections.abc import Callable
@@ -24,14 +24,9 @@ class _Coefficients:
     Attributes
     ----------
     alpha : float
-        Mass damping [1/s].
+        Mass damping [1/s], not negative.
     beta : float
-        Stiffness damping [s].
-
-    Raises
-    ------
-    SceneError
-        A coefficient is negative.
+        Stiffness damping [s], not negative.
 
     Notes
     -----
@@ -99,7 +94,7 @@ class PassiveRayleigh(_Coefficients):
 class RestRayleigh(_Coefficients):
     """K is the constant tangent of the scene at rest.
 
-    Cheapest of the three, but not frame indifferent: a large rotation is damped like a strain.
+    It has the lowest cost, but is not frame indifferent: a large rotation is damped like a strain.
     """
 
     def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
@@ -113,4 +108,4 @@ class RestRayleigh(_Coefficients):
 
 
 DAMPING_LAWS = (Rayleigh, PassiveRayleigh, RestRayleigh)
-"""All damping laws, the members of the tests."""
+"""All damping laws, which the tests include."""

@@ -28,7 +28,7 @@ class Described:
 
 
 def listed(things: Iterable[object]) -> str:
-    """Names of the classes of some objects, counted where one occurs several times."""
+    """Names of the classes of some objects, with their numbers if more than one."""
     names = [type(thing).__name__ for thing in things]
     return ", ".join(
         name if names.count(name) == 1 else f"{names.count(name)} {name}"

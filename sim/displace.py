@@ -24,28 +24,28 @@ def displace_held(
     ----------
     system : System
     state : State
-        Where the motion starts; held unknowns are those that the reductions of the scene fix.
+        Initial state; the reductions of the scene specify the fixed unknowns.
     target : (n_nodes, 3)
-        Positions [m]; only those of held unknowns are read.
+        Positions [m]; only those of fixed unknowns are used.
     steps : int
         Number of steps.
     max_halvings : int
-        How often a step that fails may be halved.
+        Largest number of halvings of a step that fails.
     integrator : Static, optional
     work : Workspace, optional
-        Solver memory to go on with.
+        Solver memory to be reused.
 
     Returns
     -------
     State
-        At the same time as `state`, at rest, with every held unknown at its target.
+        At the same time as `state`, at rest, with every fixed unknown at its target.
 
     Raises
     ------
     SceneError
         The target has another shape or is not finite.
     InvertedElement, NotConverged, SingularSystem
-        A step fails even when halved as often as allowed.
+        A step fails after the largest number of halvings.
 
     Notes
     -----
@@ -66,7 +66,8 @@ def displace_held(
     silent = Control(np.zeros(len(system.muscles)))
     start = state.q
     end = _holding(system, start, target)
-    q, drift = start, np.zeros_like(start)  # drift: what the free nodes moved per unit of the way
+    q = start
+    drift = np.zeros_like(start)  # displacement of the free nodes per unit of the path
     done, size, smallest = 0.0, 1.0 / steps, 1.0 / (steps << max_halvings)
     while done < 1.0 - 1e-12:
         size = min(size, 1.0 - done)
@@ -84,7 +85,7 @@ def displace_held(
         drift = (new - q) / size
         q, done = new, done + size
     q = _holding(system, q, end)
-    return State(state.t, q, np.zeros_like(q))  # in equilibrium: nothing of the way is remembered
+    return State(state.t, q, np.zeros_like(q))  # history-dependent terms are fully relaxed
 
 
 def _holding(system: System, q: Array, held: Array) -> Array:

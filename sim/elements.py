@@ -1,10 +1,10 @@
 """Element types: shape functions and quadrature in natural coordinates.
 
 Node order is that of VTK: hexahedron 0-3 counter-clockwise in the bottom face seen from the inside,
-4-7 above them; wedge bottom triangle 0-2 at t = -1, top triangle 3-5 at t = +1. Quadrature: hexahedron
-2 x 2 x 2 Gauss, point k in the octant of node k; wedge three-point triangle rule times two Gauss points,
-point k next to node k; tetrahedron (node 3 above the counter-clockwise triangle 0-2) its centroid, which
-belongs equally to all four nodes.
+4-7 above them; wedge bottom triangle 0-2 at t = -1, top triangle 3-5 at t = +1. Quadrature:
+hexahedron 2 x 2 x 2 Gauss, point k in the octant of node k; wedge three-point triangle rule times
+two Gauss points, point k next to node k; tetrahedron (node 3 above the counter-clockwise triangle
+0-2) its centroid, one quarter of which belongs to each node.
 """
 
 from collections.abc import Callable
@@ -121,4 +121,4 @@ HEX8: Final = _hex8()
 WEDGE6: Final = _wedge6()
 TET4: Final = _tet4()
 ELEMENT_TYPES: Final = {kind.name: kind for kind in (HEX8, WEDGE6, TET4)}
-"""All element types, the members of the tests."""
+"""All element types, which the tests include."""

@@ -24,8 +24,8 @@ class Embedding:
     Attributes
     ----------
     element : (n,) element of each point.
-    nodes : (n, 8) its nodes; an element with fewer repeats its first.
-    weights : (n, 8) shape functions at the point [1], zero for repeated nodes; they add up to 1.
+    nodes : (n, 8) its nodes; an element with fewer nodes repeats its first.
+    weights : (n, 8) shape functions at the point [1], zero for repeated nodes; their sum is 1.
     """
 
     element: Index
@@ -36,21 +36,21 @@ class Embedding:
 def embed(mesh: Mesh, points: Array, *, tolerance: float = 1e-6) -> Embedding:
     """Find points in a mesh by inverting the isoparametric map.
 
-    Newton's method solves sum_a N_a(xi) X_a = p in every element whose bounding box holds p; p is inside
-    where no N_a(xi) is negative.
+    Newton's method solves sum_a N_a(xi) X_a = p in every element whose bounding box contains p; p
+    is inside if no N_a(xi) is negative.
 
     Parameters
     ----------
     mesh : Mesh
     points : (n, 3) rest positions [m].
     tolerance : float
-        How far below zero a shape function may lie [1]; larger values accept points somewhat outside,
-        whose weights extrapolate.
+        Largest absolute value of a negative shape function [1]; larger tolerances accept points
+        outside, whose weights extrapolate.
 
     Raises
     ------
     MeshError
-        A point is not finite or lies in no element; the message names it and its nearest node.
+        A point is not finite or lies in no element; the message states it and its nearest node.
     """
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     if not np.isfinite(points).all():
@@ -64,8 +64,8 @@ def embed(mesh: Mesh, points: Array, *, tolerance: float = 1e-6) -> Embedding:
         point, own = _candidates(mesh.X[block.nodes], points, tolerance)
         N = _invert(block.kind, mesh.X[block.nodes[own]], points[point])
         short = np.maximum(-N.min(axis=1), 0.0)
-        short[short <= INSIDE] = 0.0  # on a common face the first element is as good as the others
-        # the smallest violation wins, then the lowest element
+        short[short <= INSIDE] = 0.0  # Of elements with a common face the first is chosen.
+        # The element with the smallest violation, and of equal ones that with the lowest index.
         for k in np.lexsort((own, short)):
             p = point[k]
             if short[k] < violation[p]:
@@ -114,7 +114,7 @@ def _invert(kind: ElementType, X: Array, points: Array) -> Array:
             det = np.linalg.det(jacobian)
             jacobian[~(np.abs(det) > 0.0)] = np.eye(3)
             move = np.asarray(np.linalg.solve(jacobian, miss[..., None]), dtype=np.float64)
-            # a distorted map can throw far points about; none of them is inside
+            # In distorted elements the iteration may diverge for points outside.
             xi = np.clip(xi + move[..., 0], low - 2.0, high + 2.0)
         N, _ = kind.shape(xi)
         miss = np.abs(points - np.einsum("pa,pai->pi", N, X)).max(axis=1, initial=0.0)

@@ -7,15 +7,9 @@ from sim.mesh import Array, Index, Mesh, mesh_from_arrays
 
 
 def grid_cells(n: tuple[int, int, int]) -> Index:
-    """Hexahedra of a structured grid of nodes.
+    """Hexahedra (n_cells, 8) in VTK order of a structured grid with n (3,) cells along each axis.
 
-    Parameters
-    ----------
-    n : (3,) cells along each axis.
-
-    Returns
-    -------
-    (n_cells, 8) node indices in VTK order; nodes and cells are numbered with the last axis fastest.
+    Nodes and cells are numbered with the last axis fastest.
     """
     nx, ny, nz = n
     index = np.arange((nx + 1) * (ny + 1) * (nz + 1)).reshape(nx + 1, ny + 1, nz + 1)
@@ -25,16 +19,6 @@ def grid_cells(n: tuple[int, int, int]) -> Index:
 
 
 def grid_mesh(X: Array) -> Mesh:
-    """Mesh of hexahedra between structured nodes.
-
-    Parameters
-    ----------
-    X : (n_x + 1, n_y + 1, n_z + 1, 3) node positions [m], right-handed.
-
-    Raises
-    ------
-    MeshError
-        As `Mesh`.
-    """
+    """Mesh of hexahedra between structured nodes X (n_x + 1, n_y + 1, n_z + 1, 3) [m], right-handed."""
     nx, ny, nz = X.shape[:3]
     return mesh_from_arrays(X.reshape(-1, 3), hex8=grid_cells((nx - 1, ny - 1, nz - 1)))

@@ -1,7 +1,7 @@
 """Symmetric matrices with low-rank terms in product form.
 
-A pressure that acts on many nodes at once couples them all. Its stiffness k g g', with the derivative
-g of a volume, has few numbers as a product and many as entries of a matrix.
+A pressure that acts on many nodes couples all of them. Its stiffness k g g', with the derivative g
+of a volume, has few numbers as a product and many as entries of a matrix.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,14 +17,13 @@ from sim.state import Array
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """The matrix G' diag(k) G.
+    """The matrix G' diag(k) G, or R'G' diag(k) G R.
 
     Attributes
     ----------
     G : (m, n_free) sparse.
     k : (m,)
     R : (n_free, n) sparse or None
-        With one the matrix is R'G' diag(k) G R.
     """
 
     G: csr_array
@@ -38,7 +37,7 @@ class Product:
         return self.R.T @ (self.G.T @ (self.k * (self.G @ (self.R @ x))))
 
     def scaled(self, factor: float) -> "Product":
-        """The same matrix times a number."""
+        """The same matrix multiplied by a number."""
         return replace(self, k=factor * self.k)
 
 
@@ -52,9 +51,9 @@ class Matrix:
     values : (pattern.nnz,)
     products : tuple of Product
     stand_in : callable or None
-        Values to be added on the pattern, instead of the products, for a factorisation.
+        Values that replace the products in a factorisation, on the pattern.
     offset : (n,) or None
-        Of a damping matrix, the force by what is prescribed to move [N].
+        For a damping matrix, the force due to prescribed velocities [N].
     """
 
     pattern: Sparsity
@@ -103,7 +102,7 @@ class Matrix:
 
 
 def merged(products: Sequence[Product]) -> tuple[Product, ...]:
-    """Sum of products, as one where their G are equal, whether or not they are one object."""
+    """Sum of products, combined if their G are equal."""
     found: list[Product] = []
     for part in products:
         same = [i for i, other in enumerate(found) if _same(other, part)]

@@ -28,12 +28,9 @@ class Block:
     nodes: Index
 
     def gradients(self, X: Array, *, at_corners: bool = False) -> tuple[Array, Array]:
-        """Material gradients dN/dX and det(dX/dxi) at the quadrature points or the corners.
+        """Material gradients dN/dX (n_elements, n_points, n_nodes, 3) [1/m], and det(dX/dxi) [m^3].
 
-        Returns
-        -------
-        gradient : (n_elements, n_points, n_nodes, 3) [1/m]
-        det : (n_elements, n_points) [m^3]
+        Both are computed at the quadrature points or at the corners.
         """
         dN = self.kind.dN_corners if at_corners else self.kind.dN
         jacobian = np.einsum("eai,paj->epij", X[self.nodes], dN)
@@ -58,7 +55,8 @@ class Mesh(Described):
     X : (n_nodes, 3) rest positions [m].
     blocks : tuple of Block
     n_points : int
-        The last so many nodes belong to no element, as the points of bodies and the ends of muscles.
+        Number of nodes at the end that belong to no element, such as points of bodies and ends of
+        muscles.
 
     Raises
     ------
@@ -136,19 +134,10 @@ class Mesh(Described):
 
 
 def mesh_from_arrays(X: ArrayLike, **connectivity: Iterable[Iterable[int]]) -> Mesh:
-    """Mesh from node positions and one connectivity array per element type.
+    """Mesh from node positions (n_nodes, 3) [m] and one connectivity array per element type.
 
-    Parameters
-    ----------
-    X : array_like, shape (n_nodes, 3)
-        Rest positions [m].
-    **connectivity : array_like of int
-        ``hex8=...``, ``wedge6=...``, ``tet4=...``: node indices, 0-based, in VTK order.
-
-    Raises
-    ------
-    MeshError
-        As `Mesh`, or an unknown element type.
+    ``hex8=...``, ``wedge6=...``, ``tet4=...``: node indices, 0-based, in VTK order. Raises
+    `MeshError` for an unknown element type, or as `Mesh`.
     """
     blocks: list[Block] = []
     for name, nodes in connectivity.items():

@@ -72,9 +72,9 @@ def symmetric_pattern(n_nodes: int, keys: Index, held: Index) -> SymmetricPatter
     ----------
     n_nodes : int
     keys : (m,) array of int
-        ``a * n_nodes + b`` with a <= b, in any order, repeats allowed.
+        ``a * n_nodes + b`` with a <= b, in any order, with repetitions.
     held : array of int
-        Indices of held unknowns among 3 n_nodes.
+        Indices of fixed unknowns among 3 n_nodes.
     """
     number = np.zeros(3 * n_nodes, dtype=np.int64)
     number[held] = -1
@@ -87,7 +87,7 @@ def symmetric_pattern(n_nodes: int, keys: Index, held: Index) -> SymmetricPatter
     i, j = np.divmod(np.arange(9), 3)
     row = number[3 * a[:, None] + i]
     column = number[3 * b[:, None] + j]
-    # free numbers ascend with the node number, so only blocks (a, a) reach below the diagonal
+    # Free unknowns are in the order of the nodes: only blocks (a, a) have entries below the diagonal.
     stored = (row >= 0) & (column >= row)
     order = np.argsort(row[stored] * (len(free) + 1) + column[stored], kind="stable")
     position = np.empty(len(order), dtype=np.int32)

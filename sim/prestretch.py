@@ -11,35 +11,31 @@ from sim.system import System, compile_scene
 from sim.terms.solid import Material, Solid
 
 IN_VIVO: tuple[float, float] = (15.9e3, 89.4e3)
-"""Smallest and largest pre-stress found in living facial skin [Pa] (Stavness et al.)."""
+"""Smallest and largest pre-stress measured in facial skin in vivo [Pa] (Stavness et al.)."""
 
 
 def initial_stretch(
     material: Material, stress: tuple[float, float, float] | Array, *, steps: int = 20
 ) -> Array:
-    """Principal stretches under which a material has given principal Cauchy stresses.
+    """Principal stretches (3,) [1] for given principal Cauchy stresses of a material.
 
-    Solves sigma_i(stretch) = stress_i, i = 1, 2, 3, by Newton's method on the logarithms of the
-    stretches, the stress applied in equal steps. The stress of the material is taken from the nodal
-    forces of one element, so that any law will do.
+    Solves sigma_i(stretch) = stress_i, i = 1, 2, 3, by Newton's method for the logarithms of the
+    stretches, with the stress applied in equal steps. The stress of the material is computed from
+    the nodal forces of one element and is therefore available for every law.
 
     Parameters
     ----------
     material : Material
-        Relaxed, where it is viscoelastic; material axes are the axes of the stress.
+        Fully relaxed if it is viscoelastic; material axes are the axes of the stress.
     stress : (3,)
         Along the three axes [Pa], tension positive.
     steps : int
-        Into which the load is divided.
-
-    Returns
-    -------
-    (3,) stretches [1].
+        Number of load steps.
 
     Raises
     ------
     SceneError
-        No equilibrium is found, as where the law cannot bear the stress.
+        No equilibrium is found, for example because the law cannot bear the stress.
     """
     goal = np.asarray(stress, dtype=np.float64)
     if not np.isfinite(goal).all():

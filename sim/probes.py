@@ -73,23 +73,18 @@ class Markers:
 class Opening:
     """Distance of one node above another along a direction, such as the lip opening [m].
 
-    e . (x_upper - x_lower) with the unit vector e: negative where the upper node has come below the
-    lower one. A direction fixed in space, because a distance has no sign, that of the nodes turns over
-    where one slides in front of the other, and normals turn as lips roll.
+    e . (x_upper - x_lower) with the unit vector e, negative if the upper node is below the lower
+    one. The direction is fixed in space, because a distance has no sign, the direction between the
+    nodes is reversed if one slides in front of the other, and normals rotate as lips roll.
 
     Attributes
     ----------
     upper, lower : int
         Node indices.
     direction : tuple of float
-        Points from the lower to the upper node as they are meant; of any length above zero.
+        From the lower to the upper node, of any length above zero.
     name : str
         Name of the variable.
-
-    Raises
-    ------
-    SceneError
-        The direction is no vector of a length above zero.
     """
 
     upper: int
@@ -133,10 +128,9 @@ class SmallestJ:
 
 @dataclass(frozen=True, eq=False)
 class StepErrors:
-    """Estimated error of each step at named nodes, (marker, axis) [m].
+    """Estimated error of each step at named nodes, (marker, axis) [m], and iteration tolerance [m].
 
-    NaN where the integrator has no estimate. In addition, the tolerance of the iterations for any node
-    [m], 0 for a method that does not iterate.
+    The error is NaN if the integrator has no estimate; the tolerance is 0 if it does not iterate.
 
     Attributes
     ----------
@@ -165,10 +159,7 @@ class StepErrors:
 
 @dataclass(frozen=True)
 class Energies:
-    """Kinetic and potential energy [J]; the potential is that of all terms at the current control.
-
-    Of a viscoelastic material it is the relaxed energy.
-    """
+    """Kinetic and potential energy [J] of all terms at the current control, relaxed if viscoelastic."""
 
     def variables(self) -> tuple[Variable, ...]:
         """Two variables."""
@@ -254,9 +245,8 @@ class Positions:
 class Contacts:
     """Contacts of every pairing: number, smallest gap [m], normal force [N].
 
-    The gap is negative where a vertex lies inside, counted from where it was allowed to lie at the
-    start, and NaN if no surfaces are close. The force is the sum of the sizes of the normal forces of
-    all places.
+    The gap is negative if a vertex is deeper than its allowed initial depth, and NaN if no surfaces
+    are close. The force is the sum of the absolute normal forces.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """States with solver memory for restarts, and their files.
 
-An implicit step is solved to a tolerance, by a factor, secants and guesses that earlier steps have left.
-The state at the end of `sim.simulate` carries them as arrays in its memory: a simulation that goes on
-from it, in any process, gives the bits of one that never stopped.
+An implicit step is solved to a tolerance, with a factor, quasi-Newton updates and initial guesses
+from earlier steps. The final state of `sim.simulate` contains them as arrays in its memory; a
+simulation that continues from it, in any process, is bitwise equal to one without interruption.
 """
 
 from collections.abc import Mapping
@@ -42,14 +42,7 @@ def solver_memory(state: State) -> tuple[Mapping[str, Array], float | None]:
 
 
 def save_state(state: State, path: str | PathLike[str]) -> None:
-    """Write a state to a netCDF file, without loss of precision.
-
-    Parameters
-    ----------
-    state : State
-        As `sim.simulate` returns it.
-    path : path
-    """
+    """Write a state, as returned by `sim.simulate`, to a netCDF file without loss of precision."""
     blocks = {
         "position": (("node", "axis"), state.q, {"units": "m"}),
         "velocity": (("node", "axis"), state.v, {"units": "m s-1"}),
@@ -75,12 +68,12 @@ def save_state(state: State, path: str | PathLike[str]) -> None:
 
 
 def read_state(path: str | PathLike[str]) -> State:
-    """Read a state that `save_state` wrote.
+    """Read a state written by `save_state`.
 
     Raises
     ------
     SceneError
-        The file is absent or holds no state.
+        The file is absent or contains no state.
     """
     if not Path(path).is_file():
         raise SceneError(f"{path} is not a file, expected a state written by sim.save_state")

@@ -1,7 +1,8 @@
 """Scene: a sum of frozen parts, compiled to a `sim.system.System`.
 
-The contracts that parts fulfil are written here. A new term, damping or reduction is a new class in a
-new file, without changes elsewhere.
+This module contains the interfaces of the parts. A new term, damping or reduction is a new class in
+a new file, without changes elsewhere. Arguments outside their range, or that do not fit each other
+or, on compiling, the mesh, raise `SceneError`.
 """
 
 from collections.abc import Callable
@@ -66,7 +67,7 @@ class Term(Protocol):
     """Interface of terms, the sources of force."""
 
     def pair_keys(self, mesh: Mesh) -> Index:
-        """Node pairs ``a * n_nodes + b``, a <= b, that the stiffness couples (may be empty)."""
+        """Node pairs ``a * n_nodes + b``, a <= b, coupled by the stiffness (may be empty)."""
         ...
 
     def compile(self, layout: Layout) -> CompiledTerm:
@@ -76,7 +77,7 @@ class Term(Protocol):
 
 @runtime_checkable
 class HasMass(Protocol):
-    """A term that carries mass."""
+    """A term that has mass."""
 
     def node_mass(self, mesh: Mesh) -> Array:
         """Lumped mass (n_nodes,) [kg]."""
@@ -97,7 +98,7 @@ class HasSparse(Protocol):
     """Term with low-rank products that can be applied matrix-free."""
 
     def sparse(self) -> Term:
-        """Term with the same forces that `HasProduct` when compiled."""
+        """Term with the same forces that is a `HasProduct` when compiled."""
         ...
 
 
@@ -116,7 +117,7 @@ class HasProduct(CompiledTerm, Protocol):
 
 @runtime_checkable
 class Damps(Protocol):
-    """A compiled term with forces -D(q) v besides those of its potential."""
+    """A compiled term with forces -D(q) v in addition to those of its potential."""
 
     def add_damping(self, q: Array, control: Control, D: Array) -> None:
         """D += -df/dv [N s/m] in the values of the pattern."""
@@ -141,10 +142,9 @@ class Remembers(Protocol):
 
         Parameters
         ----------
-        q : (n_nodes, 3) positions at the start of the step [m].
-        memory : what `Remembering.remember` returned for the step before; None if there was none and
-            the term has been at q for ever.
-        h : length of the step [s]; infinite for a static equilibrium.
+        q : (n_nodes, 3) positions at the start of the step [m]. memory : result of
+        `Remembering.remember` for the previous step, or None for a fully relaxed term. h : length
+        of the step [s]; infinite for a static equilibrium.
         """
         ...
 
@@ -173,12 +173,12 @@ class StopsMoves(CompiledTerm, Protocol):
     def carried(self, q: Array, t: float, control: Control) -> Array:
         """Positions q, feasible at time t [s], advected by the shells to the time of the control.
 
-        Free nodes that something rigid moves into are taken along.
+        Free nodes in the path of a rigid surface move with it.
 
         Raises
         ------
         NotConverged
-            It moves too far.
+            The displacement is too large.
         """
         ...
 
@@ -230,7 +230,8 @@ class CompiledConstraint(Protocol):
 
     Attributes
     ----------
-    start, unknown : rows of G = dc/dq: row i has the unknowns unknown[start[i]:start[i + 1]], indices
+    start, unknown : rows of G = dc/dq: row i has the unknowns unknown[start[i]:start[i + 1]],
+    indices
         among 3 n_nodes.
     """
 
@@ -250,7 +251,7 @@ class Constraint(Protocol):
     """Interface of constraints, enforced by multipliers."""
 
     def pair_keys(self, mesh: Mesh) -> Index:
-        """Node pairs, as of a term, that the curvature of the condition couples."""
+        """Node pairs, as of a term, coupled by the curvature of the constraint."""
         ...
 
     def compile(self, layout: Layout) -> CompiledConstraint:
@@ -265,15 +266,14 @@ class Scene(Described):
     Attributes
     ----------
     mesh : Mesh
-        Tissue; `NO_TISSUE` for a scene of bodies alone.
+        Tissue; `NO_TISSUE` for a scene without tissue.
     terms : tuple of Term
     reductions : tuple of Member
-        Nodes and bodies that are fixed, attached, or move as prescribed.
-    damping : Damping or None
-    constraints : tuple of Constraint
-    bodies : tuple of Body
-    points : (k, 3) rest positions of points without mass [m], such as ends of muscles. They are numbered
-        after the nodes of the mesh, and each is held by a member; the centres of bodies follow.
+        Nodes and bodies that are fixed, attached, or have a prescribed motion.
+    damping : Damping or None constraints : tuple of Constraint bodies : tuple of Body points : (k,
+    3) rest positions of points without mass [m], such as ends of muscles. Their numbers follow
+        those of the nodes of the mesh and precede those of the centres of bodies; each belongs to a
+        member.
     joints : tuple of Joint
     """
 

@@ -16,10 +16,10 @@ ROUNDING = 1e-6
 def snapped(system: System, before: State, after: State, control: Control) -> bool:
     """Test if the energy for one control is concave between two states.
 
-    d . (f(q0) - f(q1)) < 0 with d = q1 - q0 and the forces f of all terms: the mean stiffness along d is
-    negative. Small differences then grow, as where a column buckles, and rounding decides where to. The
-    matrix of a time step need not show this, because inertia and damping hold it positive definite. A
-    motion is found once what grows is most of it.
+    d . (f(q0) - f(q1)) < 0 with d = q1 - q0 and the forces f of all terms: the mean stiffness along
+    d is negative. Small differences then increase, as in the buckling of a column, and rounding
+    determines the further motion. The matrix of a time step may still be positive definite because
+    of inertia and damping. The test succeeds once the unstable motion dominates the displacement.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def snapped(system: System, before: State, after: State, control: Control) -> bo
     before, after : State
         At q0 and q1.
     control : Control
-        Held while the forces are compared.
+        Of both forces.
     """
     kinematics = system.kinematics
     d = kinematics.between(before.pose, after.pose)

@@ -1,6 +1,6 @@
 """Threads of the element loops and of dense linear algebra, with passive waiting.
 
-Dense linear algebra uses one, so that the order of its sums does not depend on the machine.
+Dense linear algebra uses one thread, so that the order of its sums does not depend on the machine.
 """
 
 import os
@@ -20,8 +20,8 @@ VARIABLE = "NUMBA_NUM_THREADS"
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Restrict BLAS and LAPACK of NumPy, SciPy and MKL to one thread during a function.
 
-    How they divide a product or a factor depends on their number of threads, and so do its last digits.
-    The dense matrices here are small; the elements are summed on all threads (`sim.chunks`).
+    The division of a product or a factor, and therefore its rounding, depends on the number of
+    threads. The dense matrices here are small; element loops use all threads (`sim.chunks`).
     """
 
     @wraps(function)
@@ -33,7 +33,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
 
 class _Threads:
-    """Number of threads of the element loops, and the additional threads, started when needed."""
+    """Number of threads of the element loops, and the additional threads, started on demand."""
 
     def __init__(self) -> None:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -73,9 +73,9 @@ def set_thread_count(count: int) -> None:
 def in_shares(
     work: Callable[..., None], first: int, last: int, least: int, arguments: tuple[Any, ...]
 ) -> None:
-    """Call ``work(begin, end, *arguments)`` for equal shares of first..last, in threads.
+    """Call ``work(begin, end, *arguments)`` for equal parts of first..last, in threads.
 
-    Shares have at least `least`; with fewer than two of them, `work` is called once.
+    Parts contain at least `least`; with fewer than two of them, `work` is called once.
     """
     n = min(_threads.count, (last - first) // least)
     if n < 2:

@@ -1,7 +1,7 @@
-"""Products of long vectors, without BLAS.
+"""Products of long vectors without BLAS.
 
-NumPy hands them to a threaded BLAS, whose waiting threads take the processor from the element loop and
-the sparse solver (three times the time of a step, measured) and whose sums depend on their number.
+NumPy passes them to a threaded BLAS, whose waiting threads slow down the element loop and the
+sparse solver (a step took three times as long) and whose sums depend on the number of threads.
 """
 
 import math

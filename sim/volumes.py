@@ -11,12 +11,12 @@ from sim.state import Array
 
 
 class ElementVolumes:
-    """Present volumes of all elements.
+    """Current volumes of all elements.
 
     Attributes
     ----------
     rest : (n_elements,) rest volumes [m^3].
-    v : (n_elements,) present volumes [m^3].
+    v : (n_elements,) current volumes [m^3].
     h : (n_elements, 3, 8) dv/dx at every slot [m^2].
     """
 
@@ -32,12 +32,12 @@ class ElementVolumes:
 
 
 class PointVolumes:
-    """Present volumes of all quadrature points; a tetrahedron has one quarter per node.
+    """Current volumes of all quadrature points; a tetrahedron has one quarter per node.
 
     Attributes
     ----------
-    rest : (n_elements, 8) rest volumes [m^3], zero where an element has no such point.
-    v : (n_elements, 8) present volumes [m^3].
+    rest : (n_elements, 8) rest volumes [m^3], zero if an element has no such point.
+    v : (n_elements, 8) current volumes [m^3].
     """
 
     def __init__(self, mesh: Mesh, pattern: SymmetricPattern) -> None:

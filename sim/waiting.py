@@ -1,8 +1,8 @@
 """Passive waiting of the threads of linear algebra.
 
-They otherwise wait by spinning, which multiplies the processor time where other programs run: 25 times
-for small dense matrices beside six busy processes. Libraries read these variables when they are loaded;
-what a user has set stays.
+Spinning threads increase the processor time if other programs run: 25 times for small dense
+matrices with six busy processes. Libraries read these variables when they are loaded; values set by
+the user are not changed.
 """
 
 import os

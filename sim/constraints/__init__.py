@@ -4,6 +4,6 @@ from sim.constraints.volume import HardElementVolume
 from sim.scene import Constraint
 
 CONSTRAINTS: tuple[type[Constraint], ...] = (HardElementVolume,)
-"""All constraints, the members of the derivative tests."""
+"""All constraints, which the derivative tests include."""
 
 __all__ = ["CONSTRAINTS", "HardElementVolume"]

@@ -23,9 +23,9 @@ class Constraints:
 
     saddle: Sparsity
     _parts: tuple[CompiledConstraint, ...]
-    _rows: tuple[Index, ...]  # of each part, the conditions that touch a free unknown
-    _entries: tuple[Index, ...]  # of each part, the entries of G on free unknowns
-    _G: csr_array  # with the place of each value in _entries order
+    _rows: tuple[Index, ...]  # constraints of each part that depend on a free unknown
+    _entries: tuple[Index, ...]  # entries of G of each part for free unknowns
+    _G: csr_array  # with the position of each value in the order of _entries
     _A_place: Index
     _G_place: Index
 
@@ -65,7 +65,7 @@ class Constraints:
 def unite(parts: Sequence[CompiledConstraint], pattern: SymmetricPattern) -> Constraints | None:
     """Restrict the constraints to the free unknowns; None if there are none.
 
-    A condition that touches fixed unknowns only can neither be met nor broken and is dropped.
+    A constraint that depends only on fixed unknowns is omitted.
     """
     n_free = pattern.n
     number = np.full(3 * pattern.n_nodes, -1, dtype=np.int64)
@@ -90,7 +90,7 @@ def unite(parts: Sequence[CompiledConstraint], pattern: SymmetricPattern) -> Con
     indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))])
     G = csr_array((np.zeros(len(row)), column, indptr), shape=(n, n_free))
 
-    # upper triangle by rows: those of A get their entries of G' appended, then a zero diagonal
+    # Upper triangle by rows: entries of A, followed by those of G', then a zero diagonal.
     a_row = np.repeat(np.arange(n_free), np.diff(pattern.indptr))
     all_row = np.concatenate([a_row, column, n_free + np.arange(n)])
     all_column = np.concatenate([pattern.indices, n_free + row, n_free + np.arange(n)])

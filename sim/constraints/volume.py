@@ -1,4 +1,4 @@
-"""Hard incompressibility: every element keeps its volume, by one multiplier (minus its pressure)."""
+"""Hard incompressibility: constant volume of every element, with one multiplier (minus its pressure)."""
 
 from dataclasses import dataclass
 
@@ -17,15 +17,15 @@ from sim.volumes import ElementVolumes
 class HardElementVolume:
     """c_e = v_e - V_e = 0 for every element.
 
-    Replaces the bulk law of a solid (give that kappa = 0). The multiplier is minus the pressure of the
-    element [Pa].
+    Replaces the bulk law of a solid, whose kappa must be 0. The multiplier is minus the pressure of
+    the element [Pa].
 
     Notes
     -----
     Source: hard element incompressibility of the published demonstration (Stavness et al., coupled
-    face model). Constant-pressure hexahedra do not satisfy the inf-sup condition: the displacements are
-    free of locking, the pressures may alternate from element to element. Elements whose nodes are all
-    fixed have no condition.
+    face model). Constant-pressure hexahedra do not satisfy the inf-sup condition: the displacements
+    are free of locking, but the pressures may alternate between elements. Elements whose nodes are
+    all fixed have no constraint.
     """
 
     def pair_keys(self, mesh: Mesh) -> Index:

@@ -1,4 +1,4 @@
-"""Bulk laws: energy U(J) of the volume change J = det F, taken at each Gauss point."""
+"""Bulk laws: energy U(J) of the volume change J = det F at each Gauss point."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
@@ -25,17 +25,12 @@ class QuadraticBulk:
     Attributes
     ----------
     kappa : float
-        Bulk modulus [Pa].
-
-    Raises
-    ------
-    SceneError
-        kappa is negative.
+        Bulk modulus [Pa], not negative.
 
     Notes
     -----
-    The energy stays finite as J -> 0, so a strong muscle can crush an element. Source: Eskes et al.
-    2017, text ("quadratic bulk potential"), kappa = 25 kPa.
+    The energy is finite as J -> 0, so that strong muscles can invert an element. Source: Eskes et
+    al. 2017, text ("quadratic bulk potential"), kappa = 25 kPa.
     """
 
     kappa: float = 25e3
@@ -53,12 +48,7 @@ class LogarithmicBulk:
     Attributes
     ----------
     kappa : float
-        Bulk modulus at rest [Pa].
-
-    Raises
-    ------
-    SceneError
-        kappa is negative.
+        Bulk modulus at rest [Pa], not negative.
 
     Notes
     -----
@@ -74,4 +64,4 @@ class LogarithmicBulk:
 
 
 BULK_LAWS: tuple[type[BulkLaw], ...] = (QuadraticBulk, LogarithmicBulk)
-"""All bulk laws, the members of the derivative tests."""
+"""All bulk laws, which the derivative tests include."""

@@ -1,7 +1,7 @@
 """Fibre laws: energy w(stretch, activation) along the unit rest direction a0 of a muscle.
 
 With stretch = J^(-1/3) |F a0| and a = F a0/|F a0| the Cauchy stress is
-sigma = (stretch dw/dstretch / J)(a a' - I/3); bundles in one element add.
+sigma = (stretch dw/dstretch / J)(a a' - I/3); the stresses of bundles in one element are summed.
 """
 
 from dataclasses import dataclass
@@ -41,11 +41,6 @@ class Blemker:
     P1, P2 : float
         Passive stress coefficient and uncrimping factor [1].
 
-    Raises
-    ------
-    SceneError
-        A parameter is out of range.
-
     Notes
     -----
     Source: Blemker et al. 2005; values of Eskes et al. 2017, Methods.
@@ -75,9 +70,9 @@ class Blemker:
 class Generic:
     """Active stress without length dependence, passive curve in pascals.
 
-    dw/dstretch = f_pas(stretch)/stretch + activation sigma_max, with
-    f_pas = P1 (exp(P2 (stretch - 1)) - 1) up to stretch_star (negative below 1), then its tangent line.
-    P1 is in pascals, so the passive part is negligible at the default.
+    dw/dstretch = f_pas(stretch)/stretch + activation sigma_max, with f_pas = P1 (exp(P2 (stretch -
+    1)) - 1) up to stretch_star (negative below 1), then its tangent line. With the default P1 the
+    passive part is negligible.
 
     Attributes
     ----------
@@ -87,11 +82,6 @@ class Generic:
         Stretch at which the passive curve becomes linear [1].
     P1, P2 : float
         Passive stress [Pa] and uncrimping factor [1].
-
-    Raises
-    ------
-    SceneError
-        A parameter is out of range.
     """
 
     sigma_max: float = 30e3
@@ -114,18 +104,7 @@ class Generic:
 
 @dataclass(frozen=True)
 class Constant:
-    """Active stress alone, dw/dstretch = activation sigma_max.
-
-    Attributes
-    ----------
-    sigma_max : float
-        Active stress at full activation [Pa].
-
-    Raises
-    ------
-    SceneError
-        sigma_max is negative.
-    """
+    """Active stress only, dw/dstretch = activation sigma_max, with sigma_max [Pa] not negative."""
 
     sigma_max: float = 30e3
     code: ClassVar[int] = laws.CONSTANT
@@ -141,4 +120,4 @@ class Constant:
 
 N_FIBRE = 5
 FIBRE_LAWS: tuple[type[FibreLaw], ...] = (Blemker, Generic, Constant)
-"""All fibre laws, the members of the derivative tests."""
+"""All fibre laws, which the derivative tests include."""

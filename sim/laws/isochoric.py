@@ -26,11 +26,6 @@ class MooneyRivlin:
     C10, C20 : float
         Stiffnesses [Pa]; the initial shear modulus is 2 C10.
 
-    Raises
-    ------
-    SceneError
-        C10 is not positive or C20 is negative.
-
     Notes
     -----
     Source: Eskes et al. 2017, Eq. 1, with C10 = 2.5 kPa, C20 = 1.175 kPa.
@@ -52,18 +47,7 @@ class MooneyRivlin:
 
 @dataclass(frozen=True)
 class NeoHooke:
-    """Neo-Hookean law, w = mu/2 (I1bar - 3).
-
-    Attributes
-    ----------
-    mu : float
-        Shear modulus [Pa].
-
-    Raises
-    ------
-    SceneError
-        mu is not positive.
-    """
+    """Neo-Hookean law, w = mu/2 (I1bar - 3), with the shear modulus mu [Pa]."""
 
     mu: float = 5000.0
     code: ClassVar[int] = laws.NEO_HOOKE
@@ -79,4 +63,4 @@ class NeoHooke:
 
 N_ISOCHORIC = 2
 ISOCHORIC_LAWS: tuple[type[IsochoricLaw], ...] = (MooneyRivlin, NeoHooke)
-"""All isochoric laws, the members of the derivative tests."""
+"""All isochoric laws, which the derivative tests include."""

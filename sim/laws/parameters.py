@@ -6,18 +6,9 @@ from sim.errors import SceneError
 
 
 def require(law: object, name: str, value: float, *, at_least: float, strictly: bool) -> None:
-    """Raise SceneError unless value is finite and above its lower bound.
+    """Raise SceneError unless a parameter of a law is finite and above its lower bound.
 
-    Parameters
-    ----------
-    law : object
-        The law, named in the message.
-    name, value : str, float
-        Parameter and its value.
-    at_least : float
-        Lower bound.
-    strictly : bool
-        Whether the bound itself is refused.
+    With `strictly`, the bound itself is refused.
     """
     fits = value > at_least if strictly else value >= at_least
     if not (math.isfinite(value) and fits):

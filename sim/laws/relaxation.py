@@ -13,8 +13,9 @@ from sim.laws.parameters import require
 class Prony:
     """Reduced relaxation function G(t) = 1 - sum_i g_i (1 - exp(-t/tau_i)), G(0) = 1.
 
-    The stress of a law becomes S(t) = int_0^t G(t - s) dS_e/ds ds with S_e its elastic (instantaneous)
-    stress. Over a step in which S_e changes linearly the integral is exact by the recursion
+    The stress of a law becomes S(t) = int_0^t G(t - s) dS_e/ds ds with S_e its elastic
+    (instantaneous) stress. Over a step in which S_e changes linearly the integral is exact by the
+    recursion
 
         H_i(t + h) = e_i H_i(t) + a_i (S_e(t + h) - S_e(t)),
         S = (1 - sum g_i) S_e + sum g_i H_i,   e_i = exp(-h/tau_i),   a_i = (1 - e_i) tau_i/h.
@@ -22,19 +23,15 @@ class Prony:
     Attributes
     ----------
     g : tuple of float
-        Fraction of the stress that relaxes with each time; in sum below 1.
+        Relaxing fraction of the stress for each time, with a sum below 1.
     tau : tuple of float
         Relaxation times [s].
-
-    Raises
-    ------
-    SceneError
-        The tuples differ in length or are empty, a value is not positive, or the fractions reach 1.
 
     Notes
     -----
     Source: Fung 1993, Biomechanics, Chap. 7; recursion: Taylor, Pister and Goudreau 1970. The
-    coefficients of the law are the instantaneous ones; a static equilibrium feels 1 - sum g_i of them.
+    coefficients of the law are the instantaneous ones, which a static equilibrium reduces by the
+    factor 1 - sum g_i.
     """
 
     g: tuple[float, ...]
@@ -54,7 +51,7 @@ class Prony:
 
     @property
     def relaxed(self) -> float:
-        """Fraction of the stress that stays, G at infinite time."""
+        """Remaining fraction of the stress, G at infinite time."""
         return 1.0 - sum(self.g)
 
     def decay(self, h: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

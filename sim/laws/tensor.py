@@ -19,9 +19,9 @@ class TensorLaw(Protocol):
     code : int
         Of `sim._kernels.tensor_laws.tensor_law`.
     measure : int
-        Strain that the law receives: ISOCHORIC, FINITE or SMALL of the same module.
+        Argument of the law: ISOCHORIC, FINITE or SMALL of the same module.
     needs_axes : bool
-        Whether the law depends on the material axes of the element.
+        True if the law depends on the material axes of the element.
     """
 
     code: ClassVar[int]
@@ -29,7 +29,7 @@ class TensorLaw(Protocol):
     needs_axes: ClassVar[bool]
 
     def parameters(self) -> tuple[float, ...]:
-        """Parameters in the order of the kernel, as many as the law has."""
+        """Parameters in the order of the kernel."""
         ...
 
 
@@ -43,18 +43,13 @@ class FiveTermMooneyRivlin:
     Attributes
     ----------
     C10, C01, C20, C11, C02 : float
-        Stiffnesses [Pa]; the initial shear modulus is 2 (C10 + C01).
-
-    Raises
-    ------
-    SceneError
-        A coefficient is not finite, or C10 + C01 is not positive.
+        Stiffnesses [Pa]; the initial shear modulus is 2 (C10 + C01), which must be positive.
 
     Notes
     -----
-    With C01 = C11 = C02 = 0 this is `MooneyRivlin`, which costs less. Source: Stavness et al., Coupled
-    biomechanical modeling of the face, Sect. 11.2.2; the coefficients of the second invariant are zero
-    there.
+    With C01 = C11 = C02 = 0 this is `MooneyRivlin`, which is faster. Source: Stavness et al.,
+    Coupled biomechanical modeling of the face, Sect. 11.2.2; the coefficients of the second
+    invariant are zero there.
     """
 
     C10: float = 2500.0
@@ -88,19 +83,13 @@ class Ogden:
     mu : tuple of float
         Coefficients [Pa]; the initial shear modulus is sum mu_p alpha_p / 2.
     alpha : tuple of float
-        Exponents [1], not zero.
-
-    Raises
-    ------
-    SceneError
-        The tuples differ in length or are empty, an exponent is zero, or a term has
-        mu_p alpha_p <= 0, which is not stable at every stretch.
+        Exponents [1], with mu_p alpha_p > 0, so that every term is stable at every stretch.
 
     Notes
     -----
-    Source: Ogden 1972, Proc R Soc A 326:565-584. The skin of the face was fitted with an
-    Ogden law in vivo (Stavness et al., Sect. 11.2.2.2), without coefficients there; the defaults are an
-    example with a shear modulus of 5 kPa, as `MooneyRivlin` has.
+    Source: Ogden 1972, Proc R Soc A 326:565-584. The skin of the face was fitted with an Ogden law
+    in vivo (Stavness et al., Sect. 11.2.2.2), but the coefficients are not stated there; the
+    defaults are an example with a shear modulus of 5 kPa, that of `MooneyRivlin`.
     """
 
     mu: tuple[float, ...] = (1250.0, -250.0)
@@ -135,22 +124,17 @@ class Fung:
     Attributes
     ----------
     mu : tuple of 3 float
-        Shear moduli of the axes [Pa].
+        Shear moduli of the axes [Pa], positive.
     lame : tuple of 6 float
         Lame moduli 11, 22, 33, 12, 23, 31 [Pa].
     c : float
-        Stress scale of the exponential [Pa]; the smaller, the sooner it stiffens.
-
-    Raises
-    ------
-    SceneError
-        A tuple has another length, or mu or c is not positive.
+        Stress scale of the exponential [Pa], positive; a smaller scale stiffens at smaller strains.
 
     Notes
     -----
     Defaults: mature skin; half of them for young, twice for old skin, each with a bulk modulus of
-    250 kPa. Source: values of the published face model with anisotropic skin; axis 1 runs along the
-    relaxed skin tension lines.
+    250 kPa. Source: values of the published face model with anisotropic skin; axis 1 is parallel to
+    the relaxed skin tension lines.
     """
 
     mu: tuple[float, float, float] = (17773.0, 5931.0, 5931.0)
@@ -183,14 +167,9 @@ class _YoungPoisson:
     Attributes
     ----------
     young : float
-        Young's modulus [Pa].
+        Young's modulus [Pa], positive.
     poisson : float
-        Poisson's ratio [1].
-
-    Raises
-    ------
-    SceneError
-        young is not positive, or poisson is outside -1 < poisson < 0.5.
+        Poisson's ratio [1], -1 < poisson < 0.5.
     """
 
     young: float = 15e3
@@ -212,7 +191,7 @@ class _YoungPoisson:
 class LinearElastic(_YoungPoisson):
     """Hooke's law of the small strain eps, W = mu eps:eps + lame/2 (tr eps)^2.
 
-    For small rotations only: a turned body feels a strain that it does not have.
+    Only for small rotations, because a rotation causes a strain.
     """
 
     code: ClassVar[int] = kernel.LINEAR
@@ -222,20 +201,20 @@ class LinearElastic(_YoungPoisson):
 
 @dataclass(frozen=True)
 class CoRotational(_YoungPoisson):
-    """Hooke's law with the rotation taken out, W = mu |U - I|^2 + lame/2 (tr U - 3)^2.
+    """Hooke's law in co-rotated axes, W = mu |U - I|^2 + lame/2 (tr U - 3)^2.
 
-    With F = R U the stress is P = R (2 mu (U - I) + lame tr(U - I) I): the linear law in axes that turn
-    with R, at every Gauss point. Because U and that stress commute, P is the derivative of W, so that
-    energy is conserved; the tangent is the exact derivative of P, with the turning of R in it. (The
-    source keeps R fixed in the tangent: the same forces, another path of the iteration.)
+    With F = R U the stress is P = R (2 mu (U - I) + lame tr(U - I) I): the linear law in axes that
+    rotate with R, at every Gauss point. U and that stress commute, so that P is the derivative of W
+    and energy is conserved. The tangent is the exact derivative of P, including that of R. (The
+    source omits that of R: the forces are the same, the iterates differ.)
 
     Notes
     -----
     Source: Mueller and Gross 2004, Interactive virtual materials (stiffness warping by the polar
-    decomposition), the method of the first vocal tract models (Fels et al., Developing physically-based
-    vocal tract models). There R belongs to a tetrahedron; with one Gauss point `tet4` is that element,
-    and hexahedra and wedges have one R per Gauss point. Linear in compression: no energy barrier keeps
-    an element from inverting.
+    decomposition), the method of the first vocal tract models (Fels et al., Developing
+    physically-based vocal tract models). There R belongs to a tetrahedron; with one Gauss point
+    `tet4` is that element, and hexahedra and wedges have one R per Gauss point. The law is linear
+    in compression, so that no energy barrier prevents inversion.
     """
 
     code: ClassVar[int] = kernel.CO_ROTATIONAL
@@ -250,4 +229,4 @@ TENSOR_LAWS: tuple[type[TensorLaw], ...] = (
     LinearElastic,
     CoRotational,
 )
-"""All laws of the strain tensor, the members of the derivative, symmetry and frame tests."""
+"""All laws of the strain tensor, which the tests of derivatives, symmetry and frames include."""

@@ -37,10 +37,10 @@ ITERATIONS: dict[str, Callable[[], ReusedFactor]] = {
 """All iterative solvers: the iteration, and the direct solver of its preconditioner."""
 
 LINEAR_SOLVERS: dict[str, Callable[[], Factor | ReusedFactor]] = {**FACTORS, **ITERATIONS}
-"""All linear solvers, the members of the tests."""
+"""All linear solvers, which the tests include."""
 
 INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
-"""Member of each family for matrices that are not positive definite."""
+"""Solver of each family for matrices that are not positive definite."""
 
 LARGE = 4000
 """Number of unknowns above which the factor of a time step is reused in the next."""
@@ -49,17 +49,8 @@ LARGE = 4000
 def linear_solver(name: str = "auto", *, indefinite: bool = False) -> Factor | ReusedFactor:
     """Return a new solver by name; "auto" is PARDISO if it can be loaded, otherwise SuperLU.
 
-    Parameters
-    ----------
-    name : str
-        A key of `LINEAR_SOLVERS`, or "auto".
-    indefinite : bool
-        Whether "auto" must serve matrices that are not positive definite.
-
-    Raises
-    ------
-    SceneError
-        The name is unknown, or PARDISO is requested and not installed.
+    With `indefinite`, "auto" is a solver for matrices that are not positive definite. An unknown
+    name, or PARDISO if it is not installed, raises `SceneError`.
     """
     if name == "auto":
         name = INDEFINITE[_family()] if indefinite else _family()
@@ -78,8 +69,8 @@ def linear_solver(name: str = "auto", *, indefinite: bool = False) -> Factor | R
 def solver_of_steps(name: str, n: int) -> Factor | ReusedFactor:
     """Solver for the matrices of successive time steps with n unknowns.
 
-    "auto" keeps factors from step to step where the matrices are large, and is direct where a factor
-    costs no more than a few products. Other names and errors as `linear_solver`.
+    "auto" reuses factors for large matrices, and is direct if a factor costs no more than a few
+    products. Other names and errors are those of `linear_solver`.
     """
     if name == "auto" and n >= LARGE:
         name = f"gmres_{_family()}"

@@ -12,9 +12,9 @@ def conjugate_gradients(
 ) -> Array:
     """Approximate solution x of A x = b from x = 0.
 
-    Ended early it still has b'x > 0: with b the negative gradient, x is a direction of descent. That
-    needs a symmetric positive definite preconditioner P, and of A only that no direction of negative
-    curvature is met; the iteration ends where one is.
+    After any number of iterations b'x > 0, so that x is a descent direction if b is the negative
+    gradient. The preconditioner P must be symmetric positive definite; the iteration ends at a
+    direction of negative curvature of A.
 
     Parameters
     ----------
@@ -22,9 +22,9 @@ def conjugate_gradients(
         x -> A x and r -> P^-1 r.
     rhs : (n,)
     share : float
-        It ends when the largest component of x changes by no more than this share.
+        The iteration ends if the largest component of x changes by no more than this fraction.
     limit : int
-        Solutions with P at most.
+        Largest number of solutions with P.
 
     Notes
     -----

@@ -36,9 +36,9 @@ class LinearSolver(Protocol):
         Raises
         ------
         NotPositiveDefinite
-            If the method needs a positive definite matrix and met a non-positive pivot.
+            The method requires a positive definite matrix, and a pivot is not positive.
         SingularSystem
-            If the matrix is singular or holds NaN.
+            The matrix is singular or contains NaN.
         """
         ...
 
@@ -59,13 +59,13 @@ class Factor(LinearSolver, Protocol):
     Attributes
     ----------
     solutions_per_factorisation : int
-        About how many solutions take as long as one factorisation.
+        Approximate number of solutions that take as long as one factorisation.
     """
 
     solutions_per_factorisation: ClassVar[int]
 
     def approximate(self, rhs: Array) -> Array:
-        """Solve by one pass through the latest factor, in its own precision."""
+        """Solve with the latest factor in its own precision, without refinement."""
         ...
 
     def approximate_many(self, rhs: Array) -> Array:

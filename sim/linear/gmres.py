@@ -9,7 +9,7 @@ from sim.linear.contract import Operator
 from sim.state import Array
 from sim.vectors import norm
 
-PER_CYCLE = 1e-4  # a factor in single precision does not know its residual any better
+PER_CYCLE = 1e-4  # Accuracy of the residual of a factor in single precision.
 MAX_CYCLES = 6
 
 
@@ -23,10 +23,10 @@ class Iterate:
     iterations : int
         Solutions with the preconditioner.
     reached : bool
-        Whether the error wanted was reached.
+        True if the requested error was reached.
     smallest : float
-        Smallest real part of the Ritz values, estimates of the eigenvalues of P^-1 A, which lie near one
-        where P is near A; infinite without iteration.
+        Smallest real part of the Ritz values, estimates of the eigenvalues of P^-1 A, which are
+        close to one if P is similar to A; infinite without iteration.
     """
 
     x: Array
@@ -40,18 +40,18 @@ def gmres(
 ) -> Iterate:
     """Solve A x = b by GMRES, preconditioned from the left by P^-1.
 
-    It minimises |P^-1 (b - A x)|: with P near A the error of x itself, in the units of x. A
-    need not be definite, and neither need P.
+    It minimises |P^-1 (b - A x)|: with P similar to A the error of x itself, in the units of x.
+    Neither A nor P need be definite.
 
     Parameters
     ----------
     product, precondition : callable
         x -> A x and r -> P^-1 r.
-    rhs, start : (n,) b, and where to begin.
+    rhs, start : (n,) b, and initial value of x.
     error : float
-        Largest component of P^-1 (b - A x) that is left.
+        Largest remaining component of P^-1 (b - A x).
     limit : int
-        Solutions with P before it gives up.
+        Largest number of solutions with P.
 
     Returns
     -------
@@ -59,8 +59,9 @@ def gmres(
 
     Notes
     -----
-    Saad and Schultz 1986, SIAM J. Sci. Stat. Comput. 7, p. 856; Gram and Schmidt's orthogonalisation
-    is done twice (Giraud et al. 2005). Restarts with a true residual after each gain of 1e4.
+    Saad and Schultz 1986, SIAM J. Sci. Stat. Comput. 7, p. 856; Gram and Schmidt's
+    orthogonalisation is done twice (Giraud et al. 2005). Restarts with the true residual after each
+    reduction by 1e4.
     """
     x, spent, smallest = start, 0, math.inf
     for _ in range(MAX_CYCLES):
@@ -86,7 +87,7 @@ def gmres(
 def _cycle(
     product: Operator, precondition: Operator, z: Array, goal: float, limit: int
 ) -> tuple[Array, float, int, float]:
-    """Change of x, largest component of the residual left, solutions spent, smallest Ritz value."""
+    """Change of x, largest component of the residual, number of solutions, smallest Ritz value."""
     basis = np.empty((limit + 1, len(z)))
     beta = norm(z)
     basis[0] = z / beta
@@ -98,7 +99,7 @@ def _cycle(
         w = precondition(product(basis[k]))
         own = basis[: k + 1]
         for _ in range(2):
-            # einsum keeps the products out of a threaded BLAS, see sim.vectors
+            # einsum does not use a threaded BLAS, see sim.vectors.
             h = np.einsum("ij,j->i", own, w)
             w = w - np.einsum("i,ij->j", h, own)
             H[: k + 1, k] += h
@@ -117,7 +118,7 @@ def _cycle(
             break
     spent = len(weights)
     change = np.einsum("i,ij->j", weights, basis[:spent])
-    # the preconditioned residual is the error left, but for the difference of the two matrices
+    # The preconditioned residual is the remaining error up to the difference of the two matrices.
     square = H[:spent, :spent]
     finite = spent > 0 and bool(np.isfinite(square).all())
     smallest = float(np.linalg.eigvals(square).real.min()) if finite else math.inf

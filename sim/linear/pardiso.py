@@ -28,7 +28,7 @@ ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
 AVX2, COMPATIBLE, STRICT = 10, 3, 0x10000  # branches of MKL's conditional numerical reproducibility
 NOT_DEFINITE = -4
 
-# places in iparm, as PARDISO counts them less one
+# Zero-based indices into iparm.
 GIVEN, NESTED_DISSECTION, PIVOT_SHIFT, FACTOR_SIZE = 0, 1, 9, 17
 BUNCH_KAUFMAN, NEGATIVE_PIVOTS, SINGLE, FROM_ZERO = 20, 22, 27, 34
 
@@ -44,7 +44,7 @@ def pardiso_is_available() -> bool:
 
 @cache
 def _wrapper() -> tuple[Any, str]:
-    """Module of pypardiso, and the path of the MKL that it found."""
+    """Module of pypardiso, and the path of its MKL."""
     with _pointed_to(_installed_mkl()):
         wrapper = importlib.import_module("pypardiso.pardiso_wrapper")
         mkl = wrapper.PyPardisoSolver().libmkl
@@ -55,9 +55,9 @@ def _wrapper() -> tuple[Any, str]:
 def _fix_code_path(mkl: ctypes.CDLL) -> None:
     """Configure MKL for reproducible results, independent of the alignment of arrays.
 
-    Its kernels otherwise follow the alignment of memory, and solutions differ between processes in
-    their last digits. MKL refuses once it has computed something in this process, or where MKL_CBWR
-    has chosen already; a processor without AVX2 gets the branch that all have.
+    Otherwise its kernels depend on the alignment of memory, and solutions differ between processes
+    in their last digits. MKL refuses the setting after it has computed in this process, or if
+    MKL_CBWR is set; a processor without AVX2 uses the branch common to all.
     """
     if mkl.MKL_CBWR_Set(ctypes.c_int(AVX2 | STRICT)) != 0:
         mkl.MKL_CBWR_Set(ctypes.c_int(COMPATIBLE))
@@ -104,8 +104,8 @@ def _pointed_to(mkl: str | None) -> Generator[None]:
 class _Handle:
     """Instance of PARDISO with its arrays.
 
-    pypardiso finds MKL and declares the routine; its own calls copy all indices each time, which
-    takes longer than a solution in single precision.
+    The module pypardiso finds MKL and declares the routine; its own calls copy all indices each
+    time, which takes longer than a solution in single precision.
     """
 
     def __init__(self, matrix_type: int, pattern: Sparsity, precision: type) -> None:
@@ -113,7 +113,7 @@ class _Handle:
         self._routine, self._pt, self.iparm = solver._mkl_pardiso, solver.pt, solver.iparm
         self._mkl = solver.libmkl
         self._pt_type, self._matrix_type, self._n = solver._pt_type[0], matrix_type, pattern.n
-        self.iparm[GIVEN] = 1  # so that all entries count; those at zero are the defaults
+        self.iparm[GIVEN] = 1  # All entries of iparm are specified; zero entries are the defaults.
         self.iparm[NESTED_DISSECTION] = 2
         self.iparm[PIVOT_SHIFT] = 8
         self.iparm[FACTOR_SIZE] = -1
@@ -170,7 +170,8 @@ class Pardiso:
     Parameters
     ----------
     precision : type
-        numpy.float64, or numpy.float32 for a factor of half the size whose solutions have six digits.
+        numpy.float64, or numpy.float32 for a factor of half the size whose solutions have six
+        digits.
     """
 
     name = "pardiso"
@@ -191,7 +192,7 @@ class Pardiso:
         """
         self._handle = _Handle(self._matrix_type, pattern, self._precision)
         self._call(ANALYSE)
-        # MKL keeps the factor outside Python's sight until it is told to release it
+        # MKL keeps the factor, which Python does not manage, until it is released.
         weakref.finalize(self, self._handle.call, RELEASE)
 
     def _call(self, phase: int) -> None:
@@ -224,7 +225,7 @@ class Pardiso:
 
     @property
     def factor_bytes(self) -> int:
-        """Size of the non-zeros of the factor [B], as PARDISO counts them."""
+        """Size of the non-zeros of the factor [B], as counted by PARDISO."""
         return self._handle.values.itemsize * int(self._handle.iparm[FACTOR_SIZE])
 
     def solve(self, rhs: Array) -> Array:
@@ -247,7 +248,7 @@ class Pardiso:
         return self.solve(rhs)
 
     def approximate_many(self, rhs: Array) -> Array:
-        """As `solve`, for right-hand sides (k, n), in a fraction of the time of as many solutions."""
+        """As `solve`, for right-hand sides (k, n), much faster than separate solutions."""
         self._require_factor()
         handle = self._handle
         b = np.ascontiguousarray(rhs).astype(handle.values.dtype)

@@ -1,4 +1,4 @@
-"""Iterative solution with the present matrix by the factor of an older one."""
+"""Iterative solution with the current matrix, preconditioned by the factor of an older one."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
@@ -18,13 +18,11 @@ from sim.linear.gmres import Iterate, gmres
 from sim.pattern import Sparsity
 from sim.state import Array
 
-PATIENCE = 8  # solutions beyond those with a new factor, before an iteration renews it
-LIMIT = 60  # solutions with a new factor, before the matrix itself is factorised
-RELATIVE = 1e-12  # accuracy where no error is asked for
-SINGULAR = (
-    0.1  # Ritz value from which down a matrix is so near to a singular one that it is factorised
-)
-SENSITIVE = 1e-3  # share of the error asked for, where the matrix is not positive definite
+PATIENCE = 8  # Additional solutions, compared with a new factor, before an iteration renews it.
+LIMIT = 60  # Solutions with a new factor before the matrix itself is factorised.
+RELATIVE = 1e-12  # Default accuracy.
+SINGULAR = 0.1  # Ritz value below which a matrix is nearly singular and is factorised.
+SENSITIVE = 1e-3  # Factor on the requested error if the matrix is not positive definite.
 
 
 class NotReached(SingularSystem):
@@ -32,36 +30,36 @@ class NotReached(SingularSystem):
 
 
 class ReusedFactor:
-    """GMRES on the present matrix, preconditioned by a factor that is reused while efficient.
+    """GMRES for the current matrix, preconditioned by a factor that is reused while efficient.
 
-    The factor is renewed when the solutions spent since it was made, beyond those that a new factor
-    needs, add up to the cost of a factorisation. The decision is based on counts, never on clock
-    times, so that results do not depend on the load of the machine. The matrix need not be definite;
-    where one to be factorised is not, its factor comes from `indefinite`.
+    The factor is renewed when the number of solutions, beyond those required with a new factor,
+    reaches the cost of a factorisation. The decision is based on counts and not on run times, so
+    that results do not depend on the load of the machine. The matrix need not be definite; the
+    factor of an indefinite matrix is computed by `indefinite`.
 
-    An older factor does not show that the matrix has become singular or indefinite, and the error
-    that it estimates is too small by as much as the matrix is softer. The Ritz values of the iteration
-    tell: where the smallest falls below `SINGULAR`, the matrix is factorised at once, which shows
-    whether it is definite. If it is not, remaining errors grow from step to step, and the
-    iteration continues to `SENSITIVE` of the requested error.
+    An older factor does not detect that the matrix has become singular or indefinite, and the
+    estimated error is too small if the matrix is softer. If the smallest Ritz value of the
+    iteration is below `SINGULAR`, the matrix is therefore factorised. If it is not positive
+    definite, remaining errors grow from step to step, and the iteration continues to `SENSITIVE` of
+    the requested error.
 
     Parameters
     ----------
     factor : Factor
-        Makes the factors.
+        Computes the factors.
     indefinite : callable
         Function that returns a solver for indefinite matrices.
     whole : callable
-        Makes, on demand, the direct solver that stands in where the iteration fails.
+        Function that returns a direct solver for failed iterations.
 
     Attributes
     ----------
     iterations, factorisations : int
         Of the latest solution.
     definite : bool
-        Whether the matrix was positive definite, according to its factor and the iteration.
+        True if the matrix was positive definite, according to its factor and the iteration.
     timed : callable
-        Context manager to time the phases "factorisation" and "solution" with.
+        Context manager that times the phases "factorisation" and "solution".
     """
 
     def __init__(
@@ -92,7 +90,7 @@ class ReusedFactor:
 
     @property
     def factored(self) -> Array | None:
-        """Values of the matrix behind the factor at hand, None without one."""
+        """Values of the factorised matrix, or None."""
         return None if self._active is None else self._factored
 
     def forget(self) -> None:
@@ -107,7 +105,7 @@ class ReusedFactor:
         return {"counts": counts} | ({} if self._active is None else {"factored": self._factored})
 
     def restore(self, kept: Mapping[str, Array]) -> None:
-        """Restore the state from `arrays`; without any, the initial state."""
+        """Restore the state from `arrays`, or the initial state from an empty mapping."""
         fresh, excess, definite, other = kept["counts"].tolist() if kept else (-1, 0, 1, 0)
         self._fresh = None if fresh < 0 else int(fresh)
         self._excess, self.definite, self._active = int(excess), bool(definite), None
@@ -117,7 +115,7 @@ class ReusedFactor:
             self._active, self._factored = active, kept["factored"]
 
     def _for_indefinite(self) -> Factor:
-        """Solver for indefinite matrices, analysed at its first use."""
+        """Solver for indefinite matrices, analysed on its first use."""
         if self._indefinite is None:
             self._indefinite = self._new_indefinite()
             self._indefinite.analyse(self._pattern)
@@ -135,33 +133,33 @@ class ReusedFactor:
         ----------
         values : (nnz,) of the pattern.
         product : callable, optional
-            x -> A x, where the matrix is more than its values.
+            x -> A x, if the matrix has further terms.
         to_factorise : callable, optional
             Function that returns the values to factorise, similar to the matrix.
 
         Raises
         ------
         SingularSystem
-            The matrix holds NaN or infinity.
+            The matrix contains NaN or infinity.
         """
         require_finite_matrix(values)
         self._values, self._product, self._to_factorise = values, product, to_factorise
 
     def solve(self, rhs: Array, start: Array | None = None, error: float | None = None) -> Array:
-        """Solve with the present matrix.
+        """Solve with the current matrix.
 
         Parameters
         ----------
         rhs : (n,)
-        start : (n,) where the iteration begins, zero by default.
+        start : (n,) initial value, zero by default.
         error : float, optional
-            Largest error of a component of the solution, as the iteration estimates it; by default
-            1e-12 of the largest component.
+            Largest estimated error of a component of the solution; by default 1e-12 of the largest
+            component.
 
         Raises
         ------
         NotReached
-            The iteration failed, and the matrix is more than its values.
+            The iteration failed, and the matrix is not fully assembled.
         SingularSystem
             The matrix is singular.
         """
@@ -178,12 +176,12 @@ class ReusedFactor:
             x = found.x if np.isfinite(found.x).all() else x
         found = self._iterate(rhs, x, error, LIMIT)
         self._fresh = found.iterations
-        # what a factor stands in for may be indefinite where the factor is not
+        # The matrix may be indefinite although its approximation is not.
         self.definite = self.definite and found.smallest > 0.0
         return found.x if found.reached else self._solve_whole(rhs)
 
     def roughly(self, rhs: Array) -> Array:
-        """Solve with the present factor, which is that of a similar matrix."""
+        """Solve with the existing factor of a similar matrix."""
         assert self._active is not None  # a solution has made one
         return self._active.approximate(rhs)
 
@@ -205,13 +203,13 @@ class ReusedFactor:
         return found
 
     def _renew(self) -> None:
-        """Factorise the present matrix, or its approximation."""
+        """Factorise the current matrix, or its approximation."""
         values = self._values if self._to_factorise is None else self._to_factorise()
         self._fresh, self._excess, self._factored, self._active = None, 0, values, None
         with self.timed("factorisation"):
             self.factorisations += 1
             if not self.definite and hasattr(self._for_indefinite(), "negative_pivots"):
-                # active muscles keep a matrix indefinite for many steps
+                # With active muscles, a matrix remains indefinite for many steps.
                 active = self._for_indefinite()
                 active.factorise(values)
                 self._active = active

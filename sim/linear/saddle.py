@@ -8,14 +8,16 @@ from sim.errors import SingularSystem
 from sim.linear import LinearSolver, linear_solver
 from sim.pattern import Array, SymmetricPattern
 
-COMPLIANCE = 1e-8  # makes the matrix quasi-definite, which factorises in any order (Vanderbei 1995)
-REFINEMENTS = 12  # each takes away what the compliance has put in, by about its size
-ACCURACY = 1e-12  # where refinement ends
-FAILURE = 1e-7  # what is refused
+# With this compliance the matrix is quasi-definite, and every ordering has a factor (Vanderbei 1995).
+COMPLIANCE = 1e-8
+# Each refinement reduces the error due to the compliance by about its size.
+REFINEMENTS = 12
+ACCURACY = 1e-12  # Relative residual at which refinement ends.
+FAILURE = 1e-7  # Relative residual above which a solution is refused.
 
 
 class Saddle:
-    """Factor of a saddle matrix; the rows of G are scaled to the size of A.
+    """Factor of a saddle matrix; the rows of G are scaled to the magnitude of A.
 
     Parameters
     ----------
@@ -45,17 +47,17 @@ class Saddle:
     def negative_pivots(self) -> int | None:
         """Number of negative eigenvalues of the latest factor, if the solver provides it.
 
-        As many as there are conditions exactly if A is positive definite on their null space.
+        It equals the number of constraints exactly if A is positive definite on their null space.
         """
         return getattr(self._solver, "negative_pivots", None)
 
     def factorise(self, A: Array, G: Array) -> None:
-        """Factorise for the values A of the pattern and G of the conditions.
+        """Factorise for the values A of the pattern and G of the constraints.
 
         Raises
         ------
         SingularSystem
-            The matrix is singular or holds NaN.
+            The matrix is singular or contains NaN.
         """
         size = np.abs(G).mean() or 1.0
         self._scale = float(np.abs(A[self._pattern.diagonal]).mean() / size)
@@ -75,8 +77,8 @@ class Saddle:
         Raises
         ------
         SingularSystem
-            The solution is not finite, or misses the equations: the conditions contradict or repeat
-            each other.
+            The solution is not finite, or does not satisfy the equations, because the constraints
+            are contradictory or redundant.
         """
         n = len(r)
         rhs = np.concatenate([r, self._scale * gamma])

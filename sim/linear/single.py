@@ -9,24 +9,24 @@ from sim.linear.pardiso import Pardiso
 from sim.pattern import Sparsity
 from sim.state import Array
 
-REFINED = 1e-14  # size of a correction, relative to the solution, that ends the refinement
-ENOUGH = 1e-11  # size that is accepted where rounding stops it earlier
+REFINED = 1e-14  # Relative correction at which the refinement ends.
+ENOUGH = 1e-11  # Relative correction that is accepted if rounding ends the refinement earlier.
 REFINEMENTS = 10
-TRUSTED = 0.1  # error of a solution by the factor alone that is tolerated
+TRUSTED = 0.1  # Largest accepted error of a solution without refinement.
 
 
 class SinglePardiso:
     """PARDISO's Cholesky factor in single precision: half the memory, half the time of a solution.
 
-    `solve` refines iteratively, x <- x + L^-T L^-1 (b - A x) with the residual in double precision, to
-    the accuracy of a factor in double; `approximate` leaves that to the iteration that calls it.
-    A matrix too ill-conditioned for single precision is factorised in double from then on.
+    `solve` refines iteratively, x <- x + L^-T L^-1 (b - A x) with the residual in double precision,
+    to the accuracy of a factor in double precision; `approximate` does not refine. After a matrix
+    that is too ill-conditioned for single precision, factors are computed in double precision.
 
     Notes
     -----
     Source: Wilkinson's iterative refinement in mixed precision, Buttari et al. 2008, Using mixed
-    precision for sparse matrix computations, ACM Trans. Math. Softw. 34(4), Algorithm 1; it converges
-    while the condition number is well below 1e7.
+    precision for sparse matrix computations, ACM Trans. Math. Softw. 34(4), Algorithm 1; it
+    converges while the condition number is well below 1e7.
     """
 
     name = "pardiso_single"
@@ -95,7 +95,7 @@ class SinglePardiso:
         self._factor = self._double if in_double and self._double is not None else self._single
 
     def approximate(self, rhs: Array) -> Array:
-        """Solve by one pass, to about six digits over the condition number."""
+        """Solve without refinement, to about six digits over the condition number."""
         return self._factor.approximate(rhs)
 
     def approximate_many(self, rhs: Array) -> Array:

@@ -1,4 +1,4 @@
-"""SciPy's SuperLU: everywhere available, unsymmetric, reorders at every factorisation."""
+"""SciPy's SuperLU: available everywhere, unsymmetric, new ordering at every factorisation."""
 
 from typing import ClassVar
 
@@ -25,7 +25,7 @@ class SuperLU:
     _symmetric = True
 
     def analyse(self, pattern: Sparsity) -> None:
-        """Lay out the full matrix; a value's place in it is looked up from then on."""
+        """Lay out the full matrix and the positions of the values in it."""
         n = pattern.n
         row = np.repeat(np.arange(n), np.diff(pattern.indptr))
         column = pattern.indices.astype(np.int64)
@@ -47,9 +47,9 @@ class SuperLU:
         Raises
         ------
         NotPositiveDefinite
-            A pivot is not positive, or off the diagonal; not with partial pivoting.
+            Without partial pivoting: a pivot is not positive, or off the diagonal.
         SingularSystem
-            The matrix is singular or holds NaN.
+            The matrix is singular or contains NaN.
         """
         require_finite_matrix(values)
         full = csc_array(
@@ -66,7 +66,7 @@ class SuperLU:
             raise SingularSystem(f"SuperLU could not factorise the matrix ({error})") from error
         if not self._symmetric:
             return
-        # pivots on the diagonal are those of L D L', whose signs are those of the eigenvalues
+        # Pivots on the diagonal are those of L D L', which have the signs of the eigenvalues.
         on_diagonal = (self._factor.perm_r == self._factor.perm_c).all()
         if not (on_diagonal and (self._factor.U.diagonal() > 0.0).all()):
             raise NotPositiveDefinite(

@@ -1,4 +1,4 @@
-"""Muscles that are lines: tension along polylines between nodes or points inside elements."""
+"""Line muscles: tension along polylines between nodes or points inside elements."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,21 +19,17 @@ from sim.state import Array, Control
 
 @dataclass(frozen=True, eq=False)
 class LineFibre:
-    """A polyline that carries one tension along its whole length, as over frictionless via points.
+    """A polyline with one tension along its whole length, as over frictionless via points.
 
     Attributes
     ----------
     muscle : int
         Index into the names of its `LineMuscles`.
-    points : (k,) of int, nodes (then the fibre runs along edges); or (k, 3), rest positions [m] anywhere
-        in the elements.
+    points : (k,) of int, nodes (the fibre is then parallel to edges); or (k, 3), rest positions [m]
+    in the
+        elements; at least two.
     share : float
-        Factor on the tension of the law [1], where several fibres divide the force of a muscle.
-
-    Raises
-    ------
-    SceneError
-        Fewer than two points, a shape that is neither of the two, or a negative share.
+        Factor on the tension of the law [1], if several fibres divide the force of a muscle.
     """
 
     muscle: int
@@ -58,8 +54,8 @@ class LineFibre:
 class LineMuscles:
     """Line muscles, E = sum over fibres of share w(L, activation) + stiffness/2 (L - L_rest)^2.
 
-    L is the length of the polyline and w the energy of the law. The forces of an embedded point act on
-    the nodes of its element in the proportion of the shape functions.
+    L is the length of the polyline and w the energy of the law. The forces of an embedded point are
+    distributed to the nodes of its element by the shape functions.
 
     Attributes
     ----------
@@ -67,24 +63,21 @@ class LineMuscles:
     fibres : sequence of LineFibre
     law : LineLaw, or one per name.
     stiffness : float
-        Of a passive spring along every fibre [N/m]; it also resists shortening.
+        Of a passive spring along every fibre [N/m], which also resists shortening.
     damping : float
-        Of a damper along every fibre, force by its rate of lengthening [N s/m].
+        Of a damper along every fibre, force per rate of lengthening [N s/m].
     tolerance : float
-        How far outside the mesh an embedded point may lie, as `sim.embedding.embed`.
+        Tolerance for embedded points outside the mesh, as `sim.embedding.embed`.
 
     Raises
     ------
-    SceneError
-        A muscle has no fibre, an index is out of range, or the laws do not fit the names; on
-        compiling, a node does not exist or two successive points coincide.
     MeshError
         On compiling, a point lies in no element.
 
     Notes
     -----
-    At constant tension the only stiffness is that of a taut string, F/L across the line, which no law of
-    the tissue has to provide. Source: the cable elements of the published reference face.
+    At constant tension the only stiffness is that of a taut string, F/L perpendicular to the line.
+    Source: the cable elements of the published reference face.
     """
 
     names: tuple[str, ...]
@@ -132,7 +125,7 @@ class LineMuscles:
 
 
 class _Strands:
-    """Segments d = D q of all fibres, and the pairs of segments that the energy couples."""
+    """Segments d = D q of all fibres, and the pairs of segments coupled by the energy."""
 
     def __init__(self, term: LineMuscles, mesh: Mesh) -> None:
         self.n_nodes = mesh.n_nodes
@@ -177,8 +170,8 @@ class _Strands:
     def products(self) -> tuple[Index, Index, Array, NDArray[np.bool_]]:
         """Node-pair key, segment pair, coefficient and transposition of every product D_sa D_tb.
 
-        Block (a, b), a <= b, of the stiffness sums coefficient times block (s, t), transposed where the
-        segments come in the other order.
+        Block (a, b), a <= b, of the stiffness is the sum of coefficient times block (s, t),
+        transposed if the segments are in reverse order.
         """
         keys, pair, value, turned = list[Index](), list[Index](), list[Array](), list[bool]()
         sizes = list[int]()
@@ -208,8 +201,8 @@ class _Strands:
 class CompiledLineMuscles:
     """Compiled line muscles.
 
-    The stiffness of all segment pairs, a few thousand numbers, goes to the matrix by one constant sparse
-    product, which is the only cost of the embedding.
+    One constant sparse product, the only cost of the embedding, adds the stiffness of all segment
+    pairs to the matrix.
     """
 
     def __init__(self, term: LineMuscles, layout: Layout) -> None:
@@ -278,7 +271,7 @@ class CompiledLineMuscles:
         blocks = np.einsum(
             "p,pi,pj->pij", slope[self._fibre[s]], direction[s], direction[t], optimize=False
         )
-        own = np.arange(len(length))  # the pairs begin with every segment and itself
+        own = np.arange(len(length))  # The first pairs are those of every segment with itself.
         across = (tension[self._fibre] / length)[:, None, None]
         blocks[own] += across * (np.eye(3) - direction[:, :, None] * direction[:, None, :])
         K[self._entries] += _product(self._spread, blocks.ravel())
@@ -310,7 +303,7 @@ def _placed(fibre: LineFibre, mesh: Mesh, tolerance: float) -> tuple[Index, Arra
 
 
 def _distinct(laws: tuple[LineLaw, ...]) -> list[LineLaw]:
-    """Every law object once, in order."""
+    """Every law object once, in order of appearance."""
     return list({id(law): law for law in laws}.values())
 
 

@@ -17,13 +17,8 @@ class NodeLoad:
 
     Attributes
     ----------
-    nodes : (k,) node indices; repeated ones add.
+    nodes : (k,) node indices; the forces of repeated ones are added.
     force : (k, 3) force on each [N].
-
-    Raises
-    ------
-    SceneError
-        Shapes disagree, a force is not finite, or (on compiling) a node index is out of range.
     """
 
     nodes: Index
@@ -42,7 +37,7 @@ class NodeLoad:
         return np.empty(0, dtype=np.int64)
 
     def compile(self, layout: Layout) -> "CompiledNodeLoad":
-        """Add the forces up per node once."""
+        """Sum the forces of each node."""
         nodes, n = np.asarray(self.nodes, dtype=np.int64), layout.mesh.n_nodes
         if nodes.size and not (nodes.min() >= 0 and nodes.max() < n):
             raise SceneError(f"NodeLoad refers to node {int(nodes.max())}, expected 0..{n - 1}")

@@ -26,14 +26,9 @@ class Material:
         Pointwise law of the volume. None: `QuadraticBulk` with an isochoric law, and none with a
         law that determines the volume change itself (`LinearElastic`, `CoRotational`).
     density : float
-        Rest density [kg/m^3].
+        Rest density [kg/m^3], positive.
     relaxation : Prony or None
-        Makes the stress of the law viscoelastic; the bulk law stays elastic.
-
-    Raises
-    ------
-    SceneError
-        The density is not positive, or two laws determine the volume change.
+        Viscoelastic relaxation of the stress of the law; the bulk law is elastic.
     """
 
     law: IsochoricLaw | TensorLaw = field(default_factory=MooneyRivlin)
@@ -79,7 +74,7 @@ class Material:
     def tensor_form(self) -> tuple[int, int, tuple[float, ...]] | None:
         """Measure, code and parameters for the second element loop; None for the first.
 
-        The first loop takes elastic laws of one scalar alone.
+        The first loop is only for elastic laws of one scalar.
         """
         law = self.law
         if isinstance(law, TENSOR_LAWS):

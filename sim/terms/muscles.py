@@ -19,18 +19,10 @@ class Muscles:
 
     Attributes
     ----------
-    names : tuple of str
-    element : (k,) element index of the row.
-    muscle : (k,) index into names.
-    direction : (k, 3) rest direction a0; normalised on compiling.
-    law : FibreLaw, or one per name.
-    weight : (k,) share of the element that the muscle fills, a factor on its energy [1]; None is 1.
-
-    Raises
-    ------
-    SceneError
-        Arrays disagree, an index is out of range, a direction is zero, a weight negative or no
-        number, or a muscle has no element.
+    names : tuple of str element : (k,) element index of the row. muscle : (k,) index into names;
+    every muscle has an element. direction : (k, 3) rest direction a0; normalised on compiling. law
+    : FibreLaw, or one per name. weight : (k,) fraction of the element filled by the muscle, a
+    factor on its energy [1]; None is 1.
     """
 
     names: tuple[str, ...]
@@ -86,8 +78,8 @@ class Muscles:
 class FibreTable:
     """Fibres by element, for the element loops.
 
-    Those of element n are rows start[n]..start[n + 1] of muscle, direction and weight; code and p belong
-    to the muscles of the scene.
+    The fibres of element n are rows start[n]..start[n + 1] of muscle, direction and weight; code
+    and p belong to the muscles of the scene.
     """
 
     start: Index
@@ -110,17 +102,8 @@ class FibreTable:
     ) -> "FibreTable":
         """Group the rows of muscles by element.
 
-        Parameters
-        ----------
-        muscles : Muscles
-        n_elements : int
-        scene_muscles : names of all muscles of the scene.
-        F0 : (n_elements, 3, 3) prestretch, from before which the directions are taken, or None.
-
-        Raises
-        ------
-        SceneError
-            A muscle names an element that does not exist.
+        The directions in the mesh are transformed to the state before the prestretch F0 (n_elements, 3,
+        3), if given.
         """
         n = n_elements
         if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):

@@ -1,7 +1,8 @@
 """Soft incompressibility: a pressure from the volume of the region of a node.
 
-It replaces the pointwise bulk law of a solid (give that kappa = 0) and uses the quadratic potential. It
-cures volumetric locking because fewer volumes are constrained than there are Gauss points.
+It replaces the pointwise bulk law of a solid, whose kappa must be 0, and uses the quadratic
+potential. It prevents volumetric locking because fewer volumes are constrained than there are Gauss
+points.
 """
 
 from dataclasses import dataclass
@@ -23,8 +24,8 @@ from sim.volumes import PointVolumes
 STAND_IN = 0.2
 """Optimal fraction of the bulk modulus in the element-volume preconditioner.
 
-It resists more of the motions than that of nodes. Measured on a face with kappa/mu = 5: shares of 0.1
-and 1 need a third more iterations.
+Element volumes constrain more motions than nodal volumes. On a face with kappa/mu = 5, fractions of
+0.1 and 1 require a third more iterations.
 """
 
 
@@ -32,25 +33,22 @@ and 1 need a third more iterations.
 class NodalVolume:
     """One pressure per node, E = sum_n kappa_n/2 V_n (v_n/V_n - 1)^2.
 
-    v_n is the volume of the Gauss points that belong to node n: of each element at the node, the point
-    in its corner; a tetrahedron gives each of its nodes a quarter (Bonet and Burton 1998). Source: the
-    soft nodal incompressibility that Eskes et al. 2017 used, as recorded from the published simulator.
+    v_n is the volume of the Gauss points that belong to node n: of each element at the node, the
+    point in its corner; a quarter of a tetrahedron belongs to each of its nodes (Bonet and Burton
+    1998). Source: the soft nodal incompressibility used by Eskes et al. 2017, as recorded from the
+    published simulator.
 
     Attributes
     ----------
     kappa : float or (n_elements,) array
         Bulk modulus [Pa]; kappa_n is its mean over the region of the node, weighted by volume.
     at_fixed : bool
-        Whether fully fixed nodes have a pressure, too; in the published simulator they have none.
-
-    Raises
-    ------
-    SceneError
-        kappa is negative, or nowhere positive, or (on compiling) does not fit the mesh.
+        Fully fixed nodes have a pressure, unlike in the published simulator.
 
     Notes
     -----
-    Couples all nodes that share a neighbour: the factor is about three times that of other bulk laws.
+    All nodes with a common neighbour are coupled, so that the factor is about three times that of
+    other bulk laws.
     """
 
     kappa: float | Array = 25e3
@@ -103,7 +101,7 @@ class _NodalPressures:
         nodes, used = slots(mesh)
         self._is_point = self._volumes.rest > 0.0
         element, point = np.nonzero(self._is_point)
-        owner = nodes[element, point]  # quadrature point k lies in the corner of node k
+        owner = nodes[element, point]  # Quadrature point k is that in the corner of node k.
         order, self._start = grouped(owner, mesh.n_nodes)
         self._element, self._point = element[order], point[order]
         self._owner = np.zeros(self._volumes.rest.shape, dtype=np.int64)
@@ -117,7 +115,7 @@ class _NodalPressures:
 
         share = self._volumes.rest[element, point]
         self._rest: Array = np.bincount(owner, share, mesh.n_nodes).astype(np.float64)
-        tissue = self._rest > 0.0  # not the points of bodies
+        tissue = self._rest > 0.0  # Points of bodies have no volume.
         self._rest[~tissue] = 1.0
         kappa = kappa_by_element(term.kappa, mesh)
         self._kappa: Array = np.full(mesh.n_nodes, kappa[0])
@@ -220,7 +218,7 @@ class CompiledSparseNodalVolume(_NodalPressures):
         self._product: Product | None = None
 
     def _evaluate(self, q: Array) -> None:
-        # tangent and products of one configuration are asked for one after the other
+        # Tangent and products of one configuration are requested successively.
         if self._at is None or not np.array_equal(self._at, q):
             super()._evaluate(q)
             self._at, self._product = q.copy(), None
@@ -240,7 +238,7 @@ class CompiledSparseNodalVolume(_NodalPressures):
         return self._product
 
     def add_stand_in(self, q: Array, K: Array) -> None:
-        """K += the stiffness of softened volumes of elements, near that of the product."""
+        """K += the stiffness of softened element volumes, which approximates that of the product."""
         self._stand_in.add_tangent(q, self._no_control, np.zeros_like(q), K)
 
 
@@ -261,7 +259,7 @@ def _star_pairs(start: Index, star: Index) -> tuple[Index, Index, Index]:
     size = np.diff(start)
     entry = np.arange(len(star))
     centre = np.repeat(np.arange(len(size)), size)
-    partners = start[centre + 1] - entry  # a star is ascending, so its later entries are b >= a
+    partners = start[centre + 1] - entry  # Stars are sorted, so that later entries are b >= a.
     a = np.repeat(entry, partners)
     first: Index = np.cumsum(partners) - partners
     offset = np.arange(len(a)) - np.repeat(first, partners)

@@ -11,15 +11,14 @@ from sim.terms.tensor_elements import TensorElements
 
 
 class Relaxation:
-    """History of some elements: elastic stress and one stress per relaxation time.
+    """History of viscoelastic elements: elastic stress and one stress per relaxation time.
 
-    The memory of a step is an array (n_gauss_points, 1 + n_times, 6) [Pa]: S_e, then H_i, both as in
-    `sim.laws.Prony`; materials with fewer times than others leave the rest zero.
+    The memory of a step is an array (n_gauss_points, 1 + n_times, 6) [Pa]: S_e, then H_i, both as
+    in `sim.laws.Prony`; unused times of a material are zero.
 
     Parameters
     ----------
     elements : sequence of TensorElements
-        All viscoelastic.
     region : (n_elements,) index into materials.
     materials : sequence of Material
     """

@@ -25,21 +25,14 @@ class Solid:
 
     Attributes
     ----------
-    materials : tuple of Material
-    region : (n_elements,) index into materials, or None if there is one material only.
-    muscles : Muscles or None
-    prestretch : (n_elements, 3, 3) deformation gradient F0 from the state free of stress to the mesh at
-        rest, or None. The whole deformation is F F0; fibre directions remain those in the mesh, and the
-        density that of the mesh.
-    axes : (n_elements, 3, 3) material axes in the mesh, one per column, or None if no law needs them;
-        rows of elements whose law does not are not read. A prestretch turns them by its rotation alone.
-
-    Raises
-    ------
-    SceneError
-        On compiling: regions do not fit the mesh, a muscle names an element that does not exist, a
-        prestretch is not finite or has det F0 <= 0, or axes that a law needs are missing or not
-        orthonormal.
+    materials : tuple of Material region : (n_elements,) index into materials, or None if there is
+    one material only. muscles : Muscles or None prestretch : (n_elements, 3, 3) deformation
+    gradient F0 from the stress-free state to the mesh at
+        rest, or None. The total deformation is F F0; fibre directions and density are those of the
+        mesh.
+    axes : (n_elements, 3, 3) orthonormal material axes in the mesh, one per column, or None if no
+    law
+        requires them. A prestretch changes them only by its rotation.
     """
 
     materials: tuple[Material, ...] = (Material(),)
@@ -70,7 +63,7 @@ class Solid:
         return region
 
     def node_mass(self, mesh: Mesh) -> Array:
-        """Lumped mass: each element shares rho V equally among its nodes (n_nodes,) [kg]."""
+        """Lumped mass: rho V of each element is distributed equally among its nodes (n_nodes,) [kg]."""
         density = np.array([m.density for m in self.materials])[self.regions(mesh)]
         share = mesh.volumes() * density
         mass = np.zeros(mesh.n_nodes)
@@ -95,7 +88,7 @@ class Solid:
 class CompiledSolid:
     """Compiled solid; the buffers contain no state between calls.
 
-    With `chosen` (n_elements,) only those elements take part, and there are no muscles.
+    With `chosen` (n_elements,) only those elements are included, without muscles.
     """
 
     def __init__(
@@ -187,7 +180,7 @@ class CompiledSolid:
     ) -> Contribution:
         """F -= sum_e weight_e dE_e/dq and, if given, K += sum_e weight_e d2E_e/dq2.
 
-        weight (n_elements,) [1]; elements of weight zero are not looked at.
+        weight (n_elements,) [1]; elements of weight zero are skipped.
         """
         return self._add(q, control, f, K, weight)
 
@@ -230,7 +223,7 @@ class RelaxingSolid(CompiledSolid):
 
 
 def _axes(solid: Solid, mesh: Mesh, region: Index, chosen: NDArray[np.bool_]) -> Array | None:
-    """Axes before the prestretch (n_elements, 3, 3); None if no law of chosen elements needs them."""
+    """Axes before the prestretch (n_elements, 3, 3); None if no law of chosen elements requires them."""
     needs = np.flatnonzero(np.array([m.needs_axes for m in solid.materials])[region] & chosen)
     if len(needs) == 0:
         return None

@@ -16,8 +16,8 @@ from sim.terms.solid import CompiledSolid, Solid
 class Stiffening:
     """Passive energy added to that of the solid, E = sum_e (s_e - 1) E_e with the tissue's own E_e.
 
-    s_e = 1 + (factor - 1) min(1, sum over the muscles m of element e of weight_em activation_m), so that
-    all passive moduli of the element are multiplied by s_e. The active stress is not.
+    s_e = 1 + (factor - 1) min(1, sum over the muscles m of element e of weight_em activation_m), so
+    that all passive moduli of the element are multiplied by s_e, but not the active stress.
 
     Attributes
     ----------
@@ -28,21 +28,15 @@ class Stiffening:
     tissue : Solid
         Materials and regions of the solid that is stiffened; its muscles are ignored.
     factor : float
-        Of the moduli at full activation [1].
-    weight : (k,) share of the element that the muscle fills [1]; None is 1.
-
-    Raises
-    ------
-    SceneError
-        Rows disagree, an index is out of range, or factor < 1; on compiling, a muscle that no other term
-        of the scene has.
+        Of the moduli at full activation [1], at least 1.
+    weight : (k,) fraction of the element filled by the muscle [1]; None is 1.
 
     Notes
     -----
-    Source: Stavness et al., Lip stiffness enables protrusion and rounding (on and off); Nazari et al.
-    2010, a constitutive law that varies with muscle activation; the linear rule with the factor 10 is
-    that of the tongue model with line muscles in the same collection. No cost where the term is
-    absent, and no element is evaluated while no muscle is active.
+    Source: Stavness et al., Lip stiffness enables protrusion and rounding (on and off); Nazari et
+    al. 2010, a constitutive law that varies with muscle activation; the linear rule with the factor
+    10 is that of the tongue model with line muscles in the same collection. No element is evaluated
+    while no muscle is active.
     """
 
     names: tuple[str, ...]
@@ -111,7 +105,7 @@ class CompiledStiffening:
         self._factor = term.factor
 
     def weights(self, control: Control) -> Array:
-        """s_e - 1 of every element (n_elements,) [1], zero where no active muscle is."""
+        """s_e - 1 of every element (n_elements,) [1], zero without an active muscle."""
         drive = self._share * control.activation[self._muscle]
         activation = np.bincount(self._element, drive, self._n)
         return (self._factor - 1.0) * np.minimum(activation, 1.0)

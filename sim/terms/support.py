@@ -12,7 +12,7 @@ from sim.state import Array, Control
 TOUCHED = 1e-9
 """Depth above which a wall contributes to the stiffness [m].
 
-At rest a node lies on its wall up to rounding, which must not determine the stiffness of the face.
+At rest a node is on its wall up to rounding, which must not affect the stiffness of the face.
 """
 
 
@@ -20,8 +20,8 @@ At rest a node lies on its wall up to rounding, which must not determine the sti
 class Support:
     """Penalty walls, E = sum_n stiffness/2 min(0, gap + normal_n . (x_n - X_n))^2.
 
-    The wall of node n lies `gap` behind its rest position and is plane, frictionless and at rest; it
-    represents a bone on which tissue slides.
+    The wall of node n is at a distance `gap` behind its rest position and is plane, frictionless
+    and at rest; it represents a bone on which tissue slides.
 
     Attributes
     ----------
@@ -30,13 +30,7 @@ class Support:
     stiffness : float
         Of each wall [N/m].
     gap : float
-        Free way at rest [m].
-
-    Raises
-    ------
-    SceneError
-        Rows disagree, a normal has no unit length, stiffness or gap is negative, or, on compiling, a
-        node does not exist.
+        Distance at rest [m].
     """
 
     nodes: Index

@@ -17,7 +17,7 @@ from sim.terms.material import Material
 
 @dataclass(frozen=True, eq=False)
 class LawTable:
-    """Laws of all materials as arrays for the kernel; rows of scalar materials are not used."""
+    """Laws of all materials as arrays for the kernel; rows of materials of the first loop are unused."""
 
     measure: Index
     code: Index
@@ -27,7 +27,7 @@ class LawTable:
 
     @staticmethod
     def of(materials: Sequence[Material]) -> "LawTable":
-        """Tabulate."""
+        """Tabulate the laws of materials."""
         forms = [m.tensor_form or (0, 0, ()) for m in materials]
         p = np.zeros((len(materials), max(len(form[2]) for form in forms)))
         for row, form in zip(p, forms, strict=True):
@@ -74,7 +74,8 @@ class TensorElements:
     def evaluate(self, q: Array, *rest: Any) -> None:
         """Add forces and stiffness, and write energies into the array of all elements.
 
-        rest : fibre arrays, activation, weights, whether the stiffness is wanted, and the four results.
+        rest : fibre arrays, activation, weights, True to compute the stiffness, and the four
+        results.
         """
         part, table = self.part, self._table
         kernel.evaluate(
@@ -111,7 +112,7 @@ class TensorElements:
 
 
 def rotations(axes: Array, wanted: Index) -> Array:
-    """Proper orthogonal axes nearest to those given (n_elements, 3, 3), at the wanted elements.
+    """Proper orthogonal axes nearest to those given (n_elements, 3, 3), at the chosen elements.
 
     Raises
     ------

@@ -1,7 +1,8 @@
 """Soft incompressibility: a pressure from the volume of a whole element.
 
-It replaces the pointwise bulk law of a solid (give that kappa = 0) and uses the quadratic potential. It
-cures volumetric locking because fewer volumes are constrained than there are Gauss points.
+It replaces the pointwise bulk law of a solid, whose kappa must be 0, and uses the quadratic
+potential. It prevents volumetric locking because fewer volumes are constrained than there are Gauss
+points.
 """
 
 from dataclasses import dataclass
@@ -24,12 +25,7 @@ class ElementVolume:
     Attributes
     ----------
     kappa : float or (n_elements,) array
-        Bulk modulus [Pa]; zero if another law determines the volume change.
-
-    Raises
-    ------
-    SceneError
-        kappa is negative, or nowhere positive, or (on compiling) does not fit the mesh.
+        Bulk modulus [Pa], positive; zero if another law determines the volume change.
     """
 
     kappa: float | Array = 25e3
