@@ -1,4 +1,4 @@
-"""Closest points of the pairs of a barrier."""
+"""Derivatives of the distance vectors of the pairs of a barrier."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -21,8 +21,8 @@ def shares(
 ) -> None:
     """Derivative of the vector between the nearest points of every pair by its vertices.
 
-    vertex (n, 4): two vertices; a vertex and an edge; two edges; a vertex and a face. An entry of out
-    (n, 4) is zero exactly where the distance does not depend on the vertex.
+    vertex (n, 4): two vertices; a vertex and an edge; two edges; a vertex and a face. An entry of
+    out (n, 4) is zero exactly if the distance does not depend on the vertex.
     """
     weight, share = np.empty(3), np.empty(2)
     for k in range(len(kind)):

@@ -1,6 +1,6 @@
-"""Points that enter faces on straight paths within a step.
+"""Entry of points into faces on straight paths within a step.
 
-The broad phase is the grid of `nearest_faces`, over the boxes of the ways.
+The broad phase is the grid of `nearest_faces`, over the boxes of the paths.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false
@@ -17,7 +17,7 @@ from sim._kernels.triangles import dot, point_triangle
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-SHARP = 1e-9  # barycentric slack, so that nothing slips through between two faces
+SHARP = 1e-9  # Barycentric tolerance, so that no point passes between two faces.
 
 
 @inner
@@ -89,7 +89,7 @@ def _entry(p0, p1, a0, a1, b0, b1, c0, c1, weight):
     for k in range(_roots(e0, e1, e2, e3, roots)):
         t = roots[k]
         if e1 + t * (2.0 * e2 + t * 3.0 * e3) >= 0.0:
-            continue  # from behind, or along
+            continue  # from behind, or parallel to the face
         for i in range(3):
             x[i] = p0[i] + t * (p1[i] - p0[i])
             a[i] = a0[i] + t * (a1[i] - a0[i])
@@ -119,7 +119,7 @@ def entries(
 ) -> int:
     """First face that every point enters through its front on a straight path; -1 if none.
 
-    grid: of the boxes of the ways of the faces. Returns the number of pairs looked at.
+    grid: of the boxes of the paths of the faces. Returns the number of pairs examined.
     """
     looked = 0
     w, low, high = np.empty(3), np.empty(3), np.empty(3)
@@ -163,7 +163,8 @@ def as_early(
 ) -> int:
     """Number of further faces that points enter together with the first ones, within a tolerance.
 
-    Arguments as of `sim._kernels.nearest_faces.as_near`, with shares of the way for distances.
+    Arguments as of `sim._kernels.nearest_faces.as_near`, with fractions of the path instead of
+    distances.
     """
     n = 0
     w, low, high = np.empty(3), np.empty(3), np.empty(3)

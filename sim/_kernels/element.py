@@ -1,13 +1,14 @@
 """Operations common to element loops: deformation at the points, sums over the points.
 
-With the natural derivatives d_a = dN_a/dxi, the material ones are g_a = A' d_a with A = (dX/dxi)^-1, so
-that a stress P and moduli A_ij (3 x 3 for every pair of axes) act at the nodes as
+With the natural derivatives d_a = dN_a/dxi, the material ones are g_a = A' d_a with A =
+(dX/dxi)^-1, so that a stress P and moduli A_ij (3 x 3 for every pair of axes) contribute at the
+nodes
 
     f_ia = sum_l Pn_il d_la,            Pn = P A',
     K_ia,jb = sum_lm d_la An_ij,lm d_mb,    An_ij = A A_ij A'
 
-summed over the points. Only A and the volumes of the points differ from element to element, d belongs to
-the type. Quantities of the eight points are lanes; a type with fewer points repeats its first one with
+summed over the points. Only A and the volumes of the points depend on the element, d on its type.
+Quantities of the eight points are lanes; a type with fewer points repeats its first one with
 volume zero. Tensors are tuples of nine lanes, row by row.
 """
 
@@ -37,12 +38,12 @@ class Part(NamedTuple):
 
     Attributes
     ----------
-    element : (n,) their places among all elements.
-    nodes : (n, 8) node of every slot; one that is not used repeats the first.
+    element : (n,) indices among all elements.
+    nodes : (n, 8) node of every slot; unused slots repeat the first.
     slope : (3 * points, 8) natural derivatives of the shape functions, the nodes as lanes.
     slope_at : (3 * 8 nodes, 8) the same, the points as lanes.
     inverse : (9 * n, 8) A [1/m], row 9 e + 3 l + J, the points as lanes.
-    volume : (n, 8) rest volume of the points [m^3], zero where the type has no such point.
+    volume : (n, 8) rest volume of the points [m^3], zero if the type has no such point.
     chunk : (chunks + 1,) first element of every chunk.
     colour : (colours + 1,) first chunk of every colour.
     """
@@ -80,7 +81,7 @@ def _column(x, slope_at, n):
 
 @inner
 def take(w, row):
-    """Nine lanes of a tensor from rows, as `put` writes them."""
+    """Nine lanes of a tensor from rows, as written by `put`."""
     first = load(w, row), load(w, row + 1), load(w, row + 2)
     second = load(w, row + 3), load(w, row + 4), load(w, row + 5)
     return first + second + (load(w, row + 6), load(w, row + 7), load(w, row + 8))
@@ -104,7 +105,7 @@ def product(S, T):
 
 @inner
 def along(T, direction, row):
-    """T a of a tensor and a direction a, direction[row], the same at all points."""
+    """T a of a tensor and a direction a, direction[row], equal at all points."""
     a0, a1, a2 = direction[row, 0], direction[row, 1], direction[row, 2]
     return (
         T[0] * a0 + T[1] * a1 + T[2] * a2,
@@ -202,7 +203,7 @@ def nodal(w, P, slope, f):
 def stiffness_block(w, A, slope, K):
     """Rows K..K + 7 over the nodes: sum over points of d_la A_lm d_mb, from nine rows A over the points.
 
-    Eight sums, that is eight registers, run through all points; everything else is read.
+    Eight sums, in eight registers, run through all points; all other values are read.
     """
     d = load(slope, 0)
     c0 = c1 = c2 = c3 = c4 = c5 = c6 = c7 = d - d

@@ -30,7 +30,7 @@ class Grid(NamedTuple):
     ----------
     low, high : (m, 3) corners of the boxes [m].
     reached : (m, 3) first cell of each box.
-    corner : (3,) where the first cell starts [m].
+    corner : (3,) origin of the first cell [m].
     edge : float
         Of a cell [m].
     shape : (3,) numbers of cells.
@@ -82,7 +82,7 @@ def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
         mean, widest = mean + side / m, max(widest, side)
     edge, shape = max(mean, widest / PER_EDGE), np.ones(3, np.int64)
     extent = (top[0] - corner[0]) + (top[1] - corner[1]) + (top[2] - corner[2])
-    # one cell for what is no number or a point
+    # One cell for a single point or positions that are not finite.
     if edge > 0.0 and edge < np.inf and extent >= 0.0 and extent < np.inf:
         while True:
             cells = 1.0
@@ -123,7 +123,7 @@ def grid_of(x0: Reals, x1: Reals, triangles: Indices) -> Grid:
 def boxes_near(grid, low, high, first, last, found):
     """Number of boxes that intersect the box from low to high (3,); their indices in `found`.
 
-    first, last: (3,) room for cells.
+    first, last: (3,) scratch arrays of cells.
     """
     n = 0
     for j in range(3):
@@ -137,7 +137,7 @@ def boxes_near(grid, low, high, first, last, found):
                 k = (a * grid.shape[1] + b) * grid.shape[2] + c
                 for e in range(grid.start[k], grid.start[k + 1]):
                     f = grid.face[e]
-                    # of the cells that a box shares with the search, the first
+                    # Each box is counted in the first cell that it has in common with the search.
                     if (
                         a == max(first[0], grid.reached[f, 0])
                         and b == max(first[1], grid.reached[f, 1])

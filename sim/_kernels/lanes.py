@@ -1,18 +1,18 @@
 """Vector type of eight numbers, which guarantees vector instructions in kernels.
 
-The eight quadrature points of an element, or its eight nodes, stand side by side in the rows of an
-array. The compiler can seldom prove that arrays are distinct, and leaves loops over them as they are; a
-value of this type is one register of the processor (or two, or four), and its arithmetic needs no proof.
+The values of the eight quadrature points of an element, or of its eight nodes, are adjacent in the
+rows of an array. The compiler can seldom prove that arrays are distinct, and then does not
+vectorise loops over them; a value of this type is one register of the processor (or two, or four).
 
     x, y = load(rows, 0), load(rows, 1)
     store(rows, 2, math.sqrt(x * x + y * y) + 1.0)
 
-Laws are written for one number and work on lanes as well.
+Laws are written for one number and can be evaluated for lanes as well.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
 # pyright: reportOptionalCall=false, reportPrivateImportUsage=false
-# numba calls these functions while it compiles; they carry the types that it wants
+# numba calls these functions during compilation with its own types.
 
 import math
 import operator
@@ -36,8 +36,8 @@ _BYTES = 8 * LANES  # of a cache line, too
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _INT = ir.IntType(32)
 _UNDEFINED = ir.Constant(_VECTOR, ir.Undefined)
-# Types of this target are tried before the many of numba and numpy, whose refusals take most of the time
-# of a compilation otherwise.
+# Types of this target are tried before those of numba and numpy, whose many attempts would
+# otherwise take most of the time of a compilation.
 _FIRST = {"target": "cpu"}
 
 
@@ -115,7 +115,7 @@ def _negate(context, builder, sig, args):
 
 
 def _elementwise(function):
-    """Extend a function of `math` to lanes, lane by lane where there is no instruction."""
+    """Extend a function of `math` to lanes, lane by lane if there is no instruction."""
 
     @intrinsic
     def call(typingctx, x):

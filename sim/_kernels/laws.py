@@ -1,16 +1,17 @@
 """Scalar forms of the constitutive laws: energy and its first two derivatives.
 
-Every law of the invariant family is a function of one scalar, so a law is three closed forms:
+Every law of the invariant family is a function of one scalar and therefore consists of three closed
+forms:
 
     isochoric  w(I1bar)          I1bar  = J^(-2/3) tr C
     bulk       U(J)              J      = det F
     fibre      w(stretch, a)     stretch = J^(-1/3) |F a0|
 
-The element loop turns them into stress and tangent by the chain rule. Laws are chosen by integer code
-because kernels built as closures over laws miss the disk cache in every process. A new law is one
-function and one line in its dispatcher; its class in `sim.laws` carries the code. Isochoric and bulk
-laws also receive the eight points of an element at once (`sim._kernels.lanes`): they use arithmetic,
-sqrt, exp and log, and no branches on their argument.
+The element loop computes stress and tangent from them by the chain rule. Laws are selected by
+integer code because kernels built as closures over laws are not found in the disk cache. A new law
+is one function and one line in its dispatcher; its class in `sim.laws` contains the code. Isochoric
+and bulk laws also receive the eight points of an element at once (`sim._kernels.lanes`): they use
+arithmetic, sqrt, exp and log, and no branches on their argument.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false
@@ -32,9 +33,9 @@ BLEMKER = 0
 GENERIC = 1
 CONSTANT = 2
 
-# At rest every stretch sits on the kink of the passive curve, give or take rounding: the side without
-# slope is taken, lest the stiffness of a resting face depend on the last bit of a root, or on positions
-# moved by 1e-14 m. The stress that is left out is below 1e-9 of sigma_max.
+# At rest every stretch is at the kink of the passive curve up to rounding. The side without slope
+# is used, so that the stiffness of a face at rest does not depend on rounding or on displacements
+# of 1e-14 m. The omitted stress is below 1e-9 of sigma_max.
 KINK = 1e-9
 
 # Gauss-Legendre points and weights on (0, 1): the generic passive energy has no elementary form.
@@ -142,7 +143,7 @@ def generic(p, stretch, activation):
     w = p[0] * activation * (stretch - 1.0)
     f = p[0] * activation + f_pas / stretch
     k = (k_pas - f_pas / stretch) / stretch
-    # the integral of f_pas/stretch has no elementary form; it is smooth on either side of r*
+    # The integral of f_pas/stretch has no elementary form; it is smooth on both sides of r*.
     width = (stretch if stretch < p[2] else p[2]) - 1.0
     for i in range(GAUSS_X.size):
         r = 1.0 + width * GAUSS_X[i]

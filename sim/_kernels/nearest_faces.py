@@ -49,10 +49,11 @@ def nearest(
     squared: Reals,
     feature: Indices,
 ) -> int:
-    """Nearest face of every point within its radius; -1 where there is none.
+    """Nearest face of every point within its radius; -1 if there is none.
 
-    A face that has the point's own node (`node`, -1 for none) is left out, and, where `away` has rows,
-    one whose normal does not oppose that row. Returns the number of pairs looked at closely.
+    A face that has the point's own node (`node`, -1 for none) is omitted and, if `away` has rows,
+    one whose normal is not opposite to that row. Returns the number of pairs whose distance was
+    computed.
     """
     looked = 0
     w, low, high = np.empty(3), np.empty(3), np.empty(3)
@@ -71,7 +72,7 @@ def nearest(
                 continue
             looked += 1
             d2, what = point_triangle(p[i], a, b, c, w)
-            # of faces at one distance the first, whatever the order of the search
+            # Of faces at equal distance the first, independent of the order of the search.
             if d2 < squared[i] or (d2 == squared[i] and (face[i] < 0 or f < face[i])):
                 squared[i], face[i], feature[i] = d2, f, what
                 weight[i, 0], weight[i, 1], weight[i, 2] = w[0], w[1], w[2]
@@ -99,8 +100,9 @@ def as_near(
 ) -> int:
     """Number of further faces as close as the closest ones, within a tolerance [m].
 
-    at, face, distance: points that have a nearest face, which, and how far. The rest is filled, up to
-    its length: which of these rows, the further face, its weights, distance and feature.
+    at, face, distance: points that have a nearest face, this face and its distance. The other
+    arrays are filled up to their length: index of the row, the further face, its weights, distance
+    and feature.
     """
     n = 0
     w, low, high = np.empty(3), np.empty(3), np.empty(3)

@@ -1,9 +1,9 @@
 """Assembly of element sums into nodal forces and matrix values.
 
-A `Part` of the elements comes in chunks of neighbours, and these in colours: chunks of one colour
-have no node in common. The colours follow one another, the chunks of one run in parallel, and each adds
-to the nodes and the matrix directly: every entry receives its summands in an order that does not depend
-on the number of threads.
+A `Part` of the elements is divided into chunks of neighbours in colours: chunks of one colour have
+no common node. The colours are processed one after the other, the chunks of one in parallel, and
+each adds to the nodes and the matrix directly, so that the order of every sum does not depend on
+the number of threads.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
@@ -26,12 +26,13 @@ class Places(NamedTuple):
 
     Attributes
     ----------
-    order : (n, 8) slots by ascending node, those not used last.
-    start : (n, 36, 3) for the pairs of slots in this order, where row i of the block begins, had it an
-        entry in each column; negative where the pair is not stored.
-    special : (n,) row of target for elements with a node that is free in some directions only, or that
-        stands in two slots; else -1.
-    target : (m, 36, 9) place of every entry of their blocks, negative where it is not stored.
+    order : (n, 8) slots by ascending node, unused ones last. start : (n, 36, 3) for the pairs of
+    slots in this order, position at which row i of the block would begin
+        with an entry in each column; negative if the pair is not stored.
+    special : (n,) row of target for elements with a node that is free in some directions only, or
+    that
+        occurs in two slots; else -1.
+    target : (m, 36, 9) position of every entry of their blocks, negative if it is not stored.
     """
 
     order: NDArray[np.int8]
@@ -42,7 +43,7 @@ class Places(NamedTuple):
 
 @inner
 def subtract_from_nodes(w, row, nodes, e, f):
-    """f[node, i] -= w[row + i, slot] of all slots; one that is not used holds zero."""
+    """f[node, i] -= w[row + i, slot] of all slots; unused ones contain zero."""
     for a in range(NODES):
         for i in range(3):
             f[nodes[e, a], i] -= w[row + i, a]
@@ -50,7 +51,7 @@ def subtract_from_nodes(w, row, nodes, e, f):
 
 @inner
 def add_to_matrix(w, K, nodes, places, e, values):
-    """Add the six blocks in rows K to the values of the matrix, the upper triangle alone."""
+    """Add the six blocks in rows K to the upper triangle of the matrix."""
     if places.special[e] >= 0:
         _add_some(w, K, nodes, places.order, e, places.target, places.special[e], values)
         return
@@ -85,7 +86,7 @@ def add_to_matrix(w, K, nodes, places, e, values):
 
 @inner
 def fetch_matrix(places, e, values):
-    """Prefetch the cache lines that `add_to_matrix` will change."""
+    """Prefetch the cache lines that `add_to_matrix` will modify."""
     for p in range(PAIRS):
         if places.start[e, p, 0] >= 0:
             for i in range(3):
@@ -94,12 +95,12 @@ def fetch_matrix(places, e, values):
 
 @inner
 def _add_some(w, K, nodes, order, e, target, row, values):
-    """Add those entries of the blocks that have a place."""
+    """Add the stored entries of the blocks."""
     p = 0
     for n in range(NODES):
         for m in range(n, NODES):
             a, b = order[e, n], order[e, m]
-            twice = n < m and nodes[e, a] == nodes[e, b]  # the pair stands for (b, a), too
+            twice = n < m and nodes[e, a] == nodes[e, b]  # The pair also represents (b, a).
             block = K
             for i in range(3):
                 for j in range(i, 3):

@@ -42,10 +42,10 @@ def _size(x, triangle):
 
 @inner
 def _on_edge(what, weight, x, triangle, across, free):
-    """Feature of the closest point, with points close to the rim of a face on the rim.
+    """Feature of the closest point, with points close to an edge assigned to the edge.
 
-    Bodies with their sides in one plane touch with their rims; a rounding error must not make their
-    sides touch instead. A free edge has no sign, and stays the face's.
+    Bodies with coplanar sides are in contact at their edges, and rounding must not assign the
+    contact to their sides. A free edge has no sign and is not assigned.
     """
     if what >= CORNER_0:
         return what
@@ -55,7 +55,7 @@ def _on_edge(what, weight, x, triangle, across, free):
     count = near = away = 0
     for k in range(3):
         side = _length(x[triangle[(k + 2) % 3]] - x[triangle[(k + 1) % 3]])
-        # distance of the nearest point from the side opposite the corner
+        # distance of the nearest point from the side opposite to the corner
         if weight[k] * double < ON_EDGE * side:
             count, near = count + 1, k
         else:
@@ -80,9 +80,9 @@ def places(
     edge: Indices,
     place: Indices,
 ) -> None:
-    """Indices of the closest features: face, edge or vertex; weights near a rim are moved to it.
+    """Indices of the closest features: face, edge or vertex; weights near an edge are moved to it.
 
-    edge: (m, 3) number of the edges of each face, one for both of its faces.
+    edge: (m, 3) number of the edges of each face, the same for both faces of an edge.
     """
     m = len(triangles)
     for i in range(len(face)):
@@ -150,7 +150,7 @@ def signed(
                 way[j] -= weight[i, k] * x[t[k], j]
         sign = -1.0 if dot(way, outward) < 0.0 else 1.0
         gap[i] = np.nan if open_edge else sign * value
-        # within a face the normal is known better than the difference of two near points
+        # Within a face the normal is more accurate than the difference of two close points.
         if what > 0 and value > NO_LENGTH * _size(x, t):
             along[:] = sign / value * way
         else:
@@ -187,7 +187,7 @@ def walls(
 ) -> int:
     """Number of faces that form a groove with the closest ones; see `SignedFaces.beside`.
 
-    which: (3 k,) row of each; wall, weight, gap, feature: as those of the nearest.
+    which: (3 k,) row of each; wall, weight, gap, feature: as those of the nearest faces.
     """
     n, nearest = 0, np.empty(3)
     for i in range(len(at)):

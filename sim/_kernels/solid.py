@@ -11,7 +11,8 @@ an energy W(I1, J, I4) of the invariants I1 = F:F, J, I4 = |F a0|^2 has the stre
                + 2 W_1J (M_il N_jm + N_il M_jm) + (W_JJ + W_J/J) N_il N_jm - W_J/J N_im N_jl
                + 4 W_44 T_il T_jm + 2 W_4J (T_il N_jm + N_il T_jm)
 
-(the terms in W_J/J are the derivative of the cofactor). Laws are evaluated at the eight points at once.
+(the terms in W_J/J are the derivative of the cofactor). Laws are evaluated at the eight points at
+once.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
@@ -45,14 +46,14 @@ from sim._kernels.laws import bulk, fibre, fibre_rests, isochoric
 from sim._kernels.options import by_chunk, by_colour, in_threads, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
-# rows of the scratch array: stress, M, N and T, moduli, blocks, and what laws of fibres return
+# rows of the scratch array: stress, M, N and T, moduli, blocks, and results of fibre laws
 _P, _M, _N, _T, _A, _K, _LAW = map(np.int64, (0, 9, 18, 27, 36, 90, 138))
 ROWS = 141
 
 
 @inner
 def inverse_cube_root(J):
-    """J^(-1/3), by two steps of fourth order where the volume changes by less than half."""
+    """J^(-1/3), by two steps of fourth order if the volume changes by less than a half."""
     x = J - 1.0
     if not (smallest(x) > -0.5 and smallest(-x) > -0.5):
         return math.exp(math.log(J) * (-1.0 / 3.0))
@@ -71,7 +72,7 @@ def _add(w, row, value):
 
 @inner
 def _write(w, row, value, more):
-    """Write lanes into a row, added to those that fibres left there."""
+    """Write lanes into a row, in addition to those of fibres."""
     store(w, row, value + load(w, row) if more else value)
 
 
@@ -178,12 +179,13 @@ def evaluate(
     least_J: Reals,
     values: Reals,
 ) -> None:
-    """Subtract dE/dx from the nodal forces f and, if wanted, add the stiffness to values.
+    """Subtract dE/dx from the nodal forces f and, if requested, add the stiffness to values.
 
-    q, f (node, 3). Of all elements: region, row of the passive parameters; fibre_start, the fibres of
-    element n are rows fibre_start[n]..fibre_start[n + 1], each filling fibre_weight of it; weight, a
-    factor on the energy of every element, or empty; and the results energy and least_J. An element with
-    det F <= 0 does not contribute, and the caller reads least_J; one of weight zero is skipped.
+    q, f (node, 3). Of all elements: region, row of the passive parameters; fibre_start, the fibres
+    of element n are rows fibre_start[n]..fibre_start[n + 1], each filling fibre_weight of it;
+    weight, a factor on the energy of every element, or empty; and the results energy and least_J.
+    An element with det F <= 0 does not contribute, and the caller checks least_J; one of weight
+    zero is skipped.
     """
     x = np.empty((NODES, 3))
     w = rows(ROWS)
@@ -210,7 +212,8 @@ def evaluate(
         I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
         root = inverse_cube_root(J)
         scale = root * root
-        # one more step: line searches near the minimum live on the last digits of the energy
+        # One more step, because line searches near the minimum depend on the last digits of the
+        # energy.
         scale += scale * ((1.0 - J * J * scale * scale * scale) * (1.0 / 3.0))
         # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
         over = 1.0 / J
@@ -225,7 +228,7 @@ def evaluate(
         M, N = natural(F, part.inverse, e), natural(C, part.inverse, e)
         put(w, _M, M)
         put(w, _N, N)
-        driven = np.bool_(False)  # a fibre that does not rest has written into the scratch array
+        driven = np.bool_(False)  # An active or stretched fibre has written into the scratch array.
         for fibre_row in range(fibre_start[own], fibre_start[own + 1]):
             muscle = fibre_muscle[fibre_row]
             drive = activation[muscle]

@@ -12,7 +12,7 @@ import numpy as np
 
 from sim._kernels.options import inner, kernel_and_inner
 
-# the six components: which row and column, and the other way round
+# row and column of the six components, and the inverse map
 ROW = np.array([0, 1, 2, 0, 1, 2])
 COLUMN = np.array([0, 1, 2, 1, 2, 0])
 PLACE = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2]])
@@ -58,7 +58,7 @@ def principal(C, c, N):
             N[i, j] = 1.0 if i == j else 0.0
     size = a * a + b * b + d * d
     for _ in range(12):
-        if not (ab * ab + bd * bd + da * da > 1e-33 * size):  # a NaN ends it, too
+        if not (ab * ab + bd * bd + da * da > 1e-33 * size):  # The iteration also ends with NaN.
             break
         if ab != 0.0:
             t, co, si = turn(a, b, ab)
@@ -80,7 +80,7 @@ def principal(C, c, N):
 
 @inner
 def power_slope(x, y, b):
-    """Divided difference (x^b - y^b)/(x - y), and its limit where x and y coincide."""
+    """Divided difference (x^b - y^b)/(x - y), and its limit for equal x and y."""
     r = (x - y) / y
     if r == 0.0:
         return b * y ** (b - 1.0)
@@ -91,8 +91,8 @@ def power_slope(x, y, b):
 def from_principal(N, s, d, shear, S, D, with_tangent, work):
     """S and D of an isotropic law from its principal values.
 
-    s (3,) principal stresses; d (3, 3) the derivatives 2 ds_i/dc_j; shear (3,) the divided differences
-    2 (s_i - s_j)/(c_i - c_j) of the pairs 01, 12, 20.
+    s (3,) principal stresses; d (3, 3) the derivatives 2 ds_i/dc_j; shear (3,) the divided
+    differences 2 (s_i - s_j)/(c_i - c_j) of the pairs 01, 12, 20.
     """
     for a in range(6):
         S[a] = 0.0

@@ -27,8 +27,8 @@ from sim._kernels.lanes import load, smallest, store
 from sim._kernels.laws import fibre_rests
 from sim._kernels.options import inner
 
-# first rows in the scratch array: F and its cofactor, J, energy, S and D by finite and by small strain,
-# stress, E, D : E, moduli, blocks
+# first rows in the scratch array: F and its cofactor, J, energy, S and D by finite and by small
+# strain, stress, E, D : E, moduli, blocks
 F_ROW, COFACTOR_ROW, J_ROW, W_ROW, S_ROW, D_ROW, SMALL_S_ROW, SMALL_D_ROW = (
     0,
     9,
@@ -58,7 +58,7 @@ def deform(w, q, part, e, x):
 
 @inner
 def all_rest(w, J, first, last, muscle, direction, code, p, activation):
-    """Test if no fibre of rows first..last has energy."""
+    """Test if no fibre of rows first..last has energy or force."""
     for row in range(first, last):
         a0, a1, a2 = along(take(w, F_ROW), direction, row)
         square = -smallest(-(a0 * a0 + a1 * a1 + a2 * a2))

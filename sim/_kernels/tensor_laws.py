@@ -1,18 +1,17 @@
 """Laws of the whole strain tensor: energy W(C), S = 2 dW/dC and D = 2 dS/dC.
 
-The second family, for laws that one scalar does not determine: those of two invariants, of the principal
-stretches, of material axes. Symmetric tensors are six numbers in the order xx yy zz xy yz zx, all of
-them tensor components (no factor two on shears), and D is 6 x 6 in the same order.
+The second family, for laws that depend on more than one scalar: two invariants, the principal
+stretches, or material axes. Symmetric tensors are six numbers in the order xx yy zz xy yz zx, all
+of them tensor components (no factor two on shears), and D is 6 x 6 in the same order.
 
-A law receives the right Cauchy-Green tensor in the form that its `strain measure` names:
+A law receives the right Cauchy-Green tensor in the form of its `strain measure`:
 
-    ISOCHORIC   J^(-2/3) C;   `project` turns its derivatives into those by C
+    ISOCHORIC   J^(-2/3) C;   `project` converts its derivatives to those by C
     FINITE      C
     SMALL       I + 2 eps, eps the symmetric part of F - I; W is then not frame indifferent
 
-A new law is one function and one line in `tensor_law`; its class in `sim.laws.tensor` carries code and
-measure. The scalar isochoric laws are members, too, by `ISOCHORIC_FIRST` + code: that is how they are
-made viscoelastic.
+A new law is one function and one line in `tensor_law`; its class in `sim.laws.tensor` contains code
+and measure. Viscoelastic scalar isochoric laws have the codes `ISOCHORIC_FIRST` + code.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false
@@ -147,7 +146,7 @@ def fung(p, C, axes, S, D, with_tangent, work):
     p = c, mu1, mu2, mu3, then lambda 11 22 33 12 23 31. With E = C - I in these axes
     4 c Q = 2 sum_ij mu_i E_ij^2 + sum_ij lambda_ij E_ii E_jj.
     """
-    E, s = work[0, 0], work[0, 1]  # s: stress along the axes but for exp Q
+    E, s = work[0, 0], work[0, 1]  # s: stress along the axes without the factor exp Q
     for a in range(6):
         i, j = ROW[a], COLUMN[a]
         x = 0.0
@@ -163,7 +162,7 @@ def fung(p, C, axes, S, D, with_tangent, work):
                 s[a] += 0.5 * p[4 + PLACE[i, k]] * E[k]
     Q = contract(s, E) / (2.0 * p[0])
     e = math.exp(Q)
-    R, M, T = work[1], work[2], work[3]  # R turns components along the axes into those of space
+    R, M, T = work[1], work[2], work[3]  # R transforms components along the axes to those in space
     for a in range(6):
         k, m = ROW[a], COLUMN[a]
         for b in range(6):
@@ -203,7 +202,7 @@ def fung(p, C, axes, S, D, with_tangent, work):
 
 @inner
 def scalar_isochoric(code, p, C, S, D, with_tangent):
-    """A law of I1bar alone, from its scalar form."""
+    """A law of I1bar only, from its scalar form."""
     w, w1, w11 = isochoric(code, p, C[0] + C[1] + C[2])
     for i in range(6):
         S[i] = 2.0 * w1 if i < 3 else 0.0
@@ -216,9 +215,10 @@ def scalar_isochoric(code, p, C, S, D, with_tangent):
 
 @kernel_and_inner
 def tensor_law(code, p, C, axes, S, D, with_tangent, work):
-    """Energy of the law with this code; S and, if wanted, D by the strain that it was given.
+    """Energy of the law with this code; S and, if requested, D by the strain passed to it.
 
-    work (4, 6, 6) is scratch, since an array made here would be allocated at every Gauss point.
+    work (4, 6, 6) is scratch, because an array created here would be allocated at every Gauss
+    point.
     """
     if code == FIVE_TERM_MOONEY_RIVLIN:
         return five_term_mooney_rivlin(p, C, S, D, with_tangent)

@@ -14,7 +14,7 @@ from sim._kernels.tensor_laws import ISOCHORIC, SMALL, tensor_law
 @inner
 def strains(F, J, cof, C, inverse, small):
     """Right Cauchy-Green tensor, its inverse, and I + 2 eps, all (6,)."""
-    # written out, since the compiler does not see through arrays of indices
+    # Written out, because the compiler does not resolve arrays of indices.
     r = 1.0 / (J * J)  # C^-1 = F^-1 F^-T and F^-T = cof/J
     C[0] = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
     C[1] = F[0, 1] * F[0, 1] + F[1, 1] * F[1, 1] + F[2, 1] * F[2, 1]
@@ -79,7 +79,7 @@ def project(Sb, Db, J, C, inverse, S, D, with_tangent, work):
 
 @inner
 def passive_law(measure, code, p, J, C, inverse, small, axes, S, D, Sb, Db, Cb, with_tangent, work):
-    """Energy of the passive law; its S and D replace those given."""
+    """Energy of the passive law, which overwrites S and D."""
     if measure == SMALL:
         return tensor_law(code, p, small, axes, S, D, with_tangent, work)
     if measure != ISOCHORIC:

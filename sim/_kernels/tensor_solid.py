@@ -1,10 +1,10 @@
-"""The element loop of the second family: laws of the whole strain tensor, with fibres and bulk law.
+"""Element loop of the second family: laws of the whole strain tensor, with fibres and bulk law.
 
-At every point the stresses S and moduli D of all laws are summed (`sim._kernels.tensor_point`); then all
-points together are carried to natural coordinates (`sim._kernels.tensor_element`).
+At every point the stresses S and moduli D of all laws are summed (`sim._kernels.tensor_point`);
+then all points together are transformed to natural coordinates (`sim._kernels.tensor_element`).
 
-A law of small strain enters with F = I and without the term of the stress in the moduli. A viscoelastic
-law acts as scale * (law) + history, a stress that stays the same over the step; both are given by the
+A law of small strain has F = I and no term of the stress in the moduli. A viscoelastic law
+contributes scale * (law) + history, a stress that is constant over the step; both are given by the
 caller.
 """
 
@@ -68,7 +68,7 @@ def _deformation_at(w, k, F, cof):
 
 @inner
 def _add_history(history, strain, S):
-    """Add the stress (6,) that stays the same to S; its energy by a strain given as I + 2 E."""
+    """Add the constant stress (6,) to S; its energy for a strain given as I + 2 E."""
     W = 0.0
     for a in range(6):
         one = 1.0 if a < 3 else 0.0
@@ -128,10 +128,11 @@ def evaluate(
     least_J: Reals,
     values: Reals,
 ) -> None:
-    """Subtract dE/dx from the nodal forces f and, if wanted, add the stiffness to values.
+    """Subtract dE/dx from the nodal forces f and, if requested, add the stiffness to values.
 
-    Row e of axes (row, 3, 3), scale (row,) and history (row, point, 6), or one without rows, belongs to
-    element e of the part; all else is as in `sim._kernels.solid.evaluate`.
+    Row e of axes (row, 3, 3), scale (row,) and history (row, point, 6), or one without rows,
+    belongs to element e of the part; all other arguments are those of
+    `sim._kernels.solid.evaluate`.
     """
     points = part.slope.shape[0] // 3
     x = np.empty((NODES, 3))
@@ -195,7 +196,7 @@ def evaluate(
                 S[a] *= factor
             if history.shape[0] > 0:
                 W += _add_history(history[e, k], small if is_small else C, S)
-            # St and Dt are those by C; a law of small strain keeps its S and D apart
+            # St and Dt are derivatives by C; a law of small strain has separate S and D.
             share = 0.0 if is_small else 1.0
             for a in range(6):
                 St[a] = share * S[a]
@@ -259,7 +260,7 @@ def law_stress(
     law_p: Reals,
     out: Reals,
 ) -> None:
-    """Stress S of the passive law alone, out (row, point, 6) [Pa]; NaN where det F <= 0."""
+    """Stress S of the passive law only, out (row, point, 6) [Pa]; NaN if det F <= 0."""
     x = np.empty((NODES, 3))
     F, cof = np.empty((3, 3)), np.empty((3, 3))
     C, inverse, small = np.empty(6), np.empty(6), np.empty(6)

@@ -44,7 +44,7 @@ def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tup
     nn = n0 * n0 + n1 * n1 + n2 * n2
     if nn > 0.0:
         r0, r1, r2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
-        # areas of the triangles that the projection of p makes with the sides
+        # areas of the triangles formed by the projection of p and the sides
         wc = (
             (ab1 * r2 - ab2 * r1) * n0 + (ab2 * r0 - ab0 * r2) * n1 + (ab0 * r1 - ab1 * r0) * n2
         ) / nn
@@ -85,7 +85,8 @@ def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tup
 @kernel_and_inner
 def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
     """Squared distance of the segments ab and cd, with the fractions of the closest points."""
-    # the least of the crossing of the two lines, if within both, and of each end to the other segment
+    # Minimum over the closest points of the two lines, if within both, and each end and the other
+    # segment.
     best = np.inf
     uu = vv = uv = uw = vw = 0.0
     for i in range(3):

@@ -1,4 +1,4 @@
-"""The congruence R'KR of a symmetric matrix on fixed patterns."""
+"""Congruence R'KR of a symmetric matrix on fixed patterns."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,13 @@ def congruence(
     right: Places,
     out: Array,
 ) -> None:
-    """Add R'KR to `out`: entries that are kept as they are, and products left K right.
+    """Add R'KR to `out`: entries that are copied, and products left K right.
 
     Parameters
     ----------
-    K : values of the upper triangle over points.
-    R : values of R.
-    place : where each entry of K goes as it is, -1 where R is not one there.
-    entry, target, left, right : of every product R[left] K[entry] R[right] the place in K, in `out` and
+    K : values of the upper triangle over points. R : values of R. place : position of each entry of
+    K that is copied, -1 for the others. entry, target, left, right : for every product R[left]
+    K[entry] R[right], the positions in K, in `out` and
         in R.
     """
     for e in range(len(place)):

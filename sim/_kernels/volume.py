@@ -1,7 +1,7 @@
 """Volume of elements and of nodal regions, with their first and second derivatives.
 
-With N = cof(F) A' in natural coordinates (`sim._kernels.element`) and h_a = dV N d_a at a point of rest
-volume dV, the present volume v = dV det F has
+With N = cof(F) A' in natural coordinates (`sim._kernels.element`) and h_a = dV N d_a at a point of
+rest volume dV, the current volume v = dV det F has
 
     dv/dx_a = h_a,      d2v/dx_a dx_b = (h_a h_b' - h_b h_a') / v.
 """
@@ -37,7 +37,7 @@ from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_f
 # rows of the scratch array: N, pressure or 1 times dV N, derivative of the volume, moduli, blocks
 _N, _P, _H, _A, _K = map(np.int64, (0, 9, 18, 21, 48))
 ROWS = 96
-_OFF_DIAGONAL = (1, 2, 4)  # of the six blocks; those of equal axes have no second derivative
+_OFF_DIAGONAL = (1, 2, 4)  # The second derivative has no blocks of equal axes.
 
 
 @inner
@@ -103,9 +103,9 @@ def add_pressure(
 ) -> None:
     """Pressure in the points of every element: f -= p dv/dx, values += p d2v/dx2 + dp/dx dv/dx.
 
-    With kappa (element,) the pressure is kappa (v/V - 1) of the volume of the whole element, and energy
-    receives kappa/2 V (v/V - 1)^2; elements of kappa 0 are not looked at. Else kappa is empty, and the
-    pressure (element, 8) is given and does not change with x.
+    With kappa (element,) the pressure is kappa (v/V - 1) of the volume of the whole element, and
+    energy receives kappa/2 V (v/V - 1)^2; elements of kappa 0 are skipped. With an empty kappa, the
+    pressure (element, 8) is given and does not depend on x.
     """
     by_element = kappa.size > 0
     x = np.empty((NODES, 3))
@@ -143,7 +143,7 @@ def add_pressure(
 
 @in_threads(by_chunk)
 def element_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, h: Reals) -> None:
-    """Present volume v (element,) of every element and its derivative h (3 * element, 8)."""
+    """Current volume v (element,) of every element and its derivative h (3 * element, 8)."""
     x = np.empty((NODES, 3))
     w = rows(ROWS)
     for e in range(part.chunk[first], part.chunk[last]):
@@ -158,7 +158,7 @@ def element_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, h: Re
 
 @in_threads(by_chunk)
 def point_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, n: Reals) -> None:
-    """Present volume v (element, 8) of every point and dV N into n (element, 8, 9)."""
+    """Current volume v (element, 8) of every point and dV N into n (element, 8, 9)."""
     x = np.empty((NODES, 3))
     w = rows(ROWS)
     for e in range(part.chunk[first], part.chunk[last]):
@@ -192,10 +192,10 @@ def gather_nodal(
     """Volume of every nodal region and its derivative.
 
     The points (element[k], point[k]) for k in start[m]..start[m + 1] belong to node m; v and n are
-    those of `point_volumes`, and the natural derivatives at point p of element e are rows
-    24 kind[e] + 3 p and on of slope. place[k, a] is where the node of slot a stands in the star of m,
-    negative for an unused slot.
-    Writes nodal_volume (node,) and g (star entries, 3) = d nodal_volume / dx.
+    those of `point_volumes`, and the natural derivatives at point p of element e are rows 24
+    kind[e] + 3 p onwards of slope. place[k, a] is the position of the node of slot a in the star of
+    m, negative for an unused slot. Writes nodal_volume (node,) and g (star entries, 3) = d
+    nodal_volume / dx.
     """
     h = np.empty((3, NODES))
     for m in range(first, last):
@@ -233,8 +233,8 @@ def add_products(
 ) -> None:
     """Add sum over nodes of stiffness_n g_n g_n' to the matrix, block by block.
 
-    Block p collects the nodes node[k], k in start[p]..start[p + 1], with the star entries first[k] and
-    second[k] of its two nodes.
+    Block p is the sum over the nodes node[k], k in start[p]..start[p + 1], with the star entries
+    first[k] and second[k] of its two nodes.
     """
     s = np.empty(9)
     for p in range(begin, end):
