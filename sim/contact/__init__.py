@@ -10,7 +10,7 @@ CONTACTS: tuple[type[ConstraintContact] | type[BarrierContact], ...] = (
     ConstraintContact,
     BarrierContact,
 )
-"""All contact methods, the members of the tests with closed forms."""
+"""All contact methods, which the tests with closed forms include."""
 
 __all__ = [
     "CONTACTS",

@@ -24,12 +24,12 @@ CREEP = 0.01
 
 @dataclass(frozen=True, eq=False)
 class BarrierContact:
-    """Contact by a smooth barrier, E = sum over places of area * stiffness * distance * b(d/distance).
+    """Contact by a smooth barrier, E = sum over features of area * stiffness * distance * b(d/distance).
 
-    b(y) = -(y^2 - 1)^2 ln y^2 for y < 1 and 0 otherwise, of the gap d between vertices and triangles
-    and between edges. It grows without bound as the gap closes, and every move of the iteration is
-    stopped before it (continuous collision detection): surfaces never pass through each other, however
-    long the step.
+    b(y) = -(y^2 - 1)^2 ln y^2 for y < 1 and 0 otherwise, of the gap d between vertices and
+    triangles and between edges. It is unbounded as the gap closes, and continuous collision
+    detection limits every displacement of the iteration, so that surfaces never pass through each
+    other.
 
     Attributes
     ----------
@@ -38,42 +38,42 @@ class BarrierContact:
     friction : float
         Coulomb coefficient [1].
     distance : float
-        Gap at which contact begins to be felt [m]. Bodies at rest on each other keep a gap below it.
+        Gap below which the barrier acts [m]. Bodies at rest on each other keep a smaller gap.
     stiffness : float
-        Scale of the pressure [Pa]: the pressure is about 0.2 of it at a gap of 0.9 distance, 4 times at
-        half, ``2 distance/d`` times at small gaps d, and up to three times that where the triangles
-        of both surfaces are equally small. About Young's modulus of the softer body is a good choice;
-        with less the gap becomes small under load, with more the iteration stiff.
+        Scale of the pressure [Pa], which is about 0.2 of it at a gap of 0.9 distance, 4 times at
+        half, ``2 distance/d`` times at small gaps d, and up to three times that if the triangles
+        of both surfaces are equally small. Young's modulus of the softer body is a suitable value;
+        smaller values cause small gaps under load, larger ones slow convergence.
     reach : float
-        Triangles of two surfaces of the mesh have a place for their coupling in the matrix if they are
-        not further apart at rest [m]. More widens the matrix. Where more distant ones meet, the
-        iteration becomes much slower; no result changes.
+        Largest distance at rest of triangles of two surfaces of the mesh whose coupling is stored
+        in the matrix [m]. Larger values enlarge the matrix; contact beyond slows down the iteration
+        without affecting the result.
     stick_speed : float
-        Sliding speed up to which friction grows to its full value [m/s]: what sticks creeps slower than
-        this.
+        Sliding speed at which friction is fully mobilised [m/s]; sticking contacts creep more
+        slowly.
 
     Raises
     ------
     SceneError
         A number is out of range; on compiling, the package ipctk is missing.
     ContactFailure
-        On compiling: a surface is unusable, or two surfaces of the mesh touch or cross at rest, or a
+        On compiling: a surface is unusable, two surfaces of the mesh touch or cross at rest, or a
         shell overlaps the tissue too far.
 
     Notes
     -----
-    Where tissue starts inside a rigid shell or nearer than `distance`, the shell is dented at compile
-    time until it is clear by `distance` (`sim.contact.clearance`): no force at rest, hence no jump, and
-    no tissue ever goes deeper than it started. Two surfaces of the mesh must start apart.
+    If tissue is initially inside a rigid shell or closer than `distance`, the shell is offset at
+    compile time (`sim.contact.clearance`), so that there are no forces at rest and no jumps. Two
+    surfaces of the mesh must be separated initially.
 
-    Friction is lagged: over a step it acts with the normal forces and in the tangent planes of the
-    step's start. Only an integrator that iterates can hold a barrier, and friction needs one that is
-    L-stable: by the trapezoidal rule tissue bounces on a barrier at every step, and a block that slides
-    was found to feel half of its friction.
+    Friction is lagged: over a step it acts with the normal forces and in the tangent planes at the
+    start of the step. Only iterative integrators support barriers, and friction requires L-stable
+    ones: with the trapezoidal rule tissue bounces on a barrier at every step, and a sliding block
+    had half of its friction.
 
-    Source: Li et al. 2020, Incremental potential contact, ACM Trans. Graph. 39(4), 49; weights by area:
-    Li et al. 2023, Convergent incremental potential contact, arXiv:2307.15908. Computed with the IPC
-    Toolkit (ipctk).
+    Source: Li et al. 2020, Incremental potential contact, ACM Trans. Graph. 39(4), 49; weights by
+    area: Li et al. 2023, Convergent incremental potential contact, arXiv:2307.15908. Computed with
+    the IPC Toolkit (ipctk).
     """
 
     pairings: tuple[Pairing, ...]
@@ -170,8 +170,7 @@ class CompiledBarrier:
     def carried(self, q: Array, t: float, control: Control) -> Array:
         """Positions q, feasible at time t [s], advected by the shells to the time of the control.
 
-        If a moving shell passes through free nodes meanwhile, those near it are taken along with its
-        motion.
+        Free nodes near a shell move with it if it would pass through them.
 
         Raises
         ------
@@ -193,7 +192,7 @@ class CompiledBarrier:
         """Number of active pairs, smallest gap [m] and normal force [N], per pairing."""
         count, gap, force = (np.zeros(len(self.pairs)) for _ in range(3))
         for i, pair in enumerate(self.pairs):
-            pair.forget()  # what is told of a state depends on the state alone
+            pair.forget()  # The measurement depends only on the state.
             x = pair.vertices(state.q, state.t)
             count[i], gap[i] = len(pair.collisions(x)), pair.smallest_distance(x)
             first = next(s for s in pair.pairing.surfaces if isinstance(s, NodeSurface))

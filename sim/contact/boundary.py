@@ -17,15 +17,7 @@ FACES = {
 def boundary_surface(mesh: Mesh, name: str = "boundary") -> NodeSurface:
     """Outer surface of a mesh: the faces of one element only, quadrilaterals divided into two.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    name : str
-
-    Returns
-    -------
-    NodeSurface
-        Closed, counter-clockwise seen from outside, if the faces of the elements match.
+    It is closed and counter-clockwise seen from outside if the faces of the elements match.
     """
     faces: list[Index] = []
     for block in mesh.blocks:

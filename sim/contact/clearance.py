@@ -32,15 +32,9 @@ MARGIN = 1e-3
 def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
     """Pairing with separated surfaces: its shell is offset where tissue overlaps it.
 
-    Vertices of the shell are offset until all distances exceed that of the barrier. The dents
-    move with the shell and stay. An overlap is measured along the normal of the nearest triangle, hence
-    needs no closed shell.
-
-    Parameters
-    ----------
-    pairing : Pairing
-    X : (n_nodes, 3) rest positions [m].
-    barrier : Barrier
+    Vertices of the shell are offset until all distances exceed that of the barrier. The offsets are
+    fixed to the shell. An overlap is measured along the normal of the nearest triangle, so that the
+    shell need not be closed. X (n_nodes, 3) are the rest positions [m].
 
     Raises
     ------
@@ -64,8 +58,8 @@ def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
 class _Dents:
     """Search for displacements of the vertices of a shell that separate it from the tissue.
 
-    Every violated distance asks the vertices of the shell that it depends on to move along its
-    gradient, as little as possible; the largest displacement applies to each vertex.
+    Every violated distance requires a minimal displacement, along its gradient, of the vertices of
+    the shell on which it depends; the largest of these displacements applies to each vertex.
     """
 
     def __init__(self, pair: CollisionPair, shell: RigidShell, X: Array, distance: float) -> None:
@@ -76,7 +70,8 @@ class _Dents:
         self._edges, self._faces = np.asarray(pair.mesh.edges), np.asarray(pair.mesh.faces)
         self._x, self._first = pair.vertices(X, 0.0), pair.n_soft
         self._demand = np.zeros((len(shell.vertices), 3))
-        # of the shell as it came: those of its dents would lead along them
+        # Normals of the original shell; those of the offset shell would be tangential to the
+        # offsets.
         self._normals = pair.mesh.face_normals(self._x)
 
     def find(self) -> Array:
@@ -113,12 +108,12 @@ class _Dents:
         )
 
     def _ask(self, vertices: Index, moves: Array) -> None:
-        """Vertices (n,) of the shell, numbered in itself, ought to move by `moves` (n, 3)."""
+        """Require displacements `moves` (n, 3) of vertices (n,) of the shell."""
         size = (moves**2).sum(axis=1)
         order = np.argsort(size, kind="stable")
         own = (self._demand**2).sum(axis=1)
         last = np.zeros(len(own), dtype=np.int64)
-        last[vertices[order]] = order  # the greatest is written last
+        last[vertices[order]] = order  # The largest displacement is written last.
         named = np.unique(vertices)
         greater = named[size[last[named]] > own[named]]
         self._demand[greater] = moves[last[greater]]
@@ -154,7 +149,7 @@ class _Dents:
         return crossings
 
     def _near(self, x: Array) -> None:
-        """Pairs, edges included, that are nearer than the distance."""
+        """Pairs, including edges, that are closer than the distance."""
         found = self._ipc.NormalCollisions()
         found.build(self._pair.mesh, x, self._distance)
         for pair in pairs_of(found):

@@ -1,16 +1,18 @@
 """Contact compliances, and the Delassus matrix of contact forces.
 
-What touches changes in every iteration, the tissue does not. With the compliance C of the unknowns of a
-surface and rows of directions D, forces f of the rows open them by W f with W = D C D', so what pushes,
-and how much, is found in a small dense matrix (`sim.contact.pushes`) however large the tissue is.
+The contacts change in every iteration, but the tissue does not. With the compliance C of the
+unknowns of a surface and rows of directions D, forces f of the rows open them by W f with W = D C
+D', so that the active rows and their forces follow from a small dense matrix (`sim.contact.pushes`)
+for any size of the tissue.
 
-A compliance outlives the factor that it was found by. Where tissue has since become stiffer, or softer,
-each displacement u = C f by a newer factor updates it,
+A compliance is used longer than the factor from which it was computed. As the stiffness of the
+tissue changes, each displacement u = C f by a newer factor updates it,
 
     C <- C - C f f' C / (f' C f) + u u' / (f' u),
 
-the update of Broyden, Fletcher, Goldfarb and Shanno for a matrix that is to map f to u (Nocedal and
-Wright, Numerical Optimization, equation 6.19 with C as the Hessian), which keeps it positive definite.
+the update of Broyden, Fletcher, Goldfarb and Shanno for a matrix that maps f to u (Nocedal and
+Wright, Numerical Optimization, equation 6.19 with C as the Hessian), which remains positive
+definite.
 """
 
 from collections.abc import Callable, Mapping
@@ -55,7 +57,8 @@ class Compliance:
     n : int
         Number of free unknowns.
     solve_many : callable
-        Motions H f (k, n) [m] of the present tissue by forces f (k, n) [N]; replaced as it changes.
+        Displacements H f (k, n) [m] of the current tissue by forces f (k, n) [N]; updated with the
+        tissue.
     """
 
     def __init__(self, n: int, solve_many: Solve) -> None:
@@ -63,7 +66,7 @@ class Compliance:
         self._known = np.empty(0, dtype=np.int64)
         self._place = np.full(n, -1)
         self._found = np.empty((0, 0))
-        # what was learnt since then is a sum of dyads, C = found + more' more - less' less
+        # Later updates are a sum of dyads, C = found + more' more - less' less.
         self._n_learnt = 0
         self._dyads = np.zeros((2, LEARNT, 0))
 
@@ -182,18 +185,16 @@ class RowCompliance:
     def beside(self, D: csr_array, rows: Index) -> Array:
         """W between directions D (m, n) other than the rows, and some rows."""
         every = vstack([D, self._all[rows]], format="csr")
-        # the fewer rows come second, where they meet the whole compliance
+        # The smaller matrix is multiplied with the whole compliance.
         found = self._compliance.between(every, D)
         own, cross = np.split(found, [D.shape[0]])
         return np.block([[0.5 * (own + own.T), cross.T], [cross, self.among(rows)]])
 
     def learn(self, forces: Array, motion: Array) -> tuple[float, float]:
-        """Update such that forces (m,) of computed rows cause a motion (n,).
+        """Update such that forces (m,) of computed rows cause a displacement (n,).
 
-        Returns
-        -------
-        missed, size : float
-            Largest error of the compliance so far, and the largest displacement of a row [m].
+        Returns the largest error of the compliance before the update, and the largest displacement
+        of a row [m].
         """
         f, r = forces[self._known], self._directions @ motion
         Wf = self._between @ f

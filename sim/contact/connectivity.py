@@ -1,4 +1,4 @@
-"""Checks of the triangles of a surface, with the index of each failure."""
+"""Checks of the triangles of a surface, which report the index of a failure."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +8,7 @@ from sim.scene import Index
 from sim.state import Array
 
 FLAT = 1e-10
-"""A triangle with less than this share of its longest side squared has no normal."""
+"""Area relative to the square of the longest side below which a triangle has no normal."""
 
 
 def sides_of(triangles: Index) -> Index:
@@ -17,19 +17,13 @@ def sides_of(triangles: Index) -> Index:
 
 
 def checked_triangles(triangles: ArrayLike, name: str) -> Index:
-    """Triangles as a contiguous array of int64.
-
-    Parameters
-    ----------
-    triangles : (m, 3) whole numbers.
-    name : str
-        Of the surface, for messages.
+    """Triangles (m, 3) as a contiguous array of int64; `name` is that of the surface in messages.
 
     Raises
     ------
     ContactFailure
-        The array has another shape or type, a triangle contains a node twice, two triangles have the
-        same nodes, or two run along an edge in the same direction.
+        The array has another shape or type, a triangle contains a node twice, two triangles have
+        the same nodes, or two have a common edge in the same direction.
     """
     array = np.asarray(triangles)
     whole = array.dtype.kind in "iu" and array.ndim == 2 and array.shape[1:] == (3,)
@@ -76,13 +70,7 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
 
 
 def require_nodes(triangles: Index, name: str, n: int, of: str) -> None:
-    """Refuse triangles with nodes outside 0..n-1 of a mesh or shell.
-
-    Raises
-    ------
-    ContactFailure
-        There is one.
-    """
+    """Raise ContactFailure for triangles with nodes outside 0..n-1 of a mesh or shell."""
     outside = (triangles < 0) | (triangles >= n)
     if outside.any():
         bad = int(np.argmax(outside.any(axis=1)))
@@ -96,13 +84,7 @@ def require_nodes(triangles: Index, name: str, n: int, of: str) -> None:
 
 
 def require_area(triangles: Index, name: str, x: Array) -> None:
-    """Refuse triangles without area at positions x [m].
-
-    Raises
-    ------
-    ContactFailure
-        There is one.
-    """
+    """Raise ContactFailure for triangles without area at positions x [m]."""
     a, b, c = (x[triangles[:, i]] for i in range(3))
     double = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     longest = np.max([((p - r) ** 2).sum(axis=1) for p, r in ((a, b), (b, c), (c, a))], axis=0)
@@ -119,13 +101,7 @@ def require_area(triangles: Index, name: str, x: Array) -> None:
 
 
 def require_outside_out(triangles: Index, name: str, x: Array) -> None:
-    """Refuse a closed surface that is inside out at positions x [m].
-
-    Raises
-    ------
-    ContactFailure
-        It is.
-    """
+    """Raise ContactFailure for a closed surface that is inside out at positions x [m]."""
     centre = x[np.unique(triangles)].mean(axis=0)
     a, b, c = (x[triangles[:, i]] - centre for i in range(3))
     volume = float(np.einsum("mi,mi->", a, np.cross(b, c))) / 6.0
@@ -138,7 +114,7 @@ def require_outside_out(triangles: Index, name: str, x: Array) -> None:
 
 
 def _first_repeated(rows: Index) -> tuple[int, int] | None:
-    """First row (k, n) that has occurred before, and where it first did."""
+    """First row (k, n) that has occurred before, and its first occurrence."""
     _, first, back = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(rows):
         return None

@@ -19,11 +19,11 @@ from sim.scene import Index, Layout
 class ConstraintContact:
     """Contact of vertices with the opposite faces, enforced by multipliers.
 
-    Every vertex near the other surface of its pairing gets a row: the gap to its nearest face, along the
-    direction from that face, stays >= 0; in a groove it gets one for each wall. Both surfaces take the
-    part of the vertices, shells too: a tooth may be narrower than a face of the lip. Rows that would
-    pull let go. Remaining penetrations are removed by a correction of the positions that
-    leaves the velocities alone.
+    Every vertex near the other surface of its pairing has a row: the gap to its nearest face, along
+    the normal of that face, remains >= 0; in a groove it has one row for each wall. Vertices of
+    both surfaces have rows, also those of shells, because a tooth may be narrower than a face of
+    the lip. Rows with tensile forces are released. Remaining penetrations are removed by a
+    correction of the positions that does not change the velocities.
 
     Attributes
     ----------
@@ -31,44 +31,43 @@ class ConstraintContact:
     friction : float or tuple of float
         Coulomb's coefficient, of all pairings or of each.
     reach : float
-        Largest distance at rest of a vertex and a face of the mesh that may touch where rows are in the
-        matrix [m]; all such pairs have a place in it, so that it is analysed once. Steps of
-        `ConvergedEuler` without friction, constraints and products have no such bound.
+        Largest distance at rest of a vertex and a face of the mesh that may touch if rows are
+        assembled into the matrix [m], which contains all such pairs. `ConvergedEuler` without
+        friction, constraints and products has no such bound.
     approach : float
-        Rows are made for vertices nearer than this to a face [m]. A vertex that meets a face from
-        farther away within one step is found by the way it takes, and its step is solved again.
-
+        Distance of a vertex and a face below which they have a row [m]. A vertex that enters a more
+        distant face within one step is found from its path, and the step is solved again.
     initial_penetration : {"kept", "removed"}
-        What becomes of vertices that start inside a closed surface: they may stay as deep as they are,
-        or are moved out, all at `removal_speed` until they are outside.
+        Vertices that are initially inside a closed surface may keep their depth, or are moved out
+        at `removal_speed`.
     removal_speed : float
-        Speed at which they are moved out [m/s], as by a surface that rises at this speed.
+        Speed of this removal [m/s].
 
     Raises
     ------
     SceneError
         A number is out of range, or there is no pairing.
     ContactFailure
-        On compiling: a surface is unusable; in a step with rows in the matrix: a vertex and a face
-        touch that lie farther apart at rest than `reach`.
+        On compiling: a surface is unusable; in a step with assembled rows: a vertex and a face
+        touch whose distance at rest exceeds `reach`.
 
     Notes
     -----
-    Overlap at the start: a vertex that begins inside a closed surface may stay as deep as it is and
-    come out, and may never go back in; it does not jump. With initial_penetration = "removed" the depth
-    that is allowed falls by removal_speed h in a step of h until no penetration remains, which does
-    the work of a wall that rises at this speed. Behind an open surface, which has a front and no
-    inside, vertices farther away than `approach` are left alone, also those that pass around its free
-    edge. A surface never touches itself through its own thickness: faces that do not oppose a vertex,
-    and those it belongs to, are left out. Nodes that both surfaces of a pairing share belong to
-    neither's vertices.
+    The depth of a vertex that is initially inside a closed surface may decrease, but not increase
+    again; it does not jump. With initial_penetration = "removed" the allowed depth decreases by
+    removal_speed h in a step of h, which does the work of a wall that moves at this speed. Behind
+    an open surface, which has no inside, vertices beyond `approach`, including those that pass
+    around its free edge, have no rows. A surface is not in contact with itself through its own
+    thickness: faces whose normals are not opposite to that of a vertex, and those that contain it,
+    are omitted. Nodes common to both surfaces of a pairing have no rows.
 
-    Only vertices meet faces, as published. Two sharp edges that cross between their vertices pass each
-    other by up to a part of a cell, and so do bodies that start overlapped with their sides in one
-    plane: `BarrierContact` holds edges too.
+    As published, only vertices are tested against faces. Two sharp edges that cross between their
+    vertices pass each other by up to a fraction of a cell, and so do initially overlapping bodies
+    with coplanar sides; `BarrierContact` also tests edges.
 
-    Source: contact of the published model (Stavness et al., 11.3.3: vertices against opposing faces,
-    direction of the nearest face, released when they would separate). The rows here are unilateral.
+    Source: contact of the published model (Stavness et al., 11.3.3: vertices against opposing
+    faces, direction of the nearest face, released when they would separate). The rows here are
+    unilateral.
     """
 
     pairings: tuple[Pairing, ...]

@@ -33,9 +33,7 @@ Opened = Callable[[Rows, Array], Array]
 def considerable(rows: Rows, u: Array, pushing: Index) -> Flags:
     """Test if rows (k,) are too deep at displacements u (n_nodes, 3) for a correction.
 
-    Parameters
-    ----------
-    pushing : slots that push.
+    `pushing` contains the slots of active rows.
     """
     return -rows.gaps(u) > np.where(np.isin(rows.slot, pushing), CONSIDERABLE, AT_ALL)
 
@@ -76,7 +74,7 @@ def pressed(
 
     Parameters
     ----------
-    pushing : slots that push.
+    pushing : slots of active rows.
     pattern : SymmetricPattern
     diagonal : (n_free,) of the stiffness [N/m].
     penalty : float

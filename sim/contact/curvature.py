@@ -16,7 +16,7 @@ class NormalStiffness:
 
     Attributes
     ----------
-    vertex : (n, 4) vertices of every pair; those without a share repeat the first.
+    vertex : (n, 4) vertices of every pair; unused ones repeat the first.
     share : (n, 4) derivative of the distance vector by the vertices [1].
     normal : (n, 3) unit vectors.
     scale : (n,) second derivative by the distance, >= 0 [N/m].
@@ -50,12 +50,13 @@ def pairs_of(found: Any) -> list[Any]:
 def normal_stiffness(
     found: Any, mesh: Any, x: Array, distance: float, stiffness: float
 ) -> NormalStiffness:
-    """Stiffness of all pairs, without the rotation of their normals.
+    """Stiffness of all pairs, without the rotation of their normals, positive semi-definite.
 
-    The pairs of the area-weighted barrier have weights of both signs, which count every place once: one
-    that is nearest at a corner, and the corner. A projection of each pair on its own would keep what
-    they are there to take away. So pairs with the same nearest points are united first, and the turning
-    of their normals, which pressure only makes softer, is left out.
+    The pairs of the area-weighted barrier have weights of both signs, so that every closest point
+    is counted once: for example, one whose closest feature is a corner, and the corner itself. A
+    projection of each pair would keep the contributions that others cancel. Pairs with the same
+    closest points are therefore combined first; the rotation of their normals, which only reduces
+    the stiffness, is omitted.
 
     Parameters
     ----------
@@ -63,11 +64,6 @@ def normal_stiffness(
     mesh : ipctk.CollisionMesh
     x : (k, 3) vertices [m].
     distance, stiffness : of the barrier [m], [Pa].
-
-    Returns
-    -------
-    NormalStiffness
-        Positive semi-definite.
     """
     kind, vertex, scale = _read(found, mesh, x)
     if len(kind) == 0:
@@ -75,7 +71,7 @@ def normal_stiffness(
         return NormalStiffness(none.astype(np.int64), none, none[:, :3], none[:, 0])
     share = np.empty((len(kind), 4))
     kernel.shares(kind, vertex, np.ascontiguousarray(x), share)
-    vertex[share == 0.0] = -1  # where the distance does not depend on it
+    vertex[share == 0.0] = -1  # The distance does not depend on this vertex.
     order = np.argsort(-vertex, axis=1)
     vertex, share = (np.take_along_axis(part, order, axis=1) for part in (vertex, share))
     vertex, first, which = np.unique(vertex, axis=0, return_index=True, return_inverse=True)
@@ -91,7 +87,7 @@ def normal_stiffness(
 
 
 def _read(found: Any, mesh: Any, x: Array) -> tuple[Index, Index, Array]:
-    """Kinds (n,), vertices (n, 4) and weights (n,) of all pairs, for the kernel."""
+    """Types (n,), vertices (n, 4) and weights (n,) of all pairs, for the kernel."""
     edges, faces = np.asarray(mesh.edges), np.asarray(mesh.faces)
     vv, ev, ee, fv = (list(part) for part in _kinds(found))
     rows = [

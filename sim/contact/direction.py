@@ -33,9 +33,10 @@ class Move:
 
     Attributes
     ----------
-    q0, q : (n_nodes, 3) positions at the start, and those to look at [m].
+    q0, q : (n_nodes, 3) positions at the start, and current ones [m].
     t0, t1 : float
-        Start and end of the step [s]; shells are where they are at t0 if `q` is `q0`, else at t1.
+        Start and end of the step [s]; shells are at their positions at t0 if `q` is `q0`, otherwise
+        at t1.
     """
 
     q0: Array
@@ -45,7 +46,7 @@ class Move:
 
     @property
     def at_start(self) -> bool:
-        """Test if nothing has moved yet."""
+        """Test if the positions are those at the start."""
         return self.q is self.q0
 
     def ends(self, surface: Surface) -> tuple[Array, Array]:
@@ -61,23 +62,21 @@ class Direction:
     Parameters
     ----------
     pairing : int
-        Which one.
+        Index of the pairing.
     friction : float
         Coulomb's coefficient.
-    vertices : (n,) nodes, or vertices of a shell, that take part.
+    vertices : (n,) nodes, or vertices of a shell, that have rows.
     first_slot : int
         Slot of the first vertex; the others follow.
-    own : SignedFaces
-        Surface of the vertices.
-    faces : SignedFaces
-        Surface that they may not pass.
+    own, faces : SignedFaces
+        Surface of the vertices, and opposite surface.
     approach : float
-        Rows are made for vertices nearer than this [m].
-    free : (n_nodes, 3) whether each unknown of the scene is free.
+        Distance below which vertices have rows [m].
+    free : (n_nodes, 3) True for the free unknowns of the scene.
 
     Attributes
     ----------
-    nodes : (n,) nodes of the scene that the vertices are, -1 of a shell.
+    nodes : (n,) nodes of the vertices, -1 for those of a shell.
     slots : (n,) index of each vertex in the contact memory.
     """
 
@@ -113,7 +112,7 @@ class Direction:
             return deep
         here = Move(q, q, t, t)
         points, x = here.ends(self._surface)[0][self.vertices], here.ends(self._faces)[0]
-        # an open surface has no inside, a closed one has all depths
+        # An open surface has no inside; depths in a closed one are not limited.
         radius = np.inf if self._faces.closed else self._approach
         found = self._signs.nearest(points, radius, x, NO_NODES)
         gap, _ = self._signs.signed(points, found, x)
@@ -121,7 +120,7 @@ class Direction:
         return deep
 
     def turn(self, t0: float, t1: float) -> Array | None:
-        """Rotation (3, 3) of the faces from t0 to t1 [s], if they are a shell that moves."""
+        """Rotation (3, 3) of the faces from t0 to t1 [s], if they are a moving shell."""
         faces = self._faces
         if not isinstance(faces, RigidShell) or faces.motion is None:
             return None
@@ -132,11 +131,11 @@ class Direction:
 
         Parameters
         ----------
-        move : Move
-        allowed : (n_slots,) depth that vertices may have [m]. At the start, vertices that have come
-            around a free edge may stay as deep as they are: their entries are raised.
+        move : Move allowed : (n_slots,) depth that vertices may have [m]. At the start, the entries
+        of vertices that
+            have passed around a free edge are increased to their depth.
         way : (n_slots,) or None
-            How far each vertex may come in the step [m].
+            Upper bound of the displacement of each vertex in the step [m].
         """
         faces, blur = self._faces, BLUR * self._approach
         x0, x1 = move.ends(faces)
@@ -159,7 +158,8 @@ class Direction:
         if not move.at_start:
             return self._rows(move, found, about, normal, gap + may[found.point])
         if not faces.closed:
-            # nothing that came through the front lies this deep: it came around a free edge
+            # A vertex at this depth has not entered through the front, but passed around a free
+            # edge.
             behind = np.flatnonzero(gap + may[found.point] < -SELF_DEPTH * self._approach)
             may[found.point[behind]] = -gap[behind]
             allowed[self.slots] = may
@@ -171,14 +171,9 @@ class Direction:
         return self._rows(move, found, about, normal, gap + may[found.point])
 
     def entered(self, move: Move, allowed: Array) -> Rows:
-        """Rows of the vertices that enter a face on their path, with that face, edge or vertex.
+        """Rows of the vertices that enter a face on their path, with its normal at the end.
 
-        The direction is its normal at the end.
-
-        Parameters
-        ----------
-        move : Move
-        allowed : (n_slots,) depth that vertices may have [m].
+        allowed (n_slots,) are the depths that vertices may have [m].
         """
         x0, x1 = move.ends(self._faces)
         before, after = self._outside(move, allowed), move.ends(self._surface)[1][self.vertices]
@@ -193,7 +188,7 @@ class Direction:
     def _outside(self, move: Move, allowed: Array) -> Array:
         """Vertices (n, 3) at the start, with slightly penetrating ones moved to the surface.
 
-        What is left of an earlier step's contact lies there, and would enter unseen.
+        After an earlier contact, vertices may be slightly inside and would enter undetected.
         """
         points = move.ends(self._surface)[0][self.vertices]
         if self._itself or not self._faces.closed:
@@ -248,7 +243,7 @@ class Direction:
         if not move.at_start:
             u = move.q - move.q0
             rows.gap[:] -= np.einsum("ki,ki->k", normal, rows.displacement(u))
-        # a row whose direction no free unknown feels can neither be kept nor broken
+        # A row that does not depend on a free unknown is omitted.
         felt = (self._free[nodes] * (np.abs(normal)[:, None, :] * np.abs(weight)[:, :, None])).sum(
             axis=(1, 2)
         )

@@ -1,6 +1,6 @@
 """Pairing in the IPC Toolkit: collision mesh, barrier, step limit and friction.
 
-The toolkit (ipctk, MIT licence) is imported when the first barrier is compiled and not before.
+The toolkit (ipctk, MIT licence) is imported when the first barrier is compiled.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ MOST_ADVANCES = 10_000
 SLACK = 2e-4
 """Displacement of vertices after which pairs are searched again [m].
 
-More would keep pairs by the hundred thousand, all of which every evaluation looks at.
+Larger values cause hundreds of thousands of pairs, which every evaluation examines.
 """
 
 
@@ -150,8 +150,8 @@ class CollisionPair:
     def _weigh_shells(self) -> None:
         """Limit the area of vertices and edges of a shell to that of the tissue.
 
-        A barrier is weighted by the area round vertices and edges; the few long edges of a coarse shell
-        would otherwise carry the whole load.
+        A barrier is weighted by the area around vertices and edges; otherwise the few long edges of
+        a coarse shell would carry the whole load.
         """
         soft = self.node >= 0
         if soft.all():
@@ -165,7 +165,7 @@ class CollisionPair:
     def _separate(self, number: Index) -> None:
         """Restrict contact to vertices of different surfaces, without shared nodes.
 
-        The shared nodes lie on triangles and edges, which the others meet.
+        Shared nodes belong to triangles and edges that the other vertices touch.
         """
         sides: list[Index] = []
         first = self.n_soft
@@ -201,8 +201,8 @@ class CollisionPair:
     def collisions(self, x: Array) -> Any:
         """All pairs within the distance, weighted by area so that their sum is a pressure.
 
-        The weights are those of Li et al. (2023, Convergent incremental potential contact), which count
-        a place once, wherever on a triangle it lies.
+        The weights are those of Li et al. (2023, Convergent incremental potential contact), with
+        which every closest point counts once, independent of its position on a triangle.
         """
         found = self._ipc.NormalCollisions()
         found.use_area_weighting = True
@@ -219,7 +219,7 @@ class CollisionPair:
         return self._potential(found, self.mesh, x), gradient.reshape(-1, 3)
 
     def stiffness(self, x: Array) -> NormalStiffness:
-        """Stiffness [N/m]: the second derivative without the turning of normals."""
+        """Stiffness [N/m]: the second derivative without the rotation of normals."""
         b = self._barrier
         return normal_stiffness(self.collisions(x), self.mesh, x, b.distance, b.stiffness)
 
@@ -238,13 +238,9 @@ class CollisionPair:
         return float(np.sqrt(found.compute_minimum_distance(self.mesh, x)))
 
     def sliding(self, x: Array, slip: float) -> "Sliding":
-        """Friction over a step that starts at x, with the normal forces there.
+        """Friction over a step that starts at vertices x (k, 3) [m], with the normal forces there.
 
-        Parameters
-        ----------
-        x : (k, 3) vertices at the start of the step [m].
-        slip : float
-            Displacement within the step at which friction is fully mobilised [m].
+        Friction is fully mobilised at the displacement `slip` within the step [m].
         """
         lagged = self._ipc.TangentialCollisions()
         lagged.build(self.mesh, x, self.collisions(x), self._potential, self._barrier.friction)

@@ -1,16 +1,16 @@
 """Multipliers of rows, and contact forces of the augmented Lagrangian.
 
 With the gap g and the relative displacement r of a row (`sim.contact.rows`), the multipliers lambda
-(along n) and lambda_t (across) and the penalty rho, the force on the vertex is
+(along n) and lambda_t (tangential) and the penalty rho, the force on the vertex is
 
     f = max(0, lambda - rho g) n + tau min(1, bound/|tau|),   tau = lambda_t - rho (r - n n . r),
 
-with bound = friction lambda. It is minus the derivative of a convex potential; where the multipliers
-have converged it obeys 0 <= f_n, g >= 0, f_n g = 0 and Coulomb's law, for any rho.
+with bound = friction lambda. It is minus the derivative of a convex potential; converged
+multipliers satisfy 0 <= f_n, g >= 0, f_n g = 0 and Coulomb's law, for any rho.
 
-Source of the augmentation: Alart and Curnier 1991, A mixed formulation for frictional contact problems
-prone to Newton like solution methods; Simo and Laursen 1992, An augmented Lagrangian treatment of
-contact problems involving friction.
+Source of the augmentation: Alart and Curnier 1991, A mixed formulation for frictional contact
+problems prone to Newton like solution methods; Simo and Laursen 1992, An augmented Lagrangian
+treatment of contact problems involving friction.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class Multipliers:
     rows : Rows
     rho : (k,) penalties [N/m].
     normal : (k,) multipliers along the normals [N].
-    tangent : (k, 3) multipliers across [N].
+    tangent : (k, 3) tangential multipliers [N].
     """
 
     rows: Rows
@@ -87,7 +87,7 @@ class Multipliers:
         plane = np.eye(3) - nn
         size = np.sqrt(np.einsum("ki,ki->k", acting.friction, acting.friction))
         along = acting.friction / np.where(size > 0.0, size, 1.0)[:, None]
-        # a sliding contact resists a turn of its way only
+        # A sliding contact resists only changes of its direction.
         turn = plane - along[:, :, None] * along[:, None, :]
         block += np.where(acting.sticks, self.rho, 0.0)[:, None, None] * plane
         return block + acting.turn[:, None, None] * turn
@@ -108,17 +108,17 @@ class Multipliers:
 
 @dataclass(frozen=True, eq=False)
 class Acting:
-    """Gaps and forces of rows at some displacements.
+    """Gaps and forces of rows at given displacements.
 
     Attributes
     ----------
     gap : (k,) [m]
     force : (k,) along the normals [N].
-    friction : (k, 3) across [N].
-    sticks : (k,) whether friction holds.
+    friction : (k, 3) tangential [N].
+    sticks : (k,) True for sticking contacts.
     turn : (k,) stiffness of a sliding contact against a change of direction [N/m].
     slip : float
-        Largest slip of a row that should stick [m].
+        Largest slip of a sticking contact [m].
     energy : float
         Of the augmentation [J].
     """
@@ -138,7 +138,7 @@ class Acting:
     def miss(self, multipliers: Multipliers, pushes: Flags | None = None) -> float:
         """Largest violation [m]: gap of an active row, penetration of an inactive one, or slip.
 
-        With `pushes` (k,) the rows among them are treated as active.
+        With `pushes` (k,) these rows are treated as active.
         """
         pushing = self.force > 0.0
         if pushes is not None:

@@ -13,23 +13,11 @@ from sim.scene import Index
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """Two surfaces that may touch, or one surface with self-contact.
+    """Two surfaces that may touch, or one surface with self-contact (`b` is `a` or None).
 
-    Attributes
-    ----------
-    a : NodeSurface or RigidShell
-    b : NodeSurface or RigidShell, optional
-        Same as `a`, or None, for self-contact.
-
-    Raises
-    ------
-    SceneError
-        Neither surface belongs to the mesh.
-
-    Notes
-    -----
-    Two surfaces of the mesh may share nodes, as lips do at the mouth corners: a vertex and a triangle
-    that it belongs to, and two edges with a common node, never touch each other.
+    At least one of them belongs to the mesh. Two surfaces of the mesh may share nodes, as lips do
+    at the mouth corners: a vertex and a triangle that contains it, and two edges with a common
+    node, are not in contact.
     """
 
     a: Surface

@@ -12,12 +12,12 @@ from sim.state import Array
 class VertexPlaces:
     """Assembler of stiffness over vertices into the values of a pattern.
 
-    What couples two nodes that the pattern does not is replaced by a bound from above on the diagonal
-    blocks: the iteration becomes slower there, its end remains the same.
+    A coupling of two nodes that the pattern does not contain is replaced by an upper bound on the
+    diagonal blocks, which slows down the iteration without affecting its result.
 
     Attributes
     ----------
-    free : (3 n_nodes,) whether each unknown is free.
+    free : (3 n_nodes,) True for free unknowns.
     """
 
     def __init__(self, pattern: SymmetricPattern) -> None:
@@ -52,7 +52,7 @@ class VertexPlaces:
         known = fixed | self._known(row // 3, column // 3)
         kept = known & ~fixed
         self._add(row[kept], column[kept], H.value[kept], K)
-        # [[|e|, -e], [-e, |e|]] is positive semi-definite: adding it removes e and takes nothing away
+        # [[|e|, -e], [-e, |e|]] is positive semi-definite; adding it removes e.
         own, size = row[~known], np.abs(H.value[~known])
         place = self._diagonal[own]
         np.add.at(K, place[place >= 0], size[place >= 0])
@@ -64,7 +64,7 @@ class VertexPlaces:
         return pairs[np.minimum(np.searchsorted(pairs, keys), len(pairs) - 1)] == keys
 
     def _add(self, row: Index, column: Index, value: Array, K: Array) -> None:
-        """Add entries between unknowns that the pattern couples; -1 is none."""
+        """Add entries between unknowns that the pattern couples; -1 for none."""
         upper = (row >= 0) & (column >= row)
         row, column, value = row[upper], column[upper], value[upper]
         keys = row // 3 * self._pattern.n_nodes + column // 3

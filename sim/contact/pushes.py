@@ -20,16 +20,17 @@ def pushes(G: Array, c: Array, pushing: Flags) -> Array:
     Parameters
     ----------
     G : (m, m) symmetric [m/N]
-        Softened until it is positive definite.
+        Regularised until it is positive definite.
     c : (m,) gaps without the forces [m].
     pushing : (m,)
-        Guess of what pushes.
+        Initial active set.
 
     Notes
     -----
     Source: Hintermueller, Ito and Kunisch 2002, The primal-dual active set strategy as a semismooth
-    Newton method, SIAM J. Optim. 13, 865-888. It may cycle for a general G; then G = L L' leaves the
-    least squares |L' f + L^-1 c| with f >= 0 of Lawson and Hanson 1974, which always ends.
+    Newton method, SIAM J. Optim. 13, 865-888. It may cycle for a general G; then the least squares
+    |L' f + L^-1 c| with f >= 0 and G = L L' are solved by Lawson and Hanson 1974, which always
+    ends.
     """
     try:
         return _pushes(G, c, pushing)

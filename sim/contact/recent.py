@@ -14,15 +14,15 @@ Result = TypeVar("Result")
 class Recent(Generic[Result]):
     """Function of positions with a cache of its latest results.
 
-    A step evaluates the same positions several times, those at its start and at its end in turn, and a
-    shell that does not move has no others.
+    A step evaluates the same positions several times, alternately at its start and its end; those
+    of a shell at rest are always the same.
 
     Parameters
     ----------
     make : callable
         Result for one or several arrays of positions.
     size : int
-        Results that are kept.
+        Number of cached results.
     """
 
     def __init__(self, make: Callable[..., Result], size: int = 2) -> None:

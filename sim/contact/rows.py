@@ -1,7 +1,7 @@
 """Contact rows, each of one vertex and one face, and the assembly of their stiffness.
 
-Of the relative displacement r of vertex and face since the start of the step, a row contains the gap
-g = gap0 + n . r at the end of the step.
+Of the relative displacement r of vertex and face since the start of the step, a row contains the
+gap g = gap0 + n . r at the end of the step.
 """
 
 from dataclasses import dataclass
@@ -29,16 +29,15 @@ class Rows:
 
     Attributes
     ----------
-    slot : (k,) which vertex of which direction of a pairing.
-    place : (k,) where on the opposing surface: a triangle, an edge, or a vertex.
-    rank : (k,) 0 of the nearest faces of a vertex, more of rows that stand back behind those.
+    slot : (k,) index of the vertex in the contact memory.
+    place : (k,) index of the opposite feature: a triangle, an edge, or a vertex.
+    rank : (k,) 0 for the nearest faces of a vertex, larger for rows of lower priority.
     nodes, weight : (k, 4) the vertex with weight 1, then the nodes of the face with minus their
         barycentric weights; those of a shell have weight zero and repeat a node of the other.
-    normal : (k, 3) out of the opposing face.
-    gap : (k,) gap at the end of the step without motion of the mesh [m].
-    carried : (k, 3) displacement of a rigid face over the step, or minus that of a rigid vertex [m].
-    friction : (k,) coefficient.
-    pairing : (k,) index of the pairing.
+    normal : (k, 3) outward normal of the opposite face. gap : (k,) gap at the end of the step
+    without motion of the mesh [m]. carried : (k, 3) displacement of a rigid face over the step, or
+    minus that of a rigid vertex [m]. friction : (k,) coefficient. pairing : (k,) index of the
+    pairing.
     """
 
     slot: Index
@@ -65,7 +64,7 @@ class Rows:
         return self.gap + np.einsum("ki,ki->k", self.normal, self.displacement(u))
 
     def foremost(self) -> Index:
-        """Rows of the lowest rank of every vertex, those of its closest faces if it has any."""
+        """Rows of the lowest rank of every vertex."""
         lowest = np.full(int(self.slot.max(initial=-1)) + 1, NO_RANK)
         np.minimum.at(lowest, self.slot, self.rank)
         return np.flatnonzero(self.rank == lowest[self.slot])
@@ -121,7 +120,7 @@ class RowPlaces:
             pattern.pair_index(keys.ravel()).reshape(keys.shape), len(pattern.pairs) - 1
         )
         lost = used & (pattern.pairs[place] != keys)
-        # a row may be near without ever pushing
+        # A row need not become active.
         self._lost = lost.any(axis=1)
         self._rows, self._names, self._reach = rows, names, reach
         self._row, self._entry = np.nonzero(used & ~lost)
@@ -134,7 +133,7 @@ class RowPlaces:
         Raises
         ------
         ContactFailure
-            The nodes of a row with a block are no pairs of the pattern.
+            The pattern does not contain the nodes of a row with a block.
         """
         lost = np.flatnonzero(self._lost & block.any(axis=(1, 2)))
         if len(lost):
@@ -150,6 +149,6 @@ class RowPlaces:
         parts = (
             scale * self._product[self._row, self._entry, None] * block.reshape(-1, 9)[self._row]
         )
-        # the transposed half of a pair of two nodes is stored by the pattern's upper triangle alone
+        # The pattern stores only the upper triangle of a pair of two nodes.
         stored = (self._target >= 0) & (parts != 0.0)
         values += np.bincount(self._target[stored], parts[stored], self._nnz)

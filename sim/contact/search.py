@@ -1,7 +1,7 @@
 """Search of faces close to vertices or entered by them during a step.
 
-Each direction of a pairing is the vertices of one surface against the faces of the other. All searches
-end at the same answer as a comparison of every vertex with every face.
+In each direction of a pairing, the vertices of one surface are searched against the faces of the
+other. All searches have the same result as a comparison of every vertex with every face.
 """
 
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ class Found:
 
     Attributes
     ----------
-    point : (k,) indices of the points that have one; ascending where each has one.
-    face : (k,) triangles.
-    weight : (k, 3) barycentric weights of the nearest or entered point of the face.
-    value : (k,) distance [m] of the nearest face, or share 0-1 of the way at which it is entered.
-    feature : (k,) 0 within the face; 1, 2, 3 on the edge from corner 0, 1, 2; 4, 5, 6 at a corner.
+    point : (k,) indices of the points with a face; ascending if there is one face for each. face :
+    (k,) triangles. weight : (k, 3) barycentric weights of the nearest or entered point of the face.
+    value : (k,) distance [m] of the nearest face, or fraction 0-1 of the path at which it is
+    entered. feature : (k,) 0 within the face; 1, 2, 3 on the edge from corner 0, 1, 2; 4, 5, 6 at a
+    corner.
     """
 
     point: Index
@@ -65,26 +65,21 @@ def nearest_faces(
     away: Array = NO_NORMALS,
     grid: Grid | None = None,
 ) -> Found:
-    """Closest face of every point within a radius.
+    """Closest face of every point within a radius, with its distance.
 
     Parameters
     ----------
     points : (n, 3) [m]
     radius : (n,) or float
-        Faces farther away are not looked for [m]; may be infinite.
-    x : (m, 3) positions that the triangles name [m].
+        Largest distance [m]; may be infinite.
+    x : (m, 3) positions of the vertices of the triangles [m].
     triangles : (k, 3) int
     nodes : (n,) int, optional
-        Index of every point among `x`, -1 for none: faces that have it are left out.
+        Index of every point among `x`, -1 for none; faces that contain it are omitted.
     away : (n, 3), optional
-        Outward normals of the points: faces that do not oppose them are left out.
+        Outward normals of the points; faces with normals not opposite to them are omitted.
     grid : Grid, optional
-        Of the triangles at x, where it is known.
-
-    Returns
-    -------
-    Found
-        With distances.
+        Of the triangles at x, if available.
     """
     n = len(points)
     face, weight = np.empty(n, dtype=np.int64), np.zeros((n, 3))
@@ -123,24 +118,19 @@ def entered_faces(
     nodes: Index = NO_NODES,
     grid: Grid | None = None,
 ) -> Found:
-    """First face that every point enters through its front on a straight path.
+    """First face that every point enters through its front on a straight path, with the time 0-1.
 
-    The instant solves the cubic that the volume of point and triangle is over the step.
+    The time is a root of the volume of point and triangle, a cubic over the step.
 
     Parameters
     ----------
     before, after : (n, 3) points at both ends of the step [m].
-    x_before, x_after : (m, 3) positions that the triangles name [m].
+    x_before, x_after : (m, 3) positions of the vertices of the triangles [m].
     triangles : (k, 3) int
     nodes : (n,) int, optional
         As in `nearest_faces`.
     grid : Grid, optional
-        Of the triangles from x_before to x_after, where it is known.
-
-    Returns
-    -------
-    Found
-        With the share of the step.
+        Of the triangles from x_before to x_after, if available.
     """
     n = len(before)
     face, when, weight = np.empty(n, dtype=np.int64), np.empty(n), np.zeros((n, 3))
@@ -172,7 +162,7 @@ def with_as_near(
 ) -> Found:
     """Closest faces, followed by all equally close ones, within rounding.
 
-    Arguments as of `nearest_faces`, which found the former.
+    Arguments as of `nearest_faces`, whose result is extended.
     """
     room = TOGETHER * len(found.point)
     which, face, feature = (np.empty(room, dtype=np.int64) for _ in range(3))
@@ -211,7 +201,7 @@ def with_as_early(
 ) -> Found:
     """Faces that points enter first, followed by those entered simultaneously.
 
-    Arguments as of `entered_faces`, which found the former.
+    Arguments as of `entered_faces`, whose result is extended.
     """
     room = TOGETHER * len(found.point)
     which, face = (np.empty(room, dtype=np.int64) for _ in range(2))

@@ -34,10 +34,10 @@ class SignedFaces:
 
     Notes
     -----
-    The sign follows from the normal of the nearest face, or from the sum of the normals of the nearest
-    edge, or from the angle-weighted normals of the nearest vertex (Baerentzen and Aanaes 2005, Signed
-    distance computation using the angle weighted pseudonormal). At a free edge of an open surface there
-    is no sign.
+    The sign follows from the normal of the nearest face, or from the sum of the normals of the
+    nearest edge, or from the angle-weighted normals of the nearest vertex (Baerentzen and Aanaes
+    2005, Signed distance computation using the angle weighted pseudonormal). At a free edge of an
+    open surface there is no sign.
     """
 
     def __init__(self, surface: Surface) -> None:
@@ -96,7 +96,7 @@ class SignedFaces:
     def _places(self, found: Found, x: Array) -> tuple[Index, Array]:
         """Indices (k,) of the closest faces, edges or vertices, and weights on them.
 
-        An edge is the same place seen from both its faces, and a vertex from all.
+        An edge has the same index for both its faces, and a vertex for all.
         """
         place, weight = np.empty(len(found.point), dtype=np.int64), found.weight.copy()
         about = (self._across, self._free, self._edge)
@@ -114,6 +114,8 @@ class SignedFaces:
     ) -> tuple[Found, Index, Array, Array]:
         """Unique closest features of equally close faces.
 
+        A point inside, midway between faces with opposite normals, keeps the first.
+
         Parameters
         ----------
         points, x, blur, against
@@ -126,11 +128,7 @@ class SignedFaces:
         found : Found
         place : (k,) number of the face, edge or vertex.
         gap, normal : (k,), (k, 3)
-            As of `signed`, the normal of a place from all its faces.
-
-        Notes
-        -----
-        A point inside, midway between faces that would push it opposite ways, keeps the first.
+            As of `signed`, the normal of a feature from all its faces.
         """
         gaps, normals = self.signed(points, every, x, blur, against)
         places, weight = self._places(every, x)
@@ -163,22 +161,22 @@ class SignedFaces:
     ) -> tuple[Found, Array, Array]:
         """Faces adjacent to the closest one at a concave edge, if the point is above both.
 
-        A point in a groove is held by both its walls.
+        A point in a groove has rows for both its walls.
 
         Parameters
         ----------
         points : (n, 3) [m]
         found : Found
             Of `all_nearest`.
-        x : (m, 3) positions that the triangles name [m].
+        x : (m, 3) positions of the vertices of the triangles [m].
         near : float
-            A further face counts where the point is above it, or nearer to it than this [m].
+            Distance below which a further face is included also if the point is not above it [m].
 
         Returns
         -------
         found : Found
-            The same points again, once per further face, with the distances from its plane. Faces within
-            which points are nearest are not among them.
+            The same points, once per further face, with the distances from its plane. Faces that
+            contain closest points in their interior are omitted.
         gap : (k,) distance from the plane of the face, negative behind [m].
         normal : (k, 3) its unit normal.
         """
@@ -225,19 +223,19 @@ class SignedFaces:
         points : (n, 3) [m]
         found : Found
             Of `nearest_faces`.
-        x : (m, 3) positions that the triangles name [m].
+        x : (m, 3) positions of the vertices of the triangles [m].
         blur : float
-            Nearer than about this to an edge or a vertex [m] the mean normal of its faces serves as
-            direction, since that of the distance turns within the distance itself; the gap is then
-            counted along it.
+            Distance from an edge or a vertex [m] below which the direction is the mean normal of
+            its faces, because that of the distance changes over a length equal to the distance; the
+            gap is then measured along it.
         against : (n, 3), optional
-            Outward normals of the points, which share in that mean: two rims that meet push each other
-            straight, not along their diagonals.
+            Outward normals of the points, which are included in this mean, so that the forces
+            between two edges are not diagonal.
 
         Returns
         -------
         gap : (k,) distance, negative inside [m]; NaN at a free edge.
-        normal : (k, 3) unit vectors out of the surface, without blur the gradient of the gap.
+        normal : (k, 3) outward unit vectors, without blur the gradient of the gap.
         """
         by_face, by_corner, flat = self._normals(x)
         k = len(found.point)

@@ -45,7 +45,7 @@ class ContactStep:
     t1 : float
         End of the step [s].
     equilibrium : bool
-        Whether t1 only carries the load: directions are then those of the faces at once.
+        Quasi-static step, in which normals are not filtered.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class ContactStep:
 
     def at_start(self, way: Array) -> Rows:
         """Rows of the vertices near a face, with nodal displacements (n_nodes,) in the step [m]."""
-        # what a vertex of a shell comes near moves up to as far as anything
+        # A face near a vertex of a shell may have the largest displacement of all nodes.
         reach = np.r_[way, way.max(initial=0.0)][self.contact.vertex_of_slot]
         rows = self.contact.near(self._move(self.q0), self._allowed, reach + self._removed)
         return self._steadied(rows)
@@ -74,9 +74,9 @@ class ContactStep:
     def passed(self, q: Array, near: Rows) -> Rows:
         """Rows of the vertices that have passed a face on their path to positions q.
 
-        Of those of `near` the ones inside, and of the others those that came in through a face and are
-        behind it, as where a thin sheet was crossed; not where a vertex slid round a ridge and lies
-        outside of a face that looks the same way.
+        They are the vertices of `near` that are inside, and others that entered through a face and
+        are behind it, for example a thin sheet; not vertices that slid around a ridge and are
+        outside of a face with the same orientation.
         """
         u = q - self.q0
         inside = near.take(np.flatnonzero(near.gaps(u) < -TOUCH))
@@ -88,10 +88,9 @@ class ContactStep:
     def _steadied(self, rows: Rows) -> Rows:
         """Rows of the closest faces with low-pass filtered normals.
 
-        A vertex at a ridge is held along one face, slides past the ridge, is held along the other and
-        slides back: directions are those of the start of a step, so that this is not prevented within
-        it. Those that pushed are remembered, turned with their face. Further walls of a groove keep
-        theirs.
+        Without the filter, a vertex at a ridge slides alternately along both faces, because normals
+        are those at the start of a step. Normals of active rows are stored and rotate with their
+        face. Further walls of a groove keep their normals.
         """
         first = rows.foremost()
         before, normal = self._before[rows.slot[first]], rows.normal[first]
@@ -107,7 +106,7 @@ class ContactStep:
     def entering(self, rows: Rows) -> Rows:
         """Same rows with gaps limited to those allowed in this step.
 
-        What else is inside already may stay, and not go deeper.
+        Other vertices that are already inside may stay, but not go deeper.
         """
         return replace(rows, gap=np.maximum(rows.gap, -self._removed[rows.slot]))
 
@@ -161,9 +160,7 @@ def _beside(entered: Rows, near: Rows) -> NDArray[np.bool_]:
 def penalties(pattern: SymmetricPattern, diagonal: Array, rows: Rows, factor: float) -> Array:
     """Penalty (k,) of every row, proportional to the stiffness along its normal [N/m].
 
-    Parameters
-    ----------
-    diagonal : (n_free,) of the stiffness that the rows meet [N/m].
+    diagonal (n_free,) is that of the stiffness [N/m].
     """
     soft = np.zeros(3 * pattern.n_nodes)
     soft[pattern.free] = 1.0 / diagonal
@@ -185,8 +182,8 @@ def carried_over(multipliers: Multipliers, rows: Rows, rho: Array) -> Multiplier
 def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers:
     """Distribute normal forces among all rows of a vertex, and friction to the closest one.
 
-    The multipliers are those >= 0 of which the sum along the normals is nearest to the push. All rows of
-    a vertex take their parts at once, so that none comes first.
+    The multipliers are those >= 0 whose sum along the normals is closest to the force. They are
+    computed simultaneously, so that the order of the rows does not matter.
     """
     n, n_slots = rows.normal, len(push)
     count = np.bincount(rows.slot, minlength=n_slots)[rows.slot]

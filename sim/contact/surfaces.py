@@ -75,8 +75,8 @@ class NodeSurface(_Triangles):
     Raises
     ------
     ContactFailure
-        A triangle names a node twice, two triangles have the same nodes, or neighbours are seen from
-        different sides.
+        A triangle contains a node twice, two triangles have the same nodes, or neighbours have
+        opposite orientations.
     """
 
     triangles: Index
@@ -92,7 +92,8 @@ class NodeSurface(_Triangles):
         Raises
         ------
         ContactFailure
-            A node does not exist, a triangle has no area at rest, or a closed surface is inside out.
+            A node does not exist, a triangle has no area at rest, or a closed surface is inside
+            out.
         """
         self._require_shape(mesh.X, "the mesh")
 
@@ -114,7 +115,8 @@ class RigidShell(_Triangles):
     Raises
     ------
     ContactFailure
-        As `NodeSurface`; a vertex is not finite; a triangle has no area; a closed shell is inside out.
+        As `NodeSurface`; a vertex is not finite; a triangle has no area; a closed shell is inside
+        out.
     """
 
     vertices: Array

@@ -6,10 +6,7 @@ from sim.state import Array
 
 
 class BySecants:
-    """Choice of directions of a `Potential` whose stiffness is factorised completely.
-
-    Attributes: as of `Potential`.
-    """
+    """Choice of directions of a `Potential` whose stiffness is factorised completely."""
 
     scale: float
     patience, haste = 1, 1.0

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 class PhaseClock:
     """Wall time and calls of every phase.
 
-    It does not depend on its users: a workspace and its solver share one, and a solver that knew its
-    workspace would keep both, and hundreds of megabytes of a scene, until garbage is collected.
+    It is shared by a workspace and its solver, which otherwise would have to refer to its workspace
+    and keep it, with hundreds of megabytes of a scene, until garbage is collected.
 
     Attributes
     ----------

@@ -38,20 +38,21 @@ def minimise_constrained(
 ) -> tuple[Point, Iteration]:
     """Minimum of a potential on c = 0 from a start with det F > 0.
 
-    Each iteration solves the saddle system of the Lagrangian phi + lambda . c for the step and the new
-    multipliers. The matrix is shifted until it has as many negative eigenvalues as conditions, so that
-    the step descends the merit phi + rho |c|_1, with rho above every multiplier; the line search
-    keeps det F > 0 and the merit falling (Nocedal and Wright, Numerical Optimization, 18.4).
+    Each iteration solves the saddle system of the Lagrangian phi + lambda . c for the step and the
+    new multipliers. The matrix is shifted until it has as many negative eigenvalues as constraints,
+    so that the step is a descent direction of the merit function phi + rho |c|_1, with rho above
+    every multiplier; the line search requires det F > 0 and a decrease of the merit function
+    (Nocedal and Wright, Numerical Optimization, 18.4).
 
     Raises
     ------
     NotConverged
-        The tolerances were not met, or no step length lowers the merit.
+        The tolerances were not met, or no step length lowers the merit function.
     SingularSystem
-        The saddle matrix could not be factorised: the conditions repeat each other.
+        The saddle matrix could not be factorised, because the constraints are redundant.
     """
     conditions = potential.system.constraints
-    assert conditions is not None  # callers choose this function by it
+    assert conditions is not None  # Callers check that the scene has constraints.
     c, slopes = conditions.evaluate(potential.positions(point.d))
     multiplier = work.multipliers if work.multipliers is not None else np.zeros(conditions.n)
     residuals: list[float] = []
@@ -100,7 +101,7 @@ def _newton_step(
     for shifts in range(MAX_SHIFTS + 1):
         step, y = work.solve_constrained(shifted, G, -scale * point.g, -c)
         negative = work.saddle.negative_pivots
-        # a solver that does not count its pivots is judged by the curvature along its step
+        # Without a count of negative pivots, the curvature along the step is tested.
         convex = (
             negative == len(c) if negative is not None else dot(step, point.g) <= dot(y, c) / scale
         )

@@ -90,11 +90,11 @@ class ContactEquation:
     ----------
     scale : float
         h^2 [s^2].
-    diagonal : (n_free,) of the stiffness that rows meet, A/h^2 [N/m].
+    diagonal : (n_free,) of the stiffness of the tissue, A/h^2 [N/m].
     solutions, factorisations : int
-        Made so far.
+        Numbers so far.
     definite : bool
-        Whether all matrices have been positive definite.
+        True if all matrices were positive definite.
     """
 
     def __init__(
@@ -118,15 +118,15 @@ class ContactEquation:
         return self._system.kinematics.displacements(x, self._state.pose)
 
     def settle(self, multipliers: Multipliers, x: Array) -> tuple[Array, Acting, Solve]:
-        """Solution with the active rows, from a guess x.
+        """Solution with the active rows, from an initial value x.
 
-        Each pass solves for the rows that push and stick; when these stay as they are the multipliers
-        take the forces, until gaps and slips are closed.
+        Each pass solves for the active and sticking rows; when they no longer change, the
+        multipliers are updated, until gaps and slips are closed.
 
         Raises
         ------
         NotConverged
-            The rows that push did not settle.
+            The active set did not converge.
         SingularSystem
             A matrix could not be factorised.
         """
@@ -139,7 +139,7 @@ class ContactEquation:
             return x + move, multipliers.at(self.displacement(x + move)), solve
         places = self._step.places(system.point_pattern, rows)
         acting = multipliers.at(self.displacement(x))
-        # rows that pushed in the step before, and those that the motion would bring inside
+        # rows that were active in the previous step, and those that the motion would violate
         pushes = (multipliers.normal > 0.0) | (acting.gap < -TOUCH)
         factored, sticks, solve = pushes, acting.sticks, None
         flips, miss, last = np.zeros(len(rows), dtype=np.int64), np.inf, np.inf
@@ -150,7 +150,7 @@ class ContactEquation:
             missing = self._b + self.scale * pushed - Ax
             left = norm(missing)
             same = np.array_equal(factored, pushes) and np.array_equal(sticks, acting.sticks)
-            # the stiffness of a sliding contact turns with its way
+            # The stiffness of a sliding contact rotates with its direction.
             if solve is None or not same or (acting.turn.any() and left > TURNING * last):
                 first = solve is None
                 solve = self._solver(places, rows, multipliers.stiffness(acting, pushes))
@@ -179,7 +179,7 @@ class ContactEquation:
             acting, last = multipliers.at(self.displacement(x)), np.inf
         if miss > ROUGHLY:
             raise NotConverged((), self._until, f"contact did not converge, {miss:.2g} m are left")
-        assert solve is not None  # the loop ran
+        assert solve is not None  # The loop is executed at least once.
         return x, acting, solve
 
     def _stand(self, multipliers: Multipliers, acting: Acting, pushes: Flags) -> bool:
@@ -223,7 +223,7 @@ class ContactEquation:
         return x + length * move, acting
 
     def _solver(self, places: RowPlaces | None, rows: Rows, block: Array) -> Solve:
-        """Solver for the matrix with the stiffness of rows, under the conditions of the scene."""
+        """Solver for the matrix with the stiffness of rows, under the constraints of the scene."""
         system, work = self._system, self._work
         A = replace(self._A, values=self._A.values.copy())
         if places is not None:

@@ -41,24 +41,12 @@ class Touched:
 
 
 class LinearContact:
-    """Iteration of a step: solve with the present rows, and add the violated ones.
-
-    Parameters
-    ----------
-    system : System
-        With a contact.
-    state : State
-    equation : Equation
-        Matrix and right-hand side for the velocities.
-    h : float
-        Length of the step [s].
-    work : Workspace
-    """
+    """Iteration of a step: solve with the current rows, and add the violated ones."""
 
     def __init__(
         self, system: System, state: State, equation: Equation, h: float, work: Workspace
     ) -> None:
-        assert system.contact is not None  # callers choose this by it
+        assert system.contact is not None  # Callers check that the scene has contact.
         self._system, self._state = system, state
         self._h, self._moves = h, equation.moves
         self._v0 = system.kinematics.velocities(state)
@@ -71,7 +59,7 @@ class LinearContact:
         Raises
         ------
         NotConverged
-            The rows that touch did not settle.
+            The active set did not converge.
         SingularSystem
             A matrix could not be factorised.
         """
@@ -138,7 +126,8 @@ class LinearContact:
     def _through(self, rows: Rows, q: Array, near: Rows) -> Rows:
         """Rows that are violated without a close face.
 
-        The old velocities, which no row bears on, may carry a vertex through a thin sheet.
+        The initial velocities, which are independent of the rows, may carry a vertex through a thin
+        sheet.
         """
         rows = rows.joined(self._step.passed(q, near))
         broken = rows.gaps(q - self._state.q) < -TOUCH

@@ -18,15 +18,16 @@ def relaxed(
 ) -> Array:
     """Estimate (e_q, e_v) filtered by one implicit stage, which removes stiff components.
 
-    An estimate that uses the velocity v0 at the start of the step holds while v0 goes with the load.
-    Tissue takes up its new velocity within a fraction of a millisecond after a jump of the load, and the
-    estimate then falls no faster than the step: it would ask for steps as short as that fraction, though
-    an L-stable method is exact there. One solution with the matrix A of the stage,
+    An estimate from the velocity v0 at the start of the step is valid while v0 follows the load.
+    After a jump of the load, tissue assumes its new velocity within a fraction of a millisecond,
+    and the estimate decreases only in proportion to the step; it would require steps as short as
+    that fraction, although an L-stable method is exact there. One solution with the matrix A of the
+    stage,
 
         A e = M e_q + s D e_q + s M e_v,    A = M + s D + s^2 K,
 
-    is (1 - s J)^-1 (e_q, e_v) with J the Jacobian of the motion: it replaces v0 by the velocity that
-    goes with the forces at the start, and leaves the slow part of the error as it is.
+    is (1 - s J)^-1 (e_q, e_v) with J the Jacobian of the motion: it replaces v0 by the velocity
+    that corresponds to the forces at the start, and does not change the slow part of the error.
 
     Parameters
     ----------
@@ -38,9 +39,9 @@ def relaxed(
     s : float
         Implicit part of the step [s].
     solve : callable
-        Solution with A, exact or nearly.
+        Exact or approximate solution with A.
     pose : Pose
-        Where the estimate is made.
+        Of the estimate.
 
     Returns
     -------
@@ -48,8 +49,8 @@ def relaxed(
 
     Notes
     -----
-    The filter of Hosea and Shampine 1996, Analysis and implementation of TR-BDF2, Appl. Numer. Math. 20,
-    section 4, for second-order equations.
+    The filter of Hosea and Shampine 1996, Analysis and implementation of TR-BDF2, Appl. Numer.
+    Math. 20, section 4, for second-order equations.
     """
     e, kinematics = position, system.kinematics
     relaxed = solve(kinematics.apply_mass(e, pose) + s * D.times(e) + s * momentum)

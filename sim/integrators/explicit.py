@@ -1,4 +1,4 @@
-"""Explicit methods, for scenes that are not stiff: no matrix, no solver, a bounded step."""
+"""Explicit methods for scenes that are not stiff, with a bounded step."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -49,8 +49,8 @@ class SymplecticEuler:
     Notes
     -----
     First order; stable for h < 2/omega of the fastest mode, and h < 2/(alpha + beta omega^2) with
-    Rayleigh damping. Without damping it keeps a nearby energy. Source: Hairer, Lubich and Wanner,
-    Geometric Numerical Integration, I.1.
+    Rayleigh damping. Without damping it conserves a nearby energy. Source: Hairer, Lubich and
+    Wanner, Geometric Numerical Integration, I.1.
     """
 
     order: ClassVar[int] = 1
@@ -83,9 +83,9 @@ class RungeKutta4:
     Notes
     -----
     Fourth order for smooth forces; stable for h < 2.8/omega of the fastest mode. Rotations are
-    integrated in the rotation vector since the start of the step. Source: Hairer, Norsett and Wanner,
-    Solving Ordinary Differential Equations I, Table II.1.2; Munthe-Kaas 1999, High order Runge-Kutta
-    methods on manifolds, Appl. Numer. Math. 29, 115-127.
+    integrated in the rotation vector since the start of the step. Source: Hairer, Norsett and
+    Wanner, Solving Ordinary Differential Equations I, Table II.1.2; Munthe-Kaas 1999, High order
+    Runge-Kutta methods on manifolds, Appl. Numer. Math. 29, 115-127.
     """
 
     order: ClassVar[int] = 4

@@ -29,15 +29,16 @@ def held_solution(
 ) -> tuple[Solution, Array]:
     """Velocities of A w = rhs + h G'f with the forces f of rows, and f.
 
-    Rigid rows hold for the velocities, G w = -drift; with a time a = h + damping time yielding ones
-    are c + a (G w + drift) + compliance f = 0, and inequalities c + h (G w + drift) >= 0. S = h G X G'
-    with X = A^-1 E of the velocities that rows act on is their Delassus matrix. An older factor refines
-    the solution: what it leaves of A w - h G'f is solved for again under the rows.
+    Rigid rows are satisfied by the velocities, G w = -drift; with a time a = h + damping time
+    compliant ones are c + a (G w + drift) + compliance f = 0, and inequalities c + h (G w + drift)
+    >= 0. S = h G X G' with X = A^-1 E of the velocities on which rows depend is their Delassus
+    matrix. With an older factor the solution is refined: the remaining residual A w - h G'f is
+    solved for again under the rows.
 
     Raises
     ------
     NotConverged
-        The refinement did not settle.
+        The refinement did not converge.
     SingularSystem
         The matrix could not be factorised.
     """
@@ -83,10 +84,7 @@ def held_solution(
 def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> Array:
     """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, from those without rows.
 
-    Raises
-    ------
-    SceneError
-        A row yields or is an inequality.
+    Raises `SceneError` for a compliant row or an inequality.
     """
     if not rows.rigid.all():
         raise SceneError(

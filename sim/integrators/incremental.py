@@ -20,10 +20,10 @@ class PotentialOfMoves(BySecants):
     ----------
     system : System
     base : Pose
-        Where motions start.
+        Origin of the motions.
     control : Control
     work : Workspace
-        For its run times.
+        Of the run times.
     """
 
     def __init__(self, system: System, base: Pose, control: Control, work: Workspace) -> None:
@@ -58,24 +58,24 @@ class PotentialOfMoves(BySecants):
 class IncrementalPotential(PotentialOfMoves):
     """phi(d) = 1/(2 s^2) |d - s v|^2_M + E(q + d) + 1/(2 s) d' D d, with the stage's step s.
 
-    Its minimum solves M (w - v)/s = f(q + s w) - D w for the velocity w = d/s. Implicit Euler is one
-    such stage from the state itself; trapezoidal and diagonally implicit Runge-Kutta stages are the
-    same from another base (q, v).
+    Its minimum solves M (w - v)/s = f(q + s w) - D w for the velocity w = d/s. Implicit Euler is
+    one such stage from the state itself; trapezoidal and diagonally implicit Runge-Kutta stages are
+    the same from another base (q, v).
 
     Parameters
     ----------
     system : System
     base : Pose
-        Where the stage starts.
+        Start of the stage.
     u : inertial velocities there.
     control : Control
-        At the instant of the stage.
+        At the time of the stage.
     s : float
         Implicit part of the step [s].
     D : Matrix
         Damping, constant within the stage [N s/m].
     work : Workspace
-        For its run times.
+        Of the run times.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class IncrementalPotential(PotentialOfMoves):
         return self._s * self._u
 
     def start(self, state: Pose, at_state: Evaluation | None = None) -> Point:
-        """Start at the inertial guess if it is feasible and better, otherwise at the state."""
+        """Inertial guess if it is feasible and its potential is lower, otherwise the state."""
         here = self.point(self.coordinates(state), at_state)
         guess = self.inertial_guess()
         share = self.largest_step(here.d, guess - here.d)
@@ -134,13 +134,12 @@ class IncrementalPotential(PotentialOfMoves):
 
 
 class VaryingInertia(IncrementalPotential):
-    """The same stage where R, and with it the mass, depends on the pose.
+    """The same stage with R, and therefore the mass, depending on the pose.
 
     Forces of inertia, m (u(w) - u)/s in the coordinates of the end, and of damping then have no
-    potential. Between two iterates they are those of the quadratic d' (M/s^2 + D/s) d/2 - c . d, with
-    the mass M at the last iterate and c such that its gradient there is exact: a line search then lowers
-    a potential, and what the iteration brings to zero is the exact residual. Parameters: as of
-    `IncrementalPotential`.
+    potential. Between two iterates they are those of the quadratic d' (M/s^2 + D/s) d/2 - c . d,
+    with the mass M at the last iterate and c such that its gradient there is exact. A line search
+    therefore decreases a potential, and the iteration ends with the exact residual equal to zero.
     """
 
     def __init__(

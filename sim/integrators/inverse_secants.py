@@ -13,13 +13,9 @@ from sim.vectors import dot, norm
 class InverseSecants:
     """Compact BFGS H = H0 + E' M E of an inverse H0, with the latest steps and H0 y in E.
 
-    Source: Byrd, Nocedal and Schnabel 1994, Representations of quasi-Newton matrices and their use in
-    limited memory methods, Math. Programming 63, equation (2.6), with any H0.
-
-    Parameters
-    ----------
-    size : int
-        Number of pairs kept.
+    Source: Byrd, Nocedal and Schnabel 1994, Representations of quasi-Newton matrices and their use
+    in limited memory methods, Math. Programming 63, equation (2.6), with any H0. `size` is the
+    number of stored pairs.
     """
 
     def __init__(self, size: int = 8) -> None:

@@ -14,19 +14,19 @@ from sim.system import System
 class Iterative:
     """Newton's method to a tolerance, on a potential.
 
-    A line search keeps det F > 0 at every Gauss point and the potential decreasing. A factor serves,
-    with secant updates, as long as the iteration contracts, over many steps; a matrix that is not
-    positive definite is shifted.
+    The line search requires det F > 0 at every Gauss point and a decrease of the potential. A
+    factor is reused, with quasi-Newton updates, over many steps as long as the iteration converges;
+    a matrix that is not positive definite is shifted.
 
     Attributes
     ----------
     tolerance : float
-        Largest estimated error of a nodal position left by the iteration [m].
+        Largest estimated remaining error of a nodal position [m].
     residual_tolerance : float
         Largest nodal residual force [N].
     max_iterations : int
     keep_factor : float
-        The factor is renewed after an iteration that shrinks the residual by less than this.
+        The factor is renewed if an iteration reduces the residual by a smaller factor.
     """
 
     tolerance: float = 1e-6

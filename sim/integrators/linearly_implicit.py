@@ -58,7 +58,7 @@ class LinearStep:
 
 
 def predicted_pose(system: System, state: State, h: float) -> Pose:
-    """Pose of the mass of a step: where the present velocities lead, if R varies."""
+    """Pose of the mass of a step: that predicted by the current velocities, if R varies."""
     kinematics = system.kinematics
     if not kinematics.matrix_varies:
         return state.pose
@@ -66,7 +66,7 @@ def predicted_pose(system: System, state: State, h: float) -> Pose:
 
 
 def momentum_at(system: System, state: State, predicted: Pose) -> Array:
-    """Momentum (n,) of a state in coordinates of the predicted pose, less what is prescribed there."""
+    """Momentum (n,) of a state in coordinates of the predicted pose, without the prescribed part."""
     kinematics = system.kinematics
     w = kinematics.velocities(state)
     u = kinematics.inertial(w, state.pose)
@@ -82,28 +82,16 @@ Equation = Callable[[System], LinearStep]
 def step_of(
     equation: Equation, system: System, state: State, h: float, error: float, work: Workspace
 ) -> tuple[State, StepReport]:
-    """Solve the equation of a step in the form that the linear solver works with.
+    """Solve the equation of a step in the form required by the linear solver.
 
-    Parameters
-    ----------
-    equation : callable
-    system : System
-    state : State
-    h : float
-    error : float
-        Largest error of a position that an iterative solution leaves [m].
-    work : Workspace
-
-    Raises
-    ------
-    InvertedElement, NotConverged, SingularSystem, SceneError
-        As `linear_step`.
+    `error` is the largest error of a position after an iterative solution [m]. Errors as
+    `linear_step`.
     """
     form = work.form(system).during(state, h)
     try:
         return linear_step(form, state, equation(form), h, error, work)
     except NotReached:
-        pass  # the matrix is then assembled whole and factorised
+        pass  # The matrix is then fully assembled and factorised.
     system = system.during(state, h)
     return linear_step(system, state, equation(system), h, error, work)
 
@@ -113,16 +101,16 @@ def linear_step(
 ) -> tuple[State, StepReport]:
     """State at t + h with A v1 = rhs and q1 = q0 + h ((1 - moves) v0 + moves v1).
 
-    Conditions hold for the velocities, G(q0) v1 = 0; then the positions are brought back to c(q1) = 0
-    by one projection, the smallest in the norm of the mass, along the same G. Contact adds its forces
-    to the equation (`sim.integrators.contact_linear`).
+    Constraints are satisfied by the velocities, G(q0) v1 = 0; then the positions are projected to
+    c(q1) = 0 by the displacement along the same G with the smallest norm of the mass. Contact adds
+    its forces to the equation (`sim.integrators.contact_linear`).
 
     Raises
     ------
     InvertedElement
         det F <= 0 at the end.
     NotConverged
-        The contacts did not settle.
+        The active set of contacts did not converge.
     SingularSystem
         A matrix could not be factorised.
     SceneError
@@ -198,14 +186,14 @@ def _estimate(
 ) -> Array:
     """Estimated error (n_nodes, 3) of an implicit Euler step that was linearised at its start [m].
 
-    That of implicit Euler, freed of jumps of the load, and what one more Newton iteration would
-    still move: h A^-1 h r with r the forces that are out of balance at the end.
+    That of implicit Euler without the contribution of jumps of the load, and the displacement h
+    A^-1 h r of one more Newton iteration, with the residual forces r at the end.
     """
     line, D, h = missed.line, missed.D, missed.line.h
     kinematics, pose = system.kinematics, state.pose
     w0, w1, at_start = kinematics.velocities(state), found.x, missed.here
     error = 0.5 * h * (w1 - w0)  # the leading one, h^2/2 dv/dt
-    if found.roughly is None:  # with contact, whose forces are not all at hand
+    if found.roughly is None:  # With contact, not all forces are available.
         return kinematics.displacements(error, end)
     with work.timed("force"):
         if line.rise.any():
@@ -220,7 +208,7 @@ def _estimate(
 def _projected(system: System, state: State, pose: Pose, work: Workspace) -> Pose:
     """Pose projected to the constraints, along their derivative at the start of the step."""
     conditions = system.constraints
-    assert conditions is not None  # callers ask for it by them
+    assert conditions is not None  # Callers check that the scene has constraints.
     _, G = conditions.evaluate(state.q)
     c, _ = conditions.evaluate(pose.q)
     mass = np.zeros(system.pattern.nnz)

@@ -47,13 +47,13 @@ class Potential(Protocol):
     Attributes
     ----------
     scale : float
-        `matrix` is this times the second derivative.
-    shift : (n_free,) positive diagonal that makes the matrix positive definite when added often enough.
+        Factor of `matrix` on the second derivative.
+    shift : (n_free,) positive diagonal, multiples of which make the matrix positive definite.
     patience : int
-        Iterations that a factor serves before it is renewed for being slow.
+        Number of iterations after which a factor may be renewed because of slow convergence.
     haste : float
-        Share of `Tolerances.keep_factor` above which convergence is slow, smaller if an iteration is
-        expensive.
+        Factor on `Tolerances.keep_factor` in the criterion of slow convergence, smaller if an
+        iteration is expensive.
     """
 
     scale: float
@@ -88,18 +88,7 @@ class Potential(Protocol):
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances of the iteration, and criteria for a new factor.
-
-    Attributes
-    ----------
-    position : float
-        Largest estimated error of a nodal position left by the iteration [m].
-    residual : float
-        Largest nodal residual force [N].
-    max_iterations : int
-    keep_factor : float
-        The factor is renewed after an iteration that shrinks the residual by less than this.
-    """
+    """Tolerances of the iteration, and criteria for a new factor; see `Iterative`."""
 
     position: float
     residual: float
@@ -114,7 +103,7 @@ class Tolerances:
 def error_left(moved: float, last: float) -> float:
     """Remaining error of a linearly converging iteration, from its last two steps.
 
-    The rate is that of the two moves, or a half where there was none before (last infinite).
+    The rate is the ratio of the two steps, or a half for the first step (last infinite).
     """
     theta = min(moved / last, 0.99) if last < np.inf else 0.5
     return moved * theta / (1.0 - theta)
@@ -150,20 +139,17 @@ def search(
     longest: float = 1.0,
     negligible: float = 0.0,
 ) -> tuple[float, Point] | None:
-    """Longest tried step with det F > 0 everywhere and sufficient decrease.
+    """Longest tried step (length, point) with det F > 0 everywhere and sufficient decrease, or None.
 
-    Where less than `negligible` [J] is at stake, rounding of the potential may hide the decrease; there
-    half the residual will do.
-
-    Returns
-    -------
-    (length, point), or None if the direction does not descend or no length serves.
+    If a change of less than `negligible` [J] is expected, which rounding of the potential may hide,
+    half the residual is sufficient.
     """
     slope = dot(start.g, direction)
     if not slope < 0.0:
         return None
     # phi is a difference of large sums. Where its change may be rounding, the slope along the
-    # direction decides: it must have fallen (the approximate Wolfe condition of Hager and Zhang 2005)
+    # direction decides: it must have fallen (the approximate Wolfe condition of Hager and Zhang
+    # 2005)
     rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy))
     length = longest
     for _ in range(MAX_HALVINGS):
@@ -196,12 +182,12 @@ def minimise(
     point : Point
         Start, with det F > 0.
     work : Workspace
-        Holds the factor; one made under the same key is used as it is.
+        Contains the factor; one with the same key is reused.
     key : (str, float)
-        Integrator and step that the factor belongs to.
+        Integrator and step of the factor.
     tolerances : Tolerances
     until : float
-        Time that the step leads to, for messages [s].
+        End of the step, for messages [s].
 
     Raises
     ------
@@ -244,7 +230,8 @@ def minimise(
             if made_here:
                 left = float(np.abs(direction).max())
                 if tolerances.met(left, point.residual):
-                    # nothing descends because nothing is left but rounding: a step from rest to rest
+                    # No decrease is possible because the residual is due to rounding, as in a step
+                    # at rest.
                     return point, account(iteration, left)
                 raise NotConverged(tuple(residuals), until, "no step lowers the potential")
         else:

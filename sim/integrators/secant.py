@@ -14,14 +14,10 @@ Solve = Callable[[Array], Array]
 class SecantMemory:
     """Limited-memory BFGS inverse Hessian, from the latest steps and gradient changes.
 
-    A factor can be reused in many steps: each pair (s, y) contains the difference of the present
-    Hessian from the one that was factorised. Source: Nocedal and Wright, Numerical Optimization,
-    Algorithm 7.4, with the old factor as initial inverse Hessian.
-
-    Parameters
-    ----------
-    size : int
-        Number of pairs kept.
+    A factor can be reused in many steps, because each pair (s, y) contains the difference of the
+    current Hessian from the factorised one. Source: Nocedal and Wright, Numerical Optimization,
+    Algorithm 7.4, with the old factor as initial inverse Hessian. `size` is the number of stored
+    pairs.
     """
 
     def __init__(self, size: int = 8) -> None:

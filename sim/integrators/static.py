@@ -21,15 +21,14 @@ from sim.system import System
 class Static(Iterative):
     """The nearest minimum of the energy E(q) under the control of the step's end.
 
-    Time only carries the control: a load is applied in steps by an activation that grows with time, and
-    `HalvingStep` divides the steps that are too large. Velocities are zero.
-
+    Time has no effect except through the control: a load is applied in steps by an activation that
+    increases with time, and `HalvingStep` divides steps that are too large. Velocities are zero.
     Attributes: as `Iterative`, with separate tolerances.
 
     Notes
     -----
-    The scene must be held so that it cannot move rigidly. A minimum that is not unique (buckling) is
-    the one that the descent from the previous state finds.
+    The scene must be held against rigid motion. If minima are not unique (buckling), the result is
+    that of the descent from the previous state.
     """
 
     tolerance: float = 1e-7
@@ -99,6 +98,6 @@ class _Energy(PotentialOfMoves):
         pose = self.pose(d)
         here, K = self.system.tangent(pose.q, self._control)
         A = self.system.stiffness_matrix(pose, K, here.f)
-        # a shift by 1 % of the typical stiffness is felt and not overwhelming
+        # A shift of 1 % of the typical stiffness is effective without dominating the matrix.
         self.shift = np.full(len(d), 0.01 * np.abs(A.values[A.pattern.diagonal]).mean())
         return A

@@ -14,14 +14,14 @@ from sim.system import System
 class Trapezoidal(Converged):
     """q1 = q0 + h/2 (v0 + v1), M (v1 - v0) = h/2 (f0 + f1), with f = f(q, a) - D v.
 
-    One implicit stage of length h/2 from the base q0 + h/2 v0, v0 + h/2 M^-1 f0; D is taken at the
+    One implicit stage of length h/2 from the base q0 + h/2 v0, v0 + h/2 M^-1 f0; D is that at the
     predicted middle of the step. Attributes: as `Converged`.
 
     Notes
     -----
-    Second order, A-stable but not L-stable: modes much faster than the step keep ringing from step to
-    step, as Crank and Nicolson's rule does. `Sdirk2` damps them. There is no estimate of the error: that
-    of the rule, h^2/12 (a1 - a0), is of the modes that ring, tens of times the error of the others.
+    Second order, A-stable but not L-stable: modes much faster than the step oscillate from step to
+    step, as with the rule of Crank and Nicolson. `Sdirk2` damps them. There is no error estimate,
+    because that of the rule, h^2/12 (a1 - a0), is dominated by these modes.
     """
 
     order: ClassVar[int] = 2

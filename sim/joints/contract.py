@@ -1,4 +1,4 @@
-"""Joints as rows: each is an equation or an inequality between two frames, or a frame and a point."""
+"""Joints as rows: equations or inequalities between two frames, or a frame and a point."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ class Row:
         Bodies of the two frames, None for space.
     origin, axes : (3,), (3, 3) of both frames at rest, in space [m]; axes are columns.
     unilateral : bool
-        Whether c >= 0 only.
+        True for c >= 0.
     compliance : float
         Of c + damping_time dc/dt = -compliance times the force [m/N or 1/(N m)].
     damping_time : float
@@ -62,13 +62,7 @@ class Joint(Protocol):
 
 
 def number_of(name: str | None, bodies: Mapping[str, int], row: str) -> int:
-    """Number of a body, -1 for space.
-
-    Raises
-    ------
-    SceneError
-        There is none of this name.
-    """
+    """Number of a body, -1 for space; raises `SceneError` for an unknown name."""
     if name is None:
         return -1
     if name not in bodies:
@@ -77,12 +71,9 @@ def number_of(name: str | None, bodies: Mapping[str, int], row: str) -> int:
 
 
 def unit_axes(third: Array, first: Array | None = None) -> Array:
-    """Orthonormal axes (3, 3), columns, with a given third one and the first near another.
+    """Orthonormal axes (3, 3), columns, with a given third one and the first close to another direction.
 
-    Raises
-    ------
-    SceneError
-        A direction is zero, or both are parallel.
+    Raises `SceneError` if a direction is zero, or both are parallel.
     """
     z = np.asarray(third, dtype=np.float64)
     size = float(np.linalg.norm(z))

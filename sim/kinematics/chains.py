@@ -1,4 +1,4 @@
-"""Attachments resolved: every point as a fixed combination of root nodes and of vectors on bodies."""
+"""Resolved attachments: every point as a fixed combination of root nodes and of vectors on bodies."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ class Chains:
 
     Attributes
     ----------
-    dependent : (k,) points that are combinations, ascending; all others are roots.
-    weights : (k, n_points) of root nodes.
-    point, body, share, arm : (m,), (m,), (m,), (m, 3) of every dependence of a point on a body; the arm
+    dependent : (k,) points that are combinations, ascending; all others are roots. weights : (k,
+    n_points) of root nodes. point, body, share, arm : (m,), (m,), (m,), (m, 3) of every dependence
+    of a point on a body; the arm
         is in the axes of the body [m].
-    held : (n_points, 3) components that never move.
+    held : (n_points, 3) fixed components.
     paths : nodes with a prescribed path, and their path.
     """
 
@@ -60,12 +60,12 @@ def resolve(
         With all points.
     bodies : sequence of Body
     attachments : sequence of Attachment
-    still : (n_bodies,) whether a body never moves.
+    still : (n_bodies,) True for fixed bodies.
 
     Raises
     ------
     SceneError
-        A node has two members, or holds itself through others.
+        A node has two members, or depends on itself through others.
     """
     owner: dict[int, tuple[Attachment, int]] = {}
     held = np.zeros((mesh.n_nodes, 3), dtype=bool)
@@ -115,7 +115,7 @@ def resolve(
         row_of(node, ())
     dependent = np.array(sorted(rows), dtype=np.int64)
     for node, row in rows.items():
-        # what hangs on bodies that stay, or on fixed nodes, alone never moves
+        # Points that depend only on fixed bodies or nodes are fixed.
         stays = [held[n] for n in row.nodes] + [np.full(3, still[b]) for b in row.bodies]
         held[node] = np.all(stays, axis=0)
     return Chains(

@@ -1,4 +1,4 @@
-"""R'KR on a fixed pattern: which entries are kept as they are, and which products add to which."""
+"""R'KR on a fixed pattern: entries that are copied, and products with their targets."""
 
 from dataclasses import dataclass
 
@@ -44,7 +44,7 @@ class Congruence:
         return np.searchsorted(row * p.n + p.indices, keys)
 
     def diagonal_part(self, points: SymmetricPattern) -> "Congruence":
-        """The same for a K that is diagonal."""
+        """The same for a diagonal K."""
         on = np.zeros(points.nnz, dtype=bool)
         on[points.diagonal] = True
         own = np.flatnonzero(on[self.entry])
@@ -67,8 +67,8 @@ def lay_out(points: SymmetricPattern, R: csr_array, constant: Index, more: Index
     points : SymmetricPattern
         Of K.
     R : (points.n, n) sparse, with columns ascending in every row.
-    constant : (points.n,) column of rows that are a unit vector for good, -1 for the others.
-    more : keys ``row * n + column``, row <= column, of entries to keep besides.
+    constant : (points.n,) column of rows that are constant unit vectors, -1 for the others.
+    more : keys ``row * n + column``, row <= column, of additional entries.
     """
     n = R.shape[1]
     i = np.repeat(np.arange(points.n), np.diff(points.indptr))
@@ -86,7 +86,7 @@ def lay_out(points: SymmetricPattern, R: csr_array, constant: Index, more: Index
     left = start[i[entry]] + within // size[j[entry]]
     right = start[j[entry]] + within % size[j[entry]]
     a, b = R.indices[left].astype(np.int64), R.indices[right].astype(np.int64)
-    # an entry off the diagonal of K stands for two, which meet on the diagonal of the result
+    # An off-diagonal entry of K represents two, which are added on the diagonal of the result.
     on_diagonal = i[entry] == j[entry]
     stored = ~on_diagonal | (a <= b)
     twice = np.where(~on_diagonal & (a == b), 2, 1)[stored]

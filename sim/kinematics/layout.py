@@ -1,4 +1,4 @@
-"""Members and bodies of a scene laid out as its kinematics."""
+"""Layout of members and bodies of a scene as its kinematics."""
 
 from collections.abc import Sequence
 
@@ -30,15 +30,15 @@ def lay_out_kinematics(
     mesh : Mesh
         With all points, last the centres of the bodies.
     node_mass : (n_points,) [kg], with the mass of every body at its centre.
-    keys : node pairs that terms couple.
+    keys : node pairs coupled by terms.
     bodies : sequence of Body
     members : sequence of Member
 
     Raises
     ------
     SceneError
-        Two bodies share a name, a body has two motions, nothing is free, a free node has no mass, or
-        attachments contradict each other.
+        Two bodies have the same name, a body has two motions, nothing is free, a free node has no
+        mass, or attachments are contradictory.
     """
     number = {body.name: b for b, body in enumerate(bodies)}
     if len(number) < len(bodies):
@@ -63,7 +63,7 @@ def lay_out_kinematics(
 
 
 def _motions(bodies: Sequence[Body], attachments: Sequence[Attachment]) -> list[Path | None]:
-    """Prescribed motion of every body; one without mass stays where nothing moves it."""
+    """Prescribed motion of every body; a body without mass and without motion is fixed."""
     motions = [None if body.mass > 0.0 else Path(None) for body in bodies]
     given: set[int] = set()
     for attachment in attachments:

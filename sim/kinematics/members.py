@@ -1,7 +1,8 @@
-"""Members: nodes and bodies that are fixed, attached, or moved as a given function of time.
+"""Members: nodes and bodies that are fixed, attached, or have a prescribed motion.
 
-A node or point without a member is free. Each member tells in an `Attachment` which nodes it holds; a
-node has at most one.
+A node or point without a member is free. Each member describes the nodes it holds by an
+`Attachment`; a node has at most one. On compiling, a node or body that does not exist raises
+`SceneError`.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,22 +30,22 @@ def _none() -> Index:
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
-    """Nodes of one member and what they follow.
+    """Nodes of one member and their dependence.
 
     Attributes
     ----------
     name : str
         Of the member, for messages.
-    nodes : (k,) nodes and points that it holds.
+    nodes : (k,) nodes and points of the member.
     axes : tuple of int
-        Directions held in space; the others are free.
-    holders, weights : (k, m) nodes that each is interpolated from, and weights; m = 0 without.
+        Directions fixed in space; the others are free.
+    holders, weights : (k, m) nodes from which each is interpolated, and weights; m = 0 without.
     body : int
-        Body that they are rigid on, -1 without.
+        Body to which they are rigidly attached, -1 without.
     path : callable or None
         Their positions over time.
     motion : (body, Motion or None), optional
-        Body whose motion is prescribed; None where it stays.
+        Body with a prescribed motion; None if it is fixed.
     """
 
     name: str
@@ -61,13 +62,7 @@ class Member(Protocol):
     """A kinematic condition on nodes, points or a body."""
 
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
-        """Lay the member out for a mesh with points and bodies by name.
-
-        Raises
-        ------
-        SceneError
-            A node or body does not exist.
-        """
+        """Lay the member out for a mesh with points and bodies by name."""
         ...
 
 
@@ -88,20 +83,7 @@ def _number(name: str, bodies: Mapping[str, int]) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """Nodes that keep their position, in all or some directions.
-
-    Attributes
-    ----------
-    nodes : (k,) array of int
-        Node indices.
-    axes : tuple of int
-        Directions held, 0 = x, 1 = y, 2 = z.
-
-    Raises
-    ------
-    SceneError
-        A node index is out of range (on compiling).
-    """
+    """Nodes that keep their position, in all or some directions (0 = x, 1 = y, 2 = z)."""
 
     nodes: Index
     axes: tuple[int, ...] = (0, 1, 2)
@@ -113,19 +95,7 @@ class Fixed:
 
 @dataclass(frozen=True, eq=False)
 class OnBody:
-    """Nodes and points that are rigid on a body, where they lie at rest.
-
-    Attributes
-    ----------
-    body : str
-        Name of the body.
-    nodes : (k,) array of int
-
-    Raises
-    ------
-    SceneError
-        A node or the body does not exist (on compiling).
-    """
+    """Nodes (k,) that are rigidly attached to a body at their rest positions."""
 
     body: str
     nodes: Index
@@ -138,20 +108,18 @@ class OnBody:
 
 @dataclass(frozen=True, eq=False)
 class InElement:
-    """Nodes and points held inside elements: they move by the shape functions there.
+    """Nodes and points attached to elements: they move by the shape functions there.
 
     Attributes
     ----------
     nodes : (k,) array of int
     embedding : Embedding, optional
-        Holding elements; by default those that contain the rest positions.
+        Elements of the nodes; by default those that contain the rest positions.
     tolerance : float
         As `sim.embed`.
 
     Raises
     ------
-    SceneError
-        A node does not exist (on compiling).
     MeshError
         A node lies in no element (on compiling).
     """
@@ -169,18 +137,13 @@ class InElement:
 
 @dataclass(frozen=True, eq=False)
 class PrescribedNodes:
-    """Nodes that move as a function of time.
+    """Nodes with positions prescribed as a function of time.
 
     Attributes
     ----------
     nodes : (k,) array of int
     path : callable
         Positions (k, 3) [m] at a time [s], smooth; velocities are its differences over 0.1 ms.
-
-    Raises
-    ------
-    SceneError
-        A node does not exist (on compiling).
     """
 
     nodes: Index
@@ -194,19 +157,14 @@ class PrescribedNodes:
 
 @dataclass(frozen=True, eq=False)
 class PrescribedBody:
-    """A body that moves as a function of time, or stays.
+    """A body with a prescribed motion, or fixed.
 
     Attributes
     ----------
     body : str
     motion : callable, optional
-        Position of its centre (3,) [m] and unit quaternion (4,) at a time [s], smooth; without one it
-        stays as at rest.
-
-    Raises
-    ------
-    SceneError
-        The body does not exist (on compiling).
+        Position of its centre (3,) [m] and unit quaternion (4,) at a time [s], smooth; by default
+        the body is fixed at rest.
     """
 
     body: str
@@ -219,4 +177,4 @@ class PrescribedBody:
 
 
 MEMBERS: tuple[type[Member], ...] = (Fixed, OnBody, InElement, PrescribedNodes, PrescribedBody)
-"""Every member; the tests walk this tuple."""
+"""All members, which the tests include."""

@@ -1,4 +1,4 @@
-"""Rotations as unit quaternions (scalar first) and rotation vectors, one of each body in a row."""
+"""Rotations as unit quaternions (scalar first) and rotation vectors, one row per body."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ Change = Callable[[Array, Array], Array]
 """A change of vectors (n, 3) by rotation vectors (n, 3)."""
 
 SMALL = 1e-3
-"""Angle [rad] below which series replace quotients; what they leave out is below 1e-16."""
+"""Angle [rad] below which series replace quotients, with an error below 1e-16."""
 
 
 def matrices(quaternion: Array) -> Array:
@@ -55,7 +55,7 @@ def logarithm(quaternion: Array) -> Array:
 
 
 def turned(quaternion: Array, theta: Array) -> Array:
-    """Orientations exp(theta) q, of unit length again."""
+    """Orientations exp(theta) q, normalised."""
     q = product(exponential(theta), quaternion)
     return q / np.sqrt((q * q).sum(axis=1, keepdims=True))
 
@@ -68,8 +68,8 @@ def difference(start: Array, end: Array) -> Array:
 def vector_rate(theta: Array, omega: Array) -> Array:
     """Rate of the rotation vector of exp(theta) by an angular velocity in space, dexp^-1(theta) omega.
 
-    Source: Iserles, Munthe-Kaas, Norsett and Zanna 2000, Lie-group methods, Acta Numerica 9, equation
-    2.46 and the closed form for SO(3).
+    Source: Iserles, Munthe-Kaas, Norsett and Zanna 2000, Lie-group methods, Acta Numerica 9,
+    equation 2.46 and the closed form for SO(3).
     """
     angle = np.sqrt((theta * theta).sum(axis=1, keepdims=True))
     safe = np.where(angle < SMALL, 1.0, angle)
@@ -87,11 +87,3 @@ def vector_gradient(theta: Array, moment: Array) -> Array:
     second = np.where(angle < SMALL, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
     once = np.cross(theta, moment)
     return moment - first * once + second * np.cross(theta, once)
-
-
-def cross_matrices(r: Array) -> Array:
-    """Matrices (n, 3, 3) with [r] x = r x x."""
-    out = np.zeros((len(r), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -r[:, 2], r[:, 1], -r[:, 0]
-    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = r[:, 2], -r[:, 1], r[:, 0]
-    return out
