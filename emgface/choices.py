@@ -22,7 +22,7 @@ ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 def parameter(
-    default: Any, text: str, *, unit: str, source: str, note: str = "", **bounds: Any
+    default: Any, text: str, *, unit: str = "1", source: str = OWN, note: str = "", **bounds: Any
 ) -> Any:
     """Field of a parameter model whose description states unit, source and note.
 
@@ -35,9 +35,9 @@ def parameter(
     return Field(default, description=description, json_schema_extra=extra, **bounds)
 
 
-def positive(default: Any, text: str, *, source: str = OWN, **stated: Any) -> Any:
+def positive(default: Any, text: str, **stated: Any) -> Any:
     """Field of a number above zero; arguments as of `parameter`."""
-    return parameter(default, text, source=source, gt=0, **stated)
+    return parameter(default, text, gt=0, **stated)
 
 
 def choice(default: Any, text: str, *, source: str = OWN, note: str = "") -> Any:

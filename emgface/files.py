@@ -35,3 +35,17 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8 as `replace_file`."""
+    replace_file(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+
+
+def refuse_existing(path: Path | None) -> None:
+    """Raise DataError for a file that exists and may contain corrections of the user."""
+    if path is not None and path.exists():
+        raise DataError(
+            f"{path} exists and may contain your own corrections, expected a new name: "
+            "specify another one or delete it"
+        )

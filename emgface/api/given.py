@@ -105,9 +105,8 @@ def simulation_of(
         # Solver, step and tolerances of the parameters were determined by their own accuracy.
         values = {name: v for name, v in values.items() if name not in SET_BY_ACCURACY}
     elif "solver" in changes:
-        values.pop(
-            "error_tolerance", None
-        )  # schemes with one solution per step have no error control
+        # Schemes with one solution per step have no error control.
+        values.pop("error_tolerance", None)
     if not changes:
         return parameters
     return configure(SimulationParameters, merged(values, changes), where="simulation")

@@ -110,13 +110,13 @@ class View:
         """
         from pathlib import Path
 
-        from emgface.files import replace_file
-        from emgface.pictures.show import PAGES, show
+        from emgface.files import write_text
+        from emgface.pictures.show import PAGES, draw
 
         path = Path(path)
         if path.suffix.lower() not in PAGES:
-            return show(self._data, path)
-        replace_file(path, lambda target: target.write_text(self.page, encoding="utf-8"))
+            return draw(self._data, path)
+        write_text(path, self.page)
         return path
 
     def open(self) -> "Path":
@@ -125,17 +125,22 @@ class View:
         Raises
         ------
         DataError
-            There is no display.
+            There is no display, or no browser could be opened.
         """
         import tempfile
         import webbrowser
         from pathlib import Path
 
+        from emgface.errors import DataError
         from emgface.pictures.show import check_display
 
         check_display()
         path = self.save(Path(tempfile.mkdtemp(prefix="emgface-")) / "shown.html")
-        webbrowser.open(path.as_uri())
+        if not webbrowser.open(path.as_uri()):
+            raise DataError(
+                f"no browser could be opened, expected one that shows {path}: open this file, or "
+                "write a picture (--out)"
+            )
         return path
 
     def __repr__(self) -> str:

@@ -89,6 +89,11 @@ def say(text: str) -> None:
     err.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
+def tell(text: str) -> None:
+    """Print a result that is not a table."""
+    out.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
 def warn(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     """Print a warning as a sentence (replaces `warnings.showwarning`)."""
     err.print("[yellow]Warning[/]: ", end="")
@@ -192,7 +197,7 @@ def _is_number(cell: str) -> bool:
 
 
 class Bar:
-    """Progress bar."""
+    """Progress bar, also as `emgface.study.observer.Observer`."""
 
     def __init__(self, shown: Progress, task: Any) -> None:
         self._shown, self._task = shown, task
@@ -201,13 +206,15 @@ class Bar:
         """Set the total."""
         self._shown.update(self._task, total=total, completed=0)
 
-    def working(self, description: str) -> None:
+    def working(self, label: str) -> None:
         """Set the description."""
-        self._shown.update(self._task, description=description)
+        self._shown.update(self._task, description=label)
 
-    def advance(self) -> None:
-        """Advance by one."""
+    def finished(self, label: str, status: str) -> None:
+        """Advance by one, and report a failed trial."""
         self._shown.advance(self._task)
+        if status.startswith("failed"):
+            self.message(f"{label}: {status}")
 
     def show(self, done: int, total: int) -> None:
         """Set the completed amount."""
@@ -216,28 +223,3 @@ class Bar:
     def message(self, text: str) -> None:
         """Print a line above the bar."""
         self._shown.console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-
-class ProgressObserver:
-    """Observer that shows the progress of a run as a bar (`emgface.study.observer.Observer`)."""
-
-    def __init__(self, bar: Bar) -> None:
-        self._bar = bar
-
-    def begin(self, total: int) -> None:
-        """Set the length of the bar."""
-        self._bar.begin(total)
-
-    def working(self, label: str) -> None:
-        """Show the trial being computed."""
-        self._bar.working(label)
-
-    def finished(self, label: str, status: str) -> None:
-        """Advance, and report a failed trial."""
-        self._bar.advance()
-        if status.startswith("failed"):
-            self._bar.message(f"{label}: {status}")
-
-    def message(self, text: str) -> None:
-        """Print a sentence above the bar."""
-        self._bar.message(text)

@@ -6,8 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.chain import BandOption, MissingMuscleOption, MissingSideOption, chain_with
 from emgface.cli.console import BAD_INPUT, fail, frame, out, say, show_table
+from emgface.cli.options import (
+    BandOption,
+    MappingOption,
+    MissingMuscleOption,
+    MissingSideOption,
+    StudyPath,
+    chain_with,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -42,9 +49,7 @@ def check(
     study: Annotated[
         bool, typer.Option(help="List missing channels and markers of the study as errors.")
     ] = False,
-    mapping: Annotated[
-        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
-    ] = None,
+    mapping: MappingOption = None,
     channels: Annotated[
         str, typer.Option(help="Show only channels whose name contains this text.")
     ] = "",
@@ -71,7 +76,7 @@ def check(
     from analysis.tables import origin_of
     from emgface.cli.pages import overview_pages
     from emgface.errors import DataError, EmgfaceError
-    from emgface.files import replace_file
+    from emgface.files import refuse_existing, write_text
     from emgface.recordings.check import check_recording, problems
     from emgface.recordings.dataset import find_recordings, read_recordings
     from emgface.schema.rules import one_line
@@ -79,11 +84,7 @@ def check(
     from emgface.study.exclusions import exclusions_text
     from emgface.study.readiness import refusals
 
-    if exclude is not None and exclude.exists():
-        raise DataError(
-            f"{exclude} exists and may contain your own exclusions, expected a new name: "
-            "specify another one or delete it"
-        )
+    refuse_existing(exclude)
     chain = chain_with(SignalChain(), missing_side=missing_side, missing_muscle=missing_muscle)
     n_files = 0
     if page is not None:
@@ -137,9 +138,7 @@ def check(
             "(activate, score, study run, convert)."
         )
     if exclude is not None:
-        replace_file(
-            exclude, lambda path: path.write_text(exclusions_text(excluded), encoding="utf-8")
-        )
+        write_text(exclude, exclusions_text(excluded))
         say(f"Wrote {exclude}: {len(excluded)} trials; check it before using it in a study.")
     if n_bad:
         raise typer.Exit(BAD_INPUT)
@@ -188,12 +187,8 @@ def features(
     channels: Annotated[
         str, typer.Option(help="Part of the names of the channels to show; default: all.")
     ] = "",
-    mapping: Annotated[
-        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
-    ] = None,
-    study: Annotated[
-        Path | None, typer.Option(help="Study file that specifies the signal chain.")
-    ] = None,
+    mapping: MappingOption = None,
+    study: StudyPath = None,
     band: BandOption = None,
 ) -> None:
     """Show the power in the pass-band and the range of the feature of every channel."""
@@ -245,16 +240,12 @@ def propose(
     target muscles if the file states them, and on the positions of markers.
     """
     from emgface.errors import DataError
-    from emgface.files import replace_file
+    from emgface.files import refuse_existing, write_text
     from emgface.recordings.dataset import read_recording
     from emgface.recordings.labels import note
     from emgface.recordings.proposal import mapping_text, missing_names, propose_for
 
-    if out_path is not None and out_path.exists():
-        raise DataError(
-            f"{out_path} exists and may contain your own corrections, expected a new name: "
-            "specify another one or delete it"
-        )
+    refuse_existing(out_path)
     if path.is_dir():
         raise DataError(f"{path} is a folder, expected one recording: specify a file in it")
     given = dict(_unit(setting) for setting in units or [])
@@ -277,7 +268,7 @@ def propose(
         text += "\n".join(
             ["", "[units]", *(f'{name} = "{unit}"' for name, unit in given.items()), ""]
         )
-    replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(out_path, text)
     say(
         f"Wrote {out_path}: check it, complete the unresolved entries, and specify it as --mapping."
     )

@@ -36,16 +36,12 @@ def describe(
     """
     import tomllib
 
-    from emgface.errors import DataError, UnitsError
-    from emgface.files import replace_file
+    from emgface.errors import UnitsError
+    from emgface.files import refuse_existing, write_text
     from emgface.recordings.describe import describe as draft
     from emgface.schema.units import DIVISORS, spelling
 
-    if out_path is not None and out_path.exists():
-        raise DataError(
-            f"{out_path} exists and may hold corrections of yours, expected a new name: choose "
-            "another one or delete it"
-        )
+    refuse_existing(out_path)
     if unit is not None and spelling(unit) not in DIVISORS["V"]:
         raise UnitsError(f"the unit of EMG is {unit!r}, expected one of {', '.join(DIVISORS['V'])}")
     text = draft(
@@ -60,7 +56,7 @@ def describe(
     if out_path is None:
         typer.echo(text, nl=False)
         return
-    replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(out_path, text)
     guesses = tomllib.loads(text).get("unconfirmed", [])
     if guesses:
         say(f"Unconfirmed: {', '.join(guesses)}. Check them and delete the line 'unconfirmed'.")

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli.chain import BandOption, chain_with
 from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 from emgface.cli.data import FORMATS
+from emgface.cli.options import BandOption, MappingOption, OutPath, chain_with
 
 
 def inventory(
@@ -24,7 +24,7 @@ def inventory(
 ) -> None:
     """List every file: channels, rates, units, duration and findings, or the reason of refusal."""
     from emgface.errors import DataError
-    from emgface.files import replace_file
+    from emgface.files import write_text
     from emgface.recordings.inventory import inventory_table, markdown
 
     if out_path is not None and out_path.suffix.lower() not in (".csv", ".md"):
@@ -49,7 +49,7 @@ def inventory(
     say(f"{len(read)} of {len(table)} files were read.")
     if out_path is not None:
         text = table.to_csv(index=False) if out_path.suffix.lower() == ".csv" else markdown(table)
-        replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+        write_text(out_path, text)
         say(f"Wrote {out_path}.")
 
 
@@ -66,9 +66,7 @@ def convert(
     ],
     out_path: Annotated[Path, typer.Option("--out", help="Folder to write to.")],
     to: Annotated[Target, typer.Option(help="Format to write.")] = Target.netcdf,
-    mapping: Annotated[
-        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
-    ] = None,
+    mapping: MappingOption = None,
     notch: Annotated[
         float | None,
         typer.Option(help="Remove mains hum of this frequency and its harmonics [Hz], 50 or 60."),
@@ -150,9 +148,7 @@ def cut(
             help="Events (*_events.tsv); default: repetitions are detected from the activity."
         ),
     ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
-    ] = None,
+    mapping: MappingOption = None,
     offset: Annotated[
         float | None,
         typer.Option(help="Offset of the marker clock [s]: t_emg = offset + t_marker."),
@@ -191,21 +187,19 @@ def cut(
 
 
 def schema(
-    out_path: Annotated[
-        Path | None, typer.Option("--out", help="File to write; default: print.")
-    ] = None,
+    out_path: OutPath = None,
     study: Annotated[
         bool,
         typer.Option("--study", help="Write the JSON Schema of a study file instead of the page."),
     ] = False,
 ) -> None:
     """Write the page that documents all objects: variables, dims, units, ranges."""
-    from emgface.files import replace_file
+    from emgface.files import write_text
     from emgface.schema.page import schema_page, study_schema_text
 
     text = study_schema_text() if study else schema_page()
     if out_path is None:
         typer.echo(text, nl=False)
         return
-    replace_file(out_path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(out_path, text)
     say(f"Wrote {out_path}.")

@@ -7,15 +7,16 @@ import typer
 
 from emgface.cli.console import Bar, progress, say
 from emgface.cli.machine import announce_compilation
-from emgface.cli.study import AccuracyOption
-from emgface.cli.trial import FacePath, StudyPath
+from emgface.cli.options import (
+    AccuracyOption,
+    FacePath,
+    InstructionOption,
+    MappingOption,
+    StudyPath,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
-
-MappingOption = Annotated[
-    Path | None, typer.Option(help="TOML file that maps labels of a recording to names.")
-]
 
 
 def simulate(
@@ -50,9 +51,7 @@ def simulate(
     strategy: Annotated[
         str | None, typer.Option(help="Strategy, where the source is a recording.")
     ] = None,
-    instruction: Annotated[
-        str | None, typer.Option(help="Instruction A to F, if the recording does not specify it.")
-    ] = None,
+    instruction: InstructionOption = None,
     mapping: MappingOption = None,
     contact: Annotated[
         bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
@@ -113,9 +112,10 @@ def show(
     mapping: MappingOption = None,
 ) -> None:
     """Draw the contents of a file, in the browser or to a file."""
-    from emgface.pictures.show import show as draw
+    import emgface as ef
 
-    say(f"Wrote {draw(path, out_path, mapping=mapping)}.")
+    view = ef.show(path, mapping=mapping)
+    say(f"Wrote {view.open() if out_path is None else view.save(out_path)}.")
 
 
 def _activation(
@@ -142,13 +142,13 @@ def _activation(
 def _show_motion(
     motion: "xr.Dataset", drive: "xr.Dataset", page: Path | None, movie: Path | None, bar: Bar
 ) -> None:
-    from emgface.files import replace_file
+    from emgface.files import write_text
     from emgface.pictures.movie import write_movie
     from emgface.pictures.page import motion_page
 
     if page:
         text = motion_page(motion, drive)
-        replace_file(page, lambda target: target.write_text(text, encoding="utf-8"))
+        write_text(page, text)
     if movie:
         bar.working("drawing the movie")
         write_movie(motion, movie, progress=bar.show)

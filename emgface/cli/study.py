@@ -5,29 +5,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.console import BAD_INPUT, PARTIAL, ProgressObserver, out, progress, say
+from emgface.cli.console import BAD_INPUT, PARTIAL, progress, say, tell
 from emgface.cli.machine import announce_compilation, cores, show_page
+from emgface.cli.options import AccuracyOption, OutPath, WorkersOption
 
 if TYPE_CHECKING:
     from emgface.study.configuration import StudyConfiguration
     from emgface.study.report import Report
     from emgface.study.run import StudyResult
 
-AccuracyOption = Annotated[
-    str | None,
-    typer.Option(
-        help="draft, study, reference, published, or the desired error, such as '0.1 mm'."
-    ),
-]
-
 app = typer.Typer(no_args_is_help=True, help="Run studies, from recordings to the cube of scores.")
 
 
 @app.command()
 def template(
-    out_path: Annotated[
-        Path | None, typer.Option("--out", help="File to write; default: print.")
-    ] = None,
+    out_path: OutPath = None,
 ) -> None:
     """Write a study file with every parameter, its default, unit and source."""
     from emgface.study.store import write_text
@@ -44,10 +36,7 @@ def template(
 def run(
     path: Annotated[Path, typer.Argument(help="Study file (TOML).")],
     out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of simultaneous simulations; default: one per core."),
-    ] = None,
+    workers: WorkersOption = None,
     accuracy: AccuracyOption = None,
 ) -> None:
     """Run a study, or complete one that was interrupted."""
@@ -68,9 +57,9 @@ def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "
 def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> int:
     """Run a study, print its tables and return the exit code."""
     result, report = _results(configuration, out_path, workers)
-    out.print(report.summary, markup=False, highlight=False, soft_wrap=True)
+    tell(report.summary)
     for sentence in report.meaning:
-        out.print(sentence, markup=False, highlight=False, soft_wrap=True)
+        tell(sentence)
     computed, reused = len(result.computed()), len(result.events) - len(result.computed())
     say(f"{computed} results were computed, {reused} were already stored.")
     say(f"Cube: {result.path}. Tables: {report.folder}.")
@@ -86,7 +75,7 @@ def _results(
 
     announce_compilation()
     with progress(f"study {configuration.name}") as bar:
-        result = run_study(configuration, out_path, workers=workers, observer=ProgressObserver(bar))
+        result = run_study(configuration, out_path, workers=workers, observer=bar)
     return result, write_report(result.cube, out_path)
 
 
@@ -121,9 +110,9 @@ def report(
     folder = study_folder(folder)
     written = write_report(study_cube(folder), folder)
     for table in written.tables.values():
-        out.print(table.text(), markup=False, highlight=False, soft_wrap=True)
+        tell(table.text())
     for sentence in written.meaning:
-        out.print(sentence, markup=False, highlight=False, soft_wrap=True)
+        tell(sentence)
     say(f"Tables as CSV, Markdown and LaTeX: {written.folder}.")
     if out_path is None:
         return
@@ -184,13 +173,13 @@ def demo(
             parameters=plan.simulation,
             settings=settings,
             workers=workers,
-            observer=ProgressObserver(bar),
+            observer=bar,
         )
     write_text(study_template(plan), out_path / "study.toml")
     result, tables = _results(plan, out_path / "study", workers)
-    out.print(tables.summary, markup=False, highlight=False, soft_wrap=True)
+    tell(tables.summary)
     for name, meaning in STRATEGIES.items():
-        out.print(f"{name}: {meaning}.", markup=False, highlight=False, soft_wrap=True)
+        tell(f"{name}: {meaning}.")
     page = out_path / "report.html"
     _page(out_path / "study", page)
     say(

@@ -5,21 +5,17 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli.chain import (
+from emgface.cli.console import say, show_table
+from emgface.cli.options import (
     BandOption,
+    FacePath,
     FeatureOption,
+    InstructionOption,
+    MappingOption,
     MissingMuscleOption,
     MissingSideOption,
+    StudyPath,
 )
-from emgface.cli.console import say, show_table
-
-StudyPath = Annotated[
-    Path | None, typer.Option("--study", help="Study file that specifies the parameters.")
-]
-FacePath = Annotated[
-    Path | None,
-    typer.Option("--face", help="Face model; default: the face of the study, or the template."),
-]
 
 
 def activate(
@@ -28,12 +24,8 @@ def activate(
     strategy: Annotated[
         str | None, typer.Option(help="Strategy: act_all, act_3, act_rel, act_threshold, or true.")
     ] = None,
-    instruction: Annotated[
-        str | None, typer.Option(help="Instruction A to F, if the recording does not specify it.")
-    ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
-    ] = None,
+    instruction: InstructionOption = None,
+    mapping: MappingOption = None,
     study: StudyPath = None,
     band: BandOption = None,
     feature: FeatureOption = None,
@@ -52,7 +44,8 @@ def activate(
 ) -> None:
     """Compute muscle activations from the sEMG of a recording."""
     import emgface as ef
-    from emgface.cli.tables import activation_rows, draw_activation
+    from emgface.cli.tables import activation_rows
+    from emgface.pictures.show import draw
     from emgface.schema.netcdf import write_netcdf
 
     activation = ef.activate(
@@ -73,8 +66,7 @@ def activate(
     if montage := activation.attrs.get("montage"):
         say(f"Montage: {montage}.")
     if plot is not None:
-        draw_activation(activation, plot)
-        say(f"Wrote {plot}.")
+        say(f"Wrote {draw(activation, plot)}.")
     say(f"Wrote {out_path}.")
 
 
@@ -84,9 +76,7 @@ def score(
     out_path: Annotated[Path, typer.Option("--out", help="Scores to write (netCDF).")],
     face: FacePath = None,
     study: StudyPath = None,
-    mapping: Annotated[
-        Path | None, typer.Option(help="TOML file that maps labels of the file to names.")
-    ] = None,
+    mapping: MappingOption = None,
 ) -> None:
     """Align measured with simulated lip motion and score every marker."""
     import emgface as ef

@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli.console import ProgressObserver, progress, say
+from emgface.cli.console import progress, say
 from emgface.cli.machine import announce_compilation, cores
+from emgface.cli.options import StudyPath, WorkersOption
 
 
 class Form(StrEnum):
@@ -78,14 +79,8 @@ def volunteers(
     sessions: Annotated[
         bool, typer.Option("--sessions", help="Also write the uncut sessions with their events.")
     ] = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of simultaneous simulations; default: one per core."),
-    ] = None,
-    study: Annotated[
-        Path | None,
-        typer.Option("--study", help="Study file that specifies the simulation parameters."),
-    ] = None,
+    workers: WorkersOption = None,
+    study: StudyPath = None,
 ) -> None:
     """Simulate volunteers with known activations, sEMG and lip markers."""
     from emgface.choices import configure
@@ -132,7 +127,7 @@ def volunteers(
             parameters=parameters,
             settings=settings,
             workers=workers or cores(),
-            observer=ProgressObserver(bar),
+            observer=bar,
         )
     if form in (Form.bids, Form.both):
         with progress("BIDS"):

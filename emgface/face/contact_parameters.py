@@ -29,7 +29,6 @@ class ContactParameters(Parameters):
     friction: float = parameter(
         0.0,
         "Coulomb friction coefficient between tissues and between tissue and teeth.",
-        unit="1",
         source=f"{ESKES}, Finite element face model (frictionless)",
         ge=0,
         le=2,
@@ -39,7 +38,6 @@ class ContactParameters(Parameters):
         "kept",
         "Treatment of nodes that start inside bone: 'kept': they may keep their depth or "
         "move outwards; 'removed': they are moved out at removal_speed.",
-        source=OWN,
         note="'removed' requires method 'constraint'; 'barrier' offsets the surface of the bone "
         "where tissue starts inside",
     )
@@ -47,7 +45,6 @@ class ContactParameters(Parameters):
         0.01,
         "Speed at which nodes that start inside bone are moved out.",
         unit="m/s",
-        source=OWN,
         note="1 mm takes 0.1 s",
         gt=0,
         le=1,

@@ -19,7 +19,6 @@ class SigmaMaxPolicy(Parameters):
     factor: float = parameter(
         0.9,
         "Factor applied to sigma_max after an inverted element or a step that did not converge.",
-        unit="1",
         source=f"{ESKES}, Finite element face model",
         gt=0,
         lt=1,
@@ -73,7 +72,6 @@ class MuscleParameters(Parameters):
         1.0,
         "Factor on the passive moduli of the elements of a muscle at full activation; 1 is "
         "no stiffening.",
-        unit="1",
         source=f"{STAVNESS}, Lip stiffness enables protrusion and rounding",
         note="10 in the tongue model of the same collection",
         ge=1,
@@ -81,22 +79,16 @@ class MuscleParameters(Parameters):
     lambda_star: float = parameter(
         1.4,
         "Fibre stretch above which the passive stress is linear.",
-        unit="1",
         source=f"{ESKES}, Finite element face model",
         gt=1,
     )
     P1: float = parameter(
         0.05,
         "Exponential stress coefficient of the passive fibre.",
-        unit="1",
         source=f"{ESKES}; {BLEMKER}",
         note="in pascal for the generic law",
         ge=0,
     )
     P2: float = parameter(
-        6.6,
-        "Uncrimping factor of the passive fibre stress.",
-        unit="1",
-        source=f"{ESKES}; {BLEMKER}",
-        ge=0,
+        6.6, "Uncrimping factor of the passive fibre stress.", source=f"{ESKES}; {BLEMKER}", ge=0
     )

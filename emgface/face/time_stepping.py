@@ -36,18 +36,12 @@ class TimeStepping(Parameters):
         "method of the published simulator",
     )
     step: float = parameter(
-        0.01,
-        "Time step; with error control, the largest time step.",
-        unit="s",
-        source=OWN,
-        gt=0,
-        le=0.1,
+        0.01, "Time step; with error control, the largest time step.", unit="s", gt=0, le=0.1
     )
     output: float = parameter(
         0.01,
         "Time between outputs; a multiple of the step, or the step is a multiple of it.",
         unit="s",
-        source=OWN,
         note="within a step, the motion is interpolated by the cubic with the positions and "
         "velocities at its ends; with contact, or where the interpolation would compress an "
         "element too far, steps end at outputs",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import field_validator, model_validator
 from scipy.spatial import KDTree
 
-from emgface.choices import OWN, Parameters, choice, parameter, positive
+from emgface.choices import Parameters, choice, parameter, positive
 from emgface.errors import FaceError
 from emgface.face.parts import CENTRE, INNER, OUTER
 from emgface.face.quality import element_centres
@@ -80,7 +80,6 @@ class Tissue(Parameters):
     stiffness: float = positive(
         1.0,
         "Factor on all coefficients of the law that are stresses.",
-        unit="1",
         note="with the defaults of 'fung', 0.5 is young and 2 is old skin",
     )
     kappa: float | None = positive(
@@ -91,12 +90,11 @@ class Tissue(Parameters):
     )
     density: float | None = positive(None, "Density; default: that of the face.", unit="kg/m^3")
     relaxing: tuple[float, ...] = parameter(
-        (), "Fractions of the stress that relax (Prony series); empty: elastic.", unit="1",
-        source=OWN, note="the coefficients are then the instantaneous moduli",
-    )  # fmt: skip
-    times: tuple[float, ...] = parameter(
-        (), "Relaxation time of each fraction.", unit="s", source=OWN
+        (),
+        "Fractions of the stress that relax (Prony series); empty: elastic.",
+        note="the coefficients are then the instantaneous moduli",
     )
+    times: tuple[float, ...] = parameter((), "Relaxation time of each fraction.", unit="s")
 
     @field_validator("muscles")
     @classmethod

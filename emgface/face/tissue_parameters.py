@@ -14,7 +14,6 @@ class SkinParameters(Parameters):
     stiffness: float = positive(
         1.0,
         "Factor on C10 and C20 of the outer layer.",
-        unit="1",
         note=f"the published skin is three to seven times as stiff as the tissue beneath ({STAVNESS})",
     )
     kappa: float | None = positive(
@@ -44,18 +43,12 @@ class Prestress(Parameters):
         ge=0,
     )
     across: float = parameter(
-        0.0,
-        "Stress of the skin across the tension lines before the face settles.",
-        unit="Pa",
-        source=OWN,
-        ge=0,
+        0.0, "Stress of the skin across the tension lines before the face settles.", unit="Pa", ge=0
     )
     scale: float = parameter(
         0.97,
         "Factor on the distance of the inner surface from the centre of the face, before it "
         "is moved back.",
-        unit="1",
-        source=OWN,
         gt=0.5,
         le=1,
     )

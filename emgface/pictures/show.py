@@ -2,8 +2,6 @@
 
 import os
 import sys
-import tempfile
-import webbrowser
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,7 @@ import xarray as xr
 from analysis.figures.style import COLOURS, blank, grid, heading, styled
 from analysis.tables import origin_of
 from emgface.errors import DataError
-from emgface.files import replace_file
+from emgface.files import write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,49 +29,17 @@ class Drawing:
     page: Callable[[xr.Dataset], str] | None = None
 
 
-def show(
-    shown: xr.Dataset | str | os.PathLike[str],
-    out: str | os.PathLike[str] | None = None,
-    *,
-    mapping: str | Path | Mapping[str, Any] | None = None,
-) -> Path:
-    """Draw a recording, activation, motion, scores, cube or face, to a window or to a file.
+def draw(data: xr.Dataset, path: Path) -> Path:
+    """Write a dataset as a page, a picture or, for a motion with its surface, a movie.
 
-    Parameters
-    ----------
-    shown : Dataset or path-like
-        A dataset of this package, its netCDF file, the folder of a finished study, or a
-        recording in any format supported by `emgface.recordings.dataset.read_recording`.
-    out : path-like, optional
-        File to write: a page (``*.html``), in which faces can be rotated and move; a picture (``*.png``,
-        ``*.pdf``, ``*.svg``); or, for a motion with its surface, a movie (``*.gif``, ``*.mp4``).
-        By default a page is opened in the browser.
-    mapping : path-like or mapping, optional
-        Labels of a recording, as for `read_recording`.
-
-    Raises
-    ------
-    DataError
-        The file is none of these, the format of `out` is unknown, it cannot be written, or there is
-        no display for a window.
+    The suffix determines the format. Raises DataError if it is unknown, the file cannot be written,
+    or the dataset is not of this package.
     """
     from emgface.pictures.movie import SUFFIXES, write_movie
     from emgface.pictures.stills import write_figure
 
-    if out is None:
-        check_display()
-        folder = Path(tempfile.mkdtemp(prefix="emgface-"))
-        path = show(shown, folder / "shown.html", mapping=mapping)
-        if not webbrowser.open(path.as_uri()):
-            raise DataError(
-                f"no browser could be opened, expected one that shows {path}: open this file, or "
-                "write a picture (--out)"
-            )
-        return path
-    path, data = Path(out), opened(shown, mapping)
     if path.suffix.lower() in PAGES:
-        text = page(data)
-        replace_file(path, lambda target: target.write_text(text, encoding="utf-8"))
+        write_text(path, page(data))
         return path
     if path.suffix.lower() in SUFFIXES:
         return write_movie(data, path)
@@ -81,7 +47,7 @@ def show(
 
 
 def page(data: xr.Dataset) -> str:
-    """Return the page of a dataset as HTML without network requests (`show`)."""
+    """Return the page of a dataset as HTML without network requests (`emgface.show`)."""
     from emgface.pictures.page import figure_page
 
     drawing = DRAWINGS[kind(data)]
@@ -91,7 +57,7 @@ def page(data: xr.Dataset) -> str:
 
 
 def figure(data: xr.Dataset) -> "Figure":
-    """Return the figure of a dataset (`show`)."""
+    """Return the figure of a dataset (`emgface.show`)."""
     return DRAWINGS[kind(data)].figure(data)
 
 
@@ -120,7 +86,7 @@ def opened(
     shown: xr.Dataset | str | os.PathLike[str],
     mapping: str | Path | Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """Read the dataset to be shown if a path is passed (`show`)."""
+    """Read the dataset to be shown if a path is passed (`emgface.show`)."""
     from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import kind_of, read_netcdf
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from emgface.errors import DataError
 from emgface.face.parts import arches_of
 from emgface.face.quality import is_wedge
-from emgface.files import replace_file
+from emgface.files import write_text
 
 TRIANGLE, HEXAHEDRON, WEDGE = 5, 12, 13
 """Cell types of VTK."""
@@ -132,4 +132,4 @@ def _file(kind: str, body: str) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    replace_file(path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(path, text)

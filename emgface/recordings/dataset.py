@@ -103,13 +103,13 @@ def read_recording(
         recording = reader.read(path, labels.units)
         recording = apply_labels(recording, labels)
         if "source" not in recording.attrs:
-            files = [path, *getattr(reader, "companions", _none)(path)]
+            others = getattr(reader, "companions", None)
+            files = [path, *(others(path) if others else [])]
             recording.attrs.update(source=path.name, source_digest=_digest(files))
         return validate(_flag_constant(recording), "recording", study=study)
     except DataError as error:
-        told = " ".join(
-            line.strip() for line in str(error).splitlines()
-        )  # errors of libraries may have several lines
+        # Errors of libraries may have several lines.
+        told = " ".join(line.strip() for line in str(error).splitlines())
         told = told if path.name in told else f"{path.name}: {told}"
         if told == str(error):
             raise
@@ -167,7 +167,8 @@ def find_recordings(folder: str | Path) -> list[Path]:
 def _may_be_recording(reader: Reader, path: Path) -> bool:
     """Call `is_recording` of a reader; a file that cannot be opened is refused on reading."""
     try:
-        return getattr(reader, "is_recording", _always)(path)
+        test = getattr(reader, "is_recording", None)
+        return test is None or test(path)
     except Exception:
         return True
 
@@ -209,23 +210,12 @@ def _flag_constant(recording: xr.Dataset) -> xr.Dataset:
     return recording
 
 
-def _always(_: Path) -> bool:
-    """Accept every file with the suffix of a format."""
-    return True
-
-
-def _none(_: Path) -> list[Path]:
-    """Return no further files."""
-    return []
-
-
 def _digest(files: Sequence[Path]) -> str:
     """Digest of a file, or of the concatenation of several files."""
     digest = hashlib.sha256()
     for file in files:
         with file.open("rb") as stream:
-            while block := stream.read(1 << 20):
-                digest.update(block)
+            hashlib.file_digest(stream, lambda: digest)
     return digest.hexdigest()
 
 
@@ -233,15 +223,11 @@ def _unknown_format(path: Path) -> str:
     known = readers()
     if path.suffix.lower() in _UNNAMED:
         beside = path.with_suffix(".toml")
-        advice = (
-            (f"specify {beside.name}, which is in the same folder")
-            if beside.is_file()
-            else "write one"
-        )
+        named = f"specify {beside.name}, which is in the same folder"
         return (
             f"{path.name} does not specify its contents, rate and units; expected a TOML "
-            f"sidecar that does: {advice} instead."
-        ).replace("next to it and specify that instead", "beside it")
+            f"sidecar that does: {named if beside.is_file() else 'write one'} instead."
+        )
     formats = ", ".join(f"{suffix} ({known[suffix].FORMAT})" for suffix in sorted(known))
     return (
         f"{path.name} has the unknown suffix {path.suffix!r}{hint(path.suffix, known)}; expected "

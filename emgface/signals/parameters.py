@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from emgface.choices import ESKES, OWN, Parameters, choice, parameter
+from emgface.choices import ESKES, Parameters, choice, parameter
 from emgface.signals.montage import MontageParameters
 
 BUCHANAN = "Buchanan et al. 2004, J Appl Biomech 20:367-395"
@@ -30,7 +30,6 @@ class FilterParameters(Parameters):
     order: int = parameter(
         4,
         "Design order of the Butterworth band-pass.",
-        unit="1",
         source=f"{ESKES}, Methods",
         note="a band-pass of design order n has 2 n poles and is applied twice if phase is 'zero'",
         ge=1,
@@ -93,15 +92,13 @@ class FeatureParameters(Parameters):
     threshold_baseline: float | None = parameter(
         None,
         "Threshold as a multiple of the baseline RMS of each channel, instead of `threshold`.",
-        unit="1",
-        source=OWN,
         gt=0,
     )
     baseline_start: float | None = parameter(
-        None, "Start of the rest interval for the baseline RMS.", unit="s", source=OWN
+        None, "Start of the rest interval for the baseline RMS.", unit="s"
     )
     baseline_stop: float | None = parameter(
-        None, "End of the rest interval for the baseline RMS.", unit="s", source=OWN
+        None, "End of the rest interval for the baseline RMS.", unit="s"
     )
     comparison: Literal[">=", ">"] = choice(
         ">=",
@@ -118,7 +115,7 @@ class FeatureParameters(Parameters):
         gt=0,
     )
     envelope_order: int = parameter(
-        2, "Design order of the envelope's Butterworth low-pass.", unit="1", source=OWN, ge=1, le=8
+        2, "Design order of the envelope's Butterworth low-pass.", ge=1, le=8
     )
     delay: float = parameter(
         0.04,
@@ -132,7 +129,6 @@ class FeatureParameters(Parameters):
     C1: float = parameter(
         -0.97,
         "First recursive coefficient; |C1| < 1 for stability.",
-        unit="1",
         source=f"{BUCHANAN} gives the form, not a value",
         note="per sample: -0.97 is a time constant of 16 ms at 2048 Hz; not calibrated",
         gt=-1,
@@ -141,7 +137,6 @@ class FeatureParameters(Parameters):
     C2: float = parameter(
         -0.97,
         "Second recursive coefficient; |C2| < 1 for stability.",
-        unit="1",
         source=f"{BUCHANAN} gives the form, not a value",
         note="per sample: -0.97 is a time constant of 16 ms at 2048 Hz; not calibrated",
         gt=-1,
@@ -150,7 +145,6 @@ class FeatureParameters(Parameters):
     A: float = parameter(
         -1.5,
         "Nonlinear shape from neural to muscle activation, 0 is linear.",
-        unit="1",
         source=f"{BUCHANAN} (-3 to 0)",
         note="middle of the published range; acts after normalisation, where it maps 0-1 to 0-1",
         ge=-3,
@@ -240,7 +234,6 @@ class StrategyParameters(Parameters):
     n: int = parameter(
         3,
         "Number of muscles per side that act_3 selects.",
-        unit="1",
         source=f"{ESKES}, Methods",
         note="those with the largest variance of the bilateral mean; ties are resolved by the "
         "order of emgface.muscles",
@@ -251,7 +244,6 @@ class StrategyParameters(Parameters):
         0.5,
         "act_threshold selects muscles whose standard deviation of the bilateral mean feature "
         "exceeds this fraction of the most active muscle's.",
-        unit="1",
         source=f"{ESKES}, Discussion proposes a threshold, without a value",
         ge=0,
         lt=1,
@@ -265,7 +257,6 @@ class HeadFrameParameters(Parameters):
         0.1,
         "Longest gap of a marker that is interpolated.",
         unit="s",
-        source=OWN,
         note="10 frames at 100 frames per second",
         ge=0,
     )
@@ -282,14 +273,11 @@ class ResamplingParameters(Parameters):
     steps: int | None = parameter(
         160,
         "Number of equal simulation steps per instruction.",
-        unit="1",
         source=f"{ESKES}, Discussion",
         note="results in steps + 1 samples, the first at the start of the simulation",
         ge=1,
     )
-    period: float | None = parameter(
-        None, "Sampling period, instead of `steps`.", unit="s", source=OWN, gt=0
-    )
+    period: float | None = parameter(None, "Sampling period, instead of `steps`.", unit="s", gt=0)
 
     @model_validator(mode="before")
     @classmethod

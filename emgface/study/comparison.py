@@ -7,7 +7,7 @@ from pydantic import model_validator
 from analysis.matching import CLEAR_COSINE
 from analysis.noise import SMALLEST_SNR
 from analysis.trajectory import SMALLEST_MOTION
-from emgface.choices import ESKES, OWN, Parameters, choice, parameter
+from emgface.choices import ESKES, Parameters, choice, parameter
 
 
 class AlignmentParameters(Parameters):
@@ -21,33 +21,21 @@ class AlignmentParameters(Parameters):
     scale_range: tuple[float, float] = parameter(
         (0.8, 1.25),
         "Smallest and largest factor of the search; scales outside this range are flagged.",
-        unit="1",
-        source=OWN,
     )
-    scale_step: float = parameter(
-        0.01, "Relative step of the search.", unit="1", source=OWN, gt=0, lt=0.5
-    )
+    scale_step: float = parameter(0.01, "Relative step of the search.", gt=0, lt=0.5)
     max_shift: float | None = parameter(
         None,
         "Largest shift in either direction; default: bounded by least_overlap.",
         unit="s",
-        source=OWN,
         ge=0,
     )
     least_overlap: float = parameter(
-        0.75,
-        "Fraction of the shorter trajectory that must overlap.",
-        unit="1",
-        source=OWN,
-        gt=0,
-        le=1,
+        0.75, "Fraction of the shorter trajectory that must overlap.", gt=0, le=1
     )
     least_gain: float = parameter(
         0.2,
         "Fraction of the unexplained variance that a larger shift or a scaling must remove "
         "to be chosen.",
-        unit="1",
-        source=OWN,
         ge=0,
         lt=1,
     )
@@ -55,7 +43,6 @@ class AlignmentParameters(Parameters):
         10.0,
         "Low-pass edge of the coefficient vectors for matching; 0 is no filter.",
         unit="Hz",
-        source=OWN,
         note="the positions that are scored are not filtered",
         ge=0,
     )
@@ -70,8 +57,6 @@ class AlignmentParameters(Parameters):
         CLEAR_COSINE,
         "Absolute cosine of the two components above which their direction determines the "
         "sign; below, the correlation determines it.",
-        unit="1",
-        source=OWN,
         note="95 % point between random directions in six dimensions",
         ge=0,
         le=1,
@@ -82,10 +67,7 @@ class AlignmentParameters(Parameters):
         source="the paper does not specify it",
         note="uncentred, the first component is the mean posture",
     )
-    subsample: bool = choice(
-        True,
-        "Refine the shift between samples.",
-    )
+    subsample: bool = choice(True, "Refine the shift between samples.")
 
     def arguments(self) -> dict[str, Any]:
         """Return the options of `analysis.align.align`."""
@@ -111,14 +93,12 @@ class ScoreParameters(Parameters):
         source=f"{ESKES}, Eqs 12-13",
     )
     reference: Literal["mean", "first", "origin"] = choice(
-        "mean",
-        "Origin of the positions in the root-mean-square error.",
+        "mean", "Origin of the positions in the root-mean-square error."
     )
     smallest_motion: float = parameter(
         SMALLEST_MOTION,
         "Root-mean-square displacement below which a marker is regarded as not moving and has no rho.",
         unit="m",
-        source=OWN,
         note="for simulated markers, which have no noise; above the tolerance of the solver",
         ge=0,
     )
@@ -126,8 +106,6 @@ class ScoreParameters(Parameters):
         SMALLEST_SNR,
         "Variance of the motion of a measured marker divided by that of its noise, below "
         "which it has no rho.",
-        unit="1",
-        source=OWN,
         note="at 1, noise alone lowers a correlation to 0.71 of itself",
         ge=0,
     )

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from emgface.choices import ESKES, OWN, Parameters, choice, parameter
+from emgface.choices import ESKES, Parameters, choice, parameter
 from emgface.errors import FaceError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.resolution import Resolution
@@ -25,29 +25,18 @@ TRUE_STRATEGY = "true"
 class RecordingsConfiguration(Parameters):
     """Folder and selection of the recordings."""
 
-    folder: Path = choice(
-        Path("recordings"),
-        "Folder of the recordings; relative to this file.",
-    )
+    folder: Path = choice(Path("recordings"), "Folder of the recordings; relative to this file.")
     mapping: Path | None = choice(
-        None,
-        "TOML file that maps the labels of other formats to names; relative to this file.",
+        None, "TOML file that maps the labels of other formats to names; relative to this file."
     )
     reference_folder: Path | None = choice(
-        None,
-        "Folder of maximum-effort recordings, for normalisation over a reference.",
+        None, "Folder of maximum-effort recordings, for normalisation over a reference."
     )
-    volunteers: tuple[str, ...] | None = choice(
-        None,
-        "Volunteers to include; default: all.",
-    )
+    volunteers: tuple[str, ...] | None = choice(None, "Volunteers to include; default: all.")
     instructions: tuple[str, ...] = choice(
         tuple(INSTRUCTIONS), "Instructions to include.", source=f"{ESKES}, Methods"
     )
-    repetitions: tuple[int, ...] | None = choice(
-        None,
-        "Repetitions to include; default: all.",
-    )
+    repetitions: tuple[int, ...] | None = choice(None, "Repetitions to include; default: all.")
     exclusions: Path | None = choice(
         None,
         "TOML file of excluded trials with reasons, as written by 'emgface data check "
@@ -72,18 +61,11 @@ class TemplateParameters(Parameters):
     resolution: Resolution = parameter(
         "medium",
         "Number of elements: coarse (576), medium (2448), fine (6480), or an approximate number.",
-        unit="1",
-        source=OWN,
     )
-    preset: str = choice(
-        "adult",
-        f"Group of people: {', '.join(PRESETS)}.",
-    )
+    preset: str = choice("adult", f"Group of people: {', '.join(PRESETS)}.")
     seed: int | None = parameter(
         None,
         "Seed for drawing a random person of the group; default: the means of the group.",
-        unit="1",
-        source=OWN,
         ge=0,
     )
 
@@ -121,13 +103,8 @@ class FaceConfiguration(Parameters):
 class StudyConfiguration(Parameters):
     """All parameters of a study, as in study.toml."""
 
-    schema_version: int = parameter(
-        STUDY_VERSION, "Version of the format of this file.", unit="1", source=OWN
-    )
-    name: str = choice(
-        "study",
-        "Name of the study.",
-    )
+    schema_version: int = parameter(STUDY_VERSION, "Version of the format of this file.")
+    name: str = choice("study", "Name of the study.")
     strategies: tuple[StrategyName, ...] = choice(
         ("act_all", "act_3", "act_rel"),
         "Activation strategies to compare.",
@@ -138,9 +115,7 @@ class StudyConfiguration(Parameters):
         "Source of the activation: estimated from sEMG, or the true activation of simulated recordings.",
         note="'true' tests the steps after the activation; its only strategy is 'true'",
     )
-    seed: int = parameter(
-        0, "Seed of all random numbers (simulated volunteers).", unit="1", source=OWN, ge=0
-    )
+    seed: int = parameter(0, "Seed of all random numbers (simulated volunteers).", ge=0)
     recordings: RecordingsConfiguration = Field(
         default=RecordingsConfiguration(), description="Recordings to include."
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import field_validator
 
-from emgface.choices import OWN, Parameters, choice, configure, parameter
+from emgface.choices import Parameters, choice, configure, parameter
 from emgface.errors import ConfigurationError
 from emgface.muscles import INSTRUCTIONS
 
@@ -19,20 +19,15 @@ class Exclusion(Parameters):
     """Excluded trials, selected by volunteer, instruction, repetition, or all three."""
 
     volunteer: str | None = choice(
-        None,
-        "Volunteer whose trials are excluded; default: every volunteer.",
+        None, "Volunteer whose trials are excluded; default: every volunteer."
     )
     instruction: str | None = choice(
-        None,
-        "Instruction that is excluded; default: every instruction.",
+        None, "Instruction that is excluded; default: every instruction."
     )
     repetition: int | None = parameter(
-        None, "Repetition that is excluded; default: every repetition.", unit="1", source=OWN, ge=1
+        None, "Repetition that is excluded; default: every repetition.", ge=1
     )
-    reason: str = choice(
-        "",
-        "Reason, as a sentence, which is stored in the cube. Required.",
-    )
+    reason: str = choice("", "Reason, as a sentence, which is stored in the cube. Required.")
 
     @field_validator("instruction")
     @classmethod

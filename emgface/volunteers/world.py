@@ -32,8 +32,6 @@ class World(Parameters):
     elements: float = parameter(
         1.5,
         "Number of elements of a volunteer's face divided by that of `resolution`; 1 is the same mesh.",
-        unit="1",
-        source=OWN,
         note="the number of rings of a coarse mesh changes, that of its rays does not; a face "
         "from a file keeps its mesh",
         ge=0.75,
@@ -47,7 +45,6 @@ class World(Parameters):
     kappa_factor: float = positive(
         4.0,
         "Factor on the bulk modulus of the tissue.",
-        unit="1",
         note="soft tissue is less compressible than with the 25 kPa of the study",
     )
     fibre_law: Literal["study", "other"] = choice(
@@ -60,7 +57,6 @@ class World(Parameters):
         4e-3,
         "Standard deviation, along the skin, of the positions of origin and insertion of each muscle.",
         unit="m",
-        source=OWN,
         note="random for each volunteer, equal on both sides, for random faces; the inner edge "
         "of orbicularis oris is changed instead",
         ge=0,
@@ -69,8 +65,6 @@ class World(Parameters):
     strength: float = parameter(
         0.4,
         "Standard deviation of the logarithm of each muscle's strength.",
-        unit="1",
-        source=OWN,
         note="factor on the force at a given activation; the EMG does not depend on it",
         ge=0,
         le=1,
@@ -94,8 +88,6 @@ class World(Parameters):
         0.4,
         "Standard deviation, over persons and instructions, of the logarithm of the level of each "
         "muscle of the relevance table.",
-        unit="1",
-        source=OWN,
         ge=0,
         le=1,
     )
@@ -103,27 +95,21 @@ class World(Parameters):
         0.15,
         "Probability that a person omits a muscle of the table from an instruction (a fifth "
         "of its level remains), except the strongest one.",
-        unit="1",
-        source=OWN,
         ge=0,
         le=1,
     )
     joining: float = parameter(
         0.3,
         "Probability that a muscle that is not in the table is co-activated.",
-        unit="1",
         source=f"{OWN}; {SCHUMANN}",
         ge=0,
         le=1,
     )
-    joining_level: Range = parameter(
-        (0.10, 0.30), "Range of the peak activation of such a muscle.", unit="1", source=OWN
-    )
+    joining_level: Range = parameter((0.10, 0.30), "Range of the peak activation of such a muscle.")
     muscle_timing: float = parameter(
         0.04,
         "Standard deviation of the onset of each muscle relative to that of the instruction.",
         unit="s",
-        source=OWN,
         ge=0,
         le=0.1,
     )
@@ -146,7 +132,6 @@ class World(Parameters):
     amplitude: float = positive(
         0.25,
         "Factor on the amplitude of the EMG, which is 100 to 400 uV at full activation.",
-        unit="1",
         note="so that a channel at rest has a few microvolts at these signal-to-noise ratios",
     )
 

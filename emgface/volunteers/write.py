@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 
-from emgface.files import replace_file
+from emgface.files import write_text
 from emgface.recordings.bids import write_bids
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.schema.netcdf import write_netcdf
@@ -39,7 +39,7 @@ def write_session(session: xr.Dataset, events: pd.DataFrame, folder: Path) -> Pa
     path = write_recording(session, folder / f"{name}.nc")
     table = events.rename(columns={"label": "trial_type"})
     text = table.to_csv(sep="\t", index=False, lineterminator="\n")
-    replace_file(folder / f"{name}_events.tsv", lambda target: target.write_text(text))
+    write_text(folder / f"{name}_events.tsv", text)
     return path
 
 

@@ -1,5 +1,6 @@
 """Drawing of whatever a dataset or file is."""
 
+import webbrowser
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,12 @@ import xarray as xr
 from matplotlib import image
 
 from analysis.statistics.simulated import simulated_scores
+from emgface.api.views import show
 from emgface.errors import DataError
 from emgface.face.file import save_face
 from emgface.muscles import MUSCLES
 from emgface.pictures import show as module
-from emgface.pictures.show import figure, kind, page, show
+from emgface.pictures.show import draw, figure, kind, page
 from emgface.schema.netcdf import write_netcdf
 
 
@@ -67,14 +69,17 @@ def test_files_by_what_they_hold(face: xr.Dataset, motion: xr.Dataset, tmp_path:
     save_face(face, tmp_path / "face.nc")
     write_netcdf(motion, tmp_path / "motion.nc", "trajectory")
     write_netcdf(activation(), tmp_path / "drive.nc", "activation")
-    assert show(tmp_path / "face.nc", tmp_path / "face.html").read_text().startswith("<!DOCTYPE")
-    picture = image.imread(show(tmp_path / "motion.nc", tmp_path / "motion.png"))
-    assert np.mean(np.ptp(picture[..., :3], axis=2) > 0.08) > 0.1
-    assert show(tmp_path / "drive.nc", tmp_path / "new" / "drive.svg").exists()
+    page_file, picture = tmp_path / "face.html", tmp_path / "motion.png"
+    show(tmp_path / "face.nc", page_file)
+    assert page_file.read_text().startswith("<!DOCTYPE")
+    show(tmp_path / "motion.nc", picture)
+    assert np.mean(np.ptp(image.imread(picture)[..., :3], axis=2) > 0.08) > 0.1
+    drive = show(tmp_path / "drive.nc")
+    assert drive.save(tmp_path / "new" / "drive.svg").exists()
     with pytest.raises(DataError, match="no known picture format"):
-        show(tmp_path / "drive.nc", tmp_path / "drive.doc")
+        drive.save(tmp_path / "drive.doc")
     with pytest.raises(DataError, match="--surface"):
-        show(motion.drop_vars("surface_position"), tmp_path / "motion.gif")
+        draw(motion.drop_vars("surface_position"), tmp_path / "motion.gif")
 
 
 def test_window(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,11 +88,11 @@ def test_window(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(DataError, match="there is no display for a window.*--out"):
-        show(activation())
+        show(activation()).open()
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(module.webbrowser, "open", lambda uri: told.append(uri) or True)
-    path = show(activation())
+    monkeypatch.setattr(webbrowser, "open", lambda uri: told.append(uri) or True)
+    path = show(activation()).open()
     assert told == [path.as_uri()] and "<svg" in path.read_text()
-    monkeypatch.setattr(module.webbrowser, "open", lambda uri: False)
+    monkeypatch.setattr(webbrowser, "open", lambda uri: False)
     with pytest.raises(DataError, match="no browser could be opened"):
-        show(activation())
+        show(activation()).open()

@@ -15,7 +15,7 @@ import xarray as xr
 
 from analysis.tables import origin_of
 from emgface.errors import DataError
-from emgface.files import replace_file
+from emgface.files import replace_file, write_text
 from emgface.muscles import AXES, MUSCLE_NAMES
 from emgface.recordings.bids.electrodes import LINKS, electrode_tables
 from emgface.recordings.bids.names import file_name
@@ -321,4 +321,4 @@ def _json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def _text(path: Path, text: str) -> None:
-    replace_file(path, lambda target: target.write_text(text, encoding="utf-8"))
+    write_text(path, text)

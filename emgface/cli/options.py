@@ -1,5 +1,6 @@
-"""Command options that replace parameters of the signal chain."""
+"""Options common to several commands."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -7,6 +8,30 @@ import typer
 if TYPE_CHECKING:
     from emgface.signals.parameters import SignalChain
 
+OutPath = Annotated[Path | None, typer.Option("--out", help="File to write; default: print.")]
+MappingOption = Annotated[
+    Path | None, typer.Option(help="TOML file that maps labels of a recording to names.")
+]
+StudyPath = Annotated[
+    Path | None, typer.Option("--study", help="Study file that specifies the parameters.")
+]
+FacePath = Annotated[
+    Path | None,
+    typer.Option("--face", help="Face model; default: the face of the study, or the template."),
+]
+AccuracyOption = Annotated[
+    str | None,
+    typer.Option(
+        help="draft, study, reference, published, or the desired error, such as '0.1 mm'."
+    ),
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Number of simultaneous simulations; default: one per core."),
+]
+InstructionOption = Annotated[
+    str | None, typer.Option(help="Instruction A to F, if the recording does not specify it.")
+]
 BandOption = Annotated[
     tuple[float, float] | None,
     typer.Option(
