@@ -8,8 +8,8 @@ import sim
 def grid(n=(2, 2, 2), size=(0.02, 0.02, 0.02), wedges=(), distort=0.0, seed=0) -> sim.Mesh:
     """Box of hexahedra; the columns of cells along z numbered in `wedges` are split into wedges.
 
-    Whole columns, so that a triangle never meets a quadrilateral. distort moves the inner nodes at
-    random by that fraction of a cell.
+    Whole columns are split, so that triangles are not adjacent to quadrilaterals. distort moves the
+    inner nodes at random by that fraction of a cell.
     """
     axes = [np.linspace(0.0, s, k + 1) for s, k in zip(size, n, strict=True)]
     X = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -27,7 +27,7 @@ def grid(n=(2, 2, 2), size=(0.02, 0.02, 0.02), wedges=(), distort=0.0, seed=0) -
 def tetrahedra(n=(2, 2, 2), size=(0.02, 0.02, 0.02), distort=0.0, seed=0) -> sim.Mesh:
     """Box of cells divided into the six tetrahedra around a diagonal."""
     boxes = grid(n, size, distort=distort, seed=seed)
-    # each tetrahedron climbs from corner 0 to corner 6 along three edges, in one order of the axes
+    # Each tetrahedron has three edges from corner 0 to corner 6, in one order of the axes.
     paths = [[1, 2], [2, 3], [3, 7], [7, 4], [4, 5], [5, 1]]
     corners = np.array([[0, a, b, 6] for a, b in paths])
     tets = boxes.blocks[0].nodes[:, corners].reshape(-1, 4)
@@ -41,7 +41,7 @@ def boundary(mesh: sim.Mesh) -> np.ndarray:
 
 
 def crossed_muscles(mesh: sim.Mesh, law=None) -> sim.Muscles:
-    """Two muscles in every element, so that bundles superpose."""
+    """Two muscles in every element."""
     n = mesh.n_elements
     rng = np.random.default_rng(1)
     return sim.Muscles(

@@ -1,4 +1,4 @@
-"""Shared fixtures: template faces; where published geometry and recordings lie, if at all."""
+"""Shared fixtures: template faces; published geometry and recordings, if available."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def shared_folder() -> Path | None:
-    """Folder of third-party material: EMGFACE_SHARED, else ../shared beside the checkout."""
+    """Folder of third-party material: EMGFACE_SHARED, or ../shared beside the checkout."""
     named = os.environ.get("EMGFACE_SHARED")
     folder = Path(named) if named else ROOT.parent / "shared"
     return folder if (folder / "artisynth_models").is_dir() else None

@@ -28,7 +28,7 @@ def scores(seed: int, markers: tuple[str, ...] = MARKERS, **attrs: object) -> xr
 
 
 class Inverted(Exception):
-    """Stands for a failure of the mechanics, which the analysis does not know."""
+    """Represents a failure of the mechanics."""
 
 
 def results() -> list[Trial]:

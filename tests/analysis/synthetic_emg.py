@@ -1,4 +1,4 @@
-"""Signals and activations with a known course, for the tests of the figures."""
+"""Signals and activations with known time courses, for the tests of the figures."""
 
 import numpy as np
 import xarray as xr
@@ -8,7 +8,7 @@ CHANNELS = ("OOS_L", "OOI_L", "RIS_L", "ZYG_L", "LLSAN_L", "DAO_L", "MEN_L")
 
 
 def activation(instruction: str = "A", seed: int = 0, **attrs: object) -> xr.Dataset:
-    """Bursts of different height and place; MEN stays at rest."""
+    """Bursts of different amplitude and time; MEN is inactive."""
     rng = np.random.default_rng(seed)
     time = np.linspace(0.0, 1.6, 160)
     muscles = [f"{stem}_{side}" for side in "LR" for stem in STEMS]

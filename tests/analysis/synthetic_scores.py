@@ -1,4 +1,4 @@
-"""Cubes of given scores, for the tests of the statistics."""
+"""Cubes with given scores, for the tests of the statistics."""
 
 import numpy as np
 import xarray as xr
@@ -36,7 +36,7 @@ def of_differences(values: list[float]) -> xr.Dataset:
 
 
 def fail(cube: xr.Dataset, **label: object) -> xr.Dataset:
-    """Let the trials of a label fail."""
+    """Set the status of the trials of a label to failed."""
     cube = cube.copy(deep=True)
     cube["status"].loc[label] = "failed:InvertedElement"
     for name in ("rho", "amplitude_ratio", "rmse"):

@@ -1,4 +1,4 @@
-"""Trajectories of ten markers with a known course in time, for the tests of the analysis."""
+"""Trajectories of ten markers with known time courses, for the tests of the analysis."""
 
 from collections.abc import Callable
 
@@ -35,9 +35,9 @@ def trajectory(
     dim: str = "time",
     **attrs: object,
 ) -> xr.Dataset:
-    """Positions whose course is seen `shift` earlier and `scale` times faster than `course`.
+    """Positions that are `shift` earlier and `scale` times faster than `course`.
 
-    Aligning them with ``course`` itself must therefore find exactly that shift and scale.
+    Alignment with ``course`` must therefore find this shift and scale.
     """
     time = np.linspace(0.0, duration, count)
     rng = np.random.default_rng(20)

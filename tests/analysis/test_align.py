@@ -1,4 +1,4 @@
-"""Alignment recovers what was done to a trajectory in time, and does nothing of its own."""
+"""Recovery of known shifts and scales by alignment."""
 
 import numpy as np
 import pytest
@@ -12,9 +12,9 @@ COURSES = pytest.mark.parametrize("course", [once, there_and_back])
 
 
 def timing_bound(course, scale: float, shift: float, noise: float) -> tuple[float, float]:
-    """Cramer-Rao bound [1, s]: least standard deviation of scale and shift under white noise.
+    """Cramer-Rao bound [1, s] of scale and shift under white noise.
 
-    Unknown besides: amplitude and offset of the coefficient vector.
+    Amplitude and offset of the coefficient vector are unknown as well.
     """
     t = np.linspace(0, DURATION, 160)
     size, step = 5e-3 * np.sqrt(10), 1e-5
@@ -68,7 +68,7 @@ def test_equal_trajectories_stay_as_they_are(course, scaling: str) -> None:
 def test_shift_without_noise(course, shift: float) -> None:
     """Recovered to a thousandth of a sampling period; the positions then agree.
 
-    The rest of the error is that of cubic interpolation at 100 Hz.
+    The remaining error is that of cubic interpolation at 100 Hz.
     """
     model = trajectory(course)
     found = align(trajectory(course, shift=shift, dim="time_marker"), model)
@@ -84,7 +84,7 @@ def test_shift_without_noise(course, shift: float) -> None:
 @COURSES
 @pytest.mark.parametrize(("shift", "scale"), [(-0.05, 1.1), (0.05, 0.9), (0.0, 1.2), (-0.1, 0.85)])
 def test_scale_without_noise(course, shift: float, scale: float) -> None:
-    """To a thousandth; the rest is the common low-pass acting on unequal speeds."""
+    """Recovered to a thousandth; the error is due to the common low-pass at different speeds."""
     found = align(trajectory(course, shift=shift, scale=scale), trajectory(course),
                   scaling="search")  # fmt: skip
     assert float(found["scale"]) == pytest.approx(scale, abs=1e-3)
@@ -114,9 +114,9 @@ def test_shift_and_scale_under_noise_reach_the_cramer_rao_bound(course) -> None:
 @pytest.mark.slow
 @COURSES
 def test_noise_creates_no_stretch(course) -> None:
-    """With marker noise of 0.5 mm a search leaves the time alone in at least 90 % of trials.
+    """With marker noise of 0.5 mm, a search does not stretch at least 90 % of the trials.
 
-    The plain maximum (`least_gain=0`) stretches nearly every one of them.
+    The maximum of the correlation (`least_gain=0`) stretches nearly all of them.
     """
     model = trajectory(course)
     trials = [trajectory(course, shift=0.083, noise=5e-4, seed=seed) for seed in range(40)]
@@ -128,7 +128,7 @@ def test_noise_creates_no_stretch(course) -> None:
 
 @COURSES
 def test_noise_creates_no_bias_of_the_shift(course) -> None:
-    """Interpolation averages noise; without the low-pass that pulls shifts between samples."""
+    """Interpolation averages noise and, without the low-pass, biases shifts to between samples."""
     model, noise, count = trajectory(course), 5e-4, 40
     t = np.linspace(0, DURATION, 160)
     rate = 5e-3 * np.sqrt(10) * np.gradient(course(t), t)
@@ -144,7 +144,7 @@ def test_noise_creates_no_bias_of_the_shift(course) -> None:
 
 
 def test_periodic_movement_takes_the_nearest_peak() -> None:
-    """A steady oscillation fits equally well at every period; the smallest shift is right."""
+    """An oscillation matches equally well at every period; the smallest shift is correct."""
 
     def wave(t: np.ndarray) -> np.ndarray:
         return np.sin(2 * np.pi * t / 0.2)
@@ -169,7 +169,7 @@ def test_length_is_normalised() -> None:
 
 
 def test_durations_within_a_period_are_not_stretched() -> None:
-    """159 samples against 160 are the same duration, not a slower movement."""
+    """159 and 160 samples are regarded as the same duration."""
     model = trajectory()
     assert float(align(model.isel(time=slice(None, -1)), model)["scale"]) == 1.0
 
@@ -181,7 +181,7 @@ def test_start_times_do_not_matter() -> None:
 
 
 def test_uneven_simulated_time() -> None:
-    """A simulation with halved steps keeps its own instants."""
+    """A simulation with halved steps keeps its instants."""
     keep = np.r_[0:60, 61:100:2, 100:160]
     model = trajectory().isel(time=keep)
     found = align(trajectory(shift=0.06), model)

@@ -1,4 +1,4 @@
-"""Alignment flags what lies at a bound, and refuses what cannot be aligned."""
+"""Flags of alignments at a bound, and refusal of trajectories that cannot be aligned."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ COURSES = pytest.mark.parametrize("course", [once, there_and_back])
 
 
 def test_bound_on_the_shift() -> None:
-    """The true shift lies outside: the nearest allowed one is taken, and said to be the bound."""
+    """The true shift is outside; the nearest allowed one is selected and flagged."""
     found = align(trajectory(shift=0.2), trajectory(), max_shift=0.1)
     assert abs(float(found["shift"])) <= 0.1
     assert int(found["shift_at_bound"]) == 1
@@ -25,7 +25,7 @@ def test_bound_on_the_shift() -> None:
 @pytest.mark.parametrize("sign", ["direction", "correlation"])
 @pytest.mark.parametrize("shift", [0.45, 0.6, 0.8])
 def test_shift_beyond_the_overlap_is_said(sign: str, shift: float) -> None:
-    """The allowed shifts hold lesser peaks, of which the mirror's fits at -0.75."""
+    """The allowed shifts contain smaller peaks, of which that of the mirror image is -0.75."""
     for one in (shift, -shift):
         found = align(trajectory(there_and_back, shift=one), trajectory(there_and_back), sign=sign)
         assert int(found["shift_at_bound"]) == 1
@@ -37,7 +37,7 @@ def test_shift_beyond_the_overlap_is_said(sign: str, shift: float) -> None:
 
 
 def test_burst_shifted_out_of_the_overlap_is_a_weak_match() -> None:
-    """Where less than half of the motion is left, no shift can be told from another."""
+    """With less than half of the motion, shifts cannot be distinguished."""
     found = align(trajectory(shift=0.8), trajectory())
     assert float(found["b_correlation"]) < 0.7
     assert int(found["weak_match"]) == 1
@@ -53,7 +53,7 @@ def test_noise_raises_no_flags(course) -> None:
 
 
 def test_stretch_outside_the_range_is_said() -> None:
-    """A quarter of a second is stretched 6.4 times by its length; a search ends at its bound."""
+    """A quarter of a second is stretched by 6.4; a search ends at its bound."""
     short = trajectory(duration=0.25, count=26, scale=6.4)
     found = align(short, trajectory())
     assert float(found["scale"]) == pytest.approx(6.4)
@@ -68,7 +68,7 @@ def test_stretch_outside_the_range_is_said() -> None:
 @pytest.mark.parametrize("lost", [slice(0, 20), slice(-20, None)])
 @pytest.mark.parametrize("shift", [0.0, 0.083, -0.06])
 def test_unseen_ends_are_left_out_and_stretch_nothing(lost: slice, shift: float) -> None:
-    """One marker is not seen for an eighth of the trial: shift and scale are those without."""
+    """One marker is not visible for an eighth of the trial; shift and scale are unaffected."""
     model, data = trajectory(), trajectory(shift=shift, dim="time_marker")
     data["position"].values[4, :, lost] = np.nan
     found = align(data, model)
@@ -95,7 +95,7 @@ def test_little_overlap_is_said() -> None:
 
 
 def test_small_overlap_cannot_win() -> None:
-    """Two trajectories that agree only in a corner are not shifted to that corner."""
+    """Two trajectories that agree only at their ends are not shifted to these ends."""
     rng = np.random.default_rng(3)
     t = np.linspace(0, DURATION, 160)
     tail = np.interp(t, np.linspace(0, DURATION, 12), rng.normal(size=12))
@@ -104,7 +104,7 @@ def test_small_overlap_cannot_win() -> None:
     model = trajectory(lambda own: np.interp(own, t, head))
     data = trajectory(lambda own: np.interp(own, t, tail))
     lags, r, *_ = overlap_correlation(head, tail)
-    assert r[lags == -130] == pytest.approx(1.0, abs=1e-9)  # the trap is there
+    assert r[lags == -130] == pytest.approx(1.0, abs=1e-9)  # correlation of the short overlap
     found = align(data, model)
     assert float(found["overlap"]) >= 0.74
     assert abs(float(found["shift"])) <= 0.26 * DURATION
@@ -164,7 +164,7 @@ def test_options_out_of_range(option: dict, words: str) -> None:
 
 
 def test_no_allowed_shift() -> None:
-    """All the measured motion lies outside what overlaps."""
+    """All the measured motion lies outside the overlap."""
 
     def early(t: np.ndarray) -> np.ndarray:
         return np.exp(-(((t - 0.05) / 0.01) ** 2))

@@ -1,4 +1,4 @@
-"""The sign of an aligned component: by direction where that is clear, else by correlation."""
+"""Sign of an aligned component, by direction if it is clear, otherwise by correlation."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,9 @@ from analysis.scores import score
 
 
 def test_mirrored_movement_under_both_rules() -> None:
-    """A model that moves the opposite way: by correlation at the true shift, by direction not.
+    """A model that moves in the opposite direction is aligned by correlation, but not by direction.
 
-    Either way the disagreement is flagged, and the cosine says what was matched with what.
+    In both cases the disagreement is flagged, and the cosine is returned.
     """
     model = trajectory(amplitude=-5e-3)
     found = align(trajectory(shift=0.08), model, sign="correlation")
@@ -30,7 +30,7 @@ def test_mirrored_movement_under_both_rules() -> None:
 
 
 def lobes(*sizes: float):
-    """Course of left, right, left: half waves of these sizes, of alternating sign."""
+    """Left, right, left: half waves of these amplitudes with alternating sign."""
 
     def course(t: np.ndarray) -> np.ndarray:
         phase = np.clip((t - 0.2) / 1.2, 0, 1 - 1e-12) * len(sizes)
@@ -41,9 +41,9 @@ def lobes(*sizes: float):
 
 @pytest.mark.parametrize("noise", [0.0, 3e-4])
 def test_left_right_left_matches_itself_and_not_its_mirror(noise: float) -> None:
-    """One side stronger in the volunteer, the other in the model: a lobe's shift fits the mirror.
+    """One side is stronger in the volunteer, the other in the model, so that a shift fits the mirror.
 
-    The larger correlation maximum, 0.92 at 0.4 s, belongs to left matched with right.
+    The larger maximum of the correlation, 0.92 at 0.4 s, matches left with right.
     """
     model = trajectory(lobes(0.5, 1.0, 1.0))
     data = trajectory(lobes(1.0, 1.0, 0.5), noise=noise)
@@ -60,7 +60,7 @@ def test_left_right_left_matches_itself_and_not_its_mirror(noise: float) -> None
 
 
 def test_time_reversed_movement_keeps_its_direction() -> None:
-    """Pursing run backwards is still pursing: the signs agree and no mirror is matched."""
+    """The direction of a reversed movement is the same, so that the signs agree."""
     data, model = trajectory(), trajectory()
     backwards = data.isel(time=slice(None, None, -1)).assign_coords(time=data["time"])
     found = align(backwards, model)
@@ -69,7 +69,7 @@ def test_time_reversed_movement_keeps_its_direction() -> None:
 
 
 def test_unrelated_directions_leave_the_sign_to_the_correlation() -> None:
-    """Every marker moves along an axis that the model's does not."""
+    """Every marker moves along an axis perpendicular to that of the model."""
     data, model = trajectory(shift=0.08), trajectory()
     rng = np.random.default_rng(5)
     turned = data.copy(deep=True)

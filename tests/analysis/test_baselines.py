@@ -1,4 +1,4 @@
-"""Baselines, ceiling and skill against closed forms and against the scores of simulated motions."""
+"""Baselines, ceiling and skill compared with closed forms and with scores of simulated motions."""
 
 import numpy as np
 import pytest
@@ -28,9 +28,9 @@ OPTIONS = {"scaling": "length", "smallest_motion": 1e-9}
 @pytest.mark.parametrize("form", ["consistent", "as_printed"])
 @pytest.mark.parametrize("course", [None, there_and_back])
 def test_a_baseline_is_scored_as_a_simulated_motion_is(form: str, course) -> None:
-    """The same alignment and the same rho: anything else would be an unfair comparison."""
+    """Same alignment and same rho as for a simulated motion."""
     measured = trajectory(shift=0.07, noise=2e-4, amplitude=4e-3)
-    still = measured["position"].values[5]  # its camera sees noise alone
+    still = measured["position"].values[5]  # only noise
     still[:] = still[:, :1] + np.random.default_rng(8).normal(0, 2e-4, still.shape)
     predicted = trajectory(noise=1e-4, seed=5) if course is None else trajectory(course, noise=1e-4)
     predicted["position"].values[3] = predicted["position"].values[3, :, :1]  # it does not move
@@ -42,7 +42,7 @@ def test_a_baseline_is_scored_as_a_simulated_motion_is(form: str, course) -> Non
 
 
 def test_unseen_ends_are_held_in_a_prediction_and_left_out_of_a_measurement() -> None:
-    """A repetition whose first frames are lost keeps its length, so that nothing is stretched."""
+    """A repetition without its first frames keeps its duration, so that it is not stretched."""
     whole, cut = trajectory(noise=1e-6), trajectory(noise=1e-6, seed=4)
     cut["position"].values[:, :, :6] = np.nan
     for measured, predicted in ((whole, cut), (cut, whole)):
@@ -79,7 +79,7 @@ def test_ceiling_is_the_correlation_with_the_mean_of_infinitely_many(q: float) -
 
 
 def test_ceiling_from_noisy_repetitions_of_a_motion() -> None:
-    """Marker noise alone: the clean motion scores what two noisy repetitions promise."""
+    """With marker noise only, the motion without noise scores the ceiling of two repetitions."""
     clean, noise = trajectory(amplitude=2e-3), 1e-3
     v, w = (trajectory(amplitude=2e-3, noise=noise, seed=k)["position"] for k in (1, 2))
     promised = ceiling_of(correlation_3d(v, w).values).mean()
@@ -158,7 +158,7 @@ def test_cube_with_baselines_keeps_its_scores_and_says_why_there_is_no_skill() -
 
 
 def test_skill_compares_the_same_markers() -> None:
-    """A marker without rho leaves template and ceiling as well."""
+    """A marker without rho is also omitted from template and ceiling."""
     data = cube()
     added = filled(data, template_rho=0.5, ceiling=0.9)
     added["template_rho"][..., 1] = -1.0

@@ -1,4 +1,4 @@
-"""The hierarchical bootstrap against loops and closed forms."""
+"""Hierarchical bootstrap compared with loops and closed forms."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_error_of_a_mean_of_volunteers() -> None:
 
 
 def test_error_of_repetitions_within_volunteers() -> None:
-    """Volunteers alike, repetitions not: only the draw of repetitions is left, sum / (n r^2)."""
+    """Equal volunteers with different repetitions: variance sum / (n r^2) of the draw of repetitions."""
     within = np.array([-0.3, 0.1, 0.2, 0.4])
     cells = np.tile(within, (5, 1, 1))[:, :, :, None]
     drawn = replicates(cells, "mean", 20_000, 3)
@@ -47,7 +47,7 @@ def test_median_of_pairs_and_bounds() -> None:
 
 
 def test_expanded_tails() -> None:
-    """sqrt(n / (n - 1)) times the t quantile, read as a normal one: 0.0024 for six."""
+    """sqrt(n / (n - 1)) times the t quantile as a normal quantile: 0.0024 for six."""
     low, high = tails(6, 0.95, "expanded")
     assert low == pytest.approx(stats.norm.sf(np.sqrt(6 / 5) * 2.570582), rel=1e-5)
     assert low == pytest.approx(0.0024, abs=5e-5)

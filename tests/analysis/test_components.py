@@ -41,7 +41,7 @@ def test_equation_10_coefficients_are_projections_on_the_first_component() -> No
 
 
 def test_uncentred_component_is_the_posture() -> None:
-    """Without centring u_1 is nearly the mean posture and nearly all 'variance' is explained."""
+    """Without centring u_1 is approximately the mean posture, with nearly all of the 'variance'."""
     data = trajectory(there_and_back)
     X = columns(data)
     found = principal_component(data, centred=False)
@@ -52,7 +52,7 @@ def test_uncentred_component_is_the_posture() -> None:
 
 
 def test_sign_is_deterministic() -> None:
-    """The largest entry of u_1 is positive, whatever the sign of the movement."""
+    """The largest entry of u_1 is positive for both signs of the movement."""
     for amplitude in (5e-3, -5e-3):
         u = principal_component(trajectory(amplitude=amplitude))["u"].values
         assert u.ravel()[np.argmax(np.abs(u))] > 0

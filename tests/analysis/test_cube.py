@@ -1,4 +1,4 @@
-"""The cube is complete: scored, failed and missing trials are all in it."""
+"""Completeness of the cube: scored, failed and missing trials."""
 
 import itertools
 
@@ -144,7 +144,7 @@ def test_cube_meets_the_schema(root) -> None:
 
     declared = json.loads((root / "data_schema" / "cube.json").read_text())
     found = cube()
-    of_the_study = {"recording", "recording_digest"}  # trials know no files
+    of_the_study = {"recording", "recording_digest"}  # attributes of studies only
     assert of_the_study < set(declared["variables"])
     for name, variable in declared["variables"].items():
         if name in of_the_study or (name not in found and variable.get("required") is False):

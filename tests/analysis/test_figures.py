@@ -1,4 +1,4 @@
-"""Figures draw what the cube holds and say where it comes from."""
+"""Contents of figures of a cube, and their origin."""
 
 import subprocess
 import sys

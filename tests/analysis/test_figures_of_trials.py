@@ -1,4 +1,4 @@
-"""Figures of single trials and of choices draw what they are given, or say why not."""
+"""Contents of figures of single trials and of choices, and their errors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Timing, asymmetry and variation within an instruction, against what they are by construction."""
+"""Timing, asymmetry and variation within an instruction, for constructed motions."""
 
 from itertools import permutations
 
@@ -13,7 +13,7 @@ NAMES = ("corner_left", "upper_left", "corner_right", "upper_right")
 
 
 def moving(course: np.ndarray, time: np.ndarray, sizes=(1.0, 1.0, 1.0, 1.0)) -> xr.DataArray:
-    """Four markers that move along one direction, `sizes` [mm] times the course."""
+    """Four markers that move in one direction by `sizes` [mm] times the time course."""
     direction = np.array([0.6, 0.0, -0.8])
     rest = np.random.default_rng(0).normal(0, 0.03, (4, 3))
     values = rest[:, :, None] + 1e-3 * np.multiply.outer(
@@ -86,7 +86,7 @@ def test_asymmetry_is_undefined_without_movement_or_side() -> None:
 
 
 def varied(coefficients, seed: int, size: float = 1e-3) -> list[xr.Dataset]:
-    """Repetitions of a movement, each with a deviation of its own: c_r times one fixed pattern."""
+    """Repetitions of a movement with deviations c_r times one pattern."""
     base = trajectory()
     shape = base["position"] - base["position"].mean("time")
     pattern = (
@@ -113,7 +113,7 @@ def test_size_of_deviations_does_not_matter() -> None:
 
 
 def test_mean_over_all_orders_is_zero() -> None:
-    """The null of the score, whatever moves: what belongs to no trial in particular cancels."""
+    """The contribution common to all trials cancels, for any motion."""
     measured = [
         trajectory(amplitude=a, noise=3e-4, seed=k) for k, a in enumerate((4e-3, 5e-3, 7e-3))
     ]
@@ -125,7 +125,7 @@ def test_mean_over_all_orders_is_zero() -> None:
         within_instruction(measured, [simulated[k] for k in order], {"scaling": "none"}).values
         for order in permutations(range(3))
     ]
-    assert np.abs(scores[0]).max() > 0.5  # the trials themselves agree: both grow
+    assert np.abs(scores[0]).max() > 0.5  # Both sequences of trials increase.
     np.testing.assert_allclose(np.mean(scores, axis=0), 0.0, atol=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""Leaving volunteers out against repeating the test on the rest."""
+"""Leave-one-out results compared with the test of the other volunteers."""
 
 import numpy as np
 import pytest

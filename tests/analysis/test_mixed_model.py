@@ -115,7 +115,7 @@ def test_crossed_slopes_agree_with_lme4(case: str, scope: str) -> None:
 
 
 def test_shared_terms_cancel_in_the_difference() -> None:
-    """lme4 with intercepts of all and every interaction finds the same estimate and error."""
+    """lme4 with all intercepts and interactions finds the same estimate and error."""
     found = fit_differences(of_case("complete"), "instructions")
     assert (found.estimate, found.error) == pytest.approx(LME4_LONG, rel=1e-6)
 
@@ -131,7 +131,7 @@ def by_mean_squares(d: np.ndarray) -> tuple[float, float]:
     if min(v, i) >= e:
         error = v + i - e
         return np.sqrt(error / d.size), error**2 / ((np.array([v, i, e]) ** 2 / free).sum())
-    # A variance at zero: its mean square is pooled with the residual's.
+    # The mean square of a variance of zero is pooled with that of the residual.
     for zero, other in ((0, 1), (1, 0)):
         pooled = (squares[zero] + squares[2]) / (free[zero] + free[2])
         if (v, i)[zero] < e and (v, i)[other] >= pooled:
@@ -155,7 +155,7 @@ def test_complete_tables_agree_with_analysis_of_variance(seed: int) -> None:
 
 
 def test_a_criterion_that_falls_from_zero_is_followed() -> None:
-    """The gradient by a standard deviation vanishes at zero: no stop there while it falls."""
+    """The derivative by a standard deviation is zero at zero, where the criterion decreases."""
     rest = np.random.default_rng(3).normal(size=(12, 6))
     rest -= rest.mean(axis=0)  # instructions alike
     for spread in np.linspace(0.2, 0.6, 9):
@@ -165,7 +165,7 @@ def test_a_criterion_that_falls_from_zero_is_followed() -> None:
 
 
 def test_these_instructions_are_the_paired_t_test() -> None:
-    """On complete data with a variance of volunteers: their means against their spread."""
+    """On complete data it is the paired t test of the volunteers' means."""
     cube = simulated_scores(2, instructions=6, sd_interaction=0.4)
     found = mixed_model(compare(cube), scope="these instructions")
     for index, pair in enumerate((("act_3", "act_all"), ("act_rel", "act_all"))):
@@ -176,7 +176,7 @@ def test_these_instructions_are_the_paired_t_test() -> None:
 
 
 def test_what_both_strategies_share_does_not_matter() -> None:
-    """Any effect of volunteer, instruction, repetition and marker together, however large."""
+    """Any effect of volunteer, instruction, repetition and marker cancels."""
     cube = simulated_scores(4, instructions=5, centre=0.0, sd_error=0.1)
     shared = np.random.default_rng(0).normal(size=(6, 5, 2, 1, 3))
     moved = cube.assign(rho=(cube["rho"].dims, np.tanh(np.arctanh(cube["rho"].values) + shared)))
@@ -278,7 +278,7 @@ def test_a_strategy_without_scores_is_left_out() -> None:
 
 @pytest.mark.slow
 def test_instructions_taken_as_fixed_reject_too_often_of_instructions_in_general() -> None:
-    """SD 0.3 of instruction x strategy: the size holds with the term and is far off without."""
+    """SD 0.3 of instruction x strategy: only the test with this term has its nominal size."""
     model = {"instructions": 6, "sd_instruction_strategy": 0.3, "repetitions": 1, "markers": 1}
     found = calibration(methods=["mixed_model_in_general"], simulations=40, seed=7, **model)
     size = {str(test): float(found["size"].sel(test=test)) for test in found["test"].values}
@@ -288,6 +288,6 @@ def test_instructions_taken_as_fixed_reject_too_often_of_instructions_in_general
 
 
 def test_two_volunteers_would_not_be_covered() -> None:
-    """Why there is no interval of them: 40 cubes, nominal 0.95, four Monte Carlo errors below."""
+    """Coverage of 40 cubes is four Monte Carlo errors below the nominal 0.95."""
     found = interval_coverage(simulations=40, seed=3, volunteers=2, instructions=3)
     assert float(found["coverage"].sel(test="bootstrap, expanded")) < 0.95 - 4 * 0.034

@@ -1,4 +1,4 @@
-"""Noise of markers: estimated from the trial itself, and what it does to a correlation."""
+"""Noise of markers, estimated from the trial, and its effect on a correlation."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from analysis.scores import DROWNED, correlation_3d, score
 @pytest.mark.parametrize("sigma", [1e-5, 1e-4, 1e-3])
 @pytest.mark.parametrize("course", [once, there_and_back])
 def test_known_noise_of_a_moving_marker(sigma: float, course) -> None:
-    """Twenty trials of ten markers that move by 5 mm: no bias beyond 2 %, a scatter of 7 %."""
+    """Twenty trials of ten markers that move by 5 mm: bias below 2 %, standard deviation 7 %."""
     found = [
         marker_noise(trajectory(course, noise=sigma, seed=seed)["position"]).values
         for seed in range(20)
@@ -36,7 +36,7 @@ def test_motion_leaves_nothing_and_leaps_count_little() -> None:
 
 
 def test_noise_that_is_left_between_frames() -> None:
-    """Half-way, the squared response of the cardinal cubic spline, averaged over frequency.
+    """Half-way, it is the mean squared frequency response of the cardinal cubic spline.
 
     The cubic B-spline is 23/48 and 1/48 at half-way points, 4/6 and 1/6 at frames.
     """
@@ -80,13 +80,13 @@ def test_correlation_is_attenuated_as_predicted(ratio: float) -> None:
     assert float(found.mean()) == pytest.approx(clean * expected, abs=error)
     size = ((noisy - noisy.mean("time")) ** 2).sum(dims) ** 0.5 / 200**0.5
     predicted = attenuation(size, xr.full_like(size, np.sqrt(3) * sigma))
-    # The reliability is estimated without bias; its root is not where it may be zero.
+    # The estimate of the reliability is unbiased; that of its root is not if it may be zero.
     assert float((predicted**2).mean()) == pytest.approx(expected**2, abs=0.02)
 
 
 @pytest.mark.parametrize("noise", [2e-4, 5e-4, 1e-3])
 def test_attenuation_of_a_whole_trial_is_that_of_its_scores(noise: float) -> None:
-    """Noise estimated, resampled and aligned; markers whose motion is twice as strong."""
+    """Noise is estimated, resampled and aligned; the motion of some markers is twice as large."""
     model = trajectory(there_and_back)
     trials = [trajectory(there_and_back, shift=0.055, noise=noise, seed=s) for s in range(10)]
     found = [score(align(data, model), model, smallest_snr=0.0) for data in trials]
@@ -100,7 +100,7 @@ def test_attenuation_of_a_whole_trial_is_that_of_its_scores(noise: float) -> Non
 
 
 def moving_but_one(scale: float, seed: int) -> xr.Dataset:
-    """Camera noise of 0.1 mm a coordinate; one marker moves `scale` times as far as it did."""
+    """Camera noise of 0.1 mm per coordinate; the motion of one marker is multiplied by `scale`."""
     data = trajectory(shift=0.05)
     own = data["position"].values[4]
     own[:] = own.mean(axis=1, keepdims=True) + scale * (own - own.mean(axis=1, keepdims=True))
@@ -121,7 +121,7 @@ def test_still_marker_under_camera_noise_has_a_reason() -> None:
 
 
 def test_tiny_motion_above_the_noise_is_kept() -> None:
-    """0.3 mm of motion under 0.17 mm of noise, three axes together."""
+    """0.3 mm of motion with 0.17 mm of noise, three axes together."""
     model = trajectory()
     size = float(
         ((model["position"][4] - model["position"][4].mean("time")) ** 2).sum("axis").mean()
@@ -141,7 +141,7 @@ def test_trial_of_nothing_but_noise_is_refused() -> None:
 
 
 def test_small_motion_shared_by_all_markers_is_aligned() -> None:
-    """Ten markers together show what none shows alone; each is then judged by itself."""
+    """Ten markers together have a detectable motion, although none of them alone has."""
     data = trajectory(amplitude=1.5e-4, shift=0.05, noise=1e-4)
     found = align(data, trajectory())
     assert float(found["shift"]) == pytest.approx(0.05, abs=0.02)

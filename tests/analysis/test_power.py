@@ -49,7 +49,7 @@ def test_volunteers_needed() -> None:
 
 @pytest.mark.parametrize("test", ["sign_flip", "t"])
 def test_smallest_difference_that_six_volunteers_show(test: str) -> None:
-    """All signs alike with 0.8, or the noncentral t; the simulation of it is 3 % off at most."""
+    """Equal signs with probability 0.8, or the noncentral t; the simulation has an error of 3 %."""
     exact = norm.ppf(0.8 ** (1 / 6))
     if test == "t":
         exact = TTestPower().solve_power(nobs=6, alpha=0.05, power=0.8)
@@ -62,7 +62,7 @@ def test_power_of_a_cube() -> None:
     found = power(compare(cube), effect=0.4, volunteers=(6, 20), simulations=300)
     spread = found["standard_deviation"]
     assert (spread.diff("spread") > 0).all()
-    # More spread, less power; and a larger study has more of it.
+    # Power decreases with the variance and increases with the number of volunteers.
     assert (found["power"].diff("spread") <= 0).all()
     assert (found["power"].diff("volunteers") >= 0).all()
     assert "to detect a difference of +0.40 in z with power 0.8" in str(found["sentence"].values[0])

@@ -1,4 +1,4 @@
-"""Means of motions: registered in time, each as much as the others, of the right size."""
+"""Means of motions: registration in time, equal weights, and amplitude."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def size(motion) -> float:
 
 
 def test_mean_of_shifted_motions_is_the_motion() -> None:
-    """A mean without registration would be flatter: here by a tenth of the peak."""
+    """Without registration the peak of the mean would be lower by a tenth."""
     motions = [trajectory(shift=shift) for shift in (0.0, 0.1, -0.1, 0.06)]
     mean, whole = mean_motion(motions, OPTIONS), displacement(motions[0])
     fitted = align(whole, mean, **OPTIONS)["position"].isel(time=slice(30, 130)).values
@@ -30,7 +30,7 @@ def test_mean_of_shifted_motions_is_the_motion() -> None:
 
 
 def test_mean_is_of_displacements_in_metres() -> None:
-    """Two equal movements of 4 and 8 mm about other postures have a mean of 6 mm."""
+    """Equal movements of 4 and 8 mm about different postures have a mean of 6 mm."""
     small, large = trajectory(amplitude=4e-3), trajectory(amplitude=8e-3)
     large["position"] = large["position"] + 0.01
     mean = mean_motion([small, large], OPTIONS)
@@ -62,7 +62,7 @@ def test_what_does_not_move_is_left_out_and_counted() -> None:
 
 
 def test_a_registered_motion_keeps_its_duration() -> None:
-    """Held at its ends, not cut: a shorter one would be stretched when it is compared."""
+    """It is held at its ends; a shorter motion would be stretched in a comparison."""
     (found,) = registered([trajectory(shift=0.2)], trajectory(), OPTIONS)
     assert found is not None and found.sizes["time"] == 160 and np.isfinite(found.values).all()
     np.testing.assert_array_equal(found.values[:, :, 0], found.values[:, :, 1])

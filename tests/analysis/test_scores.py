@@ -1,4 +1,4 @@
-"""Eqs 11-13 of Eskes et al. 2017 against plain loops, and what a score must not depend on."""
+"""Eqs 11-13 of Eskes et al. 2017 compared with loops, and invariances of scores."""
 
 import math
 
@@ -44,7 +44,7 @@ def rho_13(v: np.ndarray, w: np.ndarray) -> float:
 
 
 def test_equation_11_a_common_offset_is_the_mean() -> None:
-    """Adding a constant to a trajectory changes its mean of Eq. 11 and nothing else."""
+    """A constant offset changes only the mean of Eq. 11."""
     v, w = curve(1), curve(2)
     mean = xr.DataArray(mean_11(v.values), dims="axis")
     centred = (v - mean).assign_attrs(units="m")
@@ -88,7 +88,7 @@ def test_trajectory_with_itself(n: int) -> None:
 
 
 def test_far_from_the_origin_no_digits_are_lost() -> None:
-    """A movement of micrometres a kilometre away; the printed form would return noise."""
+    """A movement of micrometres at a distance of a kilometre; the printed form would return noise."""
     v, w = curve(1), curve(2)
     near = float(correlation_3d(v, w))
     far_v, far_w = 1e-6 * v + 1e3, 1e-6 * w - 1e3
@@ -103,7 +103,7 @@ def test_far_from_the_origin_no_digits_are_lost() -> None:
     angle=st.floats(-3.0, 3.0),
 )
 def test_invariances(seed: int, factor: float, offset: list[float], angle: float) -> None:
-    """Invariant to shift and positive scale; odd in the sign; common rotation does nothing."""
+    """Invariant to shift, positive scale and common rotation; odd in the sign."""
     v, w = curve(seed), curve(seed + 1)
     rho = float(correlation_3d(v, w))
     moved = factor * (w + xr.DataArray(offset, dims="axis"))
@@ -117,7 +117,7 @@ def test_invariances(seed: int, factor: float, offset: list[float], angle: float
 
 
 def test_not_invariant_to_rotation_of_one() -> None:
-    """A planar motion turned by theta within its plane correlates at cos theta."""
+    """A planar motion rotated by theta within its plane has the correlation cos theta."""
     t = np.linspace(0, 2 * np.pi, 100, endpoint=False)
     v = np.stack([np.cos(t), np.sin(t), 0 * t])
     for theta in (0.2, 1.0, np.pi / 2, np.pi):
@@ -127,7 +127,7 @@ def test_not_invariant_to_rotation_of_one() -> None:
 
 
 def test_more_dims_are_kept() -> None:
-    """One call scores every marker (and anything else) alike."""
+    """One call scores every marker and every further dim."""
     rng = np.random.default_rng(3)
     v = xr.DataArray(rng.normal(size=(2, 4, 3, 30)), dims=("trial", "marker", "axis", "time"))
     w = xr.DataArray(rng.normal(size=(4, 3, 30)), dims=("marker", "axis", "time"))
@@ -165,7 +165,7 @@ def test_reasons_of_undefined_markers() -> None:
 
 
 def test_motion_by_rounding_is_no_motion() -> None:
-    """A constant read back with rounding errors must not be scored as a movement."""
+    """A constant with rounding errors must not be scored as a movement."""
     rng = np.random.default_rng(0)
     v = array(0.1 + 1e-17 * rng.integers(-2, 3, size=(3, 50)))
     assert str(undefined_reason(v, curve(1, 50)).values) == "measured does not move"
@@ -187,7 +187,7 @@ def test_rmse_of_a_sine_and_an_offset(reference: str, expected: float) -> None:
 
 
 def test_rmse_from_first_sample_differs_from_mean() -> None:
-    """The difference runs 0, 1: from the first sample rms 1/sqrt 2, about the mean 1/2."""
+    """The difference is 0, 1: rms 1/sqrt 2 from the first sample, 1/2 about the mean."""
     v, w = np.zeros((2, 3, 2))
     w[0, 1] = 1.0
     assert float(rmse(array(v), array(w), reference="first")) == pytest.approx(math.sqrt(0.5))
@@ -195,7 +195,7 @@ def test_rmse_from_first_sample_differs_from_mean() -> None:
 
 
 def test_score_after_alignment() -> None:
-    """The same movement at half the size, later and offset: rho 1, ratio 1/2, nothing lost."""
+    """The same movement at half the amplitude, later and offset: rho 1, ratio 1/2."""
     model = trajectory(there_and_back, amplitude=2.5e-3)
     data = trajectory(there_and_back, shift=0.07, origin="simulated", volunteer="v1")
     data["position"] += 0.02

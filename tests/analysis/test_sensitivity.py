@@ -1,4 +1,4 @@
-"""Axes that move the scores are told from those that do not."""
+"""Significance of axes with and without effect on the scores."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def factorial(**options: object) -> xr.Dataset:
 
 
 def one_strategy_moved(seed: int = 5, volunteers: int = 6) -> xr.Dataset:
-    """act_all rises in everyone, the others fall in some: their mean hardly moves."""
+    """act_all increases in all volunteers, the others decrease in some; their mean hardly changes."""
     base = simulated_scores(seed, volunteers=volunteers, instructions=6)
     rng = np.random.default_rng(seed)
     own = rng.normal(size=(volunteers, 3)) * [0.06, 0.15, 0.15] + [0.25, -0.05, -0.08]
@@ -79,7 +79,7 @@ def test_a_strategy_that_rises_in_everyone_is_not_lost_in_the_mean_of_all() -> N
         "normalisation_reach = session, act_all (+0.23 in z, rises in 6 of 6)"
         in (found.attrs["summary"])
     )
-    # The pooled test of raw rho, which once gave the verdict, sees nothing.
+    # A pooled test of raw rho would not be significant.
     raw = cube["rho"].sel(normalisation_reach="session", drop=True) - cube["rho"].sel(
         normalisation_reach="trial", drop=True
     )

@@ -1,4 +1,4 @@
-"""The sign-flip test against enumeration, SciPy and the example it was invented for."""
+"""Sign-flip test compared with enumeration, SciPy and Fisher's example."""
 
 import itertools
 
@@ -99,7 +99,7 @@ def test_joint_p_by_enumeration() -> None:
 
 
 def test_pairs_by_hand() -> None:
-    """Differences within trial and marker, over repetitions first, then over the rest."""
+    """Differences within trial and marker, averaged over repetitions, then over the others."""
     cube = fail(simulated_scores(2), volunteer="v2", instruction="i1", repetition=1)
     cube = fail(cube, volunteer="v3", instruction="i2", strategy="act_3")
     cube["rho"].loc[{"volunteer": "v4", "marker": "marker_1", "strategy": "act_all"}] = np.nan

@@ -21,7 +21,7 @@ LEVELS = {
 def study(
     volunteers: int = 6, *, spread: float = 0.02, seed: int = 0, **levels: float
 ) -> xr.Dataset:
-    """Scores of 0.86 on average with a deviation of each volunteer, beside constant baselines."""
+    """Scores of 0.86 on average with a deviation of each volunteer, and constant baselines."""
     base = simulated_scores(seed, volunteers=volunteers, instructions=2, repetitions=2, markers=3)
     rng = np.random.default_rng(seed)
     own = rng.normal(0, spread, volunteers)
@@ -66,7 +66,7 @@ def test_few_volunteers_have_no_interval(n: int) -> None:
 
 @pytest.mark.slow
 def test_interval_covers_the_true_gain() -> None:
-    """100 studies of six volunteers: 0.95 within what 100 draws allow (0.87 is 3.7 errors off)."""
+    """Coverage 0.95 in 100 studies of six volunteers (0.87 is 3.7 standard errors below)."""
     inside = 0
     for seed in range(100):
         cube = study(6, spread=0.03, seed=seed).isel(strategy=[0])

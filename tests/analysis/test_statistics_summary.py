@@ -1,4 +1,4 @@
-"""Every test gives a labelled result, whatever the cube; planted differences are found."""
+"""Results of all tests for various cubes, and detection of planted differences."""
 
 from functools import partial
 
@@ -180,7 +180,7 @@ def test_table_lists_every_test() -> None:
 
 @pytest.mark.slow
 def test_size_and_coverage_for_six_volunteers() -> None:
-    """Exact tests have their exact size, 2/64; where a method does not hold, the table says so."""
+    """Exact tests have their exact size, 2/64; deviations of other methods are stated in the table."""
     found = calibration(simulations=200, seed=50, instructions=6)
     nominal = {"sign flip": 2 / 64, "Wilcoxon": 2 / 64, "mixed model": 0.05, "equivalence": 0.05}
 
@@ -194,7 +194,7 @@ def test_size_and_coverage_for_six_volunteers() -> None:
     assert abs(away("sign flip", "coverage", 62 / 64)) < 4
     assert abs(away("Wilcoxon", "coverage", 62 / 64)) < 4
     assert abs(away("mixed model", "coverage", 0.95)) < 4
-    # Cautious where the interactions are small: never above its size.
+    # Conservative for small interactions: never above its nominal size.
     assert away("mixed model, instructions", "size", 0.05) < 3
     assert away("mixed model, instructions", "coverage", 0.95) > -3
     assert abs(away("equivalence", "coverage", 0.90)) < 4

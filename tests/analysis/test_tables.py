@@ -1,4 +1,4 @@
-"""Tables say the same as the descriptives, in every format, and where the data come from."""
+"""Tables agree with the descriptives in every format and state the origin of the data."""
 
 import csv
 import io

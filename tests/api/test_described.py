@@ -1,4 +1,4 @@
-"""Short descriptions of what a prompt or a notebook shows."""
+"""Short descriptions of objects in a prompt or a notebook."""
 
 import numpy as np
 import xarray as xr

@@ -1,4 +1,4 @@
-"""The public module: what its import brings, what it offers, and that its names do not collide."""
+"""Public module: imported packages, names, and their collisions."""
 
 import importlib
 import inspect
@@ -53,7 +53,7 @@ def test_a_function_and_a_package_share_a_name(fresh):
     assert fresh[4:] == ["emgface.face.accuracy", True]
     assert "resolution" in inspect.signature(ef.face).parameters
     assert "workers" in inspect.signature(ef.study).parameters
-    from emgface.face.file import load_face  # the package is still one
+    from emgface.face.file import load_face  # still a package
 
     assert callable(load_face)
 

@@ -1,4 +1,4 @@
-"""The measurements of the package itself, on small cases."""
+"""Measurements of the package on small cases."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 @pytest.fixture(scope="module")
 def measured(coarse) -> Found:
     settings = [
-        # steps of at most an output, since longer ones end at outputs where the activation bends
+        # Longer steps end at outputs at which the activation changes its slope.
         Setting("Euler", "10 ms", sim.ConvergedEuler(), sim.HalvingStep(0.01)),
         Setting("Euler", "5 ms", sim.ConvergedEuler(), sim.HalvingStep(0.005)),
         Setting("SDIRK2", "10 ms", sim.Sdirk2(), sim.HalvingStep(0.01)),
@@ -95,7 +95,7 @@ def test_errors_are_those_of_positions_and_of_scores():
     assert shifted["error max mm"] == pytest.approx(np.sqrt(3.0), rel=1e-9)
     assert shifted["change of rho"] == pytest.approx(
         0.0, abs=1e-9
-    )  # rho does not see where a marker is
+    )  # rho does not depend on the position of a marker
     late = errors(motion(np.roll(wave, 1, axis=2)), motion(wave), other)
     # of the angle between two waves: one step later is one step nearer to the other
     assert late["change of rho"] == pytest.approx(
@@ -147,7 +147,7 @@ def test_the_battery_has_no_wrong_answers_and_converged_solvers_survive():
     assert jump["SDIRK2"] == jump["static"] == "all"
     assert jump["linearly implicit Euler"] == "100 (InvertedElement)"
     assert jump["RK4"] == ""
-    # a refusal that is the right answer is no limit
+    # An expected refusal is not a limit.
     assert table.loc["noise of the start [edges]", "Euler"] == "all"
 
 
@@ -237,6 +237,6 @@ def test_a_fresh_process_tells_its_phases_and_its_memory():
     seconds, peak = start.first_result(None, "pointwise")
     assert list(seconds) == list(start.PHASES)
     assert min(seconds.values()) > 0.0
-    assert 1e8 < peak < 1e9  # an interpreter with numba needs a tenth of a gigabyte
+    assert 1e8 < peak < 1e9  # an interpreter with numba uses 0.1 GB
     with pytest.raises(DataError, match="new process failed: .*nowhere"):
         start.first_result(Path("nowhere.nc"), "pointwise")

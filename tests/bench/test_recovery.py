@@ -1,4 +1,4 @@
-"""The chain recovers known activations, and noise and cross-talk cost what they must."""
+"""Recovery of known activations by the chain, and effects of noise and cross-talk."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_without_noise_and_cross_talk_the_truth_is_recovered(found) -> None:
     # EMG of 200 ms has some 20 independent samples of its noise: 15 % of the amplitude
     assert float(best["shape_error"].sel(chain="reference").median()) < 0.25
     assert float(best["error"].sel(chain="reference").median()) < 0.08
-    # normalised to each trial, the estimate reaches 1 where the truth reaches 0.6 and less
+    # Normalised per trial, the estimate has the maximum 1, the truth 0.6 or less.
     assert float(best["error"].sel(chain="trial").median()) > 0.15
 
 

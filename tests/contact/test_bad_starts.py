@@ -1,6 +1,6 @@
-"""What no method may stumble over: an answer that is right, or an error that says where.
+"""Contact with invalid or difficult initial states: a correct result, or a located error.
 
-Nothing here may hang: every iteration of contact is counted, and so ends.
+All iterations of contact are bounded, so that no case can hang.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ BLOCK = (0.02, 0.02, 0.01)
 
 
 def refused(method, mesh, pairing, *terms, reductions=()):
-    """System, or the error of a start that is refused: it must name the pairing and a node."""
+    """System, or the error of a refused start, which must contain the pairing and a node."""
     try:
         return system_of(mesh, contact_of(method, (pairing,)), *terms, reductions=reductions), None
     except sim.ContactFailure as error:
@@ -39,7 +39,7 @@ def refused(method, mesh, pairing, *terms, reductions=()):
 @pytest.mark.parametrize("depth", [0.0, 1e-9, 1e-4, 4e-3])
 @pytest.mark.parametrize("shift", [0.005, 0.0037], ids=["node on node", "node on face"])
 def test_a_tangled_start_is_refused_or_goes_no_deeper(method, integrator, depth, shift):
-    """From exactly touching to nearly a cell deep: at rest nothing moves, under weight nothing sinks."""
+    """Without load the overlapping bodies stay at rest; under gravity depths do not increase."""
     mesh, a, b = two_bodies(
         grid((4, 4, 2), BLOCK), grid((2, 2, 2), (0.01, 0.01, 0.01)), [shift, shift, 0.01 - depth]
     )
@@ -67,7 +67,7 @@ def test_a_tangled_start_is_refused_or_goes_no_deeper(method, integrator, depth,
 def test_blocks_whose_sides_and_nodes_coincide_are_refused_or_rest_on_each_other(
     method, integrator, depth
 ):
-    """Whatever rounding makes of their touch; overlapped by more they stay where they are at rest."""
+    """For any rounding of the contact; with a larger overlap they stay at rest."""
     mesh, a, b = two_bodies(grid((2, 2, 2), BLOCK), grid((2, 2, 2), BLOCK), [0, 0, 0.01 - depth])
     system, error = refused(method, mesh, sim.Pairing(a, b))
     if error is not None:
@@ -97,7 +97,7 @@ def test_a_shell_that_starts_in_the_tissue_is_felt_by_nothing_at_rest(method, in
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 def test_a_block_rests_on_an_open_sheet_and_falls_past_its_free_edge(method, integrator):
-    """No method needs an inside: a sheet has a front, and holds what is over it alone."""
+    """An open sheet has a front, and supports only the part of the block above it."""
     mesh = grid((2, 2, 1), BLOCK)
     lowest = {}
     for shift in (0.0, 0.2):
@@ -112,7 +112,7 @@ def test_a_block_rests_on_an_open_sheet_and_falls_past_its_free_edge(method, int
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 def test_a_block_that_hangs_over_the_free_edge_of_a_sheet_tips_over_it(method, integrator):
-    """Its middle is past the edge: contact with a free edge, and with what is behind it."""
+    """Its centre is beyond the edge: contact with a free edge, and with the faces behind it."""
     mesh = grid((4, 2, 1), (0.04, 0.02, 0.01))
     sheet = square(-clearance_of(method))
     sheet = sim.RigidShell(sheet.vertices + [-0.085, 0, 0], sheet.triangles, "sheet")
@@ -124,7 +124,7 @@ def test_a_block_that_hangs_over_the_free_edge_of_a_sheet_tips_over_it(method, i
 
 
 def lips():
-    """Two lips that open like a book and share two nodes of their corner, at x = 0."""
+    """Two lips that open like a book and have two common nodes at their corner, at x = 0."""
     lower, upper = grid((6, 3, 1), (0.03, 0.018, 0.004)), grid((6, 1, 1), (0.027, 0.006, 0.004))
     n, m = len(lower.X), len(upper.X)
     X = np.vstack([lower.X, upper.X + [0, 0.006, 0.004]])
@@ -146,7 +146,7 @@ def lips():
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_lips_that_share_a_corner_feel_nothing_at_rest_and_close(method, integrator, friction):
-    """Also where the forces, and so what friction bounds, are as small as what iterations leave."""
+    """Also if the forces, and the bounds of friction, are as small as iteration errors."""
     mesh, lower, upper = lips()
     X = mesh.X
     pairing = sim.Pairing(lower, upper)
@@ -164,7 +164,7 @@ def test_lips_that_share_a_corner_feel_nothing_at_rest_and_close(method, integra
     _, gap, force = sim.Contacts().record(system, end, system.control(np.zeros(0)), None)
     allowed = clearance_of(method)
     assert -1e-5 < gap[0] <= allowed + 1e-6 and force[0] > 2e-4
-    # the tip of the upper lip over the middle of the lower one, which is a line from node to node
+    # the tip of the upper lip above the middle of the lower one, a line between nodes
     middle = lower.nodes[np.isclose(X[lower.nodes, 1], 0.006) & (X[lower.nodes, 2] > 0.003)]
     x, _, z = end.q[tips[1][X[tips[1], 1] < 0.007].min()]
     height = z - np.interp(x, end.q[middle, 0], end.q[middle, 2])
@@ -180,7 +180,7 @@ def flat_triangle():
 
 @pytest.mark.parametrize("method", CONTACTS)
 def test_surfaces_that_do_not_fit_the_mesh_are_refused_with_their_place(method):
-    """What is wrong with the triangles alone is refused before any method sees them."""
+    """Invalid triangles are refused independently of the method."""
     mesh, flat = flat_triangle()
     whole = sim.boundary_surface(mesh, "skin")
     bad = {
@@ -202,7 +202,7 @@ def test_surfaces_that_do_not_fit_the_mesh_are_refused_with_their_place(method):
 
 
 def rising(speed, height):
-    """Plate under a block, that rises at a speed [m/s]."""
+    """Plate that rises at a speed [m/s] below a block."""
 
     def motion(t):
         return np.eye(3), np.array([0.0, 0.0, speed * t])
@@ -213,7 +213,7 @@ def rising(speed, height):
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("speed", [1.0, 100.0])
 def test_a_shell_moved_too_far_in_one_step_is_followed_or_refused(method, integrator, speed):
-    """By a cell and by hundred blocks; the given state stays, and smaller steps of the first serve."""
+    """By a cell and by a hundred blocks; the given state is unchanged, and smaller steps succeed."""
     mesh = grid((2, 2, 2), BLOCK)
     pairing = sim.Pairing(sim.boundary_surface(mesh, "block"), rising(speed, -1e-3))
     system = system_of(mesh, contact_of(method, (pairing,)))
@@ -256,7 +256,7 @@ def test_a_position_or_velocity_that_is_no_number_is_refused(method, integrator,
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 def test_a_contact_without_a_free_vertex_pushes_nothing(method, integrator):
-    """A held block that a plate overlaps, beside one that falls freely."""
+    """A fixed block overlapped by a plate, beside a falling one."""
     mesh, a, b = two_bodies(grid((1, 1, 1), BLOCK), grid((1, 1, 1), BLOCK), [0.1, 0, 0])
     for height in (-1e-3, 0.0, 2e-3):
         pairing = sim.Pairing(a, square(height))

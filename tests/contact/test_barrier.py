@@ -1,4 +1,4 @@
-"""The barrier: derivatives, the limit of a step, and what it refuses."""
+"""Barrier contact: derivatives, limit of a step, and errors."""
 
 import subprocess
 import sys
@@ -88,7 +88,7 @@ def test_force_is_the_derivative_of_the_energy():
 
 
 def test_tangent_of_plane_contact_is_the_derivative_of_the_force():
-    """Where the normals do not turn, nothing is left out."""
+    """For constant normals, the stiffness omits no term."""
     system, term = body_over(sheet(), 1e-4, stiffness=1e4)
     q = system.scene.mesh.X - [0.0, 0.0, 6e-5]
     _, f, K = alone(term, system, q, tangent=True)
@@ -129,7 +129,7 @@ TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
 def test_a_step_is_stopped_before_every_pair_as_brute_force_finds_it():
-    """1000 random moves of two tetrahedra towards and past each other."""
+    """1000 random displacements of two tetrahedra towards and past each other."""
     rng = np.random.default_rng(5)
     corners = np.vstack([np.zeros(3), np.eye(3)]) * 0.01
     X = np.vstack([corners, corners + 0.1])
@@ -152,7 +152,7 @@ def test_a_step_is_stopped_before_every_pair_as_brute_force_finds_it():
             assert len(entered.point) == 0
         after = brute_gaps(end[:4], end[4:], TETRAHEDRON)
         assert after.min() > 0.0
-        if share < 1.0:  # little is left of some distance
+        if share < 1.0:  # The step was limited.
             stopped += 1
             before = brute_gaps(q0[:4], q0[4:], TETRAHEDRON)
             left.append((after / before).min())
@@ -175,7 +175,7 @@ def test_a_body_thrown_through_a_thin_sheet_in_one_step_is_stopped(side):
 
 
 def test_moves_that_are_stopped_again_and_again_never_close_the_gap():
-    """Each leaves a tenth of the gap to a nanometre, which double precision still tells from nothing."""
+    """Each leaves a tenth of the gap, down to a nanometre, the limit of double precision."""
     system, _ = body_over(sheet(), 3e-4)
     q, control = system.scene.mesh.X.copy(), system.control(REST)
     for _ in range(14):
@@ -210,7 +210,7 @@ def test_friction_is_the_derivative_of_its_potential_and_opposes_the_slip():
 
 
 def test_a_shell_takes_the_tissue_along_and_presses_it():
-    """Two plates close on a block by 30 % in large steps; the block stays between them."""
+    """Two plates compress a block by 30 % in large steps; the block stays between them."""
     mesh = grid((3, 3, 3))
     lid = sheet(1, z=0.0201, name="lid", motion=lambda t: (np.eye(3), [0.0, 0.0, -0.06 * t]))
     lid = sim.RigidShell(lid.vertices, lid.triangles[:, ::-1], "lid", lid.motion)
@@ -229,7 +229,7 @@ def test_a_shell_takes_the_tissue_along_and_presses_it():
     )
     assert end.q[:, 2].max() < 0.0201 - 0.006 and end.q[:, 2].min() > -1e-4
     assert record.rejected.sum() == 0
-    # what is pressed bulges
+    # lateral expansion
     assert end.q[:, 0].max() > 0.0205 and end.q[:, 0].min() < -0.0005
 
 
@@ -260,7 +260,7 @@ def test_every_iterating_integrator_ends_in_the_same_equilibrium(integrator):
 
 
 def test_what_lies_beyond_reach_is_bounded_from_above_on_the_diagonal():
-    """An upper block that has slid by 15 mm; the scene with all places holds the stiffness itself."""
+    """An upper block displaced by 15 mm; the scene with all couplings has the exact stiffness."""
     matrices = []
     for reach in (0.05, 1e-4):
         mesh, a, b = two_blocks(2e-4, below=(6, 6, 1), above=(6, 5, 1))
@@ -281,7 +281,7 @@ def test_what_lies_beyond_reach_is_bounded_from_above_on_the_diagonal():
 
 
 def test_tissue_that_starts_inside_a_shell_feels_nothing_and_stays():
-    """A block that overlaps a tilted floor by up to 1.5 mm rests where it is under its weight."""
+    """A block that overlaps a tilted floor by up to 1.5 mm stays at rest under its weight."""
     floor = sheet(20, half=0.03)
     tilted = floor.vertices + [0.0, 0.0, 1.0] * (1e-3 + 0.03 * floor.vertices[:, :1])
     floor = sim.RigidShell(tilted, floor.triangles, "floor")
@@ -296,7 +296,7 @@ def test_tissue_that_starts_inside_a_shell_feels_nothing_and_stays():
     energy, f, _ = alone(system.terms[-1], system, mesh.X)
     assert energy == 0.0 and not f.any()
     _, end = sim.simulate(system, sim.resting(0), duration=0.2, probes=())
-    # dents are as wide as the triangles of the shell, so that it settles a little
+    # The offset extends over triangles of the shell, so that the block sinks slightly.
     assert -2.5e-4 < (end.q - mesh.X)[:, 2].min()
 
 

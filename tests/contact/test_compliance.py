@@ -1,4 +1,4 @@
-"""Rows in the space of their forces, against dense matrices and against rows in the matrix."""
+"""Contact forces by the Schur complement, compared with dense and with assembled matrices."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ SCALE = 1e-4
 
 
 def block(n=(3, 3, 3)):
-    """A held block and the matrix of a step, as values and whole."""
+    """A fixed block and the matrix of a step, as values and dense."""
     mesh = grid(n, (0.03, 0.03, 0.03), distort=0.2)
     held = sim.Fixed(np.flatnonzero(mesh.X[:, 2] < 1e-9))
     system = system_of(mesh, reductions=(held,))
@@ -42,7 +42,7 @@ def block(n=(3, 3, 3)):
 
 
 def rows_of(mesh, k, rng):
-    """Vertices anywhere against faces anywhere, the last a rigid one."""
+    """Rows of random vertices and faces, the last one rigid."""
     nodes = np.array([rng.permutation(mesh.n_nodes)[:4] for _ in range(k)])
     weight = np.c_[np.ones(k), -rng.dirichlet(np.ones(3), k)]
     nodes[-1], weight[-1, 1:] = mesh.n_nodes - 1, 0.0
@@ -87,7 +87,7 @@ def test_directions_are_those_of_the_gaps():
 
 
 def compliance_of(whole, asked=None):
-    """Compliance of a dense matrix; the numbers of right-hand sides go to `asked`."""
+    """Compliance of a dense matrix; the numbers of right-hand sides are appended to `asked`."""
 
     def solve_many(rhs):
         if asked is not None:
@@ -133,7 +133,7 @@ def test_rows_know_how_they_give_way_also_beside_others():
 
 @pytest.mark.parametrize("answers", [3, 2 * LEARNT])
 def test_a_compliance_learns_that_the_body_became_stiffer(answers):
-    """Every answer is known from then on; it stays symmetric and positive definite."""
+    """All later products agree; it remains symmetric and positive definite."""
     mesh, system, _, whole = block()
     rng = np.random.default_rng(5)
     D = directions(system.pattern, rows_of(mesh, 9, rng))
@@ -156,7 +156,7 @@ def test_a_compliance_learns_that_the_body_became_stiffer(answers):
     left = np.abs(again - D @ (D @ now).T).max()
     assert left < (0.9 if answers == 3 else 0.2) * before
     assert np.linalg.eigvalsh(again)[0] > 0.0
-    # what is asked for only now is of the body as it was, and fits in
+    # Columns computed only now are those of the initial body, with the same updates.
     more = directions(system.pattern, rows_of(mesh, 30, rng))
     assert np.isfinite(compliance.between(more, more)).all()
 
@@ -170,13 +170,13 @@ def test_what_is_known_teaches_nothing_and_no_motion_is_no_answer():
     missed, size = rows.learn(f, motion)
     assert missed < 1e-9 * size
     assert rows.learn(np.zeros(5), np.zeros(len(whole))) == (0.0, 0.0)
-    # a motion against the force is no answer of a body
+    # A displacement against the force is not physical.
     assert rows.learn(f, -motion)[0] == pytest.approx(2.0 * size)
     np.testing.assert_array_equal(rows.among(np.arange(5)), before)
 
 
 def positive(n, rng, condition=1e4):
-    """A dense symmetric matrix of that condition."""
+    """A dense symmetric matrix with a given condition number."""
     Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
     return (Q * np.geomspace(1.0, condition, n)) @ Q.T
 
@@ -195,7 +195,7 @@ def test_what_pushes_is_found_from_any_guess(seed):
 
 
 def test_a_search_that_cycles_ends_all_the_same(monkeypatch):
-    """Without a single change of the guess the least squares find it."""
+    """Without any update of the active set, the least-squares method finds the solution."""
     rng = np.random.default_rng(1)
     G, c = positive(12, rng), rng.normal(size=12)
     expected = pushes(G, c, c < 0.0)
@@ -239,7 +239,7 @@ def test_secants_of_an_inverse_are_those_of_the_recursion():
 
 
 def test_rows_apart_and_rows_in_the_matrix_lead_to_the_same_motion(monkeypatch):
-    """A block that falls on a softer one which lies on a floor."""
+    """A block falls on a softer one on a floor."""
     mesh, *surfaces = two_bodies(
         grid((3, 3, 2), (0.03, 0.03, 0.02)),
         grid((2, 2, 2), (0.02, 0.02, 0.02)),
@@ -258,7 +258,7 @@ def test_rows_apart_and_rows_in_the_matrix_lead_to_the_same_motion(monkeypatch):
 
 @pytest.mark.parametrize(("h", "seed"), [(0.02, 3), (0.02, 5), (0.01, 8)])
 def test_hard_landings_settle(h, seed):
-    """Blocks that meet at ten to a hundred times their weight, in few long steps, at any place."""
+    """Blocks in contact with ten to a hundred times their weight, in few long steps."""
     rng = np.random.default_rng(seed)
     mesh, *surfaces = two_bodies(
         grid((3, 2, 2), (0.03, 0.03, 0.02), distort=0.15),
@@ -294,14 +294,14 @@ def test_a_step_may_change_from_the_one_to_the_other(monkeypatch, linear):
         assert (work.form(system, state) is system.apart) is apart
         state, report = sim.ConvergedEuler().step(system, state, control, 0.01, work)
         assert report.factorisations >= 1
-    # another integrator, whose rows are in its matrix, may go on with the same memory
+    # An integrator with assembled rows can continue with the same memory.
     state, _ = sim.LinearlyImplicitEuler().step(system, state, control, 0.01, work)
     state, _ = sim.ConvergedEuler().step(system, state, control, 0.01, work)
     assert abs(state.q[:, 2].min()) < 1e-5
 
 
 def test_rows_that_do_not_rub_have_no_places_in_the_matrix_of_a_step():
-    """Two bodies that may touch: the matrix is that of both without a contact."""
+    """The matrix of two bodies is that without contact."""
     mesh, *surfaces = two_bodies(
         grid((2, 2, 2), (0.02, 0.02, 0.02)), grid((2, 2, 2), (0.02, 0.02, 0.02)), [0, 0, 0.0205]
     )
@@ -315,7 +315,7 @@ def test_rows_that_do_not_rub_have_no_places_in_the_matrix_of_a_step():
     assert without.apart is None
     work = sim.Workspace(rubs)
     assert work.form(rubs, rubs.rest_state()) is rubs
-    # equilibrium finds what holds a body by its rows in the matrix
+    # In equilibrium, assembled rows determine the contact forces.
     assert sim.Workspace(system).form(system) is system
 
 
@@ -330,7 +330,7 @@ def test_conditions_keep_rows_in_the_matrix():
 @pytest.mark.parametrize("learns", [True, False])
 @pytest.mark.parametrize("wrong", [1e3, 1e-3, -1.0])
 def test_a_compliance_that_misleads_is_corrected_or_found_anew(monkeypatch, wrong, learns):
-    """Of a body a thousand times as soft or stiff, or of none at all: the motion is the same."""
+    """Of a body a thousand times as soft or stiff, or random: the motion is the same."""
     if not learns:
         monkeypatch.setattr(RowCompliance, "learn", lambda *_: (0.0, 0.0))
     system = lying()

@@ -1,4 +1,4 @@
-"""Directions of rows from step to step: those of faces that turn, and of vertices that slide."""
+"""Contact normals in successive steps, for rotating faces and sliding vertices."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ def tilted(angle):
 
 
 def test_they_turn_with_a_plate():
-    """A plate that tilts at 1 rad/s with a block that friction holds: rows are square to the plate."""
+    """A plate that tilts at 1 rad/s with a sticking block: normals are perpendicular to the plate."""
     mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
     plate = box([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0], "plate", lambda t: (tilted(t), np.zeros(3)))
     contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), plate),), friction=2.0)
@@ -36,14 +36,14 @@ def test_they_turn_with_a_plate():
 
 @pytest.fixture
 def stacked():
-    """Two blocks on each other, the upper one smaller, and their contact."""
+    """A smaller block on another one, and their contact."""
     low, high = grid((2, 2, 1), (0.02, 0.02, 0.01)), grid((1, 1, 1), (0.01, 0.01, 0.01))
     mesh, *surfaces = two_bodies(low, high, [0.004, 0.003, 0.01])
     return mesh, system_of(mesh, sim.ConstraintContact((sim.Pairing(*surfaces),)))
 
 
 def started(system, q, direction, v=0.0):
-    """Positions q, where every vertex has been held along a direction."""
+    """Initial state with given contact normals of all vertices."""
     state = system.rest_state()
     memory = np.zeros_like(system.contact.remembered(state.memory, state.q, 0.0))
     memory[:, DIRECTION] = direction

@@ -1,4 +1,4 @@
-"""Nothing that is written out lies inside what it touches, wherever outputs fall among steps."""
+"""Positions at outputs are free of penetrations, at any times between steps."""
 
 import numpy as np
 import pytest
@@ -63,7 +63,7 @@ def test_a_cube_flung_at_a_floor_is_above_it_in_every_output(method, integrator,
 @pytest.mark.parametrize("speed", [0.1, 0.3])
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 def test_bodies_flung_at_each_other_are_apart_in_every_output(method, integrator, speed):
-    """Measured by winding numbers, apart from the search that contact itself uses."""
+    """Measured by winding numbers, independently of the search of contact."""
     one = grid((2, 2, 1), (0.02, 0.02, 0.01))
     mesh, lower, upper = two_bodies(one, one, [0.001, 0.0013, 0.013])
     half = len(one.X)

@@ -1,4 +1,4 @@
-"""Search against a comparison of every point with every face, and against SciPy."""
+"""Search compared with all pairs of points and faces, and with SciPy."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_nearest_faces_are_those_of_brute_force_on_1000_configurations():
             )
             at = np.flatnonzero(found.point == i)
             if d.min() < radius**2:
-                # of faces that share the nearest point any may be found
+                # Of faces with a common nearest point any may be found.
                 assert d[found.face[at[0]]] == pytest.approx(d.min(), rel=1e-12), case
                 assert found.value[at[0]] ** 2 == pytest.approx(d.min(), rel=1e-12)
             else:
@@ -103,9 +103,9 @@ def first_entry(p0, p1, x0, x1, triangle, t):
 
 
 def test_entered_faces_are_those_of_brute_force_on_1000_configurations():
-    """Brute force: sign changes of the volume of point and face over 2000 instants, face by face.
+    """Brute force: sign changes of the volume of point and face at 2000 instants, for each face.
 
-    Sampling cannot tell which side of an edge a point passes by a hair; such cases are left out.
+    Cases in which a point passes very close to an edge are omitted.
     """
     rng = np.random.default_rng(2)
     t = np.linspace(0.0, 1.0, 2001)
@@ -128,11 +128,11 @@ def test_entered_faces_are_those_of_brute_force_on_1000_configurations():
             assert found.value[0] == pytest.approx(best, abs=1e-3)
             assert found.face[0] == which
             entered += 1
-    assert entered > 100  # the comparison has something to compare
+    assert entered > 100  # sufficient number of cases
 
 
 def bumpy_sheet(rng):
-    """Some hundred small faces of many sizes, and two that reach over all of them."""
+    """Some hundred small faces of various sizes, and two that span all of them."""
     sheet = grid((20, 15, 1), (1.0, 0.7, 0.3)).X - [0.5, 0.35, 0.15]
     x = np.r_[sheet + 0.01 * rng.normal(size=sheet.shape), [[-2.0, -2, 0], [3, -2, 0.5], [0, 4, 0]]]
     near = np.argsort(((sheet[:, None] - sheet) ** 2).sum(axis=2), axis=1)[:, 1:9]
@@ -202,13 +202,13 @@ def test_results_are_kept_for_the_latest_positions():
     assert len(calls) == 2
     recent(c)
     assert recent(a) == 3.0
-    assert len(calls) == 4  # a had to go
+    assert len(calls) == 4  # a was no longer cached
     a[0] = 5.0
     assert recent(a) == 7.0
 
 
 def test_signed_distance_against_half_spaces():
-    """A convex polyhedron is the common part of the half-spaces of its faces."""
+    """A convex polyhedron is the intersection of the half-spaces of its faces."""
     x, triangles = hull(40, 3)
     shell = sim.RigidShell(x, triangles)
     p = np.random.default_rng(4).normal(size=(500, 3)) * 0.7

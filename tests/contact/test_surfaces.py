@@ -1,4 +1,4 @@
-"""What can touch: closed forms of a box, and a located error for every surface that is unusable."""
+"""Contact surfaces: closed forms of a box, and located errors of invalid surfaces."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""MATLAB and HDF5 arrays, tables without labels and counts of a converter, by their sidecar."""
+"""MATLAB and HDF5 arrays, tables without labels and converter counts with sidecars."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""EMG-BIDS and Motion-BIDS: what is written follows the rules and is read back the same."""
+"""EMG-BIDS and Motion-BIDS: rules of the standard, and files read back."""
 
 import json
 from pathlib import Path
@@ -255,7 +255,7 @@ def test_the_published_examples(shared: Path) -> None:
     first = positions["position"].sel(marker="sacrum").values[:, 0]
     np.testing.assert_array_equal(first, np.array([89.1437, 114.9735, 112.8298]) / 1e3)
     assert "contains 1 s of the 620.453 s" in note(positions, "dropped")[motion.name]
-    # Both lack a column that the specification demands since the examples were made.
+    # Both lack a column that a later version of the specification requires.
     for folder in (face, many):
         assert bids_problems(folder) == [
             "sub-01_electrodes.tsv lacks the column 'coordinate_system'"

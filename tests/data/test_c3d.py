@@ -1,4 +1,4 @@
-"""C3D: a small file of our own, and a real one against the raw arrays of ezc3d."""
+"""C3D: a generated file, and a real one compared with the arrays of ezc3d."""
 
 import json
 from pathlib import Path
@@ -73,7 +73,7 @@ def test_a_mapped_file_is_a_study_recording(tmp_path: Path) -> None:
     trial = read_recording(tmp_path / "trial.c3d", mapping=study_mapping(), study=True)
     assert tuple(trial["channel"].values) == CHANNELS
     assert tuple(trial["marker"].values) == MARKERS
-    # C3D holds single precision: 2^-24 relative is what the format itself loses.
+    # C3D has single precision, with a relative rounding error of 2^-24.
     np.testing.assert_allclose(trial["emg"], analogs[:14] / 1e3, rtol=2**-23, atol=0)
     expected = points.transpose(1, 0, 2) / 1e3
     np.testing.assert_allclose(trial["position"], expected, rtol=2**-23, atol=0)

@@ -1,4 +1,4 @@
-"""Each fault of a recording is found, with the channel or marker that has it."""
+"""Faults of a recording, with their channel or marker."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""Readers are found by suffix; folders are searched; a bad trial stops no other."""
+"""Selection of readers by suffix, search of folders, and invalid trials among valid ones."""
 
 import hashlib
 import shutil

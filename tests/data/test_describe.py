@@ -1,4 +1,4 @@
-"""Drafts of sidecars: what is seen, what is guessed, and that the reader accepts them confirmed."""
+"""Drafts of sidecars: facts, guesses, and their use after confirmation."""
 
 import gzip
 import tomllib
@@ -25,7 +25,7 @@ def rows(columns, delimiter: str, decimal: str = ".", digits: int = 6) -> list[s
 
 
 def table(case: str) -> tuple[str, bytes]:
-    """Name and content of a table as some laboratory would export it."""
+    """Name and content of a table in the format of some laboratory."""
     uv, mv, ms = 1e6 * EMG, 1e3 * EMG, 1e3 * TIME
     if case == "decimal commas":
         lines = ["Zeit [ms];Zyg L [mV];Zyg R [mV]", *rows([ms, *mv], ";", ",")]
@@ -166,7 +166,7 @@ def test_what_is_no_table_is_refused(tmp_path: Path, name: str, content: bytes, 
 
 
 def test_ambiguous_commas_are_a_guess(tmp_path: Path) -> None:
-    """One column of 1,5 is as well two columns of whole numbers."""
+    """ "1,5" may be one decimal number or two integers."""
     (tmp_path / "a.csv").write_text("\n".join(f"{k % 7},{k % 5}" for k in range(300)))
     found = text_layout(tmp_path / "a.csv")
     assert (found.delimiter, found.decimal, found.sure) == (",", ".", False)

@@ -1,4 +1,4 @@
-"""EDF and BDF: files of edfio and files packed here byte by byte, whole, cut and contradictory."""
+"""EDF and BDF: files of edfio and byte by byte, complete, truncated and contradictory."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Clocks put together, trials cut and repetitions found, against what was put in."""
+"""Synchronisation of clocks, trials and repetitions, compared with known values."""
 
 from pathlib import Path
 

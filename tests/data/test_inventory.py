@@ -1,4 +1,4 @@
-"""Folders with bad files among good ones: each has its row, whatever went wrong with it."""
+"""Inventory of folders with valid and invalid files."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def table_of(folder: Path, name: str, rate: float, seconds: float = 10.0) -> Pat
 @pytest.mark.parametrize("rate", [0.2, 0.5, 1.0, 2.0, 10.0, 30.0, 33.0, 34.0, 66.0, 67.0, 100.0])
 @pytest.mark.parametrize("seconds", [0.5, 10.0])
 def test_slow_recordings_are_examined(tmp_path: Path, rate: float, seconds: float) -> None:
-    """A channel that holds less than an octave of the pass-band cannot be used, and that is said."""
+    """A channel with less than an octave of the pass-band cannot be used."""
     table = check_recording(read_recording(table_of(tmp_path, "a", rate, seconds)))
     if rate * seconds < 2 or rate >= 67.0:
         return

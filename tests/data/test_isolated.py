@@ -1,4 +1,4 @@
-"""Parsers in a child process: a crash, a hang or an interruption costs a sentence, no more."""
+"""Parsers in a child process: crashes, hangs and interruptions become errors."""
 
 import ctypes
 import os
@@ -79,7 +79,7 @@ def test_a_parser_that_asks_for_all_memory_is_refused(file: Path) -> None:
 
 
 def test_a_damaged_nested_tag_of_matlab_is_a_sentence(tmp_path: Path) -> None:
-    """The type of an element within a structure: scipy's parser then reads where nothing is."""
+    """With an invalid type of an element in a structure, scipy's parser reads outside the data."""
     rng = np.random.default_rng(1)
     content = {
         "rec": {

@@ -1,4 +1,4 @@
-"""EMG is told from the other signals that a laboratory records."""
+"""Distinction of EMG from other recorded signals."""
 
 import json
 

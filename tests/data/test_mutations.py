@@ -1,4 +1,4 @@
-"""Damaged files: a typed error or a valid recording, in bounded time, whatever the damage."""
+"""Damaged files: a typed error or a valid recording, in bounded time."""
 
 import gzip
 import random
@@ -93,7 +93,7 @@ def matlab(folder: Path, version: int) -> tuple[Path, Path]:
 
 
 def nested(folder: Path, packed: bool) -> tuple[Path, Path]:
-    """MATLAB structures and cells within each other, small, so that most damage meets a tag."""
+    """Small nested MATLAB structures and cells, so that most damage affects a tag."""
     rng = np.random.default_rng(1)
     inner = {"t": np.arange(4.0), "cells": np.array([1.0, "b", {"c": 2}], dtype=object)}
     content = {"rec": {"emg": rng.normal(size=(6, 3)), "inner": inner}}
@@ -195,7 +195,7 @@ def mutated(whole: bytes, rng: random.Random) -> bytes:
 
 
 def attempt(path: Path) -> str:
-    """Read a file; return ok or the name of the error, and fail on anything untyped."""
+    """Read a file; return ok or the name of the error; fail on an untyped error."""
     began = time.process_time()
     try:
         with warnings.catch_warnings():
@@ -213,7 +213,7 @@ def attempt(path: Path) -> str:
     return outcome
 
 
-# The HDF5 library of netCDF runs in this process, which a crash of it would end.
+# The HDF5 library of netCDF runs in this process, which would end with its crash.
 @pytest.mark.parametrize("name", FORMATS)
 def test_damage_gives_a_typed_error(name: str, tmp_path: Path) -> None:
     """Forty times here; `python -m benchmarks mutations` does it 500 times, with limited memory."""
@@ -234,7 +234,7 @@ def test_damage_gives_a_typed_error(name: str, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def whole_files(tmp_path_factory) -> Callable[[str], tuple[Path, Path, bytes]]:
-    """Return a sound file of every format: what to open, what to damage, and its content."""
+    """Return a valid file of every format: path to open, file to damage, and its content."""
     found = {}
     for name, make in FORMATS.items():
         path, target = make(tmp_path_factory.mktemp("whole"))

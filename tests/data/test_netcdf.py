@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, and give back what was written."""
+"""NetCDF files: complete or absent, and read back without change."""
 
 import os
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The overview page shows every row, its verdict and that data are simulated."""
+"""Overview page: all rows with their verdicts, and the label of simulated data."""
 
 import numpy as np
 import xarray as xr

@@ -1,4 +1,4 @@
-"""TMSi Poly5: files packed here byte by byte, and a real one against a plain unpacking of it."""
+"""TMSi Poly5: files packed byte by byte, and a real one compared with its unpacked bytes."""
 
 import struct
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What labels of laboratories are taken to mean, and what is left to a person."""
+"""Proposed names of labels, and labels without a proposal."""
 
 import tomllib
 from pathlib import Path

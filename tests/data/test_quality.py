@@ -1,4 +1,4 @@
-"""Each fault is put into a clean signal, and measured and told as what it is."""
+"""Faults added to a clean signal, their measures and messages."""
 
 import numpy as np
 import pytest
@@ -89,8 +89,8 @@ def test_hum_is_measured_as_it_was_added(mains: float, amplitude: float) -> None
     found = mains_hum(values, RATE)
     added = amplitude**2 * (1 + 0.3**2) / 2
     assert found.frequency == mains
-    # Hum and muscle beat: over 8 s a line of 1/8 Hz holds 1/960 of a spectrum 120 Hz wide, and the
-    # product of both has that standard deviation; besides, the lines hold a part of the muscle's.
+    # Over 8 s a line of 1/8 Hz contains 1/960 of a spectrum 120 Hz wide, which determines the
+    # standard deviation of the product of hum and EMG; the lines also contain a part of the EMG.
     beat = np.sqrt(2 * added * plain / 960)
     assert found.rms**2 == pytest.approx(added, abs=3 * beat + 0.03 * plain)
     assert found.share == pytest.approx(added / (added + plain), abs=0.06)
@@ -104,7 +104,7 @@ def test_much_hum_is_told_and_removed() -> None:
     (sentence,) = problems(check_recording(dirty), "warning")
     assert sentence.startswith("channel ZYG_L: ") and "mains hum of 50 Hz" in sentence
     clean = remove_hum(dirty["emg"], 50.0)
-    # What is left is what the lines hold of the muscle's own spectrum, not of hum.
+    # The remaining power of the lines is that of the EMG, not of hum.
     never = emg_quality(remove_hum(emg(values), 50.0)).loc["ZYG_L", "hum"]
     assert emg_quality(clean).loc["ZYG_L", "hum"] == pytest.approx(never, abs=0.005)
     inner = slice(2048, -2048)
@@ -185,7 +185,7 @@ def test_cross_talk_is_found_with_its_delay() -> None:
     assert row["lag"] == 8 / RATE  # the first follows the second
     assert row["correlation"] == pytest.approx(np.sqrt(0.5), abs=0.05)
     values = noise()
-    values[7] = 0.8 * values[7] + 0.8 * values[0]  # OOS_R hears OOS_L
+    values[7] = 0.8 * values[7] + 0.8 * values[0]  # cross-talk of OOS_L
     found = problems(check_recording(recording(values)), "warning")
     assert any("channel OOS_L: shares" in text and "with OOS_R" in text for text in found)
 
@@ -247,7 +247,7 @@ def test_faces_of_many_shapes_are_not_suspected() -> None:
 
 
 def sided(sign: float) -> xr.Dataset:
-    """Return a mouth drawn left, right, left by the muscles of that side, or of the other."""
+    """Return a mouth drawn left, right, left by the muscles of the same or of the other side."""
     seconds = 8.0
     rng = np.random.default_rng(7)
     time = np.arange(int(seconds * RATE)) / RATE
@@ -287,7 +287,7 @@ def test_the_markers_of_a_generated_face_are_not_suspected() -> None:
 
 
 def test_lines_of_a_short_burst_are_no_hum() -> None:
-    """A trial of 1.8 s: bursts have strong lines by chance, hum is told from them."""
+    """In a trial of 1.8 s, bursts have strong lines by chance, which are distinguished from hum."""
     time = np.arange(round(1.8 * RATE)) / RATE
     burst = np.exp(-(((time - 0.9) / 0.3) ** 2))
     rng = np.random.default_rng(11)
@@ -299,7 +299,7 @@ def test_lines_of_a_short_burst_are_no_hum() -> None:
         chances.append(found.chance)
         shares.append(found.share)
         assert found.chance > UNLIKELY
-    # by share alone some would be taken for hum; by chance, about as many as it says
+    # By the fraction of power some would be classified as hum; the p value has its nominal size.
     assert max(shares) > 0.1
     assert np.mean(np.array(chances) < 0.05) < 0.1
     hum = 30e-6 * np.sin(2 * np.pi * 50.04 * time + 1.0)

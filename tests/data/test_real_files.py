@@ -1,4 +1,4 @@
-"""Every file among the real recordings is read, or refused with the sentence that helps."""
+"""Every file among the real recordings is read, or refused with a helpful message."""
 
 from pathlib import Path
 

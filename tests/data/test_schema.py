@@ -1,4 +1,4 @@
-"""Every declaration accepts a valid dataset and names each fault in one sentence."""
+"""Every declaration accepts a valid dataset and reports each fault."""
 
 import json
 import re
@@ -266,7 +266,7 @@ def test_an_unknown_muscle_is_named(valid: Make) -> None:
 
 
 def test_a_cube_of_version_1_is_read_as_one_of_version_2(valid: Make, tmp_path) -> None:
-    """A file as version 1 wrote it, by xarray alone; its values are kept."""
+    """A file of version 1 written by xarray keeps its values."""
     old = valid("cube").assign_attrs(schema="cube", schema_version=1)
     old["status"].attrs["long_name"] = "ok, missing, or failed"
     old.to_netcdf(tmp_path / "cube.nc")

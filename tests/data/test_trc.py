@@ -1,4 +1,4 @@
-"""TRC: files written here in both dialects, and a real one against a plain reading of its cells."""
+"""TRC: generated files in both dialects, and a real one compared with its cells."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Spellings and conversions of units at the border."""
+"""Spellings and conversions of units."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def array(values: list[float], **attrs: str) -> xr.DataArray:
 )
 def test_known_units_become_si(unit: str, quantity: str, expected: float, si: str) -> None:
     converted = to_si(array([3.0, np.nan], units=unit, label="kept"), quantity)
-    # Divided by a power of ten that is exact in binary: the nearest double, not merely a close one.
+    # Division by an exact power of ten gives the nearest double.
     assert converted.values[0] == expected
     assert np.isnan(converted.values[1])
     assert converted.attrs == {"units": si, "label": "kept"}

@@ -111,7 +111,7 @@ def test_what_is_not_a_whole_recording_is_refused(tmp_path: Path, make_streams, 
 
 
 def test_a_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
-    """pyxdf would return what lies before the cut."""
+    """pyxdf would return the data before the end."""
     path = make(tmp_path, emg_stream(), mocap_stream())
     whole = path.read_bytes()
     for part in (0.05, 0.3, 0.7, 0.95):
@@ -121,7 +121,7 @@ def test_a_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_chunk_that_pyxdf_skips_is_refused(tmp_path: Path) -> None:
-    """A damaged count of samples, without a footer that would tell."""
+    """A damaged number of samples, without a footer for comparison."""
     path = make(tmp_path, emg_stream())
     data = bytearray(path.read_bytes())
     at = data.index(struct.pack("<BI", 4, 250))

@@ -1,4 +1,4 @@
-"""Chunks and colours of elements, places in the matrix, and what an element loop skips."""
+"""Chunks and colours of elements, positions in the matrix, and skipped elements."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_chunks_of_a_colour_have_no_node_in_common_and_hold_every_element_once(a
                 np.unique(part.nodes[part.chunk[c] : part.chunk[c + 1]]) for c in range(first, last)
             ]
             assert len(np.unique(np.concatenate(chunks))) == sum(map(len, chunks))
-    assert len(parts[0].colour) == 3  # two colours, else nothing was tested
+    assert len(parts[0].colour) == 3  # The test requires two colours.
     assert len(parts[0].chunk) > 3
     found = np.sort(np.concatenate([part.element for part in parts]))
     np.testing.assert_array_equal(found, np.arange(mesh.n_elements))
@@ -83,7 +83,7 @@ def test_an_inverted_element_adds_nothing_and_is_named():
     mesh = grid((2, 1, 1))
     system = solid_system(mesh)
     q = mesh.X.copy()
-    q[mesh.X[:, 0] == 0.02, 0] = 0.005  # the second of two cells turns inside out
+    q[mesh.X[:, 0] == 0.02, 0] = 0.005  # the second of two cells is inverted
     found, K = system.tangent(q, system.control(np.zeros(0)))
     assert found.smallest_J < 0.0
     assert found.element == 1

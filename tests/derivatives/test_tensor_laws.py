@@ -1,4 +1,4 @@
-"""Every registered law of the strain tensor: derivatives, symmetry, what rest means."""
+"""Every registered law of the strain tensor: derivatives, symmetry, state at rest."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def strain(stretches, seed=1):
     return Q @ np.diag(np.square(stretches)) @ Q.T
 
 
-# coincident and nearly coincident stretches are where principal values are hard
+# Principal values are ill-conditioned for nearly equal stretches.
 STRETCHES = [
     (1.3, 0.8, 1.05),
     (1.0, 1.0, 1.0),
@@ -79,7 +79,7 @@ def test_at_rest_there_is_no_energy_and_only_pressure(cls):
     law = EXAMPLES[cls]
     W, S, D = evaluate(law.code, law.parameters(), np.eye(3))
     assert abs(W) < 1e-12 * np.abs(D).max()
-    if law.measure == kernel.ISOCHORIC:  # a pressure of Cbar is projected away
+    if law.measure == kernel.ISOCHORIC:  # The projection removes a pressure of Cbar.
         S = S - S[:3].mean() * (np.arange(6) < 3)
     assert np.abs(S).max() < 1e-12 * np.abs(D).max()
 

@@ -197,7 +197,7 @@ def test_projection_of_the_published_fibres(models: Path, reference_face: xr.Dat
 
 
 def test_directions_of_another_simulator(shared: Path, reference_face: xr.Dataset) -> None:
-    """Every direction of 890 elements equals one that a valid tetrahedralisation gives.
+    """Every direction of 890 elements equals that of a valid tetrahedralisation.
 
     Mirrored midpoints are cospherical, so the tetrahedralisation is not unique; a displacement of
     the midpoints by about 10 nm selects one of them.

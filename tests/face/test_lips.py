@@ -48,7 +48,7 @@ def test_open_surfaces_are_refused(triangles: np.ndarray, message: str) -> None:
 
 @pytest.mark.parametrize("lip", LIPS)
 def test_lips_are_found_from_the_elements(template: xr.Dataset, lip: str) -> None:
-    """Inside is tissue, the margin belongs to it, corners taper, sides mirror."""
+    """Orientation, margin, tapered corners and symmetry."""
     X = template["position"].values
     surface = lip_surface(template, lip)
     shown = exposed(template, surface)
@@ -142,7 +142,7 @@ def test_damaged_surfaces_are_located(tmp_path: Path) -> None:
 
 
 def test_lips_named_upside_down_are_refused(template: xr.Dataset) -> None:
-    """Their opening would be positive where they have passed through each other."""
+    """Otherwise the opening would be positive after the lips have passed through each other."""
     check_face(template)
     swapped = template.assign(
         lip_opening_node=template["lip_opening_node"].copy(

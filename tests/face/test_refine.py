@@ -1,4 +1,4 @@
-"""Refinement keeps the body: volumes, fixed nodes, muscles, markers."""
+"""Refinement preserves volumes, fixed nodes, muscles and markers."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How much of an element a muscle fills: closed forms and the same muscle on other meshes."""
+"""Fraction of an element filled by a muscle: closed forms, and the same muscle on other meshes."""
 
 import numpy as np
 import pytest

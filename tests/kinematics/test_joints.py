@@ -57,7 +57,7 @@ def test_rows_have_the_derivative_of_their_values(cls):
         step[column] = size
         ends = [rows.evaluate(maps.advance(pose, s * step, pose.t)).c for s in (1.0, -1.0)]
         slope = (ends[0] - ends[1]) / (2.0 * size)
-        if cls is Limit:  # exact where the axes of both bodies agree
+        if cls is Limit:  # exact if the axes of both bodies are equal
             continue
         np.testing.assert_allclose(slope, now.G[:, k], atol=1e-8)
 
@@ -91,12 +91,12 @@ def run(system, start, duration, steps, integrator, every=None, probes=()):
 
 
 def test_compound_pendulum_has_its_period():
-    """T = 2 pi sqrt(I/(m g a)) of small swings; a quarter later the bob is where it turns."""
+    """T = 2 pi sqrt(I/(m g a)) of small oscillations."""
     system = pendulum()
     about_hinge = INERTIA[1, 1] + MASS * ARM**2
     omega0, rate = 1e-4, np.sqrt(MASS * G * ARM / about_hinge)
     _, end = run(system, swung(system, omega0), np.pi / rate, 100, sim.RungeKutta4())
-    # after half a period the motion is turned over; a late one would show as an angle
+    # After half a period the angle has the opposite sign; a delay would change it.
     angle = 2.0 * end.frames[0, 5]
     assert abs(angle) < 1e-6 * omega0 / rate * np.pi
     assert end.twists[0, 4] == pytest.approx(-omega0, rel=1e-6)
@@ -120,7 +120,7 @@ def test_order_and_drift_with_a_joint(integrator, steps):
 
 
 def test_limits_stop_and_let_go():
-    """Thrown up against a limit the pendulum stays there until gravity takes it back."""
+    """A pendulum at its upper limit stays there until gravity accelerates it back."""
     hinge = Revolute("hinge", None, "bob", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     system = pendulum(
         hinge, Limit("stop", None, "bob", (0, 0, 0), (0.0, 1.0, 0.0), lower=-0.3, upper=0.2)
@@ -135,7 +135,7 @@ def test_limits_stop_and_let_go():
 
 
 def test_yielding_row_is_a_spring():
-    """A weight on a weld of compliance C sinks by C m g at rest."""
+    """The displacement of a weight on a weld of compliance C at rest is C m g."""
     compliance = 1e-4
     soft = Weld("bond", None, "bob", (0.0, 0.0, -ARM), compliance=compliance, damping_time=0.05)
     system = pendulum(soft)

@@ -1,4 +1,4 @@
-"""The maps between coordinates and points, each against its definition."""
+"""Maps between coordinates and points compared with their definitions."""
 
 import numpy as np
 import pytest
@@ -41,18 +41,18 @@ def test_between_is_the_inverse_of_advance():
 
 
 def test_velocities_of_points_are_the_rate_of_their_positions():
-    """v = R w + gamma, with what is prescribed moving along."""
+    """v = R w + gamma, including prescribed motion."""
     pose, _ = random_pose(SYSTEM)
     w = np.random.default_rng(1).normal(size=SYSTEM.pattern.n)
     state, h = MAPS.state(pose, w, {}), 1e-5
     later, sooner = (MAPS.advance(pose, s * h * w, pose.t + s * h) for s in (1.0, -1.0))
     np.testing.assert_allclose(state.v, (later.q - sooner.q) / (2.0 * h), rtol=1e-5, atol=1e-7)
     np.testing.assert_array_equal(MAPS.velocities(state), w)
-    assert np.abs(MAPS.drift(pose, pose.t)).max() > 0.1  # the prescribed body does move
+    assert np.abs(MAPS.drift(pose, pose.t)).max() > 0.1  # The prescribed body moves.
 
 
 def test_generalised_matrix_is_the_congruence_less_the_turning_of_arms():
-    """R'KR on its fixed pattern; the rest is the second derivative of an energy of dead loads."""
+    """R'KR on its fixed pattern; the difference is the second derivative of the energy of dead loads."""
     pose, _ = random_pose(SYSTEM)
     rng, R = np.random.default_rng(2), dense_rows(SYSTEM, pose)
     K = rng.normal(size=SYSTEM.point_pattern.nnz)
@@ -101,7 +101,7 @@ def test_inertial_forces_are_the_rate_of_momentum_at_constant_velocity():
 
 
 def test_node_in_an_element_loads_its_nodes_by_the_shape_functions():
-    """Virtual work: a force on the held node is one on its holders, also through the body."""
+    """Virtual work: a force on the attached node acts on its holders, also through the body."""
     pose, _ = random_pose(SYSTEM)
     f = np.zeros_like(pose.q)
     node = 12  # the first of the second box, held in an element at the jaw

@@ -1,4 +1,4 @@
-"""Motion of bodies and attached tissue against closed forms and measured orders."""
+"""Motion of bodies and attached tissue compared with closed forms and measured orders."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def angular_momentum(state, moments=MOMENTS):
 
 
 def test_free_top_keeps_energy_and_angular_momentum():
-    """One turn of Runge-Kutta's method; both are kept to its order, and the centre goes straight."""
+    """One rotation with Runge-Kutta's method conserves both to its order."""
     system, duration = top(), 0.2 * np.pi
     start = moving(system, 0.1, 0.0, 0.0, 0.2, 10.0, 0.1)
     left = []
@@ -75,7 +75,7 @@ def test_symmetric_top_precesses_as_in_closed_form():
 
 @pytest.mark.parametrize("cls", INTEGRATORS)
 def test_every_integrator_keeps_its_order_with_rotation_and_attachments(cls):
-    """Self-convergence of a spinning body that carries tissue, pulled by one that is prescribed."""
+    """Self-convergence of a spinning body with attached tissue and a prescribed body."""
     if cls.stability == "conditional":
         system, n, duration = top(), (20, 40, 80), 0.2
         start = moving(system, 0.1, 0.0, 0.0, 1.0, 10.0, 0.5)
@@ -91,7 +91,7 @@ def test_every_integrator_keeps_its_order_with_rotation_and_attachments(cls):
 
 
 def test_tissue_on_a_body_equals_tissue_on_the_prescribed_motion():
-    """A body that tissue pulls at, and the same tissue on a body that is led along the same way."""
+    """A body loaded by tissue, and the same tissue on a body with the same prescribed motion."""
     mesh, h = grid((2, 1, 1), (0.02, 0.01, 0.01)), 0.005
     left = np.flatnonzero(mesh.X[:, 0] == 0.0)
     jaw = sim.Body("jaw", 0.004, INERTIA, (-0.004, 0.004, 0.007))
@@ -120,7 +120,7 @@ def test_tissue_on_a_body_equals_tissue_on_the_prescribed_motion():
 
 @pytest.mark.parametrize("cls", [sim.ConvergedEuler, sim.Trapezoidal, sim.Sdirk2])
 def test_momentum_of_a_free_compound_is_kept(cls):
-    """Tissue and a body, no force from outside: the sum of m v over all points."""
+    """Tissue and a body without external forces: the sum of m v over all points."""
     mesh = grid((2, 1, 1), (0.02, 0.01, 0.01))
     left = np.flatnonzero(mesh.X[:, 0] == 0.0)
     system = solid_system(

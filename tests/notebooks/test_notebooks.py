@@ -1,6 +1,6 @@
-"""The notebooks run as they stand, say what is simulated, and carry nothing of the machine.
+"""Notebooks run without changes, label simulated data, and contain no data of the machine.
 
-Only their code cells are needed for that, in order and in one namespace; Jupyter is not.
+Only their code cells are executed, in order and in one namespace, without Jupyter.
 """
 
 import ast
@@ -68,7 +68,7 @@ def says_simulated(path: Path) -> bool:
 
 @pytest.fixture
 def headless(tmp_path, monkeypatch):
-    """Draw without a screen, in a folder of its own, on one thread; leave no figure open."""
+    """Draw without a screen, in a separate folder, on one thread; close all figures."""
     import matplotlib.pyplot as plt
 
     monkeypatch.chdir(tmp_path)
@@ -97,7 +97,7 @@ def test_there_are_notebooks():
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs(path, headless):
-    # show() says on Agg that it cannot: what a reader sees as a picture is none here
+    # show() warns on Agg, which has no window.
     warnings.filterwarnings("ignore", message=".*non-interactive", category=UserWarning)
     execute(path)
     assert not list(headless.iterdir()), "a notebook leaves files in the reader's folder"

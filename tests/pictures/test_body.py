@@ -1,4 +1,4 @@
-"""Drawn body of a face: parts, the smooth surface between the nodes, the dark behind the lips."""
+"""Drawn body of a face: parts, smooth surface between the nodes, dark region behind the lips."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_points_between_nodes_reproduce_cubics() -> None:
 
 @pytest.mark.parametrize("power", [1, 2])
 def test_surface_is_of_fourth_order_along_a_circle(power: int) -> None:
-    """Round a closed band, edges halved: the distance from the circle falls by 2**4."""
+    """Around a closed band with halved edges, the distance from the circle decreases by 2**4."""
     errors = []
     for n in (12, 24):
         angle = 2 * np.pi * np.arange(n) / n
@@ -97,7 +97,7 @@ def test_body_follows_its_nodes(face: xr.Dataset) -> None:
     np.testing.assert_array_equal(moved[tissue:], points[tissue:])
     assert len(body.teeth) == sum(len(arch.points) for arch in arches_of(face))
     assert set(map(tuple, body.colour[body.tissue : tissue])) == {MOUTH}
-    # The dark behind does not rise above the cheeks, where it would be seen from the front.
+    # The dark region must not be visible above the cheeks.
     behind = np.unique(body.triangle[(body.triangle >= body.tissue).all(axis=1)])
     behind = behind[behind < tissue]
     assert points[behind, 2].max() < points[: body.n, 2].max() - 0.02

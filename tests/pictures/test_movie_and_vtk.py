@@ -1,4 +1,4 @@
-"""Movies and files for ParaView: what they hold, read back, and how they fail."""
+"""Movies and files for ParaView: contents and errors."""
 
 import base64
 import re
@@ -66,7 +66,7 @@ def test_mp4_needs_ffmpeg(
 def test_mp4_hands_frames_to_the_program(
     short: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A stand-in keeps what it is given; another one fails as ffmpeg does."""
+    """One substitute for ffmpeg stores its input; another one fails like ffmpeg."""
     program = tmp_path / "program"
     program.write_text('#!/bin/sh\necho "$@" > "$0.said"\nfor last; do :; done\ncat > "$last"\n')
     program.chmod(program.stat().st_mode | stat.S_IEXEC)

@@ -1,4 +1,4 @@
-"""Pictures by the z-buffer: silhouettes, what hides what, which side is which, light."""
+"""Pictures by the z-buffer: silhouettes, hidden parts, orientation, light."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_silhouette_of_a_sphere(sphere) -> None:
 
 
 def test_shading_is_that_of_the_normals(sphere) -> None:
-    """Colours across a sphere against those of its exact normals."""
+    """Colours of a sphere compared with those of its exact normals."""
     body, points = sphere
     picture = render(body, points, (0.0, 0.0), Window(-1.0, -1.0, 1.0, 1.0), 101, finer=1)
     x = (np.arange(101) - 50.0) / 50.5

@@ -1,4 +1,4 @@
-"""Sections through the midline: what a plane cuts, and that the picture shows it."""
+"""Sections through the midline and their picture."""
 
 from pathlib import Path
 

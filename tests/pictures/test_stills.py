@@ -1,4 +1,4 @@
-"""Figures of faces: what they hold, what they say, how they fail."""
+"""Figures of faces: contents, labels and errors."""
 
 from pathlib import Path
 

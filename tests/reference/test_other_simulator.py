@@ -1,7 +1,8 @@
 """Single elements and material points against results recorded with another simulator.
 
-Provenance: ArtiSynth 3.9 (see the README beside the data); the cases without volumetric part compare
-the deviatoric and fibre laws, the shape functions, the quadrature and the assembled tangent.
+Provenance: ArtiSynth 3.9 (see the README beside the data); the cases without volumetric part
+compare the deviatoric and fibre laws, the shape functions, the quadrature and the assembled
+tangent.
 """
 
 import json
@@ -23,7 +24,7 @@ THEIR_HEX = [
     6,
     5,
     4,
-]  # their node order lists the faces of a hexahedron the other way
+]  # their order of the faces of a hexahedron is opposite
 FIBRE_LAWS = {"BlemkerMuscle": sim.Blemker, "GenericMuscle": sim.Generic}
 ROUNDING = 1e-10  # relative: two double-precision programs, sums in different order
 
@@ -77,7 +78,7 @@ VOLUME = {"OFF": (), "ELEMENT": (sim.ElementVolume(25e3),), "NODAL": (sim.NodalV
 
 
 def system_and_positions(case):
-    """The case as a scene of ours, and its positions in the node order of the file."""
+    """Scene of the case, and its positions in the node order of the file."""
     rest, q = np.array(case["rest"]), np.array(case["pos"])
     kinds = {"hex": ("hex8", THEIR_HEX), "wedge": ("wedge6", [0, 1, 2, 3, 4, 5])}
     if "connectivity" in case:
@@ -155,8 +156,8 @@ def bulk_blocks(system, q, modulus):
 
 
 def test_pointwise_bulk_of_elements(unit):
-    """Forces are equal; that program's tangent has kappa/J where the derivative of p = kappa (J - 1)
-    has kappa J, and with that exchanged the stiffness is equal, too.
+    """Forces are equal; the tangent of that program has kappa/J instead of kappa J, the derivative of
+    p = kappa (J - 1). With this replacement the stiffness is equal, too.
     """
     kappa = 25e3
     cases = [c for c in unit["elements"]["cases"] if c["soft"] == "FULL"]
@@ -181,12 +182,12 @@ SCHEMES = {
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_trajectories_of_the_patch(shared, unit, scheme):
-    """One solution per step, 40 steps, every volumetric part: equal but for rounding."""
+    """One solution per step, 40 steps, every treatment of the volume: equal up to rounding."""
     folder = shared / "artisynth_reference" / "unit"
     cases = json.loads((folder / "unit_dynamics.json").read_text())["cases"]
     patch = next(c for c in unit["elements"]["cases"] if c["name"] == "patch_ELEMENT_blemker")
-    # with hard incompressibility that program keeps its soft pressure: the multipliers take the place
-    # of its force, but not of its small geometric stiffness
+    # With hard incompressibility the other program keeps its soft pressure: the multipliers replace
+    # its force, but not its small geometric stiffness.
     soft = {"softNODAL": "NODAL", "softELEMENT": "ELEMENT", "hardELEMENT": "ELEMENT"}
     cases = [c for c in cases if c["integrator"] == scheme]
     assert len(cases) == 6

@@ -1,4 +1,4 @@
-"""Rules of the code that a machine can check."""
+"""Rules of the code that can be tested automatically."""
 
 import ast
 from pathlib import Path
@@ -51,7 +51,7 @@ def test_kernels_are_compiled_by_one_set_of_options_and_never_in_parallel_by_num
 
 
 def test_kernels_assume_nothing_about_values():
-    """All of `fastmath` would assume that no number is NaN or infinite."""
+    """All flags of `fastmath` would assume that no number is NaN or infinite."""
     for options in (inner, kernel, kernel_and_inner):
         flags = options(lambda x: x).targetoptions["fastmath"]
         assert set(flags) == {"contract", "reassoc", "nsz", "arcp"}

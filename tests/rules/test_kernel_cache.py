@@ -1,4 +1,4 @@
-"""Compiled kernels: kept in a folder of their sources' digest, never stale, optional."""
+"""Cache of compiled kernels in a folder named by the digest of their sources."""
 
 import os
 import subprocess
@@ -49,13 +49,13 @@ def test_an_edited_law_is_never_served_from_the_cache_of_another_file(tmp_path):
     (package / "law.py").write_text(LAW.format(factor=2.0))
     env = {"EMGFACE_CACHE": str(tmp_path / "cache")}
     assert run(tmp_path, **env).startswith("2.0 0")
-    assert run(tmp_path, **env).startswith("2.0 1")  # served from disk
+    assert run(tmp_path, **env).startswith("2.0 1")  # loaded from disk
     (package / "law.py").write_text(LAW.format(factor=3.0))
     assert run(tmp_path, **env).startswith("3.0 0")
 
 
 def test_every_module_of_kernels_is_cached_under_the_digest():
-    """What `sim._kernels` does not import itself would be cached by numba alone, and grow stale."""
+    """numba would cache modules that `sim._kernels` does not import under its own key."""
     folder = Path(kernels.__file__).parent
     modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "cache"}
     assert modules == set(kernels.__all__) - {"kernel_cache"}

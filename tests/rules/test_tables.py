@@ -1,4 +1,4 @@
-"""Tables of the documentation: marked with their commands, compared digit by digit."""
+"""Tables of the documentation and their commands, compared digit by digit."""
 
 import pytest
 

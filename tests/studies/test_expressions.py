@@ -1,4 +1,4 @@
-"""Expressions: the mouth corner moves most, a stiffer skin moves landmarks less."""
+"""Expressions: the mouth corner has the largest displacement, which a stiffer skin reduces."""
 
 import numpy as np
 import pandas as pd

@@ -17,7 +17,7 @@ def rounding(coarse: xr.Dataset) -> Rounding:
 
 
 def test_stiffening_keeps_the_shape_as_activation_grows(rounding: Rounding) -> None:
-    """Fig. 11.10: from half to full activation a stiffening muscle changes the lips less."""
+    """Fig. 11.10: from half to full activation, stiffening reduces the change of the lips."""
     table = rounding.table.set_index(["support", "stiffening", "activation"])
     for support in (False, True):
         for name in ("height (mm)", "protrusion (mm)"):
@@ -34,7 +34,7 @@ def test_stiffening_keeps_the_shape_as_activation_grows(rounding: Rounding) -> N
 
 
 def test_teeth_support_protrusion(rounding: Rounding) -> None:
-    """Fig. 11.12: the same activation protrudes the lips further with support behind them."""
+    """Fig. 11.12: at the same activation, support increases the protrusion of the lips."""
     full = rounding.table[rounding.table.activation == 1.0].set_index(["stiffening", "support"])
     for factor in (1.0, 10.0):
         with_walls = full.loc[(factor, True), "protrusion (mm)"]

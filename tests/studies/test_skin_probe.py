@@ -1,4 +1,4 @@
-"""Stiffness that a small probe feels along and across the tension lines."""
+"""Stiffness measured by a small probe along and across the tension lines."""
 
 import numpy as np
 import pytest

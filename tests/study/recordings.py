@@ -1,4 +1,4 @@
-"""Recordings that the tests of the signal chain share."""
+"""Recordings used by several tests of the signal chain."""
 
 import numpy as np
 import xarray as xr
@@ -12,7 +12,7 @@ DURATION = 2.5
 
 
 def recording_of(seed=0, *, gain=1.0, duration=DURATION, **attrs) -> xr.Dataset:
-    """Noise whose amplitude rises and falls, later and stronger from channel to channel."""
+    """Noise with a varying amplitude, later and larger in each further channel."""
     rng = np.random.default_rng(seed)
     time = np.arange(int(duration * RATE)) / RATE
     peak = np.linspace(0.3, 0.7, len(CHANNELS))[:, None] * duration

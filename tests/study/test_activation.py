@@ -1,4 +1,4 @@
-"""From recording to activation: complete, checked, with every failure named."""
+"""From recording to activation: completeness, checks and errors."""
 
 import json
 import warnings
@@ -54,7 +54,7 @@ def test_attributes_survive_netcdf(tmp_path):
 
 
 def test_stage_of_the_mapping_decides_whether_factors_survive():
-    """Eq. 8 removes a factor applied before it: of features, LAO = LLSAN and OOM = OOP."""
+    """Eq. 8 removes a factor applied before it: with features, LAO = LLSAN and OOM = OOP."""
     recording = recording_of()
     a = {
         stage: activation_of(recording, chain_of(mapping={"mapping_stage": stage}))["activation"]
@@ -108,12 +108,12 @@ def test_envelope_applies_the_muscle_shape_after_normalisation():
     linear = activation_of(recording, chain_of(feature={"kind": "envelope", "A": 0.0}))
     assert curved.attrs["A"] == -3.0
     c, u = curved["activation"].values, linear["activation"].values
-    # A concave shape lies above the diagonal; resampling means of it stay above as well.
+    # A concave shape is above the diagonal, and so are its resampled means.
     assert np.all(c >= u - 1e-12) and np.max(c - u) > 0.2
 
 
 def test_session_range_keeps_a_weak_trial_weak():
-    """Over the trial a whisper reaches 1; over the session it does not."""
+    """A weak trial reaches 1 if normalised over the trial, but not over the session."""
     loud, weak = recording_of(0), recording_of(1, gain=0.4, repetition=2)
     rms = {"kind": "rms"}
     chain = chain_of(feature=rms, normalisation={"reach": "session"})
@@ -126,7 +126,7 @@ def test_session_range_keeps_a_weak_trial_weak():
     own = activation_of(weak, chain_of(feature=rms))["activation"]
     assert float(own.max("time").min()) > 0.95
     assert float(a["loud"].max("time").min()) > 0.95
-    # Amplitude 0.4 of the loud trial, give or take the spread of a 0.2 s RMS (about 5 %).
+    # Amplitude 0.4 of the strong trial, within the standard deviation of a 0.2 s RMS (about 5 %).
     peaks = a["weak"].max("time").values
     assert np.all((peaks > 0.3) & (peaks < 0.55))
 
@@ -190,7 +190,7 @@ def test_constant_channel():
     tolerant = chain_of(normalisation={"silent": "zero"}, feature={"kind": "rms"})
     result = activation_of(recording, tolerant)
     assert not result["activation"].sel(muscle="RIS_R").any()
-    # BUC of that side still follows its other channel.
+    # BUC of that side is estimated from its other channel.
     assert float(result["activation"].sel(muscle="BUC_R").max()) > 0.9
     assert result.attrs["silent"].split() == ["RIS_R"]
 
@@ -205,7 +205,7 @@ def test_threshold_in_millivolts_warns_and_then_fails_on_0_over_0():
 
 def test_muscle_at_rest_is_no_failure_unless_it_is_to_be():
     recording = recording_of()
-    recording["emg"].loc["LLSAN_L"] *= 0.01  # a living electrode, two microvolts
+    recording["emg"].loc["LLSAN_L"] *= 0.01  # an intact electrode with two microvolts
     with pytest.warns(FeatureWarning, match="LAO_L is zero"):
         result = activation_of(recording, SignalChain())
     assert not result["activation"].sel(muscle=["LLSAN_L", "LAO_L"]).any()

@@ -1,4 +1,4 @@
-"""The report on channels: known spectra, bad channels, and a real C3D file."""
+"""Report on channels: known spectra, faulty channels, and a real C3D file."""
 
 from pathlib import Path
 

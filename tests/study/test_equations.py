@@ -1,4 +1,4 @@
-"""Eqs 2-8 of the study, and which muscles a strategy takes."""
+"""Eqs 2-8 of the study, and the muscles selected by a strategy."""
 
 import numpy as np
 import pytest

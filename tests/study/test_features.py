@@ -1,4 +1,4 @@
-"""Features against their definitions, computed by brute force or in closed form."""
+"""Features compared with their definitions, by brute force or in closed form."""
 
 import warnings
 
@@ -84,7 +84,7 @@ def test_rounding_of_the_window_is_recorded():
 
 
 def test_labels_place_the_window_at_start_centre_end():
-    """A single step lies, on average, at the centre of the windows that count it."""
+    """A step is, on average, at the centre of the windows that count it."""
     s = np.zeros(2001)
     s[1000:] = 1.0  # the step is between samples 999 and 1000
     instants = {}
@@ -114,7 +114,7 @@ def test_running_sum_equals_direct_sum(values, data):
 
 
 def test_quiet_after_a_burst_keeps_its_digits():
-    """A running sum that subtracts old samples would leave about 1e-16 x 1e12 here."""
+    """A running sum that subtracts old samples would have an error of about 1e-16 x 1e12 here."""
     x = np.full(3000, 1e-8)
     x[500:600] = 1e4
     feature = root_mean_square(signal_of(x), window=100 / RATE)

@@ -1,4 +1,4 @@
-"""Head motion: rigid motion removed to rounding, dropouts bridged or named."""
+"""Head motion: rigid motion is removed up to rounding; dropouts are bridged or reported."""
 
 import numpy as np
 import pytest
@@ -112,7 +112,7 @@ def test_rotation_equals_an_independent_least_squares_fit():
 
 @pytest.mark.parametrize("lost", range(6))
 def test_a_dropout_moves_nothing_where_head_and_reference_differ_in_shape(lost):
-    """Six millimetres of difference in shape; the lips of a still head then must not leap."""
+    """With a difference in shape of six millimetres, the lips of a head at rest must not jump."""
     truth = still_face_moving_lips()
     truth[:, :6] += 6e-3 * np.random.default_rng(8).standard_normal((6, 3))
     whole = head_motion(truth)

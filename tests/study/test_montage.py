@@ -1,4 +1,4 @@
-"""Recordings of some muscles or one side: what is estimated, selected and said."""
+"""Recordings of some muscles or one side: estimates, selections and messages."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_a_mirrored_side_moves_as_the_recorded_one():
     left = found["activation"].sel(muscle=[m for m in MUSCLES if m.endswith("_L")]).values
     right = found["activation"].sel(muscle=[m for m in MUSCLES if m.endswith("_R")]).values
     np.testing.assert_array_equal(left, right)
-    # The recorded side is what it is with both sides recorded: channels do not mix across.
+    # The result of the recorded side does not depend on the other side.
     both = activation(whole)["activation"].sel(muscle="ZYG_L")
     np.testing.assert_array_equal(found["activation"].sel(muscle="ZYG_L"), both)
     assert "copied from the other side: OOS_R" in found.attrs["montage"]
@@ -69,7 +69,7 @@ def test_zero_estimates_mixtures_and_leave_out_does_not(stage):
 
 
 def test_a_strategy_fails_only_where_it_needs_what_is_absent():
-    # Raising the upper lip takes LLSAN alone (Table 1), so nothing else has to be recorded.
+    # Only LLSAN raises the upper lip (Table 1), so that no other muscle need be recorded.
     recording = of(["LLSAN_L", "LLSAN_R"], instruction="B")
     found = activation(recording, "act_rel")
     assert found.attrs["selected"] == "LLSAN"

@@ -1,4 +1,4 @@
-"""The study file's parameters: defaults of the paper, refusals that name the remedy."""
+"""Parameters of the study file: published defaults, and messages of errors."""
 
 import json
 

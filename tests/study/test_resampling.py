@@ -1,4 +1,4 @@
-"""Resampling against the frequency response of its kernels."""
+"""Resampling compared with the frequency response of its kernels."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def moving(rate, duration, function) -> xr.DataArray:
 
 
 def test_flat_decimation_passes_slow_motion_and_removes_what_would_alias():
-    """New rate 40 Hz from 2000 Hz: 3 Hz stays, 37 Hz (its alias is 3 Hz) goes."""
+    """From 2000 Hz to 40 Hz: 3 Hz is kept, 37 Hz (its alias is 3 Hz) is removed."""
     times = np.linspace(0.5, 3.5, 121)
     slow = moving(2000.0, 4.0, lambda t: np.sin(2 * np.pi * 3 * t))
     fast = moving(2000.0, 4.0, lambda t: np.sin(2 * np.pi * 37 * t))
@@ -49,7 +49,7 @@ def test_bounded_decimation_cannot_leave_the_range():
 
 
 def test_decimation_keeps_a_ramp_up_to_both_ends():
-    """The odd reflection of a ramp is the ramp; the kernel's stop-band leaves 2e-4 of a step."""
+    """The odd reflection of a ramp is the ramp; the stop-band of the kernel transmits 2e-4 of a step."""
     ramp = moving(2000.0, 4.0, lambda t: 3.0 * t)
     times = np.linspace(0.25, 4.25, 161)
     np.testing.assert_allclose(resample(ramp, times).values[0], 3.0 * times, atol=2e-4 * 3.0 / 40)

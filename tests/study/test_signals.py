@@ -1,4 +1,4 @@
-"""Filter and resampling against frequency responses and closed forms."""
+"""Filter and resampling compared with frequency responses and closed forms."""
 
 import warnings
 
@@ -71,7 +71,7 @@ def test_design_order_four_has_eight_poles():
     raw = signal_of(np.random.default_rng(0).standard_normal(4096)).values[0]
     start = scipy.signal.lfilter_zi(b, a) * raw[0]
     expected, _ = scipy.signal.lfilter(b, a, raw, zi=start)
-    # The direct form loses digits that second-order sections keep.
+    # The direct form is less accurate than second-order sections.
     np.testing.assert_allclose(filtered.values[0], expected, atol=1e-6)
 
 
@@ -105,7 +105,7 @@ def test_offset_of_the_amplifier_leaves_no_transient(phase):
 
 @pytest.mark.parametrize("rate", [100.0, 999.0, 1000.0])
 def test_a_band_beyond_the_rate_is_narrowed_with_a_warning(rate):
-    """It is then the filter of the narrower band, and the edges as used are recorded."""
+    """The filter is that of the narrower band, whose edges are recorded."""
     s = signal_of(np.random.default_rng(0).standard_normal(5000), rate=rate)
     high = 0.9 * (rate / 2.0)
     with pytest.warns(

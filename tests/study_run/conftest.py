@@ -1,4 +1,4 @@
-"""A slab of tissue with twenty muscles, small enough that a simulation takes a moment."""
+"""Slab of tissue with twenty muscles, whose simulation is fast."""
 
 import warnings
 from pathlib import Path
@@ -43,7 +43,7 @@ PLACES = {
 
 
 def slab_face() -> xr.Dataset:
-    """Ten by two by six elements, held at the inner side of its rim."""
+    """Ten by two by six elements, fixed at the inner side of the rim."""
     nx, ny, nz = STEPS
     axes = [np.linspace(LOW[i], HIGH[i], n + 1) for i, n in enumerate(STEPS)]
     position = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -98,7 +98,7 @@ def slab_face() -> xr.Dataset:
 
 @pytest.fixture(scope="session", autouse=True)
 def one_thread():
-    """Use one thread: on a slab this small more of them only wait for each other."""
+    """Use one thread, because further threads would only wait for each other."""
     before = thread_count()
     set_thread_count(1)
     yield
@@ -112,7 +112,7 @@ def slab() -> xr.Dataset:
 
 @pytest.fixture(scope="session")
 def laboratory(slab: xr.Dataset, tmp_path_factory) -> Path:
-    """Folder with the slab as face.nc and one simulated volunteer doing B and E."""
+    """Folder with the slab as face.nc and one simulated volunteer with instructions B and E."""
     folder = tmp_path_factory.mktemp("laboratory")
     save_face(slab, folder / "face.nc")
     make_volunteers(

@@ -1,4 +1,4 @@
-"""Choices that a study varies become dims of its cube, and what they change is told."""
+"""Choices varied by a study as dims of its cube, and their effects."""
 
 from pathlib import Path
 
@@ -125,7 +125,7 @@ def test_cube_has_the_axes_as_dims(varied: Path) -> None:
     trial = cube.sel(at)
     assert trial["status"].values.tolist() == [["ok", "ok"], ["ok", "missing"]]
     assert str(trial["reason"].values[1, 1]) == NOT_IN_DESIGN
-    # n - 1 over n, for the samples of the trial: the form printed is smaller by that.
+    # The printed form is smaller by the factor (n - 1)/n, with n samples of the trial.
     ratio = trial["rho"].sel(simulation_sigma_max=100e3, form="as_printed") / trial["rho"].sel(
         simulation_sigma_max=100e3, form="consistent"
     )

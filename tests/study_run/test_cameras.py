@@ -1,4 +1,4 @@
-"""Three synthetic cameras around a face: markers are found where they are."""
+"""Markers reconstructed from three synthetic cameras around a face."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The command line: what works ends well, what is wrong ends with one sentence and no traceback."""
+"""Command line: successful commands, and errors in one sentence without traceback."""
 
 import re
 import subprocess
@@ -38,7 +38,7 @@ def run(*arguments: object):
 
 
 def one_sentence(result, *said: str) -> None:
-    """Exit code 2 and one line on stderr that says all of `said`."""
+    """Exit code 2 and one line on stderr that contains all of `said`."""
     lines = [line for line in result.stderr.splitlines() if line.strip()]
     assert result.exit_code == 2, result.output
     assert "Traceback" not in result.output
@@ -53,7 +53,7 @@ def recording(laboratory: Path) -> xr.Dataset:
 
 
 def stored(dataset: xr.Dataset, folder: Path, name: str = "trial.nc") -> Path:
-    """Write without the package's checks, as a foreign program might."""
+    """Write without the checks of the package."""
     path = folder / name
     dataset.drop_encoding().to_netcdf(path)
     return path

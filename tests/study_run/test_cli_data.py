@@ -1,4 +1,4 @@
-"""The commands that examine recordings: labels are proposed, pages drawn, nothing overwritten."""
+"""Commands that examine recordings: proposed labels, pages, and protection of existing files."""
 
 import io
 import json
@@ -27,7 +27,7 @@ WORDS = {"ZYG_L": "Left zygomaticus", "RIS_R": "EMG 7", "MEN_L": "Trigger"}
 
 @pytest.fixture
 def foreign(laboratory: Path, tmp_path: Path) -> Path:
-    """Return the file of a recording under other labels."""
+    """Return the file of a recording with other labels."""
     recording = read_recording(next((laboratory / "recordings").glob("*_B_*.nc")))
     labels = [WORDS.get(str(name), str(name)) for name in recording["channel"].values]
     return stored(recording.assign_coords(channel=labels), tmp_path)
@@ -140,7 +140,7 @@ def test_a_folder_is_no_recording(tmp_path: Path) -> None:
 
 
 def test_features_of_a_real_recording(shared: Path) -> None:
-    """Eleven channels of the C3D carry signal, five electrodes of the array were not connected."""
+    """Eleven channels of the C3D contain signals, five electrodes of the array were not connected."""
     path = shared / "recordings" / "pyomeca" / "markers_analogs.c3d"
     result = run("data", "features", path, "--channels", ".EMG")
     assert result.exit_code == 0, result.output
@@ -303,7 +303,7 @@ def test_an_inventory_names_every_file_and_why_it_was_refused(laboratory, tmp_pa
 
 
 def test_a_session_is_cut_by_events_and_by_its_activity(tmp_path: Path) -> None:
-    """A session of two bursts a marker clock of which is half a second behind."""
+    """A session of two bursts with a marker clock that is half a second behind."""
     trial = recording()
     rng = np.random.default_rng(4)
     time = np.arange(round(8.0 * 2048)) / 2048

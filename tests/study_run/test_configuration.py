@@ -1,4 +1,4 @@
-"""The study file: what it accepts, and what it says about what it does not."""
+"""The study file: accepted contents, and messages of errors."""
 
 import inspect
 import re

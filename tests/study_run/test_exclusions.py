@@ -1,4 +1,4 @@
-"""Trials that a person takes out: they are not computed, and the reason stays in the cube."""
+"""Excluded trials: they are not computed, and the cube contains the reason."""
 
 import tomllib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The functions of ``import emgface as ef``: the same results as a study, from files or datasets."""
+"""Functions of ``import emgface as ef``: the same results as a study, from files or datasets."""
 
 import base64
 import html
@@ -88,7 +88,7 @@ def test_a_generated_face_takes_measures_with_or_without_units():
 
 
 def test_changes_leave_what_a_study_sets():
-    """Tables are laid over those of the study; an accuracy frees the solver that it chooses."""
+    """Tables are combined with those of the study; an accuracy replaces its solver."""
     plan = study_of({"signals": {"filter": {"low": 30.0}}, "simulation": {"accuracy": "draft"}})
     chain = changed(plan.signals, {"filter": {"high": 400.0}}, "signals")
     assert (chain.filter.low, chain.filter.high) == (30.0, 400.0)

@@ -1,4 +1,4 @@
-"""A process that is killed at any moment leaves whole results or none."""
+"""A process that is killed at any time leaves complete results or none."""
 
 import os
 import random
@@ -17,7 +17,7 @@ STAGE = Stage("counting", ("emgface.study.store",))
 
 
 def work(folder: Path) -> list[str]:
-    """Compute what is absent; what each result holds follows from its number."""
+    """Compute absent results, whose contents follow from their numbers."""
     store = Store(folder, report=lambda text: None)
     for number in range(COUNT):
 
@@ -31,7 +31,7 @@ def work(folder: Path) -> list[str]:
 
 
 def kill_after(child: int, folder: Path, more: int, rng: random.Random) -> int:
-    """Kill a process shortly after it finished so many more results; its status."""
+    """Kill a process shortly after a further number of results; return its status."""
     wanted = len(list(folder.rglob("*.json"))) + more
     while len(list(folder.rglob("*.json"))) < wanted:
         ended, status = os.waitpid(child, os.WNOHANG)
@@ -45,7 +45,7 @@ def kill_after(child: int, folder: Path, more: int, rng: random.Random) -> int:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork a process")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_killed_at_random_the_store_is_never_corrupt(tmp_path: Path) -> None:
-    """`python -m benchmarks interruptions` does the same to whole studies, fifty times."""
+    """`python -m benchmarks interruptions` tests whole studies in the same way."""
     assert work(tmp_path / "whole") == ["computed"] * COUNT
     rng = random.Random(3)
     killed = 0
@@ -54,7 +54,8 @@ def test_killed_at_random_the_store_is_never_corrupt(tmp_path: Path) -> None:
         if child == 0:
             work(tmp_path / "killed")
             os._exit(0)
-        # by progress, not by the clock: a loaded machine may be slow, and some results must be whole
+        # By progress and not by time, because a machine may be slow and some results must be
+        # complete.
         status = kill_after(child, tmp_path / "killed", rng.randrange(1, COUNT // KILLS), rng)
         killed += os.WIFSIGNALED(status)
         for path in (tmp_path / "killed").rglob("*.nc"):

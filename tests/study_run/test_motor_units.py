@@ -54,7 +54,7 @@ def test_units_are_recruited_by_size_and_fire_as_published(pool) -> None:
         assert (np.diff(rate[unit]) >= 0).all()
     assert rate[0, -1] == HIGHEST_RATE
     assert rate[-1, -1] == pytest.approx(HIGHEST_RATE - RATE_DIFFERENCE)
-    # the onion skin: at any level a later unit fires more slowly
+    # At any level, later units have lower rates ("onion skin").
     assert (np.diff(rate[:, 200][rate[:, 200] > 0]) <= 0).all()
 
 
@@ -82,7 +82,7 @@ def test_amplitude_is_that_of_campbells_theorem(pool, level: float) -> None:
 
 
 def test_the_potential_of_a_unit_is_the_integral_of_its_source() -> None:
-    """Against adaptive quadrature of the current itself, differentiated by hand."""
+    """Compared with adaptive quadrature of the current, differentiated by hand."""
     one = FibreGeometry(
         *(np.array([v]) for v in (4e-3, 12e-3, 22e-3, 4.0, 0.0, 2e-3, 0.3)), distance=0.01
     )
@@ -134,7 +134,7 @@ def test_channels_hear_their_muscles_with_the_stated_gain() -> None:
     pools = draw_pools(np.random.default_rng(5))
     weight = pickup_matrix()
     under = {(CHANNELS[i], MUSCLES[j]) for i, j in zip(*np.nonzero(weight), strict=True)}
-    # The buccinator lies under no pair; through the tissue it is heard.
+    # No electrode pair is above the buccinator; its EMG is picked up through the tissue.
     assert len(under) == 22 and set(pools) - under == {("RIS_L", "BUC_L"), ("RIS_R", "BUC_R")}
     assert under < set(pools)
     emg = synthesise_emg(activation, gain=np.full(14, 100e-6), rng=np.random.default_rng(6),

@@ -1,4 +1,4 @@
-"""Processes that do independent jobs: all results come, and none outlives its parent."""
+"""Processes for independent jobs: all results are returned, and all processes end."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What computed a cube stands in it, per trial, and apart from what wrote the report."""
+"""Computing environment of each trial in the cube, and of the report."""
 
 import json
 import re
@@ -31,7 +31,7 @@ def made(laboratory: Path, tmp_path_factory):
 
 
 def another_version(monkeypatch, **changes) -> None:
-    """Let the store believe that another environment computes."""
+    """Replace the environment reported by the store."""
     other = json.loads(provenance.environment()) | {"emgface": "9.9"} | changes
     monkeypatch.setattr(store, "environment", lambda: json.dumps(other))
 
@@ -66,7 +66,7 @@ def test_cube_names_recordings_face_and_conventions(made, laboratory: Path) -> N
 
 
 def test_digests_and_values_know_no_date(made, laboratory: Path, tmp_path, monkeypatch) -> None:
-    """Computed again at another time by another version: the same stages, the same bits."""
+    """Computation at another time by another version gives the same stages and bits."""
     another_version(monkeypatch)
     monkeypatch.setattr(store, "now", lambda: "2031-01-01T00:00:00Z")
     again = run_study(configured(laboratory), tmp_path)
@@ -80,7 +80,7 @@ def test_digests_and_values_know_no_date(made, laboratory: Path, tmp_path, monke
 def test_resumed_by_another_version_is_said_per_trial(
     made, laboratory: Path, tmp_path: Path, monkeypatch
 ) -> None:
-    """The scores of one trial are lost and computed by a later version."""
+    """The scores of one trial are deleted and computed by a later version."""
     out = tmp_path / "study"
     shutil.copytree(made.path.parent, out)
     events = [e for e in made.events if e.stage == "scores" and e.label.startswith("S01 E")]
@@ -103,7 +103,7 @@ def test_resumed_by_another_version_is_said_per_trial(
 def test_report_tells_what_computed_the_cube_and_what_wrote_the_page(
     made, tmp_path: Path, monkeypatch
 ) -> None:
-    """A later version writes the report: it must not claim the cube for itself."""
+    """A report by a later version states both versions."""
     monkeypatch.setattr(shown, "__version__", "7.7")
     results = open_results(made.path.parent)
     page = text_of(render(results, faces=False))
@@ -124,5 +124,5 @@ def test_store_says_when_and_by_what(made) -> None:
     assert known["written"].endswith("Z")
     del known["environment"]
     index.write_text(json.dumps(known))
-    # an older store is served, and what computed it is not guessed
+    # An older store is used, without a computing environment.
     assert store._made(index.with_suffix(".nc")) == (known["written"], "")

@@ -1,4 +1,4 @@
-"""From face model to motion: what the scene holds, where a motion starts, what drives it."""
+"""From face model to motion: contents of the scene, initial state and excitation."""
 
 import numpy as np
 import pytest
@@ -71,8 +71,8 @@ def test_an_upper_lip_levator_lifts_the_markers_of_its_side(slab, settled) -> No
 
 
 def test_mirrored_activation_gives_the_mirrored_motion(slab, settled) -> None:
-    # One linear solution per step has no stopping error. At rest exactly, where the tangent of a
-    # Blemker fibre jumps, rounding would choose its side: hence the passive tangent, under gravity.
+    # One linear solution per step has no stopping error. Exactly at rest, rounding would determine
+    # the tangent of a Blemker fibre; the test therefore uses the passive tangent under gravity.
     direct = PARAMETERS.model_copy(
         update={"solver": "linearly_implicit", "damping_tangent": "passive"}
     )
@@ -84,7 +84,7 @@ def test_mirrored_activation_gives_the_mirrored_motion(slab, settled) -> None:
               for name in LIP_MARKERS]  # fmt: skip
     flip = xr.DataArray([-1.0, 1.0, 1.0], coords={"axis": ["x", "y", "z"]}, dims="axis")
     mirrored = (right * flip).sel(marker=mirror)
-    # the slab is symmetric to rounding, and so is the start but for the speed left in it
+    # The slab and its initial state are symmetric up to rounding and the remaining velocities.
     np.testing.assert_allclose(left.values, mirrored.transpose(*left.dims).values, atol=1e-7)
     assert float(abs(left - left.isel(time=0)).max()) > 1e-4
 
@@ -197,7 +197,7 @@ def test_muscles_as_lines_stiffening_and_skin_are_parts_of_the_scene(slab) -> No
 
 
 def test_a_face_with_tense_skin_settles_in_tension(slab) -> None:
-    """Held only at its inner rim, a slab drawn together by its skin bends; 'displaced' stretches it."""
+    """The slab, held only at its inner rim, is bent by its skin; 'displaced' stretches it."""
     for method, more in (
         ("stretch", {"skin": {"stiffness": 4.0, "kappa": 250e3}}),
         ("displaced", {}),

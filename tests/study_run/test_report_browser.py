@@ -1,4 +1,4 @@
-"""The report in a real browser: it draws, the slider moves the face, and nothing leaves the page."""
+"""Report in a browser: drawing, motion by the slider, and no network access."""
 
 import base64
 import io
@@ -63,7 +63,7 @@ def browser(tmp_path_factory) -> Iterator:
         options.add_argument(flag)
     options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    # The driver listens on this machine alone, which no proxy can reach.
+    # The driver is local and must not be accessed through a proxy.
     os.environ["NO_PROXY"] = os.environ["no_proxy"] = "localhost,127.0.0.1"
     driver = selenium.Chrome(options=options, service=Service(DRIVER))
     yield driver
@@ -71,7 +71,7 @@ def browser(tmp_path_factory) -> Iterator:
 
 
 def opened(browser, page: Path, *, query: str = "") -> None:
-    """Open the page and wait until the face is drawn; forget what was logged before."""
+    """Open the page, wait until the face is drawn, and clear the log."""
     browser.get_log("browser")
     browser.get_log("performance")
     browser.get(page.as_uri() + query)
@@ -87,7 +87,7 @@ def until(browser, script: str) -> None:
 
 
 def drawn(browser) -> np.ndarray:
-    """Pixels of the face as they stand on the screen."""
+    """Pixels of the face on the screen."""
     browser.execute_script(
         "document.getElementById('stage').scrollIntoView({block: 'center', behavior: 'instant'})"
     )
@@ -98,7 +98,7 @@ def drawn(browser) -> np.ndarray:
 
 
 def slide(browser, fraction: float) -> int:
-    """Move the slider as a hand would; returns the frame."""
+    """Move the slider by events; return the frame."""
     frame = browser.execute_script(
         "const t = document.getElementById('time'); t.value = Math.round(arguments[0] * t.max);"
         "t.dispatchEvent(new Event('input', {bubbles: true})); return Number(t.value)",
@@ -109,7 +109,7 @@ def slide(browser, fraction: float) -> int:
 
 
 def changed(first: np.ndarray, second: np.ndarray) -> float:
-    """Share of pixels that differ by more than anti-aliasing does."""
+    """Fraction of pixels whose difference exceeds that of anti-aliasing."""
     return float((abs(first - second).max(axis=2) > 24).mean())
 
 
@@ -137,7 +137,7 @@ def test_slider_moves_the_face(browser, page: Path, query: str) -> None:
 
 
 def test_the_page_draws_as_pictures_do(browser, page: Path, slab: xr.Dataset) -> None:
-    """The canvas against the picture of the same surface from the same side, pixel by pixel."""
+    """The canvas compared with the picture of the same surface, pixel by pixel."""
     skin = skin_of(slab)
     opened(browser, page)
     browser.execute_script(
@@ -160,7 +160,7 @@ def test_the_page_draws_as_pictures_do(browser, page: Path, slab: xr.Dataset) ->
         window = Window(u - across, v - half, u + across, v + half)
         picture = render(body_of(slab, skin), rest, view, window, width)[:height].astype(int)
         inside = binary_erosion(picture[..., 3] == 255, iterations=3)  # outlines are smoothed
-        inside[:60] = False  # buttons lie over the canvas
+        inside[:60] = False  # buttons cover the canvas
         difference = abs(picture[..., :3] - shown[: len(picture)])[inside]
         assert inside.mean() > 0.04 and np.percentile(difference, 98) <= 8, name
 
@@ -169,7 +169,7 @@ def test_nothing_is_wrong_and_nothing_leaves(browser, page: Path) -> None:
     opened(browser, page)
     slide(browser, 0.5)
     severe = [one for one in browser.get_log("browser") if one["level"] in ("SEVERE", "WARNING")]
-    # A software renderer says that reading its pixels is slow, which only tests do.
+    # A software renderer warns that reading pixels, which only tests do, is slow.
     assert [one for one in severe if "ReadPixels" not in one["message"]] == []
     events = [json.loads(one["message"])["message"] for one in browser.get_log("performance")]
     asked = {

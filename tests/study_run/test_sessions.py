@@ -1,4 +1,4 @@
-"""Sessions of simulated volunteers: rests, cameras, what goes wrong, and the set as BIDS."""
+"""Sessions of simulated volunteers: rests, cameras, faults, and the set as BIDS."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ QUICK = VolunteerParameters(emg="noise", resolution="coarse", world=MATCHED)
 
 
 def motion(seed: int) -> xr.Dataset:
-    """Lips that swing and come back to rest."""
+    """Lips that oscillate and return to rest."""
     time = np.arange(0.0, 2.3001, 0.02)
     lips, _ = still_lips(time.size)
     swing = 5e-3 * np.sin(np.pi * np.clip(time / 1.8, 0, 1)) ** 2

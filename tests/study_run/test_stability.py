@@ -1,4 +1,4 @@
-"""What is told of a motion that rounding decides."""
+"""Reports of motions that depend on rounding."""
 
 from dataclasses import replace
 from pathlib import Path

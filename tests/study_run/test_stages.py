@@ -1,4 +1,4 @@
-"""Every stage names all the code that its results depend on, or a stale result could be served."""
+"""Every stage lists all code that affects its results, so that no outdated result is used."""
 
 import ast
 import importlib.util
@@ -19,7 +19,7 @@ PASSIVE = {
     "emgface.face.simulation_parameters",
     "emgface.face.accuracy",
     "emgface.face.contact_parameters",
-    "sim._kernels.cache",  # where compiled kernels lie, not what they compute
+    "sim._kernels.cache",  # location of compiled kernels
 }
 
 
@@ -30,7 +30,7 @@ def source(module: str) -> Path:
 
 
 def imported(module: str) -> set[str]:
-    """First-party modules that a module imports, by its text."""
+    """First-party modules imported by the text of a module."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(source(module).read_text())):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""Stored stages: what is computed anew, what is not, and what a damaged file does."""
+"""Stored stages: reuse, recomputation, and damaged files."""
 
 import json
 from pathlib import Path

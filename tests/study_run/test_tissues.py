@@ -69,13 +69,15 @@ def test_layers_of_the_published_face_with_anisotropic_skin(slab) -> None:
     axes = solid.axes
     np.testing.assert_allclose(axes.transpose(0, 2, 1) @ axes, np.tile(np.eye(3), (len(axes), 1, 1)),
                                atol=1e-12)  # fmt: skip
-    # on a slab the skin looks along y
+    # The normal of the skin of a slab is y.
     np.testing.assert_allclose(np.abs(material_axes(slab)[outer][:, 1, 2]), 1.0, atol=0.2)
 
 
 def test_skin_of_fung_is_stiffest_along_its_tension_line(slab) -> None:
     """Energy of the skin under a small isochoric stretch along axis 1 and 2 of one element."""
-    p = parameters("P1 = 0.0\n" + FLYNN)  # without passive fibres, which run across those lines
+    p = parameters(
+        "P1 = 0.0\n" + FLYNN
+    )  # without passive fibres, which are perpendicular to those lines
     solid, system = solid_of(slab, p), compile_scene(compose_scene(slab, p))
     e = int(np.flatnonzero(slab["layer"].values == OUTER)[0])
     energy = []

@@ -1,4 +1,4 @@
-"""A simulated volunteer end to end: what its recording holds and that it can be made again."""
+"""A simulated volunteer: contents of its recording, and reproducibility."""
 
 from pathlib import Path
 
@@ -83,8 +83,8 @@ def test_two_processes_write_the_files_of_one(made, slab, tmp_path: Path) -> Non
     assert [path.name for path in paths] == ["S01_B_1.nc", "S01_E_1.nc"]
     for path, other in zip(paths, made[1], strict=True):
         first, second = read_recording(path), read_recording(other)
-        # threads may change the last digits of a product (emg of 1e-4 V), and those of a
-        # factorisation, and so where an iteration stops
+        # The number of threads may affect the last digits of a product (emg of 1e-4 V) and of a
+        # factorisation, and therefore the end of an iteration.
         np.testing.assert_allclose(first["emg"], second["emg"], rtol=0, atol=1e-15)
         np.testing.assert_allclose(first["position"], second["position"], atol=2e-6)
 

@@ -1,4 +1,4 @@
-"""Synthesised activations, sEMG and marker tracks against what they were made from."""
+"""Synthesised activations, sEMG and marker tracks compared with their sources."""
 
 import numpy as np
 import pytest
@@ -195,7 +195,7 @@ def test_baseline_noise_and_hum_have_their_size() -> None:
 
 
 def test_pickup_is_a_generalised_inverse_of_the_muscle_mapping() -> None:
-    """M P M = M with M of Eqs 2-6 written out here, so that the mapping recovers the drive."""
+    """M P M = M with M of Eqs 2-6, so that the mapping recovers the drive."""
     mapping = np.zeros((10, 7))
     weights = {
         "OOP": {"OOS": 0.5, "OOI": 0.5},

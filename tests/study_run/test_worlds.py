@@ -1,4 +1,4 @@
-"""Worlds of simulated volunteers: every kind of mismatch changes what it names, and nothing else."""
+"""Worlds of simulated volunteers: every kind of mismatch changes only its own quantities."""
 
 import json
 from pathlib import Path
@@ -265,7 +265,7 @@ def test_cross_talk_is_filtered_and_no_scaled_copy() -> None:
     _, shared = coherence(near, far, RATE, nperseg=1024)
     assert shared[inside].min() > 0.8  # one muscle
     median = [np.interp(0.5, np.cumsum(s) / s.sum(), frequency) for s in (spectrum, other)]
-    assert median[1] < median[0] - 10.0  # what comes from afar is lower
+    assert median[1] < median[0] - 10.0  # Distant sources have lower frequencies.
     _, cross = csd(near, far, RATE, nperseg=1024)
     gain = np.abs(cross / spectrum)[inside]
     assert gain[-1] < 0.5 * gain[0]
@@ -309,9 +309,9 @@ def test_recordings_have_the_stated_signal_to_noise_ratio(emg: str) -> None:
     found = signal_to_noise(trials, rest, RATE, runs=3)
     wanted = np.array([draw_mismatch(5, 1, own.world).snr[c] for c in CHANNELS])
     assert 14.0 <= wanted.min() and wanted.max() <= 20.0
-    # What comes from afar has a bandwidth of some 20 Hz: power of 0.25 s has 10 degrees of freedom and
-    # is known to 2 dB, of two windows heard three times to 0.8, chosen from as many to 1.1 dB.
-    # All channels lie within three standard deviations, and most within one.
+    # Distant sources have a bandwidth of about 20 Hz: the power of 0.25 s has 10 degrees of freedom
+    # and an error of 2 dB, that of two windows in three trials 0.8 dB, and of the selected ones 1.1
+    # dB. All channels are within three standard deviations, and most within one.
     away = np.abs(found - wanted)
     assert away.max() < 3.3 and np.median(away) < 1.1
     micro = 1e6 * rest.std(axis=1)

@@ -1,4 +1,4 @@
-"""Dental arches and the named surfaces of the lips: shape, symmetry, clear of the resting tissue."""
+"""Dental arches and named surfaces of the lips: shape, symmetry, distance from tissue at rest."""
 
 import numpy as np
 import pytest
@@ -27,11 +27,12 @@ def test_arch(bone: int) -> None:
     arch = next(a for a in dental_arches(Measures()) if a.bone == bone)
     normal, middle = normals(arch), arch.points[arch.triangles].mean(axis=1)
     assert (np.linalg.norm(normal, axis=1) > 0).all()
-    # The wall proper, without the strip behind the incisal edge.
+    # The wall without the strip behind the incisal edge.
     sign = 1 if bone == SKULL else -1
     edge = sign * (sign * arch.points[:, 2]).min()
     wall = sign * (middle[:, 2] - edge) > 1.5e-3
-    # A look along -y meets the front, one from the side the outer wall: the first crossing counts.
+    # The first intersection of a ray along -y is with the front, of a lateral ray with the outer
+    # wall.
     front = wall & (np.abs(middle[:, 0]) < 10e-3) & (normal[:, 1] > 0)
     back = wall & (np.abs(middle[:, 0]) < 10e-3) & (normal[:, 1] < 0)
     assert front.sum() > 50 and back.sum() > 50
@@ -42,7 +43,7 @@ def test_arch(bone: int) -> None:
     assert widest[0] - widest[1] > 1e-3, "to the cheeks"
     rows = {tuple(point) for point in arch.points.tolist()}
     assert rows == {(-x if x else x, y, z) for x, y, z in arch.points.tolist()}
-    # triangles too: nothing slides to one side on them
+    # triangles too, so that sliding is symmetric
     corners = arch.points[arch.triangles] + 0.0
     faces, images = (
         {frozenset(map(tuple, face)) for face in (each + 0.0).tolist()}
@@ -58,7 +59,7 @@ def test_arch(bone: int) -> None:
 @pytest.mark.parametrize("seed", [None, 3])
 @pytest.mark.parametrize("bone", [SKULL, MANDIBLE])
 def test_an_arch_is_a_closed_body(bone: int, seed: int | None) -> None:
-    """Just within every triangle a point is inside, just without it is outside: no fold anywhere."""
+    """Points just inside every triangle are inside, points just outside are outside."""
     measures = Measures() if seed is None else random_measures(seed)
     arch = next(a for a in dental_arches(measures) if a.bone == bone)
     check_closed(arch.points, arch.triangles, "an arch")
@@ -87,7 +88,7 @@ def test_the_upper_incisors_stand_before_and_over_the_lower() -> None:
 
 @pytest.mark.parametrize("seed", [None, 17])
 def test_arches_touch_nothing_at_rest(seed: int | None) -> None:
-    """No point of an arch lies within the tissue or nearer to its nodes than half the clearance."""
+    """No point of an arch is inside the tissue or closer to its nodes than half the clearance."""
     measures = Measures() if seed is None else random_measures(seed)
     face = template_face(resolution="medium", measures=measures)
     position = face["position"].values
@@ -101,7 +102,7 @@ def test_arches_touch_nothing_at_rest(seed: int | None) -> None:
 
 @pytest.mark.parametrize("asymmetry", [0.0, 1.0])
 def test_lips_and_corners_rest_on_the_teeth(asymmetry: float) -> None:
-    """Their lining lies within 2 mm of an arch, as the thicknesses of the lips say, and not in it."""
+    """Their lining is within 2 mm of an arch, and not inside it."""
     face = template_face(resolution="coarse", measures=random_measures(2, asymmetry=asymmetry))
     inner = sheets(face)[:, : 1 + 1, 0]  # the two rings of the red of the lips
     inner = inner[np.abs(inner[..., 2]) > 1e-3]  # beside the slit the margins curve away
@@ -137,7 +138,7 @@ def facet_normals(face: xr.Dataset, surface: str) -> tuple[np.ndarray, np.ndarra
 
 
 def test_lip_surfaces(medium: xr.Dataset) -> None:
-    """Margins face each other, linings face the teeth, the red faces outward; sides mirror."""
+    """Orientation of margins, linings and red of the lips, and symmetry."""
     rays = medium.attrs["rays"]
     for lip, sign in (("upper", 1), ("lower", -1)):
         normal, middle = facet_normals(medium, f"{lip}_lip_margin")

@@ -52,7 +52,7 @@ def test_impossible_resolutions(resolution: str | int) -> None:
 
 @pytest.mark.parametrize(("name", "floor"), [("coarse", 0.25), ("medium", 0.25), ("fine", 0.25)])
 def test_quality(name: str, floor: float, request: pytest.FixtureRequest) -> None:
-    """Far above the 0.011 of the published mesh and the 0.1 that is asked for."""
+    """Far above the 0.011 of the published mesh and the required 0.1."""
     face = request.getfixturevalue(name)
     quality = element_quality(face["position"].values, face["connectivity"].values)
     assert quality.smallest_det.min() > 0
@@ -105,7 +105,7 @@ def test_rings_surround_the_mouth(medium: xr.Dataset) -> None:
 
 
 def test_lips_are_apart(fine: xr.Dataset) -> None:
-    """At every ray of the slit the upper margin lies above the lower one, on all sheets."""
+    """At every ray of the slit the upper margin is above the lower one, on all sheets."""
     place = sheets(fine)
     quarter, half = len(place) // 4, len(place) // 2
     upper, lower = place[:quarter, 0], place[half:quarter:-1, 0]
@@ -139,9 +139,9 @@ def test_it_is_a_face(fine: xr.Dataset) -> None:
     assert nose[1] > lip_top > lip_low > chin[1] > sulcus[1]
     assert nasion[1] < subnasale[1]
     assert lower[-1, 1] < chin[1] - 25e-3, "the skin turns under the chin"
-    # The middle of the face is in front, its sides reach back towards the ears.
+    # The sides of the face are behind its middle.
     assert skin[..., 1].min() < 25e-3 < 95e-3 < subnasale[1]
-    # The vermilion border has its Cupid's bow: higher beside the midline than on it.
+    # Cupid's bow: the vermilion border is higher beside the midline than on it.
     rays = np.arange(len(skin) // 8)
     bow = skin[rays, border, 2]
     assert 1 < np.argmax(bow) < 8 and bow.max() - bow[0] > 0.3e-3
@@ -234,7 +234,7 @@ def test_presets_have_sound_elements(preset: str, resolution: str) -> None:
 
 @pytest.mark.parametrize(("resolution", "n"), [("coarse", 21), ("fine", 7)])
 def test_volunteers_have_sound_elements(resolution: str, n: int) -> None:
-    """A sample of what `docs/template/make.py volunteers` does with a thousand."""
+    """A sample of the thousand faces of `docs/template/make.py volunteers`."""
     grid = make_grid(resolution)
     worst = np.empty(n)
     for k in range(n):

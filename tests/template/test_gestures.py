@@ -1,4 +1,4 @@
-"""The gestures of the six instructions, simulated, against published descriptions of them."""
+"""Simulated gestures of the six instructions compared with published descriptions."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_gestures_use_the_relevant_muscles() -> None:
 
 @pytest.fixture(scope="module")
 def positions(coarse: xr.Dataset) -> dict[str, np.ndarray]:
-    """Lips and teeth touch, as by default; ends of ramps of 0.3 s that are held to 0.5 s."""
+    """With contact of lips and teeth; ramps of 0.3 s are held to 0.5 s."""
     parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
     return held(coarse, "ADF", parameters)
 
@@ -69,9 +69,10 @@ def test_lips_stay_out_of_each_other_and_of_the_teeth(
 
 
 def test_a_smile_looks_like_a_smile(coarse: xr.Dataset, positions: dict[str, np.ndarray]) -> None:
-    """Corners out and up by 7 to 22 mm in volunteers (Paletz et al. 1994, as commonly quoted); those
-    of the model move less (Eskes et al. 2017, Results). The voluntary smile opens the mouth and shows
-    the teeth, that with closed mouth does not (the same section); neither lowers the upper lip.
+    """Corners move outward and upward by 7 to 22 mm (Paletz et al. 1994, as commonly quoted);
+    those of the model move less (Eskes et al. 2017, Results). The voluntary smile opens the mouth
+    and shows the teeth, that with closed mouth does not (the same section); neither lowers the
+    upper lip.
     """
     mouth = Mouth(coarse)
     for smile in "DF":
@@ -83,14 +84,15 @@ def test_a_smile_looks_like_a_smile(coarse: xr.Dataset, positions: dict[str, np.
             assert mouth.moved(positions[smile], marker)[2] > 0.0
     assert mouth.opening(positions["D"]) > 5.0 > mouth.opening(mouth.rest)
     assert -0.1 < mouth.opening(positions["F"]) < 1.0
-    # The corner moves most of all landmarks (Stavness et al., Facial expression simulations).
+    # The corner has the largest displacement (Stavness et al., Facial expression simulations).
     size = {m: np.linalg.norm(mouth.moved(positions["D"], m)) for m in LIP_MARKERS}
     assert max(size, key=lambda name: size[name]).startswith("corner")
 
 
 def test_a_purse_looks_like_a_purse(coarse: xr.Dataset, positions: dict[str, np.ndarray]) -> None:
-    """By the relevant muscles it has no opening (Eskes et al. 2017, Results), a narrower mouth and
-    protruded lips (Stavness et al., sections on lip protrusion)."""
+    """With the relevant muscles it has no opening (Eskes et al. 2017, Results), a narrower mouth and
+    protruded lips (Stavness et al., sections on lip protrusion).
+    """
     mouth, purse = Mouth(coarse), positions["A"]
     assert -0.1 < mouth.opening(purse) < 1.0
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -101,7 +103,7 @@ def test_a_purse_looks_like_a_purse(coarse: xr.Dataset, positions: dict[str, np.
 
 
 def test_the_other_gestures_are_what_they_are_called(coarse: xr.Dataset) -> None:
-    """With walls in place of the teeth, which is cheaper."""
+    """With walls instead of teeth, which is faster."""
     parameters = SimulationParameters(
         sigma_max=SIGMA_MAX, gravity=False, support=WALL, contact=NO_CONTACT
     )
@@ -115,7 +117,7 @@ def test_the_other_gestures_are_what_they_are_called(coarse: xr.Dataset) -> None
 
 
 def test_zygomaticus_alone_hardly_closes_the_mouth(coarse: xr.Dataset) -> None:
-    """Lips that rest on teeth stretch over them; without teeth they sank in and closed by 5.9 mm."""
+    """Lips supported by teeth stretch over them; without teeth the mouth closed by 5.9 mm."""
     found = muscle_actions(coarse, muscles=("ZYG",)).loc["ZYG"]
     closed = 1e3 * lip_opening(coarse, coarse["position"].values) - float(found["opening"])
     assert 0.0 < closed < 2.5

@@ -1,4 +1,4 @@
-"""Measures: norms, demands, settings, and that they come out on the mesh."""
+"""Measures: norms, requirements, settings, and their values in the mesh."""
 
 from dataclasses import asdict, fields
 
@@ -72,7 +72,7 @@ def test_a_measure_out_of_reach_is_refused_by_name() -> None:
 def test_measures_that_make_no_sound_face_are_refused_by_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What the surface allows and the mesh does not: the measure furthest from its norm is named."""
+    """If the mesh is invalid, the message contains the measure furthest from its norm."""
 
     def refuse(**given: object) -> None:
         raise FaceError("element 64 is inverted at rest")
@@ -84,7 +84,7 @@ def test_measures_that_make_no_sound_face_are_refused_by_name(
 
 @pytest.mark.slow
 def test_any_measures_make_a_face_or_are_refused_by_name() -> None:
-    """Far beyond any person: half of the measures anywhere within their bounds."""
+    """Half of the measures have any value within their bounds."""
     rng, built = np.random.default_rng(3), 0
     for _ in range(8):
         values = {n.name: 1e-3 * rng.uniform(*n.bounds) for n in NORMS if rng.random() < 0.5}
@@ -138,7 +138,7 @@ def test_surface_has_the_measures(changes: dict[str, float]) -> None:
 
 
 def test_mesh_has_the_measures() -> None:
-    """Distances between nodes; the mesh takes the skin only at its nodes."""
+    """Distances between nodes; the mesh agrees with the skin only at its nodes."""
     face = template_face(resolution="fine", measures={"mouth_width": 0.050, "lip_gap": 0.004})
     skin = sheets(face)[:, :, 3]
     quarter, half = len(skin) // 4, len(skin) // 2
@@ -154,7 +154,7 @@ def test_mesh_has_the_measures() -> None:
 
 
 def test_thickness_of_the_tissue(medium) -> None:
-    """The blend keeps every region near its own measure, and the skin its thickness."""
+    """The thickness of every region is close to its measure, and that of the skin exact."""
     place = sheets(medium)
     m = Measures()
     whole = np.linalg.norm(place[:, :, 3] - place[:, :, 0], axis=-1)

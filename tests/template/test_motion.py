@@ -1,4 +1,4 @@
-"""What the muscles of the template do, simulated."""
+"""Simulated motions by the muscles of the template."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def check_actions(face: xr.Dataset, muscles: tuple[str, ...] = MODELLED) -> None
     table = muscle_actions(face, muscles=muscles)
     assert table["agrees"].all(), table.loc[~table["agrees"]].T
     assert (table["smallest det F"] > 0.1).all()
-    # The named motion is not a by-product: it is millimetres, as in a face.
+    # The motion is several millimetres, as in a face.
     size = {
         "ZYG": ("corner z", 1.0),
         "RIS": ("corner x", -1.0),
@@ -51,7 +51,7 @@ def check_actions(face: xr.Dataset, muscles: tuple[str, ...] = MODELLED) -> None
 
 
 def test_lips_that_pass_through_each_other_do_not_agree(coarse: xr.Dataset) -> None:
-    """OOM closes the lips; without contact it carries them through, and no sign of a motion tells."""
+    """OOM closes the lips; without contact they pass through each other."""
     through = muscle_actions(coarse, muscles=("OOM",), parameters=FREE).loc["OOM"]
     upper, lower = coarse["position"].values[coarse["lip_opening_node"].values]
     assert upper[2] - lower[2] > 2e-3
@@ -65,7 +65,7 @@ def test_lips_that_pass_through_each_other_do_not_agree(coarse: xr.Dataset) -> N
 
 
 def test_the_opening_of_a_trajectory_is_negative_where_lips_have_passed(coarse: xr.Dataset) -> None:
-    """A strong purse without contact, against the positions of the same run."""
+    """A strong purse without contact, compared with the positions of the same run."""
     parameters = SimulationParameters(
         sigma_max=300e3, gravity=False, accuracy="draft", contact=NO_CONTACT
     )
@@ -98,7 +98,7 @@ def test_all_muscles_act_as_in_the_atlas(name: str, request: pytest.FixtureReque
 
 @pytest.mark.slow
 def test_the_motion_converges_with_the_mesh() -> None:
-    """Grids refined in proportion by 1, 2, 3: an error h^1 would fall by 4, one that jumps by less."""
+    """Grids refined by 1, 2, 3: an error proportional to h decreases monotonically."""
     smile = {"ZYG_L": 0.3, "ZYG_R": 0.3}
     moved: list[np.ndarray] = []
     for k in (1, 2, 3):
@@ -111,7 +111,7 @@ def test_the_motion_converges_with_the_mesh() -> None:
 
 
 def test_a_mirrored_activation_gives_the_mirrored_motion(coarse: xr.Dataset) -> None:
-    """A crooked smile to the left is the mirror image of one to the right, to a nanometre."""
+    """A smile to the left is the mirror image of one to the right, to a nanometre."""
     left = {"ZYG_L": 0.5, "RIS_L": 0.3, "OOP_R": 0.2, "DAO_R": 0.4}
     other = {"L": "R", "R": "L"}
     right = {name[:-1] + other[name[-1]]: value for name, value in left.items()}

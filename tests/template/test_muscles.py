@@ -39,7 +39,7 @@ def test_no_muscle_in_the_skin(fine: xr.Dataset) -> None:
 
 @pytest.mark.parametrize("muscle", RAYS)
 def test_origins_are_deep_and_bony_insertions_near_the_mouth(fine: xr.Dataset, muscle: str) -> None:
-    """Origin: nearest node of the inner sheet is held by bone, but for the fascia of risorius."""
+    """The nearest node of the inner sheet is fixed to bone, except for the fascia of risorius."""
     position, fixed = fine["position"].values, fine["fixed"].values
     inner = sheet_nodes(fine, 0)
     for fibre in fibres_of(fine, f"{muscle}_L"):
@@ -54,9 +54,9 @@ def test_origins_are_deep_and_bony_insertions_near_the_mouth(fine: xr.Dataset, m
 
 
 def test_courses_run_as_in_the_atlas(medium: xr.Dataset) -> None:
-    """From insertion to origin, on the left: where the origin lies."""
+    """Direction from insertion to origin, on the left."""
     expected = {
-        # lateral (-x), back (-y), up (+z): sign or 0 where the atlas does not say.
+        # lateral (-x), back (-y), up (+z): sign, or 0 if not stated in the atlas.
         "ZYG": (-1, -1, 1),
         "RIS": (-1, -1, 0),
         "LLSAN": (0, 0, 1),
@@ -92,7 +92,7 @@ def test_lengths_are_those_of_muscles(medium: xr.Dataset) -> None:
 
 
 def test_fibres_lie_within_the_tissue(medium: xr.Dataset) -> None:
-    """No fibre point lies outside the mesh by more than its chords cut off."""
+    """Points of fibres are outside the mesh by at most the error of its chords."""
     points = medium["fibre_position"].values
     left = points[points[:, 0] < 0]
     projected, _ = project_into_mesh(left, medium["position"].values, medium["connectivity"].values)
@@ -124,7 +124,7 @@ def test_every_muscle_is_one_piece_of_comparable_size(
 
 
 def test_rings_are_whole_rings(fine: xr.Dataset) -> None:
-    """By ring and layer: every ray, the chosen rings; the marginal part is superficial."""
+    """By ring and layer: every ray of the chosen rings; the marginal part is superficial."""
     grid = make_grid("fine")
     ray, ring = grid.element_place
     marginal = grid.rings[0]
@@ -139,7 +139,7 @@ def test_rings_are_whole_rings(fine: xr.Dataset) -> None:
 
 
 def test_ring_directions_follow_the_ring(fine: xr.Dataset) -> None:
-    """Tangent to the loop of centres of the same ring, by central differences."""
+    """Tangential to the loop of centres of the same ring, by central differences."""
     grid = make_grid("fine")
     centres = element_centres(fine["position"].values, fine["connectivity"].values)
     loops = centres.reshape(3, grid.rays, grid.n_rings, 3)
@@ -153,7 +153,7 @@ def test_ring_directions_follow_the_ring(fine: xr.Dataset) -> None:
 
 
 def test_points_are_found_again() -> None:
-    """The inverse of the chart: a point placed on a node's place is that node."""
+    """Inverse of the chart: a point at the position of a node is this node."""
     surfaces = calibrated_surfaces(Measures())
     q, lip, s = np.array([0.0, 0.3, 0.9, 0.55]), np.array([1, -1, 1, -1.0]), [0.2, 0.5, 0.9, 0.99]
     own = np.arange(4)

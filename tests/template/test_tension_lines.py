@@ -17,7 +17,7 @@ def test_tension_lines_cross_the_muscles_and_mirror(coarse: xr.Dataset) -> None:
     assert (axes[centre[:, 1] > np.quantile(centre[:, 1], 0.8), 2, 1] > 0).all(), (
         "outwards in front"
     )
-    # over the philtrum the ring muscle runs across, so that the lines run up and down
+    # At the philtrum the fibres of the ring muscle are horizontal and the lines vertical.
     upper = int(coarse["lip_opening_node"].values[0])
     above = centre - X[upper]
     lip = np.linalg.norm(above, axis=1) < 0.012

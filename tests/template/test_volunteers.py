@@ -1,4 +1,4 @@
-"""Presets and random volunteers: what they are, repeatability, spread."""
+"""Presets and random volunteers: properties, reproducibility and variance."""
 
 from dataclasses import asdict, replace
 
@@ -69,12 +69,12 @@ def test_a_seed_is_a_person() -> None:
 
 @pytest.mark.parametrize("name", ["mouth_width", "nose_height", "cheek_fullness", "jaw_width"])
 def test_volunteers_have_the_published_mean_and_spread(name: str) -> None:
-    """Mean within three standard errors; a normal cut at 2.5 has 0.953 of its deviation."""
+    """Mean within three standard errors; a normal truncated at 2.5 has 0.953 of its deviation."""
     norm = next(norm for norm in NORMS if norm.name == name)
     n = 800
     values = np.array([getattr(random_measures(k, preset="man"), name) for k in range(n)]) * 1e3
     mean, deviation = norm.men
-    # Contradictory people are drawn again, which shifts some measures slightly.
+    # Persons with contradictory measures are drawn again, which slightly changes some means.
     assert values.mean() == pytest.approx(mean, abs=3.0 * deviation / np.sqrt(n) + 0.05 * deviation)
     assert values.std(ddof=1) == pytest.approx(0.953 * deviation, rel=0.08)
     assert np.abs(values - mean).max() <= 2.5 * deviation + 1e-9

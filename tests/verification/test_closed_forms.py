@@ -1,4 +1,4 @@
-"""Homogeneous deformations against formulae written in principal stretches, not in F."""
+"""Homogeneous deformations compared with formulae in principal stretches, independent of F."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_simple_shear(gamma):
 
 
 def blemker_fibre_stress(r, activation, sigma_max):
-    """Formula of the law, written once more from its definition for stretch_opt = 1."""
+    """The law for stretch_opt = 1, from its definition."""
     active = (
         0.0
         if r < 0.4 or r > 1.6
@@ -69,7 +69,7 @@ def blemker_fibre_stress(r, activation, sigma_max):
 @pytest.mark.parametrize("stretch", [0.5, 0.8, 1.0, 1.2, 1.45, 1.55])
 @pytest.mark.parametrize("activation", [0.0, 0.5, 1.0])
 def test_active_fibre(stretch, activation):
-    """Cauchy stress (stretch f / J)(a a' - I/3) on top of the passive one."""
+    """Cauchy stress (stretch f / J)(a a' - I/3) in addition to the passive one."""
     n = MESH.n_elements
     muscles = sim.Muscles(
         ("m",), np.arange(n), np.zeros(n, int), np.tile([1.0, 0, 0], (n, 1)), sim.Blemker(200e3)
@@ -84,7 +84,7 @@ def test_active_fibre(stretch, activation):
 
 
 def test_a_muscle_that_fills_a_share_of_its_elements_has_that_share_of_its_stress():
-    """Exact in force and tangent: rows of 0.3 and 0.7 together are the row without weight."""
+    """Exact in force and tangent: rows of weights 0.3 and 0.7 together equal the row without weight."""
     n, rng = MESH.n_elements, np.random.default_rng(4)
     direction = rng.normal(size=(n, 3))
     every = np.arange(n)

@@ -1,4 +1,4 @@
-"""Dynamics against closed forms and measured convergence orders."""
+"""Dynamics compared with closed forms, and measured convergence orders."""
 
 import numpy as np
 import pytest
@@ -87,9 +87,9 @@ def smooth_block(damping):
 
 
 def measured_order(integrator, damping, duration, steps, activation=None):
-    """Order from the last three steps: differences of successive solutions fall by 2^order."""
+    """Order from the last three steps: differences of successive solutions decrease by 2^order."""
     system = smooth_block(damping)
-    time = np.linspace(0.0, duration, 3)  # the steps meet the kinks of the activation
+    time = np.linspace(0.0, duration, 3)  # Steps end at the kinks of the activation.
     activation = activation or sim.Activation(time, np.array([[0.0, 0.0], [0.3, 0.1], [0.2, 0.3]]))
     solutions = [
         sim.simulate(
@@ -152,7 +152,7 @@ def test_both_solvers_approach_the_same_solution():
 
 
 def test_converged_step_solves_the_implicit_euler_equation():
-    """M (v1 - v0)/h + D0 v1 = f(q1), checked with matrices of the test's own making."""
+    """M (v1 - v0)/h + D0 v1 = f(q1), with independently assembled matrices."""
     system = contracting_block()
     control, h = system.control(np.array([0.6, 0.1])), 0.01
     start = system.rest_state()

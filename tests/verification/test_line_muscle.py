@@ -1,4 +1,4 @@
-"""Line muscles against closed forms: one fibre in a cube, momentum, embedding, strings, bad input."""
+"""Line muscles compared with closed forms: one fibre in a cube, momentum, embedding, strings, errors."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def with_lines(mesh, fibres, law=None, names=("line",), **more):
 
 
 def line_force(mesh, fibres, q=None, activation=1.0, **more):
-    """Forces of the lines alone: those with them less those without."""
+    """Difference of the forces with and without lines."""
     with_them, without = with_lines(mesh, fibres, **more)
     q = mesh.X if q is None else q
     level = with_them.control(np.full(len(with_them.muscles), activation))
@@ -30,7 +30,8 @@ def test_a_single_fibre_in_a_unit_cube_pulls_its_ends_together():
     f = line_force(UNIT, (sim.LineFibre(0, ends),), activation=0.7)
     near = UNIT.X[:, 0] == 0.0
     expected = np.zeros((8, 3))
-    expected[near, 0] = 1.4 * (3 - 1) / 16  # 3/16 of the pull at its own end less 1/16 of the other
+    # 3/16 of the force at its own end minus 1/16 of the other
+    expected[near, 0] = 1.4 * (3 - 1) / 16
     expected[~near, 0] = -1.4 * (3 - 1) / 16
     np.testing.assert_allclose(f, expected, rtol=0, atol=1e-15)
 
@@ -62,7 +63,7 @@ def test_points_embedded_at_nodes_are_those_nodes_to_rounding():
 
 @pytest.mark.parametrize("kind", ELEMENT_TYPES.values(), ids=lambda kind: kind.name)
 def test_embedding_finds_the_point_that_the_map_gives(kind):
-    """Points mapped from known natural coordinates of a distorted element come back."""
+    """Points mapped from known natural coordinates of a distorted element are recovered."""
     rng = np.random.default_rng(3)
     X = kind.corners + rng.normal(size=kind.corners.shape) * 0.08
     mesh = sim.mesh_from_arrays(X, **{kind.name: [range(kind.n_nodes)]})
@@ -74,7 +75,7 @@ def test_embedding_finds_the_point_that_the_map_gives(kind):
 
 
 def test_a_via_point_carries_the_tension_round_the_corner():
-    """At a right angle the via point feels F along the bisector, whatever the lengths of the legs."""
+    """At a right angle the force on the via point is along the bisector, for any lengths of the legs."""
     mesh = grid((2, 2, 1), (0.02, 0.04, 0.01))
     corner, along, across = 0, 12, 2
     f = line_force(mesh, (sim.LineFibre(0, np.array([along, corner, across])),))
@@ -84,7 +85,7 @@ def test_a_via_point_carries_the_tension_round_the_corner():
 
 
 def test_tension_stiffens_a_line_across_itself():
-    """A taut string of two segments of length l has the stiffness 2 F/l across, none along."""
+    """A taut string of two segments of length l has the perpendicular stiffness 2 F/l and no other."""
     mesh = grid((2, 1, 1), (0.02, 0.01, 0.01))
     with_them, without = with_lines(mesh, (sim.LineFibre(0, np.array([0, 4, 8])),))
     stiffness = []
@@ -102,7 +103,7 @@ def test_peck_follows_its_formula():
 
 
 def test_a_line_draws_a_block_together_as_far_as_the_static_solver_says():
-    """At equilibrium the work of the line over a virtual move is that of the tissue: df = 0."""
+    """In equilibrium the virtual work of the line equals that of the tissue."""
     mesh = grid((2, 2, 2))
     held = sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0))
     fibre = sim.LineFibre(0, np.array([[0.001, 0.009, 0.01], [0.011, 0.01, 0.009], [0.019] * 3]))

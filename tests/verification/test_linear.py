@@ -1,4 +1,4 @@
-"""Linear solvers that reuse factors: single precision, older factors, factors of a system nearby."""
+"""Linear solvers that reuse factors: single precision, older factors, factors of similar systems."""
 
 import gc
 import weakref
@@ -71,7 +71,7 @@ def test_a_factor_in_single_precision_is_refined_to_double():
     size = np.abs(expected).max()
     assert np.abs(single.solve(rhs) - expected).max() < 1e-12 * size
     once = np.abs(single.approximate(rhs) - expected).max()
-    assert 1e-9 * size < once < 1e-3 * size  # it is in single precision indeed
+    assert 1e-9 * size < once < 1e-3 * size  # the factor is in single precision
     assert single.factor_bytes * 2 == double.factor_bytes
 
 
@@ -128,10 +128,10 @@ def test_an_older_factor_serves_until_renewing_it_pays(name):
         assert np.abs(x - expected).max() < 5 * error * size
         made.append(solver.factorisations)
         spent.append(solver.iterations)
-    assert made[0] == 1 and made[1] == 0  # a factor that is nearly right is kept
+    assert made[0] == 1 and made[1] == 0  # A factor of a similar matrix is reused.
     assert spent[0] <= 3 < max(spent) <= 3 + PATIENCE + 3
     assert 2 <= sum(made) <= 6
-    # and a matrix that has nothing to do with it is not
+    # The factor is not reused for an unrelated matrix.
     solver.factorise(step_matrix(system, moved(1e-3, seed=1), 1.0, h=1.0))
     solver.solve(rhs, error=error * size)
     solver.factorise(A)
@@ -153,7 +153,7 @@ def test_a_matrix_that_is_not_definite_is_solved_as_it_stands(name):
         assert not np.linalg.eigvalsh(dense(system.pattern, A)).min() > 0.0
         size = np.abs(expected).max()
         assert np.abs(solver.solve(rhs, error=1e-8 * size) - expected).max() < 1e-7 * size
-        # SuperLU does not tell
+        # not available from SuperLU
         assert not solver.definite
     assert solver.factorisations == 0
     with pytest.raises(sim.SingularSystem, match="NaN"):
@@ -212,7 +212,7 @@ def test_only_what_couples_many_nodes_has_a_system_nearby():
 
 @pytest.mark.parametrize("name", ["gmres_superlu", "superlu"])
 def test_a_workspace_that_nobody_holds_is_freed_at_once(name):
-    """Factors take hundreds of megabytes, which would wait for the collection of garbage in a cycle."""
+    """In a reference cycle, factors of hundreds of megabytes would wait for garbage collection."""
     system = body()
     work = sim.Workspace(system, name)
     control = system.control(np.full(len(system.muscles), 0.1))
@@ -227,7 +227,7 @@ def test_a_workspace_that_nobody_holds_is_freed_at_once(name):
 
 
 def softened(system, share):
-    """Matrix of a step, and the same less a share of its smallest eigenvalue in every direction."""
+    """Matrix of a step, minus a multiple of its smallest eigenvalue in all directions."""
     A = step_matrix(system)
     least = np.linalg.eigvalsh(dense(system.pattern, A))[0]
     B = A.copy()
@@ -239,7 +239,7 @@ def softened(system, share):
     "name", ["superlu", pytest.param("pardiso", marks=needs_pardiso), *FAMILIES]
 )
 def test_every_solver_knows_whether_a_matrix_is_positive_definite(name):
-    """The eigenvalues cross zero between 0.99 and 1.01 of the smallest."""
+    """The smallest eigenvalue is zero between the factors 0.99 and 1.01."""
     system = body()
     rhs = np.random.default_rng(0).normal(size=system.pattern.n)
     for share, definite in ((0.99, True), (1.01, False)):
@@ -260,7 +260,7 @@ def test_every_solver_knows_whether_a_matrix_is_positive_definite(name):
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_an_older_factor_does_not_hide_that_a_matrix_has_become_indefinite(name):
-    """The older factor would serve on; the error it estimates is too small where the matrix is soft."""
+    """The estimated error of an older factor is too small if the matrix is soft."""
     system = body()
     rhs = np.random.default_rng(0).normal(size=system.pattern.n)
     for share, definite in ((0.9, True), (0.999, True), (1.01, False), (1.5, False)):

@@ -1,8 +1,8 @@
-"""Manufactured solutions: the order of every element in mesh size, for laws of both families.
+"""Manufactured solutions: order of convergence of every element type, for laws of both families.
 
-A smooth motion x = X + u(X) is made the solution by the body force b = -Div P(F(X)); P is written here
-from each law's invariants or polar decomposition, b by differences of it. The body is held on its whole
-boundary.
+A smooth motion x = X + u(X) is the solution for the body force b = -Div P(F(X)); P is computed here
+from each law's invariants or polar decomposition, b by differences of it. The whole boundary of the
+body is fixed.
 """
 
 import numpy as np
@@ -86,7 +86,7 @@ def box_mesh(element, n):
 
 
 def fine_rule(element):
-    """Points and weights in natural coordinates, of a higher degree than the element's own."""
+    """Points and weights in natural coordinates, of a higher degree than those of the element."""
     g, w = np.polynomial.legendre.leggauss(3)
     points = np.stack(np.meshgrid(g, g, g, indexing="ij"), axis=-1).reshape(-1, 3)
     weights = np.einsum("i,j,k->ijk", w, w, w).ravel()

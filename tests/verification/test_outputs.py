@@ -1,4 +1,4 @@
-"""Outputs between the steps, and several steps to one output."""
+"""Outputs between steps, and several steps per output."""
 
 from itertools import pairwise
 
@@ -52,7 +52,9 @@ def test_a_cubic_motion_is_met_at_every_instant():
 
 
 def test_outputs_inside_steps_are_as_accurate_as_their_ends(block, monkeypatch):
-    monkeypatch.setattr(sim.outputs, "STRAIGHT", np.inf)  # the cubic also where it bends
+    monkeypatch.setattr(
+        sim.outputs, "STRAIGHT", np.inf
+    )  # the cubic also for a varying acceleration
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
     errors = []
     for h in (0.02, 0.01):
@@ -75,7 +77,7 @@ def test_fewer_outputs_are_a_selection_with_the_counts_of_all_their_steps(block)
 
 
 def test_divided_steps_are_interpolated_piece_by_piece(block, monkeypatch):
-    """An interval of error control knows the ends of its steps, not of itself alone."""
+    """An interval of error control is interpolated between the ends of its steps."""
     monkeypatch.setattr(sim.outputs, "STRAIGHT", np.inf)
     nodes = np.flatnonzero(block.scene.mesh.X[:, 2] > 0.0)
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
@@ -101,7 +103,7 @@ def test_instants_that_do_not_fit_are_refused(h, every, duration):
         intervals(0.0, duration, h, every)
 
 
-# Stress [Pa] at which the cubic through upright ends inverts an element inside a step of 20 ms.
+# Stress [Pa] for which the cubic inverts an element within a step of 20 ms, but not at its ends.
 INVERTING = {"Trapezoidal": 5e4, "Sdirk2": 3e5, "ConvergedEuler": 3e5}
 
 
@@ -132,7 +134,7 @@ def jerked(sigma_max, integrator, steps, probes, every=0.005):
     "control", [sim.FixedStep(0.02), sim.HalvingStep(0.02), sim.ErrorControlledStep(1.0, 0.02)]
 )
 def test_no_output_is_inverted_where_the_cubic_of_its_step_is(name, control):
-    """Both ends of a step upright, the state between them not: the step is taken to the output."""
+    """An element is inverted only between the ends of a step; a step then ends at the output."""
     if name == "Trapezoidal" and isinstance(control, sim.ErrorControlledStep):
         pytest.skip("without an estimate every step is taken in two halves, whose ends are upright")
     integrator = getattr(sim, name)()
@@ -161,7 +163,7 @@ def test_no_output_is_inverted_where_the_cubic_of_its_step_is(name, control):
 @pytest.mark.parametrize("control", [sim.FixedStep, sim.HalvingStep, sim.ErrorControlledStep])
 @pytest.mark.parametrize(("h", "every"), [(0.004, 0.001), (0.001, 0.002)])
 def test_probes_tell_the_state_that_is_written(block, kind, control, h, every):
-    """Values at outputs inside steps, and after several, are those of the positions beside them."""
+    """Values at all outputs are those of the recorded positions."""
     if kind.stability == "conditional":
         h, every = 0.01 * h, 0.01 * every
     steps = control(h=h) if control is not sim.ErrorControlledStep else control(1.0, h)
@@ -193,7 +195,7 @@ def test_probes_tell_the_state_that_is_written(block, kind, control, h, every):
 
 
 def test_conditions_hold_in_every_output():
-    """Elements of a fixed volume keep it also at the outputs inside the steps asked for."""
+    """Volumes of elements are constant also at outputs within the requested steps."""
     mesh = grid((2, 2, 2))
     system = solid_system(
         mesh,
@@ -212,7 +214,7 @@ def test_conditions_hold_in_every_output():
 
 
 def test_an_opening_has_a_sign_and_goes_through_zero_without_a_jump(block):
-    """One node passes the other, beside it: the distance would never fall below what lies between."""
+    """One node passes beside the other; their distance would not be zero."""
     probe = sim.Opening(26, 0, (0.0, 0.0, 2.0))
     X = block.rest_state().q
     found = []

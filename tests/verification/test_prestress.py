@@ -1,4 +1,4 @@
-"""Pre-stress by both methods, and stress stiffening, against closed forms."""
+"""Pre-stress by both methods, and stress stiffening, compared with closed forms."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_a_held_block_bears_exactly_the_prescribed_stress(size):
 
 
 def free_across(slope, axis):
-    """Stiffness along one axis, the other two free of further stress, from d stress/d strain (3, 3)."""
+    """Stiffness along one axis without further stress along the others, from the tangent (3, 3)."""
     rest = np.delete(np.arange(3), axis)
     across = np.linalg.solve(slope[np.ix_(rest, rest)], slope[rest, axis])
     return slope[axis, axis] - slope[axis, rest] @ across
@@ -52,7 +52,7 @@ def free_across(slope, axis):
 
 @pytest.mark.parametrize("size", IN_VIVO)
 def test_tension_raises_the_stiffness_along_itself(size):
-    """Stiffness along the line and across it, against the derivatives of the closed form."""
+    """Stiffness along and across the line, compared with derivatives of the closed form."""
     axes, h = rotation(5)[None], 1e-4
     n = axes[0]
 
@@ -111,10 +111,10 @@ def test_fibres_under_prestretch_pull_along_their_direction_in_the_mesh():
 
 
 def test_nodes_displaced_in_a_first_step_leave_the_uniaxial_stress():
-    """A bar made too short by 0.8, its ends displaced back: stress of the stretch 1/0.8."""
+    """A bar shortened by 0.8 with its ends displaced back: stress at the stretch 1/0.8."""
     mesh = grid((4, 1, 1), (0.8 * 0.04, 0.01, 0.01))
     ends = np.flatnonzero(np.isclose(mesh.X[:, 0] % mesh.X[:, 0].max(), 0.0))
-    corner = np.array([0])  # holds the rigid motion across: y, z of a corner and z of another
+    corner = np.array([0])  # prevents rigid motion: y, z of a corner and z of another
     reductions = (
         sim.Fixed(ends, (0,)),
         sim.Fixed(corner),

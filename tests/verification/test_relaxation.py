@@ -1,4 +1,4 @@
-"""Quasi-linear viscoelasticity against closed forms; the memory against what a step may do to it."""
+"""Quasi-linear viscoelasticity compared with closed forms, and the memory of states."""
 
 import functools
 from dataclasses import replace
@@ -21,7 +21,7 @@ def stretched(amount):
 
 
 def held(law, path, h, steps):
-    """Nodal forces while the body is moved along a path, over the elastic ones at the end."""
+    """Nodal forces during motion along a path, over the elastic ones at the end."""
     system = solid_system(MESH, law, relaxation=PRONY)
     elastic = solid_system(MESH, law)
     state, forces = system.rest_state(), []
@@ -41,8 +41,8 @@ LAWS = [sim.LinearElastic(), sim.CoRotational(), sim.Fung(), sim.Ogden(), sim.Mo
 def test_stress_relaxation_at_any_step(law, h):
     """Stretched within the first step, then held: S = G(t) S_e after a ramp of length h.
 
-    The recursion is exact for stresses that change linearly within a step, so the closed form is the
-    mean of G over the ramp: 1/h int_(t-h)^t G ds. The bulk law does not relax.
+    The recursion is exact for stresses that change linearly within a step, so the closed form is
+    the mean of G over the ramp: 1/h int_(t-h)^t G ds. The bulk law does not relax.
     """
     bulk = None if type(law) in (sim.LinearElastic, sim.CoRotational) else sim.QuadraticBulk(0.0)
     solid = (sim.Material(law, bulk), sim.Material(law, bulk, relaxation=PRONY))
@@ -85,7 +85,7 @@ def test_error_in_the_step_is_of_second_order_along_a_smooth_path():
 def test_storage_and_loss_modulus():
     """G* = G_inf + sum g i w tau/(1 + i w tau) in steady oscillation; the loss is dissipated energy.
 
-    A step of 1/64 period leaves an error of (w h)^2/12 = 8e-4, relative.
+    Steps of 1/64 period cause a relative error of (w h)^2/12 = 8e-4.
     """
     w, periods, n = 7.0, 7, 64
     h, amplitude = 2 * np.pi / w / n, 0.05
@@ -103,7 +103,7 @@ def test_storage_and_loss_modulus():
 
 
 def column(relaxation):
-    """A column that hangs from its top; too light for its inertia to be seen."""
+    """A column that hangs from its top, with negligible inertia."""
     mesh = grid((1, 1, 4), (0.01, 0.01, 0.04))
     top = np.isclose(mesh.X[:, 2], mesh.X[:, 2].max())
     material = sim.Material(sim.LinearElastic(15e3, 0.3), density=1e-3, relaxation=relaxation)
@@ -147,7 +147,7 @@ def test_creep_under_a_constant_load():
         u = u - system.scene.mesh.X
         expected = creep_compliance(prony, trajectory.time.values)[1:, None, None] * u0
         errors.append(np.abs(u[1:] - expected).max() / np.abs(u0).max())
-    # the load comes over the first step, not at once: a delay of half a step
+    # The load increases over the first step, which delays it by half a step.
     assert np.log2(errors[0] / errors[1]) == pytest.approx(1.0, abs=0.1)
     assert errors[-1] < 0.03
 
@@ -165,7 +165,7 @@ def driven(alpha=19.0, beta=0.02, gravity=9.8, **more):
 
 
 def test_forces_and_tangents_during_a_step_have_a_potential():
-    """Force = -dE/dq and K = -df/dq with a memory that is not at rest; K scales with the step."""
+    """Force = -dE/dq and K = -df/dq with a memory that is not relaxed; K depends on the step."""
     system = solid_system(MESH, sim.Ogden(), relaxation=PRONY)
     state, rng = system.rest_state(), np.random.default_rng(0)
     control = system.control(NONE)
@@ -198,13 +198,13 @@ def end_of_motion(system, integrator, h):
 
 @functools.cache
 def reference_motion():
-    """A second-order run, good to 1e-8 m (the difference to Sdirk2)."""
+    """Second-order solution with an error of 1e-8 m (difference from Sdirk2)."""
     return end_of_motion(MOVING, sim.Trapezoidal(), 0.1 / 320).q
 
 
 @pytest.mark.parametrize("cls", INTEGRATORS)
 def test_every_integrator_carries_the_memory(cls):
-    """All approach the same motion."""
+    """All converge to the same motion."""
     h = EXPLICIT.get(cls, 0.005)
     ends = [end_of_motion(MOVING, cls(), size) for size in (2 * h, h)]
     errors = [np.abs(end.q - reference_motion()).max() for end in ends]
@@ -230,7 +230,7 @@ def test_a_static_equilibrium_is_relaxed():
         control = s.control(np.full(2, 0.2))
         ends.append(sim.Static().step(s, s.rest_state(), control, 1.0, sim.Workspace(s))[0])
     np.testing.assert_allclose(ends[0].q, ends[1].q, atol=1e-9)
-    # and goes on as one that has stood there for ever
+    # It continues like a fully relaxed one.
     memory = ends[0].memory["Solid[0]"]
     assert np.abs(memory[:, 1:]).max() == 0.0 and np.abs(memory[:, 0]).max() > 0.0
     still, forgotten = (
@@ -242,7 +242,7 @@ def test_a_static_equilibrium_is_relaxed():
 
 @pytest.mark.parametrize("cls", INTEGRATORS)
 def test_a_rejected_step_leaves_no_trace(cls):
-    """A step that fails, then half of it: the same numbers as half of it alone."""
+    """A failed step, followed by its half, gives the same numbers as the half alone."""
     system, h = MOVING, 2 * EXPLICIT.get(cls, 0.005)
     control = system.control(np.full(2, 0.3))
     state = system.rest_state()
@@ -280,7 +280,7 @@ def test_steps_rejected_by_their_error_leave_the_motion_right():
 
 
 def test_memory_goes_on_where_it_stopped():
-    """A run in one piece equals one that was saved and taken up again."""
+    """A single run equals one that was saved and continued."""
     system = driven(relaxation=PRONY)
     activation = sim.Activation(np.array([0.0, 0.1]), np.array([[0.0, 0.0], [0.3, 0.2]]))
     run = dict(steps=sim.FixedStep(0.01), integrator=sim.LinearlyImplicitEuler())

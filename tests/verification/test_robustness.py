@@ -1,4 +1,4 @@
-"""Failures are typed and leave no trace; the converged solver survives what the other does not."""
+"""Typed failures without side effects, and cases in which only the converged solver succeeds."""
 
 import numpy as np
 import pytest
@@ -66,7 +66,7 @@ def test_too_few_iterations_are_an_error_not_a_result():
 
 
 class FailsAbove:
-    """An integrator that refuses steps above a size, to watch the step control."""
+    """Integrator that refuses steps above a size, for tests of step controls."""
 
     order = 1
 

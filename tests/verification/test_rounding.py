@@ -1,4 +1,4 @@
-"""Rounding of the rest positions stays rounding of the motion, or the run says that it does not."""
+"""Effect of rounding of the rest positions on the motion, and its report."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ MOVED = 1e-14
 """Perturbation of every free coordinate [m], a hundred units in the last place of a face."""
 
 KNOWN = 1e3
-"""Growth of a perturbation that counts as none: it may add up over steps and nodes."""
+"""Growth of a perturbation that is accepted, because it accumulates over steps and nodes."""
 
 TIGHT = {"tolerance": 1e-12, "residual_tolerance": 1e-9}
 
 
 def block():
-    """Fibres as long as at rest, where the passive curve has its kink, and nodes on their walls."""
+    """Block with fibres at the kink of their passive curve and nodes on their walls."""
     mesh = grid((2, 2, 3), (0.02, 0.02, 0.03))
     bottom = np.flatnonzero(mesh.X[:, 2] == 0.0)
     top = np.flatnonzero(mesh.X[:, 2] == 0.03)
@@ -36,7 +36,7 @@ def block():
 
 
 def drift(system, integrator, linear):
-    """Largest distance between a motion and that from rest positions moved by rounding [m]."""
+    """Largest distance between motions from rest positions that differ by rounding [m]."""
     drive = sim.Activation(np.array([0.0, 0.05]), np.array([[0.0, 0.0, 0.0], [0.6, 0.3, 0.2]]))
     rest, found = system.rest_state(), []
     for sign in (0.0, 1.0, -1.0):
@@ -68,11 +68,11 @@ def test_a_perturbation_of_rounding_size_does_not_grow(kind):
 
 
 FOUND = 1e-5
-"""Difference of a position that a run must have said is possible [m]: 0.1 % of the column's width."""
+"""Difference of positions that a run must report as possible [m]: 0.1 % of the column's width."""
 
 
 def column(stress):
-    """A column held at both ends that thickens, because its muscles run across it, and buckles."""
+    """A column held at both ends that buckles because transverse muscles thicken it."""
     mesh = grid((2, 2, 8), (0.01, 0.01, 0.04))
     n = mesh.n_elements
     across = np.tile([1.0, 0.0, 0.0], (n, 1))
@@ -87,7 +87,7 @@ def column(stress):
 
 
 def buckled(system, integrator, linear, seed=None, *probes):
-    """Motion of a column, its rest positions moved by rounding if a seed is given."""
+    """Motion of a column, with its rest positions perturbed by rounding if a seed is given."""
     rest = system.rest_state()
     q = rest.q.copy()
     if seed is not None:
@@ -111,7 +111,7 @@ def buckled(system, integrator, linear, seed=None, *probes):
     "kind", [sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal, sim.Sdirk2]
 )
 def test_a_motion_that_rounding_decides_says_so(kind, stress, linear):
-    """A symmetric column buckles to where rounding sends it; one that stays straight is silent."""
+    """The direction in which a symmetric column buckles depends on rounding and is reported."""
     system, found, told = column(stress), [], []
     for seed in (None, 1):
         try:
@@ -128,7 +128,7 @@ def test_a_motion_that_rounding_decides_says_so(kind, stress, linear):
 
 
 def test_the_column_buckles_by_rounding_alone():
-    """Else the test above says nothing: two of its motions differ by millimetres."""
+    """Two motions of the column differ by millimetres."""
     system = column(5e4)
     one, other = (buckled(system, sim.Sdirk2(), "superlu", seed) for seed in (1, 2))
     assert np.abs(one["node_position"] - other["node_position"]).max() > 1e-3

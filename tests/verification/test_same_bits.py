@@ -1,4 +1,4 @@
-"""The same inputs give the same bits: after a restart from a file, whatever a solver did before."""
+"""Bitwise equality of results, after a restart from a file and after other uses of a solver."""
 
 import subprocess
 import sys
@@ -42,7 +42,7 @@ CONTROLS = [
 
 
 def block(volume: str = "") -> sim.System:
-    """A block with two muscles, held at one end."""
+    """A block with two muscles, fixed at one end."""
     mesh = grid((3, 3, 2), distort=0.1, seed=2)
     terms = {"nodal": (sim.NodalVolume(),), HARD: ()}.get(volume, ())
     return solid_system(
@@ -57,7 +57,7 @@ def block(volume: str = "") -> sim.System:
 
 
 def falling(method: str, friction: float = 0.0) -> sim.System:
-    """A block that falls onto a fixed one and is pressed by its weight."""
+    """A block that falls onto a fixed one and is compressed by its weight."""
     low = grid((3, 3, 1), (0.02, 0.02, 0.006))
     high = grid((2, 2, 1), (0.012, 0.012, 0.006))
     n = len(low.X)
@@ -84,7 +84,7 @@ def drive(system: sim.System, until: float) -> sim.Activation:
 def require_a_restart_to_change_nothing(
     made, path: Path, *, integrator, steps=None, linear="auto", n=12, every=None
 ) -> None:
-    """Whole run against two halves with a file between them, the second with a system of its own."""
+    """One run compared with two halves, the second from a file with another system."""
     steps = steps or sim.FixedStep(H)
     until = n * steps.h
 
@@ -221,7 +221,7 @@ def test_a_file_that_is_no_state_is_refused(tmp_path):
 
 
 def run_processes(root: Path, *options: str) -> str:
-    """Output of the command that compares processes; it fails where they differ."""
+    """Output of the command that compares processes, which fails if they differ."""
     command = [sys.executable, "-m", "benchmarks", "same_bits", *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, cwd=root)
     assert done.returncode == 0, done.stdout + done.stderr

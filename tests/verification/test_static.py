@@ -55,8 +55,8 @@ def test_a_load_too_large_for_one_step_is_applied_in_several():
 
 @pytest.mark.parametrize("poisson", [0.3, 0.49, 0.4999, 0.49999])
 def test_locking_of_a_beam_is_shown_and_cured(poisson):
-    # bending of this mesh by linear hexahedra is too stiff by shear, whatever the volume does;
-    # the cure keeps what the compressible beam reaches
+    # Linear hexahedra of this mesh are too stiff in bending because of shear locking. Without
+    # volumetric locking the deflection is that of the compressible beam.
     reference = beam(4, 0.3, "pointwise")
     for part in ("element", "nodal") + (("hard",) if poisson > 0.48 else ()):
         assert beam(4, poisson, part) == pytest.approx(reference, rel=0.15), part
@@ -71,19 +71,19 @@ def test_refinement_of_the_cured_beam_approaches_beam_theory():
 
 
 def test_locking_of_cooks_membrane_is_shown_and_cured():
-    """Element-wise, nodal and hard volumes approach one displacement; the pointwise law does not."""
+    """Element, nodal and hard volumes converge to one displacement; the pointwise law does not."""
     found = {part: [cook(n, 0.4999, part) for n in (4, 8, 16)] for part in PARTS}
     coarse, middle, hard = found["hard"]
     ratio = (middle - coarse) / (hard - middle)
     limit = hard + (hard - middle) / (ratio - 1.0)  # Richardson
-    assert 2.0 < ratio < 4.0  # the corner's singularity keeps it from the second order
+    assert 2.0 < ratio < 4.0  # The singularity at the corner reduces the order.
     assert found["element"][-1] == pytest.approx(limit, rel=0.03)
     assert found["nodal"][-1] == pytest.approx(limit, rel=0.08)
     assert found["pointwise"][-1] < 0.35 * limit
 
 
 def test_hard_volumes_stay_and_agree_with_the_soft_limit():
-    """Dynamics of a contracting block: every element keeps its volume, at any activation."""
+    """Dynamics of a contracting block: every element has a constant volume."""
     mesh = grid((2, 2, 2), wedges=(1,))
     base = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))
 
@@ -94,7 +94,7 @@ def test_hard_volumes_stay_and_agree_with_the_soft_limit():
             muscles=crossed_muscles(mesh, sim.Blemker(30e3)),
             terms=() if kappa is None else (sim.ElementVolume(kappa),),
             reductions=(base,),
-            # stiffness damping at rest would hold large motions along the volumes of the rest shape
+            # Stiffness damping at rest would resist large motions that preserve the volumes.
             damping=sim.RestRayleigh(19.0, 0.0),
             constraints=(sim.HardElementVolume(),) if kappa is None else (),
         )

@@ -1,4 +1,4 @@
-"""One-sided support against a balance of forces."""
+"""One-sided support compared with a balance of forces."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from tests.bodies import grid
 
 
 def test_a_wall_holds_a_block_that_is_pressed_on_it_and_lets_it_go():
-    """Weightless block pressed on walls: force balance k depth = load; pulled off: no force."""
+    """Weightless block under pressure on walls: k depth = load; under tension: no force."""
     mesh = grid((1, 1, 1))
     bottom = np.flatnonzero(mesh.X[:, 2] == 0.0)
     walls = sim.Support(bottom, np.tile([0.0, 0.0, 1.0], (4, 1)), stiffness=500.0, gap=1e-3)

@@ -1,4 +1,4 @@
-"""Laws of the strain tensor against formulae in principal stretches, and against one another."""
+"""Laws of the strain tensor compared with formulae in principal stretches and with each other."""
 
 import numpy as np
 import pytest
@@ -139,7 +139,7 @@ def test_the_two_element_loops_agree(scalar, tensor, shape):
 
 
 def fung_energy(law, F, axes):
-    """Its definition by K_i = a_i.C a_i and L_i = a_i.C^2 a_i of the isochoric C."""
+    """By its definition from K_i = a_i.C a_i and L_i = a_i.C^2 a_i of the isochoric C."""
     J = np.linalg.det(F)
     C = J ** (-2 / 3) * F.T @ F
     K = np.array([a @ C @ a for a in axes.T])
@@ -153,7 +153,7 @@ def fung_energy(law, F, axes):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_fung_is_its_definition(seed):
     law = sim.Fung((17773.0, 5931.0, 4000.0), (1000.0, 900.0, 800.0, 700.0, 600.0, 500.0))
-    system, axes = solid_system(MESH, law, BULK), rotation(8)  # the axes that solid_system gives
+    system, axes = solid_system(MESH, law, BULK), rotation(8)  # the axes of solid_system
     F = np.eye(3) + 0.15 * np.random.default_rng(seed).normal(size=(3, 3))
     energy = system.force(MESH.X @ F.T, system.control(NONE)).energy / MESH.volumes().sum()
     assert energy == pytest.approx(fung_energy(law, F, axes), rel=1e-12)
@@ -229,7 +229,7 @@ def test_co_rotational_tetrahedron_is_stiffness_warping():
 
 
 def test_families_mix_in_one_solid():
-    """Every element as it is in a solid of its own material alone."""
+    """The force of every element is that in a solid of its own material."""
     mesh = grid((3, 2, 1), (0.03, 0.02, 0.01), wedges=(1, 4))
     n = mesh.n_elements
     materials = (
