@@ -1,5 +1,6 @@
 """Activation over time, and its linear approximation over a step by integral and first moment."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ STRAIGHT = 4.0
 From 2 on the ends of the line stay in the range of the activation. With 4 all of a burst that is shorter
 than twice the step arrives wherever it lies, and a line is its own line.
 """
+
+CORNER = 1e-9
+"""Share of a step within which a corner of the activation belongs to the end of the step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,15 @@ class Activation:
         s = (t - self.time[i]) / (self.time[i + 1] - self.time[i])
         return (1.0 - s) * self.values[i] + s * self.values[i + 1]
 
+    def at_all(self, t: Array) -> Array:
+        """Activations (n, n_muscles) at times (n,) [s]."""
+        last = max(len(self.time) - 2, 0)
+        i = np.clip(np.searchsorted(self.time, t) - 1, 0, last)
+        after = np.minimum(i + 1, len(self.time) - 1)
+        span = np.where(after > i, self.time[after] - self.time[i], 1.0)
+        s = np.clip((t - self.time[i]) / span, 0.0, 1.0)[:, None]
+        return (1.0 - s) * self.values[i] + s * self.values[after]
+
     def within(self, t0: float, t1: float) -> tuple[Array, Array]:
         """Corners between two instants: their positions c in 0-1 (k,), and values (k, n_muscles)."""
         first = int(np.searchsorted(self.time, t0, side="right"))
@@ -77,6 +90,20 @@ class Driven:
     def __call__(self, t: float) -> Control:
         """The control at time t [s]."""
         return self.system.control(self.activation.at(t), t)
+
+    def at_ends(self, times: Sequence[float]) -> Array:
+        """Ends of the chords of the steps between times (n + 1,): (n, n_muscles).
+
+        Where no corner lies within a step that is the activation at its end.
+        """
+        corner, t = self.activation.time, np.asarray(times)
+        slack = CORNER * np.diff(t)
+        first = np.searchsorted(corner, t[:-1] + slack, side="right")
+        bent = np.flatnonzero(first < np.searchsorted(corner, t[1:] - slack, side="left"))
+        ends = self.activation.at_all(t[1:])
+        for i in bent.tolist():
+            ends[i] = self.chord(t[i], t[i + 1] - t[i]).at(1.0).activation
+        return ends
 
     def chord(self, t: float, h: float) -> Line:
         """Line with the mean of the activation, and its slope as far as the activation is straight.

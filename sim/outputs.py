@@ -1,6 +1,6 @@
 """Outputs of a motion: at the ends of steps, or between them by checked interpolation."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -83,11 +83,25 @@ class Interval:
         Instants of output before its end [s].
     ends_output : bool
         Whether its end is one too.
+    ends : tuple of float
+        Ends of the steps within it [s], if there are several.
     """
 
     until: float
     inside: tuple[float, ...]
     ends_output: bool
+    ends: tuple[float, ...] = ()
+
+
+def joined(plan: Sequence[Interval]) -> list[Interval]:
+    """Intervals with all steps up to an output in one."""
+    found, ends = list[Interval](), list[float]()
+    for interval in plan:
+        ends.append(interval.until)
+        if interval.ends_output:
+            found.append(replace(interval, ends=tuple(ends)) if len(ends) > 1 else interval)
+            ends = []
+    return found
 
 
 def intervals(

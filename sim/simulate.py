@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -10,12 +11,13 @@ import xarray as xr
 from sim.activation import Activation, Driven
 from sim.errors import SceneError, SimulationError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
-from sim.outputs import intervals, outputs_of
+from sim.integrators.contract import RunsSteps
+from sim.outputs import intervals, joined, outputs_of
 from sim.probes import Probe, SmallestJ
 from sim.restart import solver_memory, with_solver_memory
 from sim.snapping import snapped
 from sim.state import Array, Control, State, StepReport
-from sim.steps import FixedStep, StepControl, Watch, united
+from sim.steps import FixedStep, StepControl, StepsThrough, Watch, united
 from sim.system import System
 from sim.threads import one_blas_thread
 
@@ -97,6 +99,13 @@ def simulate(
     origin = state.t if origin is None else origin
     plan = intervals(state.t, duration, longest, every, origin)
 
+    through = None
+    if (
+        work.bodies is not None
+        and isinstance(steps, StepsThrough)
+        and isinstance(integrator, RunsSteps)
+    ):
+        plan, through = joined(plan), partial(steps.through, integrator, system)
     control = Driven(system, activation)
     for values in activation.values:  # all of it now, not one by one hours later
         system.control(values)
@@ -118,7 +127,10 @@ def simulate(
         bent, astray = astray, control.astray(state.t, interval.until) if interval.inside else 0.0
         with _told(unstable):
             # velocities at the start, too, belong to a line only if the activation ran straight there
-            passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
+            if through is not None and interval.ends:
+                passed = [through(state, control, interval.ends, work)]
+            else:
+                passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]
         shifted = (report.indefinite + report.shifts for _, report in passed if report is not None)
         if sum(shifted) > 0 or snapped(system, before, state, control(state.t)):

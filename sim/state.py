@@ -1,6 +1,6 @@
 """State, control, and the report of a step."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -86,6 +86,10 @@ class Control:
         """The control at time t [s]: the same activation."""
         return replace(self, t=t)
 
+    def at_ends(self, times: Sequence[float]) -> Array:
+        """The same activation for every step."""
+        return np.broadcast_to(self.activation, (len(times) - 1, len(self.activation))).copy()
+
     def chord(self, t: float, h: float) -> "Line":
         """The same activation over a step."""
         return Line(self.activation, 0.0 * self.activation, t, h)
@@ -126,6 +130,10 @@ class ControlAt(Protocol):
 
     def __call__(self, t: float) -> Control:
         """The control at an instant [s]."""
+        ...
+
+    def at_ends(self, times: Sequence[float]) -> Array:
+        """Activations (n, n_muscles) of successive steps, the ends of their chords."""
         ...
 
     def chord(self, t: float, h: float) -> Line:

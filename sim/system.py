@@ -16,6 +16,7 @@ from sim.kinematics import Kinematics, lay_out_kinematics
 from sim.linear.contract import symmetric_product
 from sim.matrix import Matrix, Product, merged
 from sim.mesh import Mesh
+from sim.multibody import Multibody, lay_out_multibody
 from sim.pattern import Sparsity, SymmetricPattern
 from sim.scene import (
     CompiledDamping,
@@ -98,6 +99,14 @@ class System(Described):
             "muscles": str(len(self.muscles)),
             "unknowns": f"{len(self.free)}, matrix of {len(self.pattern.indices)} entries",
         }
+
+    @cached_property
+    def multibody(self) -> Multibody | None:
+        """Tables of a scene that holds bodies alone, which steps in one kernel; else None."""
+        scene = self.scene
+        if scene.constraints or self._damping is not None:
+            return None
+        return lay_out_multibody(self.kinematics, self.mesh.X, scene.bodies, self.terms, self.rows)
 
     def rest_state(self) -> State:
         """Rest positions, no velocity but what is prescribed, t = 0."""

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.options import inner, kernel
+from sim._kernels.frames import cross, inner_product, minus, placed, rotated, vector
+from sim._kernels.options import inner, kernel_and_inner
 
 Array = NDArray[np.float64]
 
@@ -44,121 +45,78 @@ class RowTable(NamedTuple):
 
 
 @inner
-def _rotated(frame, v, out):
-    """Rotate v by the quaternion of a frame, v + 2 w (r x v) + 2 r x (r x v)."""
-    w, x, y, z = frame[3], frame[4], frame[5], frame[6]
-    a = 2.0 * (y * v[2] - z * v[1])
-    b = 2.0 * (z * v[0] - x * v[2])
-    c = 2.0 * (x * v[1] - y * v[0])
-    out[0] = v[0] + w * a + y * c - z * b
-    out[1] = v[1] + w * b + z * a - x * c
-    out[2] = v[2] + w * c + x * b - y * a
+def _axis(frames, body, axes, k, i):
+    return rotated(frames, body, (axes[k, 0, i], axes[k, 1, i], axes[k, 2, i]))
 
 
 @inner
-def _axis(frames, body, axes, k, out):
-    if body < 0:
-        for d in range(3):
-            out[d] = axes[d, k]
-    else:
-        _rotated(frames[body], axes[:, k], out)
-
-
-@inner
-def _place(frames, body, origin, out):
-    if body < 0:
-        for d in range(3):
-            out[d] = origin[d]
-    else:
-        _rotated(frames[body], origin, out)
-        for d in range(3):
-            out[d] += frames[body, d]
-
-
-@inner
-def _cross(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@inner
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inner
-def _height(curve, x):
+def _height(curve, k, x):
     """Height of a curve and its slope."""
-    at = min(max(x, curve[0]), curve[1])
-    f = curve[2] + at * (curve[3] + at * (curve[4] + at * curve[5]))
-    slope = curve[3] + at * (2.0 * curve[4] + 3.0 * at * curve[5])
+    at = min(max(x, curve[k, 0]), curve[k, 1])
+    f = curve[k, 2] + at * (curve[k, 3] + at * (curve[k, 4] + at * curve[k, 5]))
+    slope = curve[k, 3] + at * (2.0 * curve[k, 4] + 3.0 * at * curve[k, 5])
     return f + slope * (x - at), slope
 
 
-@kernel
+@inner
+def _set(J, k, force, moment):
+    for d in range(3):
+        J[k, d] = force[d]
+        J[k, 3 + d] = moment[d]
+
+
+@inner
+def _between_axes(table, frames, k):
+    """Value of a row of axes, and its derivative by the angular velocity of B less that of A."""
+    a, b = table.body_a[k], table.body_b[k]
+    if table.kind[k] == ALIGNED:
+        u = _axis(frames, a, table.axes_a, k, table.i[k])
+        v = _axis(frames, b, table.axes_b, k, table.j[k])
+        return inner_product(u, v), cross(v, u)
+    u, n = _axis(frames, a, table.axes_a, k, 0), _axis(frames, a, table.axes_a, k, 1)
+    v = _axis(frames, b, table.axes_b, k, 0)
+    angle = math.atan2(inner_product(v, n), inner_product(v, u))
+    return angle, _axis(frames, a, table.axes_a, k, 2)
+
+
+@inner
+def _of_place(table, frames, k, r):
+    """Value of a row of the vector r from x_A to x_B, and its derivative by r."""
+    a = table.body_a[k]
+    if table.kind[k] == TRAVEL:
+        n = _axis(frames, a, table.axes_a, k, table.i[k])
+        return inner_product(n, r), n
+    u, n = _axis(frames, a, table.axes_a, k, 0), _axis(frames, a, table.axes_a, k, 2)
+    f, slope = _height(table.curve, k, inner_product(u, r))
+    along = (n[0] - slope * u[0], n[1] - slope * u[1], n[2] - slope * u[2])
+    return inner_product(n, r) - f, along
+
+
+@kernel_and_inner
 def evaluate_rows(
     table: RowTable, frames: Array, q: Array, c: Array, JA: Array, JB: Array, JP: Array
 ) -> None:
     """Values c (m,), and their derivatives by twists of both bodies (m, 6) and points (m, 3)."""
-    xa, xb, r = np.empty(3), np.empty(3), np.empty(3)
-    n, u, v = np.empty(3), np.empty(3), np.empty(3)
     for k in range(len(c)):
         a, b, p = table.body_a[k], table.body_b[k], table.point[k]
         sign = table.sign[k]
         JA[k], JB[k], JP[k] = 0.0, 0.0, 0.0
         if table.kind[k] == ALIGNED or table.kind[k] == ANGLE:
-            if table.kind[k] == ALIGNED:
-                _axis(frames, a, table.axes_a[k], table.i[k], u)
-                _axis(frames, b, table.axes_b[k], table.j[k], v)
-                raw = _dot(u, v)
-                _cross(v, u, n)
-            else:
-                _axis(frames, a, table.axes_a[k], 0, u)
-                _axis(frames, a, table.axes_a[k], 1, n)
-                _axis(frames, b, table.axes_b[k], 0, v)
-                raw = math.atan2(_dot(v, n), _dot(v, u))
-                _axis(frames, a, table.axes_a[k], 2, n)
-            c[k] = sign * (raw - table.offset[k])
+            raw, n = _between_axes(table, frames, k)
             for d in range(3):
                 JA[k, 3 + d], JB[k, 3 + d] = -sign * n[d], sign * n[d]
-            continue
-        _place(frames, a, table.origin_a[k], xa)
-        if p >= 0:
-            for d in range(3):
-                xb[d] = q[p, d]
         else:
-            _place(frames, b, table.origin_b[k], xb)
-        for d in range(3):
-            r[d] = xb[d] - xa[d]
-        if table.kind[k] == TRAVEL:
-            _axis(frames, a, table.axes_a[k], table.i[k], n)
-            raw = _dot(n, r)
-        else:
-            _axis(frames, a, table.axes_a[k], 0, u)
-            _axis(frames, a, table.axes_a[k], 2, n)
-            f, slope = _height(table.curve[k], _dot(u, r))
-            raw = _dot(n, r) - f
-            for d in range(3):
-                n[d] -= slope * u[d]
+            x = vector(q, p) if p >= 0 else placed(frames, b, vector(table.origin_b, k))
+            raw, n = _of_place(
+                table, frames, k, minus(x, placed(frames, a, vector(table.origin_a, k)))
+            )
+            n = (sign * n[0], sign * n[1], sign * n[2])
+            # of body a: -n at x_B, since n and x_A turn with it
+            if a >= 0:
+                _set(JA, k, (-n[0], -n[1], -n[2]), cross(n, minus(x, vector(frames, a))))
+            if p >= 0:
+                for d in range(3):
+                    JP[k, d] = n[d]
+            elif b >= 0:
+                _set(JB, k, n, cross(minus(x, vector(frames, b)), n))
         c[k] = sign * (raw - table.offset[k])
-        for d in range(3):
-            n[d] *= sign
-        # of body a: -n at x_B, since n and x_A turn with it
-        if a >= 0:
-            for d in range(3):
-                r[d] = xb[d] - frames[a, d]
-                JA[k, d] = -n[d]
-            _cross(n, r, u)
-            for d in range(3):
-                JA[k, 3 + d] = u[d]
-        if p >= 0:
-            for d in range(3):
-                JP[k, d] = n[d]
-        elif b >= 0:
-            for d in range(3):
-                r[d] = xb[d] - frames[b, d]
-                JB[k, d] = n[d]
-            _cross(r, n, u)
-            for d in range(3):
-                JB[k, 3 + d] = u[d]

@@ -3,10 +3,9 @@
 from sim.integrators.contract import Integrator, TimeIntegrator
 from sim.integrators.converged_euler import ConvergedEuler
 from sim.integrators.explicit import RungeKutta4, SymplecticEuler
-from sim.integrators.linearly_implicit_euler import LinearlyImplicitEuler
-from sim.integrators.linearly_implicit_trapezoidal import LinearlyImplicitTrapezoidal
 from sim.integrators.sdirk2 import Sdirk2
 from sim.integrators.static import Static
+from sim.integrators.theta import LinearlyImplicitEuler, LinearlyImplicitTrapezoidal
 from sim.integrators.trapezoidal import Trapezoidal
 from sim.integrators.workspace import Workspace
 

@@ -1,5 +1,6 @@
 """Interface of integrators."""
 
+from collections.abc import Sequence
 from typing import ClassVar, Protocol, runtime_checkable
 
 from sim.errors import InvertedElement
@@ -38,6 +39,22 @@ class TimeIntegrator(Integrator, Protocol):
 
     order: ClassVar[int]
     stability: ClassVar[str]
+
+
+@runtime_checkable
+class RunsSteps(Protocol):
+    """An integrator that can take several steps in one call."""
+
+    def run(
+        self,
+        system: System,
+        state: State,
+        control: ControlAt,
+        ends: Sequence[float],
+        work: Workspace,
+    ) -> tuple[State, list[StepReport]]:
+        """State after steps that end at the given times [s], and reports; raises as `step`."""
+        ...
 
 
 def require_upright(element: int, smallest_J: float, t: float) -> None:

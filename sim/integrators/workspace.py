@@ -9,6 +9,7 @@ import numpy as np
 
 from sim.contact.compliance import Compliance
 from sim.errors import SceneError
+from sim.integrators.bodies_alone import BodiesAlone
 from sim.integrators.clock import PhaseClock
 from sim.integrators.inverse_secants import InverseSecants
 from sim.integrators.secant import SecantMemory
@@ -97,6 +98,8 @@ class Workspace:
         self._indefinite: LinearSolver | None = None
         self._saddle: Saddle | None = None
         self._columns: tuple[Array | None, Array] | None = None
+        self.bodies = BodiesAlone.of(system)
+        """Fused steps, of a scene that holds bodies alone."""
         self.factor_of: tuple[str, float] | None = None
         """Integrator and step of the latest factor."""
         self.factor_number = 0

@@ -52,6 +52,7 @@ class Rows:
     Attributes
     ----------
     names : of the rows.
+    table : RowTable
     columns : (k,) velocities that any row acts on.
     unilateral : (m,) whether a row is an inequality.
     rigid : (m,) whether it is an equation without compliance.
@@ -68,17 +69,17 @@ class Rows:
     ) -> None:
         rows = [row for joint in joints for row in joint.rows()]
         self.names = tuple(row.name for row in rows)
-        self._kinematics, self._table = kinematics, _table(rows, bodies, rest)
+        self._kinematics, self.table = kinematics, row_table(rows, bodies, rest)
         self.unilateral: Flags = np.array([row.unilateral for row in rows], dtype=bool)
         self.compliance = np.array([row.compliance for row in rows])
         self.damping_time = np.array([row.damping_time for row in rows])
         self.rigid: Flags = ~self.unilateral & (self.compliance == 0.0)
         self._number = kinematics.body_columns(len(rest.frames))
-        points = np.unique(self._table.point[self._table.point >= 0])
+        points = np.unique(self.table.point[self.table.point >= 0])
         R = kinematics.matrix(rest)[(3 * points[:, None] + np.arange(3)).ravel()]
         touched = np.zeros(kinematics.pattern.n, dtype=bool)
         touched[R.indices] = True
-        for side in (self._table.body_a, self._table.body_b):
+        for side in (self.table.body_a, self.table.body_b):
             first = self._number[side]
             touched[(first[first >= 0][:, None] + np.arange(6)).ravel()] = True
         self.columns: Index = np.flatnonzero(touched)
@@ -86,7 +87,7 @@ class Rows:
 
     def evaluate(self, pose: Pose) -> RowValues:
         """Values and derivatives at a pose."""
-        m, table, kinematics = len(self.names), self._table, self._kinematics
+        m, table, kinematics = len(self.names), self.table, self._kinematics
         c, JA, JB, JP = np.empty(m), np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 3))
         evaluate_rows(table, pose.frames, pose.q, c, JA, JB, JP)
         G, drift = np.zeros((m, len(self.columns))), np.zeros(m)
@@ -173,7 +174,8 @@ def _least(G: Array, X: Array, wanted: Array) -> Array:
     return G.T @ np.linalg.solve(G @ X @ G.T, wanted) if len(G) else np.zeros(len(X))
 
 
-def _table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> RowTable:
+def row_table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> RowTable:
+    """Table of rows, their frames in the axes of bodies, which are those of space at rest."""
     a = [number_of(row.body_a, bodies, row.name) for row in rows]
     b = [number_of(row.body_b, bodies, row.name) for row in rows]
     for row in rows:
@@ -195,8 +197,8 @@ def _table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> RowTab
         whole([row.point for row in rows]),
         whole([row.i for row in rows]),
         whole([row.j for row in rows]),
-        np.array([row.sign for row in rows]),
-        np.array([row.offset for row in rows]),
+        np.array([row.sign for row in rows], dtype=np.float64),
+        np.array([row.offset for row in rows], dtype=np.float64),
         origins(a).reshape(-1, 3),
         axes,
         origins(b).reshape(-1, 3),

@@ -45,6 +45,7 @@ class Articulated:
     pattern, mass : as of `Kinematics`.
     free_bodies : bodies that move by themselves.
     first : column of the first body among the velocities.
+    chains, paths : attachments, and what is prescribed.
     """
 
     matrix_varies = True
@@ -57,9 +58,9 @@ class Articulated:
         motions: Sequence[Path | None],
         chains: Chains,
     ) -> None:
-        self._chains, self._n = chains, points.n_nodes
-        self._paths = Paths(chains.paths, motions, bodies)
-        self.free_bodies: Index = np.flatnonzero(~self._paths.moved)
+        self.chains, self._n = chains, points.n_nodes
+        self.paths = Paths(chains.paths, motions, bodies)
+        self.free_bodies: Index = np.flatnonzero(~self.paths.moved)
         own: list[Body] = [bodies[int(b)] for b in self.free_bodies]
         inertia = [np.asarray(b.inertia, dtype=np.float64) for b in own]
         self._inertia = np.array(inertia).reshape(-1, 3, 3)
@@ -88,11 +89,17 @@ class Articulated:
         self.add_mass(values, Pose(np.empty((0, 3)), self.rest_frames, 0.0))
         self.mass: Array = values[self.pattern.diagonal]
 
+    @property
+    def bodies_alone(self) -> bool:
+        """True if the velocities are those of bodies, and points are on bodies or stay."""
+        of_nodes = self.chains.weights.nnz or self.chains.paths
+        return self.first == 0 and not of_nodes and bool((self.chains.share == 1.0).all())
+
     # -- layout ------------------------------------------------------------------------------------
 
     def _lay_out_rows(self, n: int) -> None:
         """Sparsity of R over all components, its constant values, and where arms go."""
-        chains, number = self._chains, self._number
+        chains, number = self.chains, self._number
         W = chains.weights.tocoo()
         axis = np.arange(3)
         node_row = 3 * chains.dependent[W.row][:, None] + axis
@@ -144,7 +151,7 @@ class Articulated:
         self._block = self._congruence.at(blocks).reshape(k, len(a))
         coupled = np.zeros(n, dtype=bool)
         dependent = np.zeros(3 * self._n, dtype=bool)
-        dependent[(3 * self._chains.dependent[:, None] + np.arange(3)).ravel()] = True
+        dependent[(3 * self.chains.dependent[:, None] + np.arange(3)).ravel()] = True
         heavy = np.flatnonzero(dependent & (self._point_mass > 0.0))
         coupled[self._rows[heavy].indices] = True
         coupled[self.first :] = True
@@ -169,7 +176,7 @@ class Articulated:
     def _turned(self, frames: Array) -> Array:
         """Arms (m, 3) in space."""
         Q = rotations.matrices(frames[:, 3:])
-        return np.einsum("mij,mj->mi", Q[self._chains.body], self._chains.arm)
+        return np.einsum("mij,mj->mi", Q[self.chains.body], self.chains.arm)
 
     def velocities(self, state: State) -> Array:
         """Free components of nodes and the twists of free bodies."""
@@ -178,7 +185,7 @@ class Articulated:
 
     def state(self, pose: Pose, w: Array, memory: Mapping[str, Array]) -> State:
         """State with the velocities of all points and bodies."""
-        twists = self._paths.twists(pose.t)
+        twists = self.paths.twists(pose.t)
         twists[self.free_bodies] = w[self.first :].reshape(-1, 6)
         v = self.displacements(w, pose)
         drift = self.drift(pose, pose.t)
@@ -191,10 +198,10 @@ class Articulated:
 
     def drift(self, pose: Pose, t: float) -> Array | None:
         """Velocities gamma (n_points, 3) of points by what is prescribed, None where nothing is."""
-        if not self._paths:
+        if not self.paths:
             return None
-        v, chains, twists = np.zeros((self._n, 3)), self._chains, self._paths.twists(t)
-        self._paths.set_velocities(v, t)
+        v, chains, twists = np.zeros((self._n, 3)), self.chains, self.paths.twists(t)
+        self.paths.set_velocities(v, t)
         moved = chains.share[:, None] * twists[chains.body, :3]
         moved += np.cross(twists[chains.body, 3:], self._turned(pose.frames))
         v[chains.dependent] = chains.weights @ v
@@ -209,9 +216,9 @@ class Articulated:
         own = self.free_bodies
         frames[own, :3] += moved[:, :3]
         frames[own, 3:] = rotations.turned(frames[own, 3:], moved[:, 3:])
-        self._paths.set_frames(frames, t)
-        self._paths.set_positions(q, t)
-        chains = self._chains
+        self.paths.set_frames(frames, t)
+        self.paths.set_positions(q, t)
+        chains = self.chains
         q[chains.dependent] = chains.weights @ q
         parts = chains.share[:, None] * frames[chains.body, :3] + self._turned(frames)
         np.add.at(q, chains.point, parts)
@@ -219,7 +226,7 @@ class Articulated:
 
     def at(self, pose: Pose, t: float) -> Pose:
         """Pose with what is prescribed moved to a time."""
-        if not self._paths:
+        if not self.paths:
             return pose
         return self.advance(pose, np.zeros(self.pattern.n), t)
 
@@ -258,11 +265,11 @@ class Articulated:
         self._congruence.add(K, self.matrix(pose).data, values)
         if f is not None and len(self._arms):
             # d(s x f)/dtheta = s f' - (s.f) 1; its symmetric part is that of the second derivative
-            s, F = self._turned(pose.frames)[self._arms], f[self._chains.point[self._arms]]
+            s, F = self._turned(pose.frames)[self._arms], f[self.chains.point[self._arms]]
             sf = np.einsum("mi,mj->mij", s, F)
             trace = np.einsum("mii->m", sf)[:, None, None] * np.eye(3)
             turning = np.zeros((len(self.free_bodies), 6, 6))
-            body = self._body_number[self._chains.body[self._arms]]
+            body = self._body_number[self.chains.body[self._arms]]
             np.add.at(turning[:, 3:, 3:], body, trace - 0.5 * (sf + sf.transpose(0, 2, 1)))
             values[self._block] += turning[:, *_UPPER]
         return values
@@ -340,9 +347,13 @@ class Articulated:
         own = self._body_number
         return np.append(np.where(own >= 0, self.first + 6 * own, -1), -1)
 
+    def prescribe(self, frames: Array, t: float) -> None:
+        """Put prescribed bodies where they are at a time."""
+        self.paths.set_frames(frames, t)
+
     def prescribed_twists(self, t: float) -> Array:
         """Twists of prescribed bodies, zero of others."""
-        return self._paths.twists(t)
+        return self.paths.twists(t)
 
     def inertial_force(self, state: State) -> Array:
         """Centripetal forces of attached points and gyroscopic moments of bodies."""
@@ -355,11 +366,11 @@ class Articulated:
 
     def _convective(self, state: State) -> Array:
         """Accelerations (n_points, 3) of points while w is constant."""
-        chains, a = self._chains, np.zeros((self._n, 3))
+        chains, a = self.chains, np.zeros((self._n, 3))
         arms, omega = self._turned(state.frames), state.twists[chains.body, 3:]
         parts = np.cross(omega, np.cross(omega, arms))
-        if self._paths:
-            rates = self._paths.accelerations(a, state.t)
+        if self.paths:
+            rates = self.paths.accelerations(a, state.t)
             parts += chains.share[:, None] * rates[chains.body, :3]
             parts += np.cross(rates[chains.body, 3:], arms)
         a[chains.dependent] = chains.weights @ a

@@ -132,6 +132,10 @@ class Kinematics(Protocol):
         """First velocity of every body, -1 where it is not free, and -1 once more for space."""
         ...
 
+    def prescribe(self, frames: Array, t: float) -> None:
+        """Put prescribed bodies into frames (n_bodies, 7) where they are at a time."""
+        ...
+
     def prescribed_twists(self, t: float) -> Array:
         """Twists (n_bodies, 6) of prescribed bodies at a time, zero of others."""
         ...

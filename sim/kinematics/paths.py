@@ -31,6 +31,7 @@ class Paths:
     Attributes
     ----------
     moved : (n_bodies,) whether the motion of a body is prescribed.
+    led : (k,) those of them that move.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class Paths:
             for b, path in enumerate(motions)
             if path is not None and path.motion is not None
         ]
+        self.led: Index = np.array([b for b, _, _ in self._motions], dtype=np.int64)
         self.moved = np.array([path is not None for path in motions], dtype=bool)
 
     def __bool__(self) -> bool:

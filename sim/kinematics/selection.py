@@ -115,6 +115,9 @@ class Selection:
         """No body."""
         return np.array([-1], dtype=np.int64)
 
+    def prescribe(self, frames: Array, t: float) -> None:
+        """Nothing to move."""
+
     def prescribed_twists(self, t: float) -> Array:
         """None."""
         return np.zeros((0, 6))

@@ -6,6 +6,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels import lines
 from sim._kernels.laws import KINK
 from sim.laws.parameters import require
 
@@ -13,10 +14,16 @@ Array = NDArray[np.float64]
 
 
 class LineLaw(Protocol):
-    """Interface of line laws; all arguments are arrays of the same shape."""
+    """Interface of line laws; steps use the kernel, `evaluate` states the law in arrays of one shape."""
 
+    code: ClassVar[int]
+    """Of the law in `sim._kernels.lines`."""
     has_slope: ClassVar[bool]
     """True if the tension depends on the length, which couples all points of a fibre."""
+
+    def parameters(self) -> tuple[float, ...]:
+        """Parameters in the order of the kernel, at most `PARAMETERS` of them."""
+        ...
 
     def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
         """Energy [J], tension dE/dL [N] and slope dF/dL [N/m] at a length [m] and rest length [m]."""
@@ -47,11 +54,16 @@ class ConstantForce:
     force_max: float = 1.0
     passive_fraction: float = 0.0
     has_slope: ClassVar[bool] = False
+    code: ClassVar[int] = lines.CONSTANT
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
         require(self, "passive_fraction", self.passive_fraction, at_least=0.0, strictly=False)
+
+    def parameters(self) -> tuple[float, ...]:
+        """Tension and passive fraction."""
+        return self.force_max, self.passive_fraction
 
     def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
         """Energy F (L - L_rest), tension F, slope 0."""
@@ -98,6 +110,7 @@ class Peck:
     tendon_ratio: float = 0.0
     passive_fraction: float = 0.015
     has_slope: ClassVar[bool] = True
+    code: ClassVar[int] = lines.PECK
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -107,6 +120,16 @@ class Peck:
         require(self, "tendon_ratio", self.tendon_ratio, at_least=0.0, strictly=False)
         require(self, "1 - tendon_ratio", 1.0 - self.tendon_ratio, at_least=0.0, strictly=True)
         require(self, "passive_fraction", self.passive_fraction, at_least=0.0, strictly=False)
+
+    def parameters(self) -> tuple[float, ...]:
+        """Tension, the two stretches and the two fractions."""
+        return (
+            self.force_max,
+            self.stretch_opt,
+            self.stretch_max,
+            self.tendon_ratio,
+            self.passive_fraction,
+        )
 
     def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
         """Energy counted from the optimal length, tension and slope."""

@@ -1,6 +1,6 @@
 """Step control, which divides intervals and rejects steps without side effects."""
 
-from sim.steps.contract import StepControl, Watch, united
+from sim.steps.contract import StepControl, StepsThrough, Watch, united
 from sim.steps.error_controlled import ErrorControlledStep
 from sim.steps.fixed import FixedStep
 from sim.steps.halving import HalvingStep
@@ -14,6 +14,7 @@ __all__ = [
     "FixedStep",
     "HalvingStep",
     "StepControl",
+    "StepsThrough",
     "Watch",
     "united",
 ]

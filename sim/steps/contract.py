@@ -1,12 +1,12 @@
 """Interface of step controls, and shared functions."""
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
-from sim.integrators.contract import Integrator
+from sim.integrators.contract import Integrator, RunsSteps
 from sim.integrators.workspace import Workspace
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
@@ -36,6 +36,23 @@ class StepControl(Protocol):
         watch: Watch | None = None,
     ) -> tuple[State, StepReport]:
         """State at the time `until`, with one report for the interval."""
+        ...
+
+
+@runtime_checkable
+class StepsThrough(StepControl, Protocol):
+    """A step control whose steps are known beforehand."""
+
+    def through(
+        self,
+        integrator: RunsSteps,
+        system: System,
+        state: State,
+        control: ControlAt,
+        ends: Sequence[float],
+        work: Workspace,
+    ) -> tuple[State, StepReport]:
+        """State after steps that end at the given times [s], with one report."""
         ...
 
 

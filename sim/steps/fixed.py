@@ -1,12 +1,16 @@
 """Steps of one size."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sim.integrators.contract import Integrator
+from sim.integrators.contract import Integrator, RunsSteps
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
-from sim.steps.contract import Watch, require_positive
+from sim.steps.contract import Watch, require_positive, united
 from sim.system import System
+
+AT_ONCE = 1000
+"""Largest number of steps between two chances to interrupt."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,23 @@ class FixedStep:
     def __post_init__(self) -> None:
         """Check the step."""
         require_positive(self.h)
+
+    def through(
+        self,
+        integrator: RunsSteps,
+        system: System,
+        state: State,
+        control: ControlAt,
+        ends: Sequence[float],
+        work: Workspace,
+    ) -> tuple[State, StepReport]:
+        """Steps that end at the given times [s], with one report."""
+        reports: list[StepReport] = []
+        for first in range(0, len(ends), AT_ONCE):
+            part = ends[first : first + AT_ONCE]
+            state, more = integrator.run(system, state, control, part, work)
+            reports += more
+        return state, united(reports, 0)
 
     def advance(
         self,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.mesh import Mesh
+from sim.multibody import PointForces
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 from sim.vectors import dot
@@ -40,6 +41,10 @@ class CompiledGravity:
 
     def __init__(self, weight: Array, X: Array) -> None:
         self._weight, self._X = weight, X
+
+    def add_to(self, forces: PointForces) -> None:
+        """Add the weights."""
+        forces.load[:] += self._weight
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """F += m g."""

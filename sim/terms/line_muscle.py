@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from sim._kernels.lines import PARAMETERS, LineTable, tensions
 from sim.embedding import embed
 from sim.errors import SceneError
 from sim.laws.line import ConstantForce, LineLaw
 from sim.mesh import Mesh
+from sim.multibody import PointForces
 from sim.pattern import distinct
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
@@ -210,15 +212,9 @@ class CompiledLineMuscles:
         self._D, self._Dt = strands.D, strands.D.T.tocsr()
         self._fibre, self._n_fibres = strands.fibre, len(term.fibres)
         self._first, self._second = strands.first, strands.second
-        self._stiffness, self._damping = term.stiffness, term.damping
-        self._share = np.array([fibre.share for fibre in term.fibres])
-        muscle = np.array([fibre.muscle for fibre in term.fibres])
-        self._muscle = np.array([layout.muscles.index(name) for name in term.names])[muscle]
-        laws = term.laws()
-        self._laws = [
-            (law, np.flatnonzero([laws[m] is law for m in muscle])) for law in _distinct(laws)
-        ]
-        self._rest = self._lengths(layout.mesh.X)[2]
+        self._damping = term.damping
+        self.table = _table(term, layout, self._lengths(layout.mesh.X)[2])
+        self._paths = [fibre.points for fibre in term.fibres]
 
         keys, pair, value, turned = strands.products()
         block, i = np.divmod(np.arange(9 * len(keys)), 9)
@@ -240,20 +236,13 @@ class CompiledLineMuscles:
 
     def _tension(self, total: Array, control: Control) -> tuple[float, Array, Array]:
         """Energy of all fibres, and tension and slope of each."""
-        activation = control.activation[self._muscle]
         tension, slope = np.empty(self._n_fibres), np.empty(self._n_fibres)
-        energy = 0.0
-        for law, own in self._laws:
-            w, F, k = law.evaluate(total[own], self._rest[own], activation[own])
-            share = self._share[own]
-            energy += float((share * w).sum())
-            tension[own], slope[own] = share * F, share * k
-        if self._stiffness:
-            strain = total - self._rest
-            energy += 0.5 * self._stiffness * float((strain * strain).sum())
-            tension += self._stiffness * strain
-            slope += self._stiffness
+        energy = tensions(self.table, total, control.activation, tension, slope)
         return energy, tension, slope
+
+    def add_to(self, forces: PointForces) -> None:
+        """Add the fibres, which run between points where there is no mesh."""
+        forces.lines.append((self.table, self._paths))
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Subtract dE/dq from f."""
@@ -302,9 +291,23 @@ def _placed(fibre: LineFibre, mesh: Mesh, tolerance: float) -> tuple[Index, Arra
     return nodes[:, None], np.ones((len(nodes), 1))
 
 
-def _distinct(laws: tuple[LineLaw, ...]) -> list[LineLaw]:
-    """Every law object once, in order of appearance."""
-    return list({id(law): law for law in laws}.values())
+def _table(term: LineMuscles, layout: Layout, rest: Array) -> LineTable:
+    """Laws of all fibres by their length at rest."""
+    laws = [term.laws()[fibre.muscle] for fibre in term.fibres]
+    parameters = np.zeros((len(laws), PARAMETERS))
+    for k, law in enumerate(laws):
+        own = law.parameters()
+        parameters[k, : len(own)] = own
+    number = [layout.muscles.index(term.names[fibre.muscle]) for fibre in term.fibres]
+    return LineTable(
+        np.array(number, dtype=np.int64),
+        np.array([fibre.share for fibre in term.fibres], dtype=np.float64),
+        rest,
+        np.array([law.code for law in laws], dtype=np.int64),
+        parameters,
+        np.full(len(laws), term.stiffness),
+        np.full(len(laws), term.damping),
+    )
 
 
 def _product(matrix: csr_array, x: Array) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 
 from sim.errors import SceneError
 from sim.mesh import Mesh
+from sim.multibody import PointForces
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 from sim.vectors import dot
@@ -51,6 +52,10 @@ class CompiledNodeLoad:
 
     def __init__(self, load: Array, X: Array) -> None:
         self._load, self._X = load, X
+
+    def add_to(self, forces: PointForces) -> None:
+        """Add the loads."""
+        forces.load[:] += self._load
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Add the loads to f."""

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from sim._kernels import laws as kernel
+from sim._kernels.lines import LineTable, tensions
 from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS, LINE_LAWS
 
+NONE = np.zeros(1)
 isochoric = nb.njit(lambda code, p, I1bar: kernel.isochoric(code, p, I1bar))
 bulk = nb.njit(lambda code, kappa, J: kernel.bulk(code, kappa, J))
 fibre = nb.njit(lambda code, p, stretch, drive: kernel.fibre(code, p, stretch, drive))
@@ -85,3 +87,10 @@ def test_line(cls, activation, stretch):
 
     derivatives_agree(at, stretch)
     assert law.has_slope or at(stretch)[2] == 0.0
+    one = np.zeros(1, dtype=np.int64)
+    table = LineTable(
+        one, np.full(1, 2.0), np.ones(1), one + law.code, parameters(law, 6)[None], 0 * NONE, NONE
+    )
+    F, slope = np.empty(1), np.empty(1)
+    energy = tensions(table, np.array([stretch]), np.array([activation]), F, slope)
+    np.testing.assert_allclose([energy, F[0], slope[0]], 2.0 * np.array(at(stretch)), rtol=1e-12)

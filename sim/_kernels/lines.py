@@ -1,0 +1,101 @@
+"""Tension of line muscles: energy, force and slope by the length of a fibre.
+
+A new law is one function and one line in `_law`; its class in `sim.laws.line` carries the code.
+"""
+
+# pyright: basic
+# numba compiles these functions; those called from Python carry types
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels.laws import KINK
+from sim._kernels.options import inner, kernel
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+CONSTANT, PECK = 0, 1
+PARAMETERS = 6
+
+
+class LineTable(NamedTuple):
+    """Fibres (n) and their laws.
+
+    muscle : number of the muscle of every fibre.
+    share : factor on the tension of the law [1].
+    rest : length at rest [m].
+    code, parameters : (n,), (n, PARAMETERS) of the law, as `sim.laws.line.LineLaw` tells them.
+    stiffness, damping : of a spring and a damper along the fibre [N/m], [N s/m].
+    """
+
+    muscle: Index
+    share: Array
+    rest: Array
+    code: Index
+    parameters: Array
+    stiffness: Array
+    damping: Array
+
+
+@inner
+def _constant(p, k, length, rest, activation):
+    """Energy, tension and slope of `sim.laws.line.ConstantForce`."""
+    F = p[k, 0] * (activation + p[k, 1])
+    return F * (length - rest), F, 0.0
+
+
+@inner
+def _peck(p, k, length, rest, activation):
+    """Energy, tension and slope of `sim.laws.line.Peck`."""
+    force_max, stretch_opt, stretch_max = p[k, 0], p[k, 1], p[k, 2]
+    tendon, passive = p[k, 3], p[k, 4]
+    optimal = stretch_opt * rest
+    belly = optimal * (1.0 - tendon)
+    r, turn = length / optimal, 2.0 * math.pi
+    n = min(max((r - tendon) / (1.0 - tendon), 0.5), 1.5)
+    sine = math.sin(turn * n)
+    w = force_max * activation * belly * (0.5 * (n - 1.0) + sine / (2.0 * turn))
+    F = force_max * activation * 0.5 * (1.0 + math.cos(turn * n))
+    slope = 0.0
+    if 0.5 < n < 1.5:
+        slope = -force_max * activation * 0.5 * turn * sine / belly
+    phi, span = force_max * passive, stretch_max - 1.0
+    x = min(max(r - 1.0, 0.0), span)
+    w += phi * optimal * (0.5 * x * x / span + max(r - stretch_max, 0.0))
+    if 1.0 + KINK < r < stretch_max:
+        slope += phi / (span * optimal)
+    return w, F + phi * x / span, slope
+
+
+@inner
+def _law(code, p, k, length, rest, activation):
+    """Energy, tension and slope of the law with parameters p[k]; NaN without one of this code."""
+    if code == CONSTANT:
+        return _constant(p, k, length, rest, activation)
+    if code == PECK:
+        return _peck(p, k, length, rest, activation)
+    return math.nan, math.nan, math.nan
+
+
+@inner
+def tension(table, k, length, activation):
+    """Energy [J], tension [N] and slope [N/m] of fibre k at a length [m], with its spring."""
+    a = activation[table.muscle[k]]
+    w, F, slope = _law(table.code[k], table.parameters, k, length, table.rest[k], a)
+    share, spring, strain = table.share[k], table.stiffness[k], length - table.rest[k]
+    w = share * w + 0.5 * spring * strain * strain
+    return w, share * F + spring * strain, share * slope + spring
+
+
+@kernel
+def tensions(table: LineTable, length: Array, activation: Array, F: Array, slope: Array) -> float:
+    """Sum of the energies, with tension (n,) and slope (n,) of every fibre."""
+    energy = 0.0
+    for k in range(len(length)):
+        w, F[k], slope[k] = tension(table, k, length[k], activation)
+        energy += w
+    return energy

@@ -1,0 +1,76 @@
+"""Fused steps of scenes that hold rigid bodies alone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim._kernels.multibody import Led, Scratch, advance_bodies
+from sim.joints.compiled import DRIFT, PROJECTIONS
+from sim.multibody import Multibody
+from sim.state import Array, ControlAt, State
+from sim.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class BodiesAlone:
+    """Memory of the steps of one scene of bodies."""
+
+    system: System
+    tables: Multibody
+    scratch: Scratch
+
+    @classmethod
+    def of(cls, system: System) -> "BodiesAlone | None":
+        """Memory for a system; None unless it is a scene of bodies alone."""
+        tables = system.multibody
+        return None if tables is None else cls(system, tables, tables.scratch())
+
+    def advance(
+        self, state: State, control: ControlAt, ends: Sequence[float], theta: float
+    ) -> tuple[State, int]:
+        """State after as many of the linearly implicit steps as need no more than a Cholesky factor.
+
+        Parameters
+        ----------
+        state : State
+        control : ControlAt
+        ends : times at which steps end [s].
+        theta : float
+            Implicit part of a step; 1 is Euler's method, 1/2 the trapezoidal rule.
+        """
+        time = [state.t]
+        for end in ends:
+            time.append(time[-1] + (end - time[-1]))
+        frames, twists = state.frames.copy(), state.twists.copy()
+        q, v = np.empty_like(state.q), np.empty_like(state.v)
+        done = advance_bodies(
+            self.tables.table,
+            self.tables.lines,
+            self.tables.rows,
+            self.tables.kinds,
+            self._led(time[1:]),
+            self.scratch,
+            np.diff(time),
+            control.at_ends(time),
+            theta,
+            PROJECTIONS,
+            DRIFT,
+            frames,
+            twists,
+            q,
+            v,
+        )
+        return State(time[done], q, v, {}, frames, twists), done
+
+    def _led(self, times: Sequence[float]) -> Led:
+        """Motion of prescribed bodies at some times."""
+        led, maps = self.tables.led, self.system.kinematics
+        n, k = len(times), len(led)
+        frames: Array = np.zeros((n if k else 0, k, 7))
+        twists: Array = np.zeros((n if k else 0, k, 6))
+        for i in range(n if k else 0):
+            whole = maps.rest_frames.copy()
+            maps.prescribe(whole, times[i])
+            frames[i], twists[i] = whole[led], maps.prescribed_twists(times[i])[led]
+        return Led(led, frames, twists)

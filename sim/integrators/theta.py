@@ -1,0 +1,152 @@
+"""Linearly implicit Euler and trapezoidal steps: one linear solution per step."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+from sim.integrators.contract import require_upright
+from sim.integrators.linearly_implicit import (
+    LinearStep,
+    Missed,
+    momentum_at,
+    predicted_pose,
+    step_of,
+)
+from sim.integrators.workspace import Workspace
+from sim.state import ControlAt, Line, State, StepReport
+from sim.system import System
+
+
+class _Linearised:
+    """(M + theta h D + (theta h)^2 K) v1 = M v0 + h f(q0) - (1 - theta) h (D + theta h K) v0.
+
+    The positions are q1 = q0 + h ((1 - theta) v0 + theta v1).
+    """
+
+    theta: ClassVar[float]
+    estimated: ClassVar[bool]
+    tolerance: float
+
+    def step(
+        self, system: System, state: State, control: ControlAt, h: float, work: Workspace
+    ) -> tuple[State, StepReport]:
+        """Advance by h.
+
+        Raises
+        ------
+        InvertedElement
+            det F <= 0 somewhere at the start or at the end of the step.
+        SingularSystem
+            The matrix could not be factorised.
+        """
+        if work.bodies is not None:
+            new, done = work.bodies.advance(state, control, (state.t + h,), self.theta)
+            if done:
+                return new, StepReport(h=h, smallest_J=float("inf"))
+        line = control.chord(state.t, h)
+
+        def equation(system: System) -> LinearStep:
+            return self._equation(system, state, line, work)
+
+        return step_of(equation, system, state, h, self.tolerance, work)
+
+    def run(
+        self,
+        system: System,
+        state: State,
+        control: ControlAt,
+        ends: Sequence[float],
+        work: Workspace,
+    ) -> tuple[State, list[StepReport]]:
+        """Advance by steps that end at the given times [s]; errors as of `step`."""
+        done, reports = 0, list[StepReport]()
+        while done < len(ends):
+            if work.bodies is not None:
+                starts = (state.t, *ends[done:])
+                state, more = work.bodies.advance(state, control, ends[done:], self.theta)
+                if more:
+                    h = min(b - a for a, b in pairwise(starts[: more + 1]))
+                    reports.append(StepReport(h, float("inf"), more, 0, more, more))
+                    done += more
+                    continue
+            state, report = self.step(system, state, control, ends[done] - state.t, work)
+            reports.append(report)
+            done += 1
+        return state, reports
+
+    def _equation(self, system: System, state: State, line: Line, work: Workspace) -> LinearStep:
+        at_end, h, theta = line.at(1.0), line.h, self.theta
+        kinematics = system.kinematics
+        with work.timed("tangent"):
+            pose = kinematics.at(state.pose, at_end.t)
+            here, K = system.tangent(pose.q, at_end)
+            D = system.damping_matrix(pose, at_end, K)
+            predicted = predicted_pose(system, state, h)
+            by_damping, by_stiffness = theta * h, (theta * h) * (theta * h)
+            A = system.implicit_matrix(pose, here, K, D, by_damping, by_stiffness, predicted)
+        require_upright(here.element, here.smallest_J, state.t)
+        force = kinematics.generalised_force(here.f, pose)
+        if D.offset is not None:
+            force = force - D.offset
+        rhs = momentum_at(system, state, predicted)
+        if theta < 1.0:  # theta h (D + theta h K) is the matrix less the mass
+            w0 = kinematics.velocities(state)
+            left = (1.0 - theta) / theta
+            rhs = rhs + left * kinematics.apply_mass(w0, predicted) - left * A.times(w0)
+        missed = Missed(line, D, here) if self.estimated else None
+        return LinearStep(A, rhs + h * force, theta, missed)
+
+
+@dataclass(frozen=True)
+class LinearlyImplicitEuler(_Linearised):
+    """One Newton step of implicit Euler, (M + h D + h^2 K) v1 = M v0 + h f(q0), q1 = q0 + h v1.
+
+    K, D and f are taken at q0 with the control of the step's end, or with the mean of the activation
+    where that does not run straight through the step. First order; it follows the published simulator,
+    and like it can invert elements when forces are large.
+
+    Attributes
+    ----------
+    tolerance : float
+        Largest estimated error of a nodal position that an iterative linear solver leaves in a step
+        [m]; a direct one leaves none.
+
+    Notes
+    -----
+    The equation is solved as it stands also when its matrix is not positive definite, as strongly
+    active muscles make it; the report counts such steps as ``indefinite``.
+    """
+
+    order: ClassVar[int] = 1
+    stability: ClassVar[str] = "L-stable"
+    theta: ClassVar[float] = 1.0
+    estimated: ClassVar[bool] = True
+    tolerance: float = 1e-6
+
+
+@dataclass(frozen=True)
+class LinearlyImplicitTrapezoidal(_Linearised):
+    """The trapezoidal rule linearised at the start of the step.
+
+    (M + h/2 D + h^2/4 K) v1 = (M - h/2 D - h^2/4 K) v0 + h f(q0), q1 = q0 + h/2 (v0 + v1).
+
+    K, D and f are taken at q0 with the control of the step's end, as the published simulator does; where
+    the activation does not run straight through the step, with its mean.
+
+    Attributes
+    ----------
+    tolerance : float
+        As of `LinearlyImplicitEuler`.
+
+    Notes
+    -----
+    Second order when control and damping matrix are constant, else first, since both are taken at
+    one end of the step. Fast modes ring, and elements can invert.
+    """
+
+    order: ClassVar[int] = 1
+    stability: ClassVar[str] = "A-stable"
+    theta: ClassVar[float] = 0.5
+    estimated: ClassVar[bool] = False
+    tolerance: float = 1e-6

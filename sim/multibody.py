@@ -1,0 +1,169 @@
+"""Scenes of rigid bodies without tissue, laid out for the fused steps of `sim._kernels.multibody`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from sim._kernels.joints import RowTable
+from sim._kernels.lines import PARAMETERS, LineTable
+from sim._kernels.multibody import BodyTable, RowKinds, Scratch
+from sim.bodies import Body
+from sim.joints.compiled import Rows, row_table
+from sim.kinematics import Kinematics
+from sim.kinematics.articulated import Articulated
+from sim.pattern import Index
+from sim.state import Array, Pose
+
+MOST = 240
+"""Largest number of velocities that are solved for with a dense matrix."""
+
+
+@dataclass(frozen=True)
+class PointForces:
+    """Forces of all terms on points.
+
+    Attributes
+    ----------
+    load : (n_points, 3) constant forces [N].
+    lines : laws of fibres, and the points of each.
+    """
+
+    load: Array
+    lines: list[tuple[LineTable, Sequence[Index]]] = field(
+        default_factory=list[tuple[LineTable, Sequence[Index]]]
+    )
+
+
+@runtime_checkable
+class ActsOnPoints(Protocol):
+    """Compiled term whose forces the fused step knows."""
+
+    def add_to(self, forces: PointForces) -> None:
+        """Add the forces of the term."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Multibody:
+    """Scene of bodies alone.
+
+    Attributes
+    ----------
+    table : BodyTable
+    lines : LineTable
+    rows : RowTable
+    kinds : RowKinds
+    led : (k,) bodies that move as prescribed.
+    n : int
+        Number of velocities.
+    """
+
+    table: BodyTable
+    lines: LineTable
+    rows: RowTable
+    kinds: RowKinds
+    led: Index
+    n: int
+
+    def scratch(self) -> Scratch:
+        """New memory for steps."""
+        n, m, k, p = self.n, len(self.rows.kind), len(self.table.column), len(self.table.body)
+        shapes = {
+            **dict.fromkeys(("frames", "ahead"), (k, 7)),
+            **dict.fromkeys(("q", "arm", "force", "carried"), (p, 3)),
+            **dict.fromkeys(("w0", "w1", "p", "r", "g"), (n,)),
+            **dict.fromkeys(("c", "drift", "target", "f"), (m,)),
+            **dict.fromkeys(("G", "Y"), (m, n)),
+            **dict.fromkeys(("S", "T"), (m, m)),
+            **dict.fromkeys(("JA", "JB"), (m, 6)),
+            **{"JP": (m, 3), "A": (n, n), "V": (2, 4, 6), "I": (3, 3), "inverse": (k, 3, 3)},
+        }
+        arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+        return Scratch(**arrays, on=np.zeros(m, dtype=bool), index=np.zeros(m, dtype=np.int64))
+
+
+def lay_out_multibody(
+    kinematics: Kinematics,
+    X: Array,
+    bodies: Sequence[Body],
+    terms: Sequence[object],
+    rows: Rows | None,
+) -> Multibody | None:
+    """Tables of a scene whose velocities are those of bodies and whose terms act on points.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+    X : (n_points, 3) positions at rest [m].
+    bodies : sequence of Body
+    terms : sequence of CompiledTerm
+    rows : Rows or None
+
+    Returns
+    -------
+    Multibody or None
+        None for any other scene.
+    """
+    if not isinstance(kinematics, Articulated) or not kinematics.bodies_alone:
+        return None
+    if kinematics.pattern.n > MOST:
+        return None
+    forces = PointForces(np.zeros_like(X))
+    for term in terms:
+        if not isinstance(term, ActsOnPoints):
+            return None
+        term.add_to(forces)
+    chains = kinematics.chains
+    body, arm = np.full(len(X), -1, dtype=np.int64), X.copy()
+    body[chains.point], arm[chains.point] = chains.body, chains.arm
+    free = kinematics.free_bodies
+    inertia = np.zeros((len(bodies), 3, 3))
+    inertia[free] = [bodies[int(b)].inertia for b in free]
+    inverse = np.zeros_like(inertia)
+    inverse[free] = np.linalg.inv(inertia[free])
+    paths = [points for _, fibres in forces.lines for points in fibres]
+    start = np.cumsum([0, *(len(points) for points in paths)])
+    table = BodyTable(
+        kinematics.body_columns(len(bodies))[:-1].copy(),
+        np.array([b.mass for b in bodies], dtype=np.float64),
+        inertia,
+        inverse,
+        np.array([b.damping for b in bodies], dtype=np.float64),
+        body,
+        arm,
+        forces.load,
+        start.astype(np.int64),
+        np.array([p for points in paths for p in points], dtype=np.int64),
+    )
+    kept = _row_table(rows, body, arm)
+    return Multibody(
+        table,
+        _joined([table for table, _ in forces.lines]),
+        *kept,
+        kinematics.paths.led,
+        kinematics.pattern.n,
+    )
+
+
+def _joined(tables: Sequence[LineTable]) -> LineTable:
+    none = np.zeros(0)
+    index = none.astype(np.int64)
+    first = LineTable(index, none, none, index, np.zeros((0, PARAMETERS)), none, none)
+    return LineTable(*(np.concatenate(column) for column in zip(first, *tables, strict=True)))
+
+
+def _row_table(rows: Rows | None, body: Index, arm: Array) -> tuple[RowTable, RowKinds]:
+    """Rows with points as places on their bodies."""
+    if rows is None:
+        none, flags = np.zeros(0), np.zeros(0, dtype=bool)
+        return row_table((), {}, Pose(arm, np.zeros((0, 7)), 0.0)), RowKinds(
+            flags, flags, none, none
+        )
+    table = rows.table
+    held = table.point >= 0
+    body_b, origin_b = table.body_b.copy(), table.origin_b.copy()
+    body_b[held], origin_b[held] = body[table.point[held]], arm[table.point[held]]
+    table = table._replace(point=np.full_like(table.point, -1), body_b=body_b, origin_b=origin_b)
+    return table, RowKinds(rows.unilateral, rows.rigid, rows.compliance, rows.damping_time)

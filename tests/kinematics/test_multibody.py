@@ -1,0 +1,156 @@
+"""Fused steps of scenes of bodies alone: equal to the general path, and chosen by the scene."""
+
+import numpy as np
+import pytest
+
+import sim
+from sim.joints import Limit, PointOnCurve, PointOnPlane, Spherical, Weld
+from tests.kinematics.scenes import INERTIA, mixed_system, swing
+
+STEPPED = (sim.LinearlyImplicitEuler(), sim.LinearlyImplicitTrapezoidal())
+POINTS = np.array(
+    [[0.0, 0.0, 0.05], [0.01, 0.02, 0.0], [0.04, 0.0, 0.0], [0.05, 0.01, 0.02], [0.06, 0.0, 0.01]]
+)
+
+
+def scene(*joints, motion=swing, **more) -> sim.Scene:
+    """Two bodies on lines to space, to each other and to a prescribed one."""
+    bodies = (
+        sim.Body("jaw", 0.2, 100.0 * INERTIA, (0.02, 0.01, 0.0), (0.3, 1e-5)),
+        sim.Body("skull", centre=(0.03, 0.005, 0.005)),
+        sim.Body("hyoid", 0.1, 50.0 * INERTIA, (0.05, 0.01, 0.01)),
+    )
+    members = (
+        sim.Fixed(np.array([0])),
+        sim.OnBody("jaw", np.array([1, 2])),
+        sim.OnBody("hyoid", np.array([3])),
+        sim.OnBody("skull", np.array([4])),
+        sim.PrescribedBody("skull", motion),
+    )
+    fibres = [
+        sim.LineFibre(k, np.array(path)) for k, path in enumerate(((0, 1, 3), (2, 4), (1, 3)))
+    ]
+    laws = sim.Peck(20.0, tendon_ratio=0.2), sim.ConstantForce(3.0), sim.Peck(5.0)
+    lines = sim.LineMuscles(("a", "b", "c"), fibres, laws, stiffness=300.0, damping=2.0)
+    load = sim.NodeLoad(np.array([3]), np.array([[0.1, 0.0, -0.2]]))
+    terms = (sim.Gravity(), lines, load)
+    return sim.Scene(
+        sim.NO_TISSUE, terms, members, bodies=bodies, points=POINTS, joints=joints, **more
+    )
+
+
+HELD = (
+    Spherical("ball", "skull", "jaw", (0.02, 0.0, 0.01)),
+    PointOnCurve(
+        "guide",
+        2,
+        "skull",
+        POINTS[2],
+        (0.0, 0.3, 1.0),
+        (1.0, 0.0, 0.0),
+        np.array([0.0, -0.7, 30.0, -300.0]),
+        (0.0, 0.012),
+    ),
+    Weld("bond", "jaw", "hyoid", (0.04, 0.01, 0.0), compliance=1e-3, damping_time=0.01),
+    PointOnPlane("bite", 3, None, POINTS[3] - [0.0, 0.0, 1e-4], (0.1, 0.0, 1.0), unilateral=True),
+    Limit("stop", None, "hyoid", (0.05, 0.01, 0.01), (0.0, 1.0, 0.0), -0.02, 0.01),
+)
+
+
+def drive(t):
+    return sim.Activation(
+        np.array([0.0, 0.5 * t, t]), np.array([[0.1, 0.2, 0.3], [0.8, 0.0, 0.2]] * 2)[:3]
+    )
+
+
+def ended(system, integrator, general, n=60, h=1e-3):
+    work = sim.Workspace(system)
+    if general:
+        work.bodies = None
+    start = system.rest_state()
+    return sim.simulate(
+        system,
+        drive(n * h),
+        duration=n * h,
+        steps=sim.FixedStep(h),
+        every=10 * h,
+        integrator=integrator,
+        initial=start,
+        work=work,
+        probes=(sim.Frames(("jaw", "skull", "hyoid")), sim.Iterations()),
+    )
+
+
+@pytest.mark.parametrize("integrator", STEPPED)
+@pytest.mark.parametrize("joints", [HELD, ()])
+def test_fused_steps_equal_the_general_path(integrator, joints):
+    """Joints, limits that are reached, lines with dampers and a prescribed body that turns."""
+    system = sim.compile_scene(scene(*joints))
+    (fused, a), (general, b) = (ended(system, integrator, g) for g in (False, True))
+    assert np.abs(a.q - system.mesh.X).max() > 1e-3
+    for name in ("q", "v", "frames", "twists"):
+        there = getattr(b, name)
+        np.testing.assert_allclose(getattr(a, name), there, atol=1e-10 * np.abs(there).max())
+    np.testing.assert_allclose(fused.body_position, general.body_position, atol=1e-12)
+    np.testing.assert_array_equal(fused.steps, general.steps)
+    if joints:  # the inequalities have acted
+        loose = ended(sim.compile_scene(scene(*HELD[:3])), integrator, False)[1]
+        assert np.abs(loose.q - a.q).max() > 1e-5
+
+
+def test_steps_continue_bit_for_bit_and_single_steps_are_the_same():
+    system = sim.compile_scene(scene(*HELD))
+    whole = ended(system, STEPPED[0], False)[1]
+    work, state = sim.Workspace(system), system.rest_state()
+    control = sim.activation.Driven(system, drive(0.06))
+    for k in range(60):
+        state, _ = STEPPED[0].step(system, state, control, (k + 1) * 1e-3 - state.t, work)
+    np.testing.assert_allclose(state.q, whole.q, atol=1e-12)
+    half = sim.simulate(
+        system,
+        drive(0.06),
+        duration=0.03,
+        steps=sim.FixedStep(1e-3),
+        every=0.01,
+        integrator=STEPPED[0],
+    )[1]
+    end = sim.simulate(
+        system,
+        drive(0.06),
+        duration=0.03,
+        steps=sim.FixedStep(1e-3),
+        every=0.01,
+        integrator=STEPPED[0],
+        initial=half,
+    )[1]
+    np.testing.assert_array_equal(end.frames, whole.frames)
+    np.testing.assert_array_equal(end.twists, whole.twists)
+
+
+def test_the_scene_decides():
+    """Damping of an assembled matrix, or a point that is held by other points, is general."""
+    assert sim.compile_scene(scene()).multibody is not None
+    assert sim.compile_scene(scene(damping=sim.RestRayleigh())).multibody is None
+    system = mixed_system()
+    assert system.multibody is None
+    assert sim.Workspace(system).bodies is None
+
+
+def test_an_indefinite_step_is_left_to_the_general_path():
+    """A pushing spring: far too long a step for its negative stiffness has an indefinite matrix."""
+    points = np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.0]])
+    law = sim.Peck(500.0, passive_fraction=0.0)
+    lines = sim.LineMuscles(("m",), (sim.LineFibre(0, np.array([0, 1])),), law)
+    body = sim.Body("bob", 0.1, INERTIA, (0.0, 0.0, 0.0))
+    members = sim.Fixed(np.array([0])), sim.OnBody("bob", np.array([1]))
+    system = sim.compile_scene(
+        sim.Scene(sim.NO_TISSUE, (lines,), members, bodies=(body,), points=points)
+    )
+    state = system.rest_state()
+    away = system.kinematics.advance(state.pose, np.array([0, 0, -0.02, 0, 0, 0.0]), 0.0)
+    state = system.kinematics.state(away, np.zeros(6), {})
+    control, work = system.control(np.ones(1)), sim.Workspace(system)
+    assert work.bodies.advance(state, control, (0.1,), 1.0)[1] == 0
+    end, report = STEPPED[0].step(system, state, control, 0.1, work)
+    assert report.indefinite == 1
+    assert np.isfinite(end.q).all()
