@@ -36,6 +36,7 @@ with kernel_cache(Path(__file__).parent):
         tensor_solid,
         triangles,
         triple,
+        tube,
         volume,
     )
 
@@ -64,5 +65,6 @@ __all__ = [
     "tensor_solid",
     "triangles",
     "triple",
+    "tube",
     "volume",
 ]

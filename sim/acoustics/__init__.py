@@ -1,0 +1,33 @@
+"""Sound of tubes such as the vocal tract: formants, waves in time, sources and wall pressure.
+
+Arrays in, arrays out, in SI units; nothing here knows a face. Waves are one-dimensional, which holds up
+to 4 to 5 kHz; side branches other than the nasal tract are absent.
+"""
+
+from sim.acoustics.matrix import formants, lossless_formants, transfer
+from sim.acoustics.medium import LOSSLESS, SMALLEST, Branch, Medium
+from sim.acoustics.resonances import resonances
+from sim.acoustics.sources import SILENT, Flow, Folds, Source, Turbulence, rosenberg
+from sim.acoustics.wall_pressure import wall_pressure
+from sim.acoustics.waves import TubeSound, kelly_lochbaum, simulate_tube
+
+__all__ = [
+    "LOSSLESS",
+    "SILENT",
+    "SMALLEST",
+    "Branch",
+    "Flow",
+    "Folds",
+    "Medium",
+    "Source",
+    "TubeSound",
+    "Turbulence",
+    "formants",
+    "kelly_lochbaum",
+    "lossless_formants",
+    "resonances",
+    "rosenberg",
+    "simulate_tube",
+    "transfer",
+    "wall_pressure",
+]

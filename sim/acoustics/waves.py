@@ -1,0 +1,368 @@
+"""Sound of a tube in time: a staggered scheme for tubes of changing area and length.
+
+Linearised flow in a tube of rigid or yielding walls, after van den Doel and Ascher 2008 (IEEE TASL
+16:1163): rho du/dt = -dp/dx - loss, S/(rho c^2) dp/dt = -d(S u)/dx - C z, M dz/dt + B z + K y = p.
+Pressure and velocity, which stay finite where an area vanishes, lie on alternate points of space and
+time. Losses are implicit; losses that grow with sqrt(s) are sums of first-order terms.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import nnls
+from scipy.signal import resample_poly
+
+from sim._kernels import tube
+from sim.acoustics.medium import Branch, Floats, Medium, Shapes, shapes
+from sim.acoustics.sources import SILENT, Source, Turbulence
+from sim.errors import AcousticsError, CourantError
+
+kernels: Any = tube
+
+BLOCK: Final = 32
+"""Steps between the instants at which the shape of a changing tube is evaluated."""
+CHUNK: Final = 512
+"""Blocks that are computed in one call, between reports of progress."""
+FRICTION_BAND: Final = (60.0, 9000.0)
+"""Band in which the terms of the losses represent sqrt(s) [Hz]."""
+
+
+@dataclass(frozen=True, eq=False)
+class TubeSound:
+    """Signals of a tube at the rate of the steps.
+
+    Attributes
+    ----------
+    rate : float
+        Steps per second [Hz].
+    mouth, nose, glottis : ndarray, shape (n,)
+        Flow out of the openings and into the tract [m^3/s].
+    pressure : ndarray, shape (n,)
+        Above the glottis [Pa].
+    glottal_area : ndarray, shape (n,)
+        Smallest area of the glottis [m^2]; 0 without folds.
+    node_pressure, cell_velocity : ndarray, shape (nodes,), (cells,)
+        Pressure [Pa] along the tube at the end, and velocity [m/s] half a step later.
+    rho : float
+        Density of the air [kg/m^3].
+    """
+
+    rate: float
+    mouth: Floats
+    nose: Floats
+    glottis: Floats
+    pressure: Floats
+    glottal_area: Floats
+    node_pressure: Floats
+    cell_velocity: Floats
+    rho: float
+
+    def radiated(self, rate: float, distance: float = 0.3) -> Floats:
+        """Sound pressure before the mouth, low-pass filtered and resampled.
+
+        p = rho/(2 pi distance) d(U_mouth + U_nose)/dt: a small source in a wall, without the delay.
+
+        Parameters
+        ----------
+        rate : float
+            Of the result [Hz]; the rate of the steps must be a multiple of it.
+        distance : float
+            From the lips [m].
+
+        Returns
+        -------
+        ndarray, shape (samples,)
+            [Pa]
+        """
+        factor = round(self.rate / rate)
+        if not np.isclose(factor * rate, self.rate) or distance <= 0.0:
+            raise AcousticsError(
+                f"sound of {self.rate:g} Hz is requested at {rate:g} Hz and {distance:g} m, expected a "
+                "divisor of the rate of the steps and a distance above 0"
+            )
+        flow = self.mouth + self.nose
+        p = self.rho / (2.0 * np.pi * distance) * np.diff(flow, prepend=0.0) * self.rate
+        return np.asarray(resample_poly(p, 1, factor)) if factor > 1 else p
+
+
+@cache
+def friction_terms(count: int = 4) -> tuple[Floats, Floats]:
+    """Weights w [s^-1/2] and rates b [1/s] of sqrt(s) = sum of w s/(s + b), s = j omega.
+
+    Weights are positive, so that the losses are passive at any step. The relative error is at most
+    4 % in magnitude within `FRICTION_BAND` with four terms, 1 % with six.
+    """
+    b = 2.0 * np.pi * np.geomspace(0.6 * FRICTION_BAND[0], 2.5 * FRICTION_BAND[1], count)
+    s = 2j * np.pi * np.geomspace(*FRICTION_BAND, 200)
+    terms = s[:, None] / (s[:, None] + b) / np.sqrt(s)[:, None]
+    system = np.concatenate([terms.real, terms.imag])
+    target = np.concatenate([np.ones(200), np.zeros(200)])
+    return np.asarray(nnls(system, target)[0], np.float64), b
+
+
+def _onto(count: int, cells: int) -> Floats:
+    """Fractions of each of some sections within each of some cells, shape (cells, sections)."""
+    edges, own = np.linspace(0, 1, cells + 1), np.linspace(0, 1, count + 1)
+    low = np.maximum(edges[:-1, None], own[None, :-1])
+    high = np.minimum(edges[1:, None], own[None, 1:])
+    return np.maximum(high - low, 0.0) * cells
+
+
+def _middle(x: Floats) -> Floats:
+    """Means of successive rows."""
+    return 0.5 * (x[:-1] + x[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Coefficients of the kernel at the boundaries and in the middle of blocks of steps."""
+
+    A: Floats
+    V: Floats
+    ih: Floats
+    lu: Floats
+    aw: Floats
+    ah: Floats
+    load: Floats
+    jet: Floats
+
+
+def _instants(steps: Any, dt: float) -> Floats:
+    return np.asarray(dt * steps, np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Nodes of mouth and nose in one array, see `sim._kernels.tube`."""
+
+    tube: Shapes
+    medium: Medium
+    sections: int
+    branch: Branch | None
+    ends: tuple[int, int]
+    node: int
+
+    def at(self, times: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Flux area, volume area and length of cells, and circumference, at instants."""
+        t, N = self.tube, self.sections
+        rows: list[Floats] = [np.interp(times, t.times, row) for row in t.areas.T]
+        S = np.stack(rows, axis=1)
+        L = np.interp(times, t.times, t.length)
+        W = _onto(S.shape[1], N)
+        flux, mean = 1.0 / ((1.0 / S) @ W.T), S @ W.T
+        h = np.repeat(L[:, None] / N, N, axis=1)
+        if self.branch is not None:
+            side = shapes(self.branch.areas, self.branch.length)
+            cells = self.ends[1] - N - 1
+            X = _onto(side.areas.shape[1], cells)
+            n = len(times)
+            pad = np.zeros((n, 1))  # the closed cell between mouth and nose
+            flux = np.hstack([flux, pad, np.tile(1.0 / (1.0 / side.areas @ X.T), (n, 1))])
+            mean = np.hstack([mean, pad, np.tile(side.areas @ X.T, (n, 1))])
+            h = np.hstack([h, pad + 1.0, np.full((n, cells), float(side.length[0]) / cells)])
+        return flux, mean, h, self.medium.circumference(mean)
+
+    def grid(self, times: Floats) -> _Grid:
+        """Coefficients for blocks between these instants."""
+        m, N = self.medium, self.sections
+        flux, mean, h, C = self.at(times)
+        edge = ((0, 0), (0, 1))
+        A = np.pad(flux, edge)
+        half = 0.5 * mean * h
+        V = np.pad(half, edge) + np.pad(half, ((0, 0), (1, 0)))
+        surface = np.pad(0.5 * C * h, edge) + np.pad(0.5 * C * h, ((0, 0), (1, 0)))
+        per = _middle(surface) / _middle(V)
+        S = _middle(flux)
+        rate = np.zeros_like(S)
+        rate[:, S[0] > 0.0] = m.friction_rate(S[:, S[0] > 0.0])
+        narrow = np.argmin(S[:, :N], axis=1)
+        blocks = np.arange(len(S))
+        widest = np.array([row[k:N].max() for row, k in zip(S, narrow, strict=True)])
+        loss = np.where(narrow == N - 1, 1.0, (1.0 - S[blocks, narrow] / widest) ** 2)
+        load = np.zeros((len(S), 2, 2))
+        for e, at in enumerate(self.ends):
+            if at > 0 and m.radiates:
+                load[:, e, 0], load[:, e, 1] = m.load(S[:, at - 1])
+        return _Grid(
+            A, V, np.pad(1.0 / _middle(h), edge), np.pad(rate, edge), m.yielding * per,
+            m.heat_rate * per, load, np.stack([narrow.astype(np.float64), loss], axis=1),
+        )  # fmt: skip
+
+
+def _layout(
+    tube: Shapes, medium: Medium, sections: int, branch: Branch | None, dt: float
+) -> _Layout:
+    shortest = float(tube.length.min()) / sections
+    if branch is None:
+        return _Layout(tube, medium, sections, None, (sections, -1), -1)
+    cells = max(1, int(branch.length / max(shortest, 1.05 * medium.c * dt)))
+    node = round(branch.position / float(tube.length[0]) * sections)
+    if not 0 < node < sections:
+        raise AcousticsError(
+            f"the branch begins at {branch.position:.3g} m, expected a point within the tube of "
+            f"{float(tube.length[0]):.3g} m"
+        )
+    return _Layout(tube, medium, sections, branch, (sections, sections + 1 + cells), node)
+
+
+def simulate_tube(
+    areas: ArrayLike,
+    length: ArrayLike,
+    source: Source,
+    *,
+    times: ArrayLike = 0.0,
+    duration: float,
+    rate: float = 44_100.0,
+    sections: int = 60,
+    substeps: int | None = None,
+    medium: Medium | None = None,
+    branch: Branch | None = None,
+    turbulence: Turbulence = SILENT,
+    seed: int = 0,
+    terms: int = 4,
+    progress: Callable[[int, int], None] | None = None,
+) -> TubeSound:
+    """Simulate the sound of a tube.
+
+    Parameters
+    ----------
+    areas : array_like, shape (sections,) or (frames, sections)
+        Areas from the glottis to the lips [m^2]; those below 1e-8 m^2 are closed.
+    length : array_like, scalar or shape (frames,)
+        Length of the tube [m].
+    source : Source
+        `Folds`, `Flow`, or another source at the glottis.
+    times : array_like, shape (frames,)
+        Instants of the frames [s], between which areas and length change linearly.
+    duration : float
+        [s]
+    rate : float
+        Samples per second of the sound wanted [Hz].
+    sections : int
+        Cells of the grid.
+    substeps : int, optional
+        Steps per sample; the fewest that meet the Courant limit with a margin of 2 % by default.
+    medium : Medium, optional
+        Air, walls and openings; with all losses by default.
+    branch : Branch, optional
+        Nasal tract.
+    turbulence : Turbulence
+        Noise; none by default.
+    seed : int
+        Of the noise.
+    terms : int
+        Terms of the losses, see `friction_terms`.
+    progress : callable, optional
+        Called as ``progress(done, total)`` with numbers of steps.
+
+    Returns
+    -------
+    TubeSound
+        Signals at rate times substeps.
+
+    Raises
+    ------
+    CourantError
+        Sound would cross more than one cell within a step, c dt/dx > 1.
+    AcousticsError
+        As `shapes`; the source, the branch or the sampling is not valid.
+
+    Notes
+    -----
+    Cells of the velocity have the area that gives the inertia of their part of the tube (mean of 1/S),
+    nodes of the pressure half the volume of both cells beside them. With this choice the limit is
+    c dt/dx <= 1 for any areas. Without losses the energy
+    sum of V p^2/(2 rho c^2) + sum of rho A h u- u+/2 is constant. The flow that moving walls displace,
+    dS/dt, is omitted: it is far below the audible range.
+    """
+    medium = medium or Medium()
+    tube = shapes(areas, length, times)
+    if sections < 2 or not (0.0 < duration <= 3600.0 and 1000.0 <= rate <= 1e6):
+        raise AcousticsError(
+            f"{sections} sections, {duration:g} s at {rate:g} Hz: expected at least 2 sections, up to "
+            "3600 s and 1000 Hz to 1 MHz"
+        )
+    cell = float(tube.length.min()) / sections
+    steps = substeps or int(np.ceil(medium.c / (0.98 * cell * rate)))
+    dt = 1.0 / (rate * steps)
+    if medium.c * dt > cell * (1.0 + 1e-9):
+        raise CourantError(medium.c * dt / cell, dt, cell)
+    layout = _layout(tube, medium, sections, branch, dt)
+    n, nodes = round(duration * rate) * steps, max(layout.ends) + 1
+    t = _instants(np.arange(n) + 0.5, dt)
+    given = source.folds(), source.flow(t), source.pressure(t)
+    noise = turbulence.noise(n, 1.0 / dt, seed)
+    active = medium.friction > 0.0
+    weight, decay = friction_terms(terms) if active else (np.empty(0), np.empty(0))
+    beta = 0.5 * dt * decay
+    losses = (
+        weight / (1.0 + beta),
+        (1.0 - beta) / (1.0 + beta),
+        2.0 * beta * weight / (1.0 + beta) ** 2,
+    )
+    lines = [np.zeros(nodes) for _ in range(4)]
+    memory = np.zeros((len(beta), nodes)), np.zeros((len(beta), nodes))
+    ports, motion, out = np.zeros(4), np.zeros(4), np.zeros((5, n))
+    block = BLOCK if len(tube.times) > 1 else max(n, 1)
+    span = block * CHUNK if len(tube.times) > 1 else max(n, 1)
+    rough = turbulence.gain, turbulence.critical, 2.0 * np.pi * turbulence.smoothing
+    for first in range(0, n, span):
+        here = slice(first, min(first + span, n))
+        count = -(-(here.stop - first) // block)
+        g = layout.grid(_instants(first + block * np.arange(count + 1), dt))
+        part = np.empty((5, here.stop - first))
+        kernels.advance(
+            dt, block, (medium.rho, medium.c, medium.mu),
+            (medium.mass, medium.damping, medium.stiffness), *losses,
+            lines[0], lines[1], *memory, lines[2], lines[3], ports, motion, g.A, g.V, g.ih, g.lu,
+            g.aw, g.ah, g.load, g.jet, layout.ends, layout.node, given[0], rough, given[1][here],
+            given[2][here], np.ascontiguousarray(noise[:, here]), part,
+        )  # fmt: skip
+        out[:, here] = part
+        if progress is not None:
+            progress(here.stop, n)
+    mouth, nose, glottis, pressure, opening = out
+    return TubeSound(
+        rate * steps, mouth, nose, glottis, pressure, opening, lines[0], lines[1][:-1], medium.rho
+    )
+
+
+def kelly_lochbaum(
+    areas: ArrayLike, length: float, inflow: ArrayLike, *, c: float = 350.0, lips: float = -1.0
+) -> tuple[Floats, float]:
+    """Flow out of the lips of a lossless tube by scattering of waves (Kelly and Lochbaum 1962).
+
+    Parameters
+    ----------
+    areas : array_like, shape (sections,)
+        Areas of sections of equal length, from the glottis to the lips [m^2].
+    length : float
+        Of the tube [m].
+    inflow : array_like, shape (n,)
+        Flow into the tube [m^3/s].
+    c : float
+        Speed of sound [m/s].
+    lips : float
+        Reflection of waves of flow at the lips; -1: pressure 0.
+
+    Returns
+    -------
+    flow : ndarray, shape (n,)
+        Out of the lips [m^3/s].
+    rate : float
+        Samples per second c sections/length, which the method prescribes [Hz].
+
+    Raises
+    ------
+    AcousticsError
+        As `shapes`.
+    """
+    S = shapes(areas, length).areas[0]
+    given = np.ascontiguousarray(inflow, np.float64)
+    out = np.zeros_like(given)
+    kernels.scatter((S[:-1] - S[1:]) / (S[:-1] + S[1:]), 1.0, lips, given, out)
+    return out, c * len(S) / length
