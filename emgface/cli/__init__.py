@@ -8,7 +8,17 @@ from typing import Annotated
 
 import typer
 
-from emgface.cli import data, data_describe, data_files, face, simulate, study, trial, volunteers
+from emgface.cli import (
+    data,
+    data_describe,
+    data_files,
+    face,
+    simulate,
+    sound,
+    study,
+    trial,
+    volunteers,
+)
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
 from emgface.cli.machine import use_one_blas_thread
 
@@ -46,6 +56,7 @@ app.command()(study.demo)
 app.add_typer(study.app, name="study")
 app.add_typer(face.app, name="face")
 app.add_typer(data.app, name="data")
+app.add_typer(sound.app, name="sound")
 for verb in (
     data_describe.describe,
     data_files.inventory,

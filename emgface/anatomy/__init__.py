@@ -1,0 +1,1 @@
+"""Organs beside the face: jaw, hyoid and larynx."""

@@ -1,0 +1,192 @@
+"""Area functions of the vocal tract: tables, idealised vowels, and the lips of a moving face."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import DataError, listed
+from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.pictures.body import skin_of
+
+Floats = NDArray[np.float64]
+
+IDEAL: Final = {
+    "u": ((0.02, 1.5), (0.065, 9.0), (0.03, 0.8), (0.045, 8.0), (0.01, 0.6)),
+    "a": ((0.02, 1.5), (0.07, 1.0), (0.07, 7.0), (0.01, 5.0)),
+    "i": ((0.02, 1.5), (0.075, 9.0), (0.06, 0.7), (0.01, 3.0)),
+}
+"""Tubes (length [m], area [cm^2]) from the glottis to the lips, idealised by this package: two or three
+cavities of the size of an adult's, as textbooks draw them. They are no person's measures."""
+STEP: Final = 0.005
+"""Length of a section of the idealised vowels [m]."""
+LIPS: Final = 0.01
+"""Length of the lips' section at rest, behind the plane of the lips [m]."""
+TUBE_ONLY: Final = (
+    "waves are one-dimensional (valid to 4-5 kHz); piriform sinuses, side branches and turbulence in "
+    "three dimensions are not simulated"
+)
+
+
+def area_function(
+    areas: Floats, length: Floats, time: Floats, *, origin: str = "simulated", assumptions: str = ""
+) -> xr.Dataset:
+    """Dataset of the kind "sound" of areas (time, section) [m^2] and lengths (time,) [m]."""
+    return xr.Dataset(
+        {
+            "area": (("time", "section"), np.asarray(areas, np.float64), {"units": "m2"}),
+            "length": ("time", np.asarray(length, np.float64), {"units": "m"}),
+        },
+        {"time": ("time", np.asarray(time, np.float64), {"units": "s"})},
+        {"origin": origin, "assumptions": "; ".join(filter(None, (assumptions, TUBE_ONLY)))},
+    )
+
+
+def ideal_vowel(name: str) -> xr.Dataset:
+    """Area function of an idealised vowel of `IDEAL`.
+
+    Raises
+    ------
+    DataError
+        The vowel is unknown.
+    """
+    if name not in IDEAL:
+        raise DataError(f"unknown vowel {name!r}, expected {listed(IDEAL)}, or a table of areas")
+    counts = [round(length / STEP) for length, _ in IDEAL[name]]
+    areas = np.repeat([1e-4 * area for _, area in IDEAL[name]], counts)
+    told = f"idealised vowel {name!r}, no person's measures"
+    return area_function(areas[None], np.array([STEP * len(areas)]), np.zeros(1), assumptions=told)
+
+
+def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -> xr.Dataset:
+    """Read an area function from a CSV table.
+
+    One row per shape, with the columns A0_cm2, A1_cm2, ... (areas of sections of equal length) and
+    length_m. Rows with a column time_s are instants of one changing shape; otherwise `row` chooses one
+    by the column label or index.
+
+    Parameters
+    ----------
+    path : Path
+        Table.
+    row : str, optional
+        Label or index of the shape.
+    from_lips : bool
+        The areas are listed from the lips, not from the glottis.
+
+    Returns
+    -------
+    Dataset
+        Of the kind "sound".
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, lacks columns, has no such row or several, or values are not valid.
+    """
+    try:
+        table = pd.read_csv(path, dtype={"label": str, "index": str})
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path} cannot be read as a CSV table: {error}") from error
+    names = [f"A{k}_cm2" for k in range(table.shape[1]) if f"A{k}_cm2" in table]
+    if not names or "length_m" not in table:
+        raise DataError(
+            f"{path.name} has the columns {listed(table.columns)}; expected A0_cm2, A1_cm2, ... and "
+            "length_m, in one row per shape"
+        )
+    if "time_s" not in table:
+        if row is not None:
+            match = [
+                name for name in ("label", "index") if name in table and (table[name] == row).any()
+            ]
+            table = table[table[match[0]] == row] if match else table.iloc[:0]
+        if len(table) != 1:
+            raise DataError(
+                f"{path.name} has {len(table)} rows{f' {row!r}' if row else ''}, expected one shape or "
+                "a column time_s: choose a row by its label or index"
+            )
+    values = table[names].to_numpy(dtype=float)[:, :: -1 if from_lips else 1]
+    length = table["length_m"].to_numpy(dtype=float)
+    if not (np.isfinite(values).all() and (values >= 0.0).all() and np.isfinite(length).all()):
+        raise DataError(f"{path.name} holds areas or lengths that are negative or not finite")
+    time = table["time_s"].to_numpy(dtype=float) if "time_s" in table else np.zeros(1)
+    return area_function(1e-4 * values, length, time, assumptions=f"areas of {path.name}")
+
+
+def with_lips(
+    tract: xr.Dataset, area: Floats, protrusion: Floats, time: Floats, *, lips: float = LIPS
+) -> xr.Dataset:
+    """Put moving lips before a tract that does not move.
+
+    The tube of the tract ends `lips` metres before its end. There the section of the lips begins, whose
+    area is that of the opening between the lips seen from the front and whose length is `lips` plus
+    the protrusion. The lip plane is therefore that of the margins in the midline; the corners, which
+    lie further back, are not represented.
+
+    Parameters
+    ----------
+    tract : Dataset
+        Area function of one instant.
+    area, protrusion : ndarray, shape (frames,)
+        Area between the lips [m^2] and forward displacement of their margins [m].
+    time : ndarray, shape (frames,)
+        [s]
+    lips : float
+        Length of the lips' section at rest [m].
+
+    Returns
+    -------
+    Dataset
+        Sections of 2.5 mm at rest, which are stretched together with the length.
+    """
+    given, L = tract["area"].values[0], float(tract["length"].values[0])
+    total = L + protrusion
+    n = max(len(given), round(L / 0.0025))
+    middle = (np.arange(n) + 0.5)[None] / n * total[:, None]
+    behind = given[np.minimum((middle / L * len(given)).astype(int), len(given) - 1)]
+    areas = np.where(middle > L - lips, np.asarray(area)[:, None], behind)
+    told = f"only the lips move, before a tract that does not ({tract.attrs['assumptions']})"
+    return area_function(areas, total, time, assumptions=told.replace(f"; {TUBE_ONLY}", ""))
+
+
+def lips_of_trial(trajectory: xr.Dataset, face: xr.Dataset) -> tuple[Floats, Floats, Floats]:
+    """Area between the lips [m^2], protrusion of their margins [m] and time [s] of each frame.
+
+    Parameters
+    ----------
+    trajectory : Dataset
+        Trajectory with the surface of the face (``emgface simulate --surface``).
+    face : Dataset
+        Face model of the trajectory.
+
+    Raises
+    ------
+    DataError
+        The trajectory has no surface, or that of another face.
+    """
+    if "surface_position" not in trajectory:
+        raise DataError(
+            "the trajectory holds markers alone, expected one with the surface of the face: "
+            "simulate it with --surface"
+        )
+    skin, rim = skin_of(face), lip_rim(face)
+    frames = trajectory["surface_position"].transpose("frame", "surface_node", "axis").values
+    margin = np.concatenate([rim.upper, rim.lower])
+    if frames.shape[1] != len(skin.node) or not np.isin(margin, skin.node).all():
+        raise DataError(
+            f"the surface has {frames.shape[1]} nodes, that of the face {len(skin.node)}: expected the "
+            "face of the simulation, specify it by --face"
+        )
+    found: list[dict[str, float]] = []
+    q = face["position"].values.copy()
+    for frame in frames:
+        q[skin.node] = frame
+        found.append(lip_shape(face, rim, q))
+    return (
+        np.array([shape["area"] for shape in found]),
+        np.array([shape["margin_protrusion"] for shape in found]),
+        np.asarray(trajectory["frame_time"].values, np.float64),
+    )

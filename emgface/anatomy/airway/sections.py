@@ -1,0 +1,185 @@
+"""Area function of a surface along a centre line: plane sections of a triangle mesh."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from emgface.errors import DataError
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sections:
+    """Plane sections of an airway.
+
+    Attributes
+    ----------
+    centre, tangent : ndarray, shape (n, 3)
+        Centre line [m] and unit normals of the planes, from the glottis to the lips.
+    area : ndarray, shape (n,)
+        Of the closed curve round the centre line [m^2]; 0 where there is none, as in a closure.
+    length : float
+        Of the centre line [m].
+    """
+
+    centre: Floats
+    tangent: Floats
+    area: Floats
+    length: float
+
+
+def centre_line(position: Floats, triangle: Integers, start: Floats, *, levels: int = 40) -> Floats:
+    """First estimate of a centre line: means of rings at equal distance from a point on the surface.
+
+    Parameters
+    ----------
+    position, triangle : ndarray, shape (n, 3), (m, 3)
+        Surface of a tube [m]; parts that are not connected with the beginning are left out.
+    start : ndarray, shape (3,)
+        Point at the end of the tube where the line begins [m].
+    levels : int
+        Number of rings.
+
+    Returns
+    -------
+    ndarray, shape (levels, 3)
+        [m]
+
+    Raises
+    ------
+    DataError
+        The surface is empty or not finite.
+    """
+    if len(triangle) == 0 or not np.isfinite(position).all():
+        raise DataError("the surface of the airway is empty or not finite, expected triangles")
+    a, b = np.concatenate([triangle[:, [0, 1]], triangle[:, [1, 2]], triangle[:, [2, 0]]]).T
+    weight = np.maximum(np.linalg.norm(position[a] - position[b], axis=1), 1e-12)
+    graph = coo_array((weight, (a, b)), shape=(len(position),) * 2).tocsr()
+    away = np.linalg.norm(position - start, axis=1)
+    away[np.setdiff1d(np.arange(len(position)), triangle)] = np.inf
+    ring = np.flatnonzero(away <= 1.5 * away.min() + 1e-12)
+    distance = dijkstra(graph, directed=False, indices=ring, min_only=True)
+    reached = np.isfinite(distance)
+    edges = np.linspace(0.0, distance[reached].max() * (1.0 + 1e-9), levels + 1)
+    level = np.digitize(distance, edges) - 1
+    means = [position[reached & (level == k)].mean(axis=0) for k in range(levels)
+             if (reached & (level == k)).any()]  # fmt: skip
+    return np.array(means)
+
+
+def sections(
+    position: Floats, triangle: Integers, line: Floats, *, count: int = 40, rounds: int = 0
+) -> Sections:
+    """Areas of the plane sections of a surface normal to a centre line.
+
+    Parameters
+    ----------
+    position, triangle : ndarray, shape (n, 3), (m, 3)
+        Surface [m], with one orientation; it may be open and may consist of several parts.
+    line : ndarray, shape (k, 3)
+        Centre line, from the glottis to the lips [m].
+    count : int
+        Sections, in the middle of equal parts of the line.
+    rounds : int
+        How often the centre line is moved to the centroids of its sections and smoothed.
+
+    Returns
+    -------
+    Sections
+
+    Raises
+    ------
+    DataError
+        The line has no length, or no plane meets the surface.
+
+    Notes
+    -----
+    The area of an oriented closed curve is the sum of t.((a - c) x (b - c))/2 over its segments,
+    without putting them in order. Of the curves in a plane, that round the centre counts, the
+    smallest if there are several: limbs of a bent tube and outer walls are thus left out.
+    """
+    edges = np.sort(
+        np.concatenate([triangle[:, [0, 1]], triangle[:, [1, 2]], triangle[:, [2, 0]]]), 1
+    )
+    edge, index = np.unique(edges, axis=0, return_inverse=True)
+    sides = index.reshape(3, -1).T  # edge of every side of every triangle
+    line = _resampled(np.asarray(line, np.float64), count)
+    for done in range(rounds + 1):
+        tangent = _tangents(line)
+        found = [
+            _section(position, triangle, edge, sides, c, t)
+            for c, t in zip(line, tangent, strict=True)
+        ]
+        if done < rounds:
+            moved = line.copy()
+            moved[1:-1] = np.array([f[1] for f in found])[1:-1]
+            moved[1:-1] = 0.25 * moved[:-2] + 0.5 * moved[1:-1] + 0.25 * moved[2:]
+            line = _resampled(moved, count, inner=True)
+    area = np.array([f[0] for f in found])
+    if not (area > 0.0).any():
+        raise DataError(
+            "no plane across the centre line meets the surface, expected a tube round it"
+        )
+    step = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    return Sections(line, tangent, area, float(step.sum() + 0.5 * (step[0] + step[-1])))
+
+
+def _section(
+    position: Floats, triangle: Integers, edge: Integers, sides: Integers, c: Floats, t: Floats
+) -> tuple[float, Floats]:
+    """Area of the curve round a centre, and the centroid of the nearest curve."""
+    d = (position - c) @ t
+    above = d >= 0.0
+    cut = np.flatnonzero(above[triangle].any(axis=1) & ~above[triangle].all(axis=1))
+    if len(cut) == 0:
+        return 0.0, c
+    crossed = above[edge[sides[cut], 0]] != above[edge[sides[cut], 1]]
+    pair = sides[cut][crossed].reshape(-1, 2)
+    name, local = np.unique(pair, return_inverse=True)
+    local = local.reshape(-1, 2)
+    p, q = edge[name].T
+    share = d[p] / (d[p] - d[q])
+    point = position[p] + share[:, None] * (position[q] - position[p]) - c
+    corners = position[triangle[cut]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    a, b = point[local[:, 0]], point[local[:, 1]]
+    forward = np.einsum("ij,ij->i", b - a, np.cross(t, normal)) >= 0.0
+    a, b = np.where(forward[:, None], a, b), np.where(forward[:, None], b, a)
+    graph = coo_array((np.ones(len(local)), local.T), shape=(len(name),) * 2)
+    n, part = connected_components(graph, directed=False)
+    part = part[local[:, 0]]
+    twice = np.cross(a, b) @ t
+    area = 0.5 * np.bincount(part, twice, n)
+    angle = np.arctan2(twice, np.einsum("ij,ij->i", a, b))
+    turns = np.abs(np.bincount(part, angle, n)) / (2.0 * np.pi)
+    round_it = np.flatnonzero(turns > 0.5)
+    middle = np.stack([np.bincount(part, (a + b)[:, k] * 0.5, n) for k in range(3)], axis=1)
+    middle /= np.bincount(part, minlength=n)[:, None]
+    chosen = (
+        round_it[np.argmin(np.abs(area[round_it]))]
+        if len(round_it)
+        else np.argmin(np.linalg.norm(middle, axis=1))
+    )
+    if abs(area[chosen]) > 1e-9:
+        of = part == chosen
+        middle[chosen] = ((a + b)[of] * twice[of, None]).sum(axis=0) / (6.0 * area[chosen])
+    return float(abs(area[chosen])) if len(round_it) else 0.0, c + middle[chosen]
+
+
+def _resampled(line: Floats, count: int, *, inner: bool = False) -> Floats:
+    """Points in the middle of equal parts of a line; where `inner`, from first to last point."""
+    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    if not (len(line) > 1 and np.isfinite(line).all() and s[-1] > 0.0):
+        raise DataError("the centre line has no length, expected at least two different points")
+    at = np.linspace(0.0, 1.0, count) if inner else (np.arange(count) + 0.5) / count
+    return np.stack([np.interp(at * s[-1], s, column) for column in line.T], axis=1)
+
+
+def _tangents(line: Floats) -> Floats:
+    t = np.gradient(line, axis=0)
+    return t / np.linalg.norm(t, axis=1, keepdims=True)

@@ -1,0 +1,183 @@
+"""Formants and sound of area functions, and wave files."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.io import wavfile
+
+from emgface.errors import ConfigurationError, DataError, listed
+from emgface.files import replace_file
+from sim.acoustics import (
+    Flow,
+    Folds,
+    Medium,
+    Source,
+    Turbulence,
+    formants,
+    rosenberg,
+    simulate_tube,
+)
+
+Progress = Callable[[int, int], None]
+PEAK: Final = 0.9
+"""Largest value of a wave file."""
+SOURCES: Final = ("folds", "rosenberg")
+
+
+def with_formants(tract: xr.Dataset, *, count: int = 4, medium: Medium | None = None) -> xr.Dataset:
+    """Add the formants of every instant, from the matrix method (`sim.acoustics.formants`).
+
+    Parameters
+    ----------
+    tract : Dataset
+        Area function, kind "sound".
+    count : int
+        Formants per instant, ascending; NaN where there are fewer below 5 kHz.
+    medium : Medium, optional
+        Air, walls and openings.
+
+    Returns
+    -------
+    Dataset
+        With ``formant_frequency`` and ``formant_bandwidth`` (time, formant) [Hz].
+    """
+    found = np.full((2, tract.sizes["time"], count), np.nan)
+    areas = tract["area"].transpose("time", "section").values
+    for k, length in enumerate(tract["length"].values):
+        if k and np.array_equal(areas[k], areas[k - 1]) and length == tract["length"].values[k - 1]:
+            found[:, k] = found[:, k - 1]
+            continue
+        pair = np.stack(formants(areas[k], float(length), medium=medium))[:, :count]
+        found[:, k, : pair.shape[1]] = pair
+    dims = ("time", "formant")
+    return tract.assign(
+        formant_frequency=(dims, found[0], {"units": "Hz"}),
+        formant_bandwidth=(dims, found[1], {"units": "Hz"}),
+    ).assign_coords(formant=("formant", np.arange(1, count + 1), {"units": "1"}))
+
+
+def source_of(name: str, duration: float, *, lung: float, pitch: float, tension: float) -> Source:
+    """Source by its name: two-mass "folds", pulses of "rosenberg", or the path of a wave file.
+
+    A wave file is the flow of the glottis, with 3e-4 m^3/s at its largest value.
+
+    Raises
+    ------
+    ConfigurationError
+        The name is neither a source nor a file.
+    DataError
+        The file is no wave file.
+    """
+    if name == "folds":
+        return Folds(lung=lung, tension=tension)
+    if name == "rosenberg":
+        rate = 176_400.0
+        return Flow(rosenberg(np.arange(int(duration * rate)) / rate, pitch=pitch), rate)
+    if not Path(name).is_file():
+        raise ConfigurationError(
+            f"unknown source {name!r}, expected {listed(SOURCES)} or a wave file"
+        )
+    try:
+        rate, values = wavfile.read(name)
+    except ValueError as error:
+        raise DataError(f"{name} cannot be read as a wave file: {error}") from error
+    flow = np.asarray(values, np.float64).reshape(len(values), -1)[:, 0]
+    largest = float(np.abs(flow).max(initial=0.0))
+    return Flow(3e-4 * flow / largest if largest else flow, float(rate))
+
+
+def synthesise(
+    tract: xr.Dataset,
+    source: str = "folds",
+    *,
+    duration: float | None = None,
+    rate: int = 44_100,
+    lung: float = 785.0,
+    pitch: float = 120.0,
+    tension: float = 1.0,
+    noise: bool = True,
+    seed: int = 0,
+    sections: int = 60,
+    distance: float = 0.3,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Simulate the sound of an area function.
+
+    Parameters
+    ----------
+    tract : Dataset
+        Area function, kind "sound".
+    source : str
+        As in `source_of`.
+    duration : float, optional
+        [s]; by default up to the last instant of a changing shape, or 0.5 s.
+    rate : int
+        Samples per second [Hz].
+    lung, pitch, tension : float
+        Lung pressure [Pa] and tension [1] of the folds; frequency of the pulses [Hz].
+    noise : bool
+        Turbulence at the glottis and the narrowest section.
+    seed : int
+        Of the noise.
+    sections : int
+        Cells of the tube.
+    distance : float
+        From the lips [m].
+    progress : callable, optional
+        Called as ``progress(done, total)``.
+
+    Returns
+    -------
+    Dataset
+        `tract` with ``sound`` (time_sound) [Pa] and ``glottal_flow`` [m^3/s].
+
+    Raises
+    ------
+    ConfigurationError, DataError, sim.errors.AcousticsError
+        The source, the area function or the sampling is not valid.
+    """
+    time = tract["time"].values
+    lasting = duration or (float(time[-1] - time[0]) if len(time) > 1 else 0.5)
+    sound = simulate_tube(
+        tract["area"].transpose("time", "section").values,
+        tract["length"].values,
+        source_of(source, lasting, lung=lung, pitch=pitch, tension=tension),
+        times=time - time[0],
+        duration=lasting,
+        rate=float(rate),
+        sections=sections,
+        turbulence=Turbulence() if noise else Turbulence(gain=0.0),
+        seed=seed,
+        progress=progress,
+    )
+    pressure = sound.radiated(float(rate), distance)
+    step = round(sound.rate / rate)
+    instants = float(time[0]) + np.arange(len(pressure)) / rate
+    full = float(np.abs(pressure).max(initial=0.0)) / PEAK
+    return (
+        tract.assign(
+            sound=("time_sound", pressure, {"units": "Pa"}),
+            glottal_flow=("time_sound", sound.glottis[::step], {"units": "m3 s-1"}),
+        )
+        .assign_coords(time_sound=("time_sound", instants, {"units": "s"}))
+        .assign_attrs(source=source, distance=distance, full_scale=full, origin="simulated")
+    )
+
+
+def write_wave(sound: xr.Dataset, path: Path) -> Path:
+    """Write a sound as a wave file of 16 bits with 0.9 at its largest value; silence stays 0.
+
+    The attribute ``full_scale`` of the dataset is the pressure [Pa] that is 1 in the file.
+    """
+    if path.suffix.lower() != ".wav":
+        raise ConfigurationError(f"{path.name} is no wave file, expected the suffix .wav")
+    instants = sound["time_sound"].values
+    rate = round(1.0 / float(instants[1] - instants[0]))
+    scale = float(sound.attrs["full_scale"]) or 1.0
+    samples: NDArray[np.int16] = np.round(32767.0 * sound["sound"].values / scale).astype(np.int16)
+    replace_file(path, lambda target: wavfile.write(target, rate, samples))
+    return path

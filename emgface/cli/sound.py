@@ -1,0 +1,162 @@
+"""``emgface sound``: formants and sound of the vocal tract."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from emgface.cli.console import Rows, progress, say, show_table
+from emgface.cli.options import FacePath
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+app = typer.Typer(no_args_is_help=True, help="Formants and sound of the vocal tract.")
+
+AreasOption = Annotated[
+    Path | None,
+    typer.Option("--areas", help="Area function (CSV: A0_cm2, A1_cm2, ..., length_m; netCDF)."),
+]
+VowelOption = Annotated[
+    str, typer.Option(help="Idealised vowel where no areas are given: a, i or u.")
+]
+RowOption = Annotated[str | None, typer.Option(help="Label or index of the row of the table.")]
+FromLipsOption = Annotated[
+    bool, typer.Option("--from-lips", help="The table lists areas from the lips to the glottis.")
+]
+NetcdfOption = Annotated[Path | None, typer.Option("--nc", help="Results to write (netCDF).")]
+PlotOption = Annotated[Path | None, typer.Option(help="Picture to write (png, pdf, svg).")]
+SourceOption = Annotated[
+    str, typer.Option(help="folds, rosenberg, or a wave file with the flow of the glottis.")
+]
+LungOption = Annotated[float, typer.Option(help="Lung pressure of the folds [Pa].")]
+TensionOption = Annotated[float, typer.Option(help="Tension of the folds, about 0.5 to 2.")]
+PitchOption = Annotated[float, typer.Option(help="Frequency of the pulses of rosenberg [Hz].")]
+RateOption = Annotated[int, typer.Option(help="Samples per second [Hz].")]
+NoiseOption = Annotated[bool, typer.Option(help="Turbulence noise.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of the noise.")]
+
+
+@app.command()
+def formants(
+    areas: AreasOption = None,
+    row: RowOption = None,
+    from_lips: FromLipsOption = False,
+    vowel: VowelOption = "u",
+    out_path: NetcdfOption = None,
+    plot: PlotOption = None,
+) -> None:
+    """Compute the formants of an area function."""
+    from emgface.anatomy.airway.sound import with_formants
+
+    _finish(with_formants(_tract(areas, row, from_lips, vowel)), out_path, plot, "formants")
+
+
+@app.command()
+def synthesise(
+    wave: Annotated[Path, typer.Option("--out", help="Wave file to write.")],
+    areas: AreasOption = None,
+    row: RowOption = None,
+    from_lips: FromLipsOption = False,
+    vowel: VowelOption = "u",
+    source: SourceOption = "folds",
+    duration: Annotated[float | None, typer.Option(help="Duration [s].")] = None,
+    rate: RateOption = 44_100,
+    lung: LungOption = 785.0,
+    tension: TensionOption = 1.0,
+    pitch: PitchOption = 120.0,
+    noise: NoiseOption = True,
+    seed: SeedOption = 0,
+    out_path: NetcdfOption = None,
+    plot: PlotOption = None,
+) -> None:
+    """Simulate the sound of an area function and write it as a wave file."""
+    from emgface.anatomy.airway.sound import synthesise as compute
+    from emgface.anatomy.airway.sound import with_formants, write_wave
+
+    tract = with_formants(_tract(areas, row, from_lips, vowel))
+    with progress("simulating") as bar:
+        sound = compute(
+            tract, source, duration=duration, rate=rate, lung=lung, tension=tension, pitch=pitch,
+            noise=noise, seed=seed, progress=bar.show,
+        )  # fmt: skip
+    write_wave(sound, wave)
+    _finish(sound, out_path, plot, f"sound of {source}", wave)
+
+
+@app.command()
+def trial(
+    trajectory: Annotated[Path, typer.Argument(help="Trajectory of 'simulate --surface'.")],
+    wave: Annotated[Path | None, typer.Option("--out", help="Wave file to write.")] = None,
+    face: FacePath = None,
+    areas: AreasOption = None,
+    row: RowOption = None,
+    from_lips: FromLipsOption = False,
+    vowel: VowelOption = "u",
+    source: SourceOption = "folds",
+    lung: LungOption = 785.0,
+    tension: TensionOption = 1.0,
+    out_path: NetcdfOption = None,
+    plot: PlotOption = None,
+) -> None:
+    """Compute formants and sound of a simulated motion; only the lips move."""
+    from emgface.anatomy.airway.area_function import lips_of_trial, with_lips
+    from emgface.anatomy.airway.sound import synthesise as compute
+    from emgface.anatomy.airway.sound import with_formants, write_wave
+    from emgface.api.given import face_of, study_of
+    from emgface.schema.netcdf import read_netcdf
+
+    motion = read_netcdf(trajectory, "trajectory")
+    lips = lips_of_trial(motion, face_of(face, study_of(None)))
+    sound = with_formants(with_lips(_tract(areas, row, from_lips, vowel), *lips))
+    if wave is not None:
+        with progress("simulating") as bar:
+            sound = compute(sound, source, lung=lung, tension=tension, progress=bar.show)
+        write_wave(sound, wave)
+    _finish(sound, out_path, plot, "lips before a fixed tract", wave)
+
+
+def _tract(areas: Path | None, row: str | None, from_lips: bool, vowel: str) -> "xr.Dataset":
+    from emgface.anatomy.airway.area_function import ideal_vowel, read_areas
+    from emgface.schema.netcdf import read_netcdf
+
+    if areas is None:
+        return ideal_vowel(vowel)
+    if areas.suffix.lower() == ".nc":
+        return read_netcdf(areas, "sound")
+    return read_areas(areas, row, from_lips=from_lips)
+
+
+def _finish(
+    data: "xr.Dataset",
+    out_path: Path | None,
+    plot: Path | None,
+    title: str,
+    wave: Path | None = None,
+) -> None:
+    from emgface.schema.netcdf import write_netcdf
+
+    if wave is not None:
+        rate = round(1.0 / float(data["time_sound"][1] - data["time_sound"][0]))
+        say(
+            f"Wrote {wave}: simulated, {rate} Hz, 16 bit, 1.0 is {data.attrs['full_scale']:.3g} Pa at "
+            f"{data.attrs['distance']:g} m from the lips."
+        )
+    if out_path is not None:
+        say(f"Wrote {write_netcdf(data, out_path, 'sound')}.")
+    if plot is not None:
+        from emgface.anatomy.airway.figure import write_figure
+
+        say(f"Wrote {write_figure(data, plot, title)}.")
+    values = data["formant_frequency"].values, data["formant_bandwidth"].values
+    chosen = sorted({0, len(data["time"]) // 2, len(data["time"]) - 1})
+    cells = [
+        (f"{float(data['time'][k]):.3f}", f"F{n + 1}", f"{f:.0f}", f"{b:.0f}")
+        for k in chosen
+        for n, (f, b) in enumerate(zip(values[0][k], values[1][k], strict=True))
+        if f == f
+    ]
+    show_table(
+        Rows(("time [s]", "formant", "frequency [Hz]", "bandwidth [Hz]"), tuple(cells)), title
+    )
+    say(f"Assumptions: {data.attrs['assumptions']}.")

@@ -1,0 +1,184 @@
+"""Area functions of tables, surfaces and lips; their sound, files and commands."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.io import wavfile
+
+from emgface.anatomy.airway.area_function import (
+    area_function,
+    ideal_vowel,
+    lips_of_trial,
+    read_areas,
+    with_lips,
+)
+from emgface.anatomy.airway.figure import write_figure
+from emgface.anatomy.airway.sections import centre_line, sections
+from emgface.anatomy.airway.sound import source_of, synthesise, with_formants, write_wave
+from emgface.errors import ConfigurationError, DataError
+from emgface.face.lip_shape import lip_rim
+from emgface.pictures.body import skin_of
+from emgface.schema.netcdf import read_netcdf, write_netcdf
+
+
+def pipe(line, radius, *, flat=1.0, around=48):
+    """Surface round a line in the x-z plane: radii (n,), those across the plane times `flat`."""
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    across = np.cross(tangent, [0.0, 1.0, 0.0])
+    phi = 2 * np.pi * np.arange(around) / around
+    # a polygon of the same area as the circle
+    r = np.broadcast_to(radius, len(line)) * np.sqrt(
+        2 * np.pi / around / np.sin(2 * np.pi / around)
+    )
+    x = line[:, None] + r[:, None, None] * (
+        np.cos(phi)[None, :, None] * across[:, None]
+        + flat * np.sin(phi)[None, :, None] * np.array([0.0, 1.0, 0.0])
+    )
+    i, j = np.meshgrid(np.arange(len(line) - 1), np.arange(around), indexing="ij")
+    a, b = i * around + j, i * around + (j + 1) % around
+    c, d = a + around, b + around
+    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([b, d, c], -1)]).reshape(-1, 3)
+    return x.reshape(-1, 3), faces
+
+
+STRAIGHT = np.stack([np.linspace(0, 0.17, 120), np.zeros(120), np.zeros(120)], axis=1)
+ANGLE = np.linspace(0, np.pi / 2, 160)
+BENT = 0.1 * np.stack([np.sin(ANGLE), np.zeros(160), 1 - np.cos(ANGLE)], axis=1)
+
+
+@pytest.mark.parametrize(("line", "flat"), [(STRAIGHT, 1.0), (BENT, 1.0), (STRAIGHT, 0.3)])
+def test_area_and_length_of_known_tubes(line, flat):
+    s = np.append(0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    radius = 0.008 + 0.003 * np.sin(40 * s)
+    position, triangle = pipe(line, radius, flat=flat)
+    found = sections(position, triangle, line, count=40)
+    middle = (np.arange(40) + 0.5) / 40 * s[-1]
+    expected = np.pi * flat * (0.008 + 0.003 * np.sin(40 * middle)) ** 2
+    assert found.area == pytest.approx(expected, rel=0.01)
+    assert found.length == pytest.approx(s[-1], rel=0.01)
+
+
+def test_a_centre_line_is_found_and_moves_with_the_body():
+    position, triangle = pipe(BENT, 0.008)
+    line = centre_line(position, triangle, BENT[0], levels=20)
+    found = sections(position, triangle, line, count=30, rounds=4)
+    assert found.area[2:-2] == pytest.approx(np.pi * 0.008**2, rel=0.01)
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    shift = np.array([1.0, -2.0, 0.5])
+    moved = sections(position @ turn.T + shift, triangle, line @ turn.T + shift, count=30, rounds=4)
+    assert moved.area == pytest.approx(found.area, rel=1e-9)
+    assert moved.length == pytest.approx(found.length, rel=1e-9)
+
+
+def test_other_walls_and_closures():
+    position, triangle = pipe(STRAIGHT, 0.008)
+    outer, more = pipe(STRAIGHT, 0.02)
+    both = np.concatenate([position, outer]), np.concatenate([triangle, more + len(position)])
+    assert sections(*both, STRAIGHT).area == pytest.approx(np.pi * 0.008**2, rel=0.01)
+    flipped = sections(position, triangle[:, ::-1], STRAIGHT).area
+    assert flipped == pytest.approx(np.pi * 0.008**2, rel=0.01)
+    closed = position * np.where(np.abs(position[:, :1] - 0.1) < 0.01, [1.0, 0.0, 0.0], 1.0)
+    area = sections(closed, triangle, STRAIGHT, count=34).area
+    assert (area[19:21] == 0.0).all() and (area[:17] > 1e-4).all()
+    with pytest.raises(DataError, match="no length"):
+        sections(position, triangle, STRAIGHT[:1])
+    with pytest.raises(DataError, match="no plane"):
+        sections(position, triangle, STRAIGHT + 1.0)
+    with pytest.raises(DataError, match="empty"):
+        centre_line(position, triangle[:0], STRAIGHT[0])
+
+
+TABLE = "label,A0_cm2,A1_cm2,A2_cm2,length_m\nfirst,1,2,3,0.17\nsecond,4,5,6,0.16\n"
+
+
+def test_tables_of_areas(tmp_path):
+    path = tmp_path / "areas.csv"
+    path.write_text(TABLE)
+    found = read_areas(path, "second")
+    assert found["area"].values == pytest.approx(np.array([[4e-4, 5e-4, 6e-4]]))
+    assert float(found["length"][0]) == 0.16
+    back = read_areas(path, "second", from_lips=True)
+    assert back["area"].values == pytest.approx(found["area"].values[:, ::-1])
+    path.write_text("time_s,A0_cm2,A1_cm2,length_m\n0,1,2,0.17\n0.1,1,0,0.17\n")
+    assert read_areas(path).sizes == {"time": 2, "section": 2}
+
+
+@pytest.mark.parametrize(
+    ("text", "row", "words"),
+    [
+        (TABLE, None, "2 rows"),
+        (TABLE, "third", "0 rows 'third'"),
+        ("x,y\n1,2\n", None, "A0_cm2"),
+        ("A0_cm2,length_m\n-1,0.17\n", None, "negative"),
+        ("", None, "cannot be read"),
+    ],
+)
+def test_unusable_tables_are_refused(tmp_path, text, row, words):
+    path = tmp_path / "areas.csv"
+    path.write_text(text)
+    with pytest.raises(DataError, match=words):
+        read_areas(path, row)
+
+
+def test_idealised_vowels_have_the_formants_of_their_names():
+    f = {name: with_formants(ideal_vowel(name))["formant_frequency"].values[0] for name in "aiu"}
+    assert f["a"][0] > 600.0 > 400.0 > max(f["i"][0], f["u"][0])
+    assert f["i"][1] > 1900.0 > 1300.0 > f["a"][1] > f["u"][1]
+    with pytest.raises(DataError, match="unknown vowel"):
+        ideal_vowel("x")
+
+
+def test_rounding_lips_lower_the_formants():
+    areas, forward = np.array([2e-4, 0.5e-4, 0.5e-4, 0.0]), np.array([0.0, 0.0, 0.006, 0.0])
+    tract = with_lips(ideal_vowel("u"), areas, forward, np.arange(4) * 0.1)
+    assert tract["area"].values[:, -1] == pytest.approx(areas)
+    assert tract["length"].values == pytest.approx(0.17 + forward)
+    f = with_formants(tract)["formant_frequency"].values
+    assert f[0, 0] > f[1, 0] > f[2, 0] and f[0, 1] > f[1, 1] > f[2, 1]
+    assert np.isfinite(f[3, 0])  # closed lips: the resonance of walls and air
+    assert "only the lips move" in tract.attrs["assumptions"]
+
+
+def test_lips_of_a_trajectory_with_its_surface(coarse):
+    skin, rim = skin_of(coarse), lip_rim(coarse)
+    frames = np.stack([coarse["position"].values] * 2)
+    frames[1, np.union1d(rim.upper, rim.lower), 1] += 0.004
+    surface = (("frame", "surface_node", "axis"), frames[:, skin.node])
+    motion = xr.Dataset({"surface_position": surface, "frame_time": ("frame", [0.0, 0.1])})
+    area, forward, time = lips_of_trial(motion, coarse)
+    assert forward == pytest.approx([0.0, 0.004]) and time == pytest.approx([0.0, 0.1])
+    assert area[1] == pytest.approx(area[0], abs=1e-9)
+    with pytest.raises(DataError, match="--surface"):
+        lips_of_trial(motion.drop_vars("surface_position"), coarse)
+    with pytest.raises(DataError, match="specify it by --face"):
+        lips_of_trial(motion.isel(surface_node=slice(5)), coarse)
+
+
+def test_sound_files_and_figures(tmp_path):
+    tract = with_formants(ideal_vowel("a"))
+    sound = synthesise(tract, "rosenberg", duration=0.1, rate=16_000)
+    rate, samples = wavfile.read(write_wave(sound, tmp_path / "a.wav"))
+    assert rate == 16_000 and samples.dtype == np.int16 and len(samples) == 1600
+    assert np.abs(samples).max() == pytest.approx(0.9 * 32767, abs=1)
+    pressure = samples / 32767 * sound.attrs["full_scale"]
+    assert pressure == pytest.approx(sound["sound"].values, abs=1e-4 * sound.attrs["full_scale"])
+    path = write_netcdf(sound, tmp_path / "a.nc", "sound")
+    xr.testing.assert_allclose(read_netcdf(path, "sound")["sound"], sound["sound"])
+    assert write_figure(sound, tmp_path / "a.png", "a").stat().st_size > 10_000
+    again = synthesise(tract, str(tmp_path / "a.wav"), duration=0.05)
+    assert float(np.abs(again["sound"]).max()) > 0.0
+    silent = synthesise(tract, "folds", duration=0.02, lung=0.0)
+    assert not wavfile.read(write_wave(silent, tmp_path / "0.wav"))[1].any()
+
+
+def test_unknown_sources_and_files_are_refused(tmp_path):
+    given = {"lung": 785.0, "pitch": 100.0, "tension": 1.0}
+    with pytest.raises(ConfigurationError, match="unknown source"):
+        source_of("whistle", 0.1, **given)
+    (tmp_path / "no.wav").write_text("no wave")
+    with pytest.raises(DataError, match="wave file"):
+        source_of(str(tmp_path / "no.wav"), 0.1, **given)
+    still = area_function(np.full((1, 4), 1e-4), np.array([0.1]), np.zeros(1))
+    with pytest.raises(ConfigurationError, match="suffix"):
+        write_wave(still, tmp_path / "a.mp3")
