@@ -1,4 +1,4 @@
-"""Activation over time, and its linear approximation over a step by integral and first moment."""
+"""Activation as a function of time, and its linear approximation within a step."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ from sim.system import System
 STRAIGHT = 4.0
 """Factor on the largest deviation from the chord by which the rise of a first-order step is reduced.
 
-From 2 on the ends of the line stay in the range of the activation. With 4 all of a burst that is shorter
-than twice the step arrives wherever it lies, and a line is its own line.
+With at least 2 the ends of the line remain in the range of the activation. With 4 the whole impulse
+of a burst shorter than two steps is applied at any position, and a linear activation is reproduced.
 """
 
 CORNER = 1e-9
-"""Share of a step within which a corner of the activation belongs to the end of the step."""
+"""Fraction of a step within which a sample of the activation is assigned to the end of the step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Activation:
-    """Activation of all muscles over time, linear between samples, held outside them.
+    """Activation of all muscles over time: linear between samples, constant before and after them.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Activation:
         return (1.0 - s) * self.values[i] + s * self.values[after]
 
     def within(self, t0: float, t1: float) -> tuple[Array, Array]:
-        """Corners between two instants: their positions c in 0-1 (k,), and values (k, n_muscles)."""
+        """Samples between two instants: relative times c in 0-1 (k,), and values (k, n_muscles)."""
         first = int(np.searchsorted(self.time, t0, side="right"))
         inside = slice(first, max(first, int(np.searchsorted(self.time, t1, side="left"))))
         c = np.concatenate([[0.0], (self.time[inside] - t0) / (t1 - t0), [1.0]])
@@ -82,19 +82,19 @@ def resting(n_muscles: int) -> Activation:
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """Control of a system by an activation; see `sim.state.ControlAt`."""
+    """Control of a system by an activation; the interface is `sim.state.ControlAt`."""
 
     system: System
     activation: Activation
 
     def __call__(self, t: float) -> Control:
-        """The control at time t [s]."""
+        """Return the control at time t [s]."""
         return self.system.control(self.activation.at(t), t)
 
     def at_ends(self, times: Sequence[float]) -> Array:
-        """Ends of the chords of the steps between times (n + 1,): (n, n_muscles).
+        """Activations (n, n_muscles) at the ends of the lines of the steps between times (n + 1,).
 
-        Where no corner lies within a step that is the activation at its end.
+        For a step without samples inside it, this is the activation at its end.
         """
         corner, t = self.activation.time, np.asarray(times)
         slack = CORNER * np.diff(t)
@@ -106,9 +106,10 @@ class Driven:
         return ends
 
     def chord(self, t: float, h: float) -> Line:
-        """Line with the mean of the activation, and its slope as far as the activation is straight.
+        """Line with the mean of the activation, and its slope reduced by the deviation from linearity.
 
-        rise = sign(a1 - a0) max(|a1 - a0| - 4 d, 0), d the largest distance from the chord.
+        rise = sign(a1 - a0) max(|a1 - a0| - 4 d, 0), where d is the largest distance from the
+        chord.
         """
         c, a = self.activation.within(t, t + h)
         whole = a[-1] - a[0]
@@ -117,10 +118,11 @@ class Driven:
         return Line(_mean(c, a), rise, t, h)
 
     def moments(self, t: float, h: float, places: tuple[float, ...]) -> Line:
-        """Line with mean and first moment of the activation, limited to 0-1.
+        """Line with the mean and first moment of the activation, limited to 0-1.
 
-        rise = 12/h int a (c - 1/2) dt, the projection onto linear functions of c = (time - t)/h, limited
-        so that the line stays in 0-1 at the `places` c where it is evaluated; the mean is always kept.
+        rise = 12/h int a (c - 1/2) dt is the projection onto linear functions of c = (time - t)/h.
+        It is reduced where the line would leave 0-1 at the `places` c at which it is evaluated; the
+        mean is exact.
         """
         c, a = self.activation.within(t, t + h)
         mean, c = _mean(c, a), c[:, None] - 0.5
@@ -142,6 +144,6 @@ class Driven:
 
 
 def _mean(c: Array, a: Array) -> Array:
-    """Mean over c in 0-1 of a function that is linear between corners."""
+    """Mean over c in 0-1 of a function that is linear between samples."""
     mean = 0.5 * (np.diff(c)[:, None] * (a[1:] + a[:-1])).sum(axis=0)
-    return np.clip(mean, 0.0, 1.0)  # but for rounding it is
+    return np.clip(mean, 0.0, 1.0)  # rounding may exceed the range

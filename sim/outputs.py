@@ -1,4 +1,4 @@
-"""Outputs of a motion: at the ends of steps, or between them by checked interpolation."""
+"""States at the times of output, at the ends of steps or interpolated within them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,9 +16,9 @@ KEPT = 0.5
 STRAIGHT = 0.02
 """Deviation of an activation from a straight line up to which states are interpolated [1].
 
-Motion follows its muscles with the time beta of the damping: within a step h a burst that rises a off
-the line moves the tissue by about a h/(4 beta) of what it would move when held, at beta = 55 ms a five
-hundredth for h = 20 ms.
+The tissue responds with the time constant beta of the damping: a burst that deviates by a from the
+line within a step h moves it by about a h/(4 beta) of the displacement under constant activation,
+1/500 for beta = 55 ms and h = 20 ms.
 """
 
 Advance = Callable[[State, float, Watch | None], tuple[State, StepReport]]
@@ -28,8 +28,8 @@ Advance = Callable[[State, float, Watch | None], tuple[State, StepReport]]
 def between(before: State, after: State, t: float) -> State:
     """State inside a step, by cubic interpolation of positions and velocities at its ends.
 
-    Its error falls with the fourth power of the step, that of the velocities with the third, so that an
-    integrator of second order keeps its order. What terms remember is left out.
+    The error of positions is of fourth order in the step and that of velocities of third, so that
+    an integrator of second order keeps its order. History variables are not interpolated.
 
     Notes
     -----
@@ -54,7 +54,7 @@ def between(before: State, after: State, t: float) -> State:
 def _bodies_between(
     before: State, after: State, here: tuple[float, float, float], rate: tuple[float, float, float]
 ) -> tuple[Array, Array]:
-    """Frames and twists by the same cubic, of rotation vectors since the start of the step."""
+    """Frames and twists by the same cubic, applied to rotation vectors from the start of the step."""
     h = after.t - before.t
     way = after.frames[:, :3] - before.frames[:, :3]
     theta = rotations.difference(before.frames[:, 3:], after.frames[:, 3:])
@@ -63,7 +63,7 @@ def _bodies_between(
     turn = np.concatenate([way, theta], axis=1)
     d = h * (here[2] * turn / h + here[0] * ends[0] + here[1] * ends[1])
     twists = rate[2] * turn / h + rate[0] * ends[0] + rate[1] * ends[1]
-    # dexp(theta) is the transpose of that of -theta
+    # dexp(theta) is the transpose of dexp(-theta).
     twists[:, 3:] = rotations.vector_gradient(-d[:, 3:], twists[:, 3:])
     frames = before.frames.copy()
     frames[:, :3] += d[:, :3]
@@ -73,18 +73,18 @@ def _bodies_between(
 
 @dataclass(frozen=True)
 class Interval:
-    """Largest step and the outputs within it.
+    """Largest step, and the outputs within it.
 
     Attributes
     ----------
     until : float
-        Its end [s].
+        End of the interval [s].
     inside : tuple of float
-        Instants of output before its end [s].
+        Instants of output before the end [s].
     ends_output : bool
-        Whether its end is one too.
+        True if the end is an output.
     ends : tuple of float
-        Ends of the steps within it [s], if there are several.
+        Ends of the steps within the interval [s], if there are several.
     """
 
     until: float
@@ -94,7 +94,7 @@ class Interval:
 
 
 def joined(plan: Sequence[Interval]) -> list[Interval]:
-    """Intervals with all steps up to an output in one."""
+    """Combine the steps up to each output into one interval."""
     found, ends = list[Interval](), list[float]()
     for interval in plan:
         ends.append(interval.until)
@@ -107,17 +107,17 @@ def joined(plan: Sequence[Interval]) -> list[Interval]:
 def intervals(
     start: float, duration: float, h: float, every: float, origin: float | None = None
 ) -> list[Interval]:
-    """Lay out steps of at most h [s] and outputs every so often [s]; the last step may be shorter.
+    """Divide a duration into steps of at most h [s] and outputs every `every` [s].
 
-    Instants are origin + i h with whole i where the start is one of them, so that a simulation that
-    continues from a state ends its steps at the same times as one without interruption; else start + i
-    h.
+    The last step may be shorter. If the start is at origin + i h with whole i, so are the ends of
+    steps, and a simulation that continues from a state has the same steps as an uninterrupted one.
+    Otherwise they are at start + i h.
 
     Raises
     ------
     ControlError
-        Neither h nor `every` is a whole multiple of the other, or the duration is no whole number of
-        outputs.
+        Neither h nor `every` is a whole multiple of the other, or the duration is no whole number
+        of outputs.
     """
     outputs = round(duration / every)
     if outputs < 1 or abs(outputs * every - duration) > 1e-9 * max(duration, every):
@@ -145,7 +145,7 @@ def intervals(
     for first in range(0, outputs, per_step):
         last = min(first + per_step, outputs)
         inside = tuple(start + (before + k) * every for k in range(first + 1, last))
-        # the same product where every step is an output, whatever its rounding
+        # If every step is an output, both times are the same product and round equally.
         end = start + (before + last) * unit
         found.append(Interval(end, inside, True))
     return found
@@ -160,7 +160,7 @@ class Between:
     wanted : tuple of float
         Instants, ascending [s].
     states : list of State
-        What has been passed so far.
+        States collected so far.
     """
 
     wanted: tuple[float, ...]
@@ -181,13 +181,12 @@ def outputs_of(
     smallest_J: Callable[[Array], float],
     astray: float = 0.0,
 ) -> list[tuple[State, StepReport | None]]:
-    """States at all instants of an interval, its end last; the report is None inside a step.
+    """States at all instants of an interval, its end last; no report for instants inside a step.
 
-    A cubic may invert an element that is not inverted at its ends. Where
-    the smallest det F of a state inside falls below `KEPT` times that of the ends, the interval is
-    covered again by steps that end at its outputs. It does not contain the excitation of the motion
-    either: where the activation is farther than `STRAIGHT` from its straight line, steps end at the
-    outputs.
+    A cubic may invert an element that is not inverted at the ends, and does not contain the
+    response to the activation within the step. The interval is therefore computed with steps that
+    end at its outputs if the smallest det F of an interpolated state is below `KEPT` times that of
+    the ends, or if the activation deviates by more than `STRAIGHT` from its straight line.
 
     Parameters
     ----------
@@ -228,7 +227,7 @@ def _to_each(
 
 
 def _after(refused: StepReport, report: StepReport) -> StepReport:
-    """Report with the cost of a rejected attempt added."""
+    """Return the report with the cost of a rejected attempt added."""
     return replace(
         report,
         rejected=report.rejected + refused.rejected + refused.steps,

@@ -52,29 +52,27 @@ def simulate(
     steps : StepControl, optional
         `FixedStep` of 10 ms by default.
     every : float, optional
-        Time between outputs [s], ``steps.h`` by default; a whole multiple of it or a whole part. Within
-        a step positions are interpolated by a cubic with the velocities at both ends, unless that
-        would halve the smallest det F (`sim.outputs.outputs_of`); counts and residuals stand at the
-        output at or after the end of their step. With contact or conditions, which hold at the ends of
-        steps, no step passes an output.
+        Time between outputs [s], ``steps.h`` by default; a whole multiple or a whole fraction of
+        it. Positions inside a step are interpolated (`sim.outputs.outputs_of`); counts and
+        residuals are recorded at the first output at or after the end of their step. With contact
+        or constraints, which are satisfied only at the ends of steps, steps end at every output.
     probes : sequence of Probe
     initial : State, optional
-        Rest by default. The final state of another simulation continues it, bitwise identical to a
-        simulation that had not stopped where steps, outputs and solver are the same (`sim.save_state`,
-        `read_state`).
+        Rest by default. The final state of another simulation continues that simulation
+        (`save_state`, `read_state`), bitwise identical to an uninterrupted one if steps, outputs
+        and solver are the same.
     work : Workspace, optional
-        Analysed solver, so that several simulations of a system analyse once; what it has solved before
-        has no influence.
+        Analysed solver for several simulations of one system; it does not influence the result.
     progress : callable, optional
         Called as ``progress(done, total)`` after every step.
 
     Returns
     -------
     trajectory : xarray.Dataset
-        One variable per probe variable over ``time`` [s]; attrs say solver, largest step and run time,
-        and ``unstable_from_s`` and ``unstable_until_s`` [s] where in between a matrix was not positive
-        definite or the motion snapped (`sim.snapping`), so that the further motion may depend on
-        rounding.
+        One variable per probe variable over ``time`` [s]. Attributes: solver, largest step, run
+        time, and ``unstable_from_s`` and ``unstable_until_s`` [s] if a matrix was not positive
+        definite or the motion snapped (`sim.snapping`) between these times; the further motion may
+        depend on rounding.
     final : State
 
     Raises
@@ -107,14 +105,14 @@ def simulate(
     ):
         plan, through = joined(plan), partial(steps.through, integrator, system)
     control = Driven(system, activation)
-    for values in activation.values:  # all of it now, not one by one hours later
+    for values in activation.values:  # errors before the first step
         system.control(values)
     start = time.perf_counter()
     records = [_record(probes, system, state, control(state.t), None)]
     times = [state.t]
     reports: list[StepReport] = []
     unstable: list[float] = []
-    # what has been at rest knows nothing yet of an activation that it starts with
+    # At rest, the state is not yet in equilibrium with the initial activation.
     astray = 0.0 if state.v.any() else float(activation.at(state.t).max(initial=0.0))
 
     def advance(state: State, until: float, watch: Watch | None) -> tuple[State, StepReport]:
@@ -126,7 +124,7 @@ def simulate(
     for i, interval in enumerate(plan):
         bent, astray = astray, control.astray(state.t, interval.until) if interval.inside else 0.0
         with _told(unstable):
-            # velocities at the start, too, belong to a line only if the activation ran straight there
+            # The initial velocities, too, result from the activation before the interval.
             if through is not None and interval.ends:
                 passed = [through(state, control, interval.ends, work)]
             else:

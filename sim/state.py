@@ -46,9 +46,10 @@ class State:
     q : (n_points, 3) positions of nodes and of points on bodies [m].
     v : (n_points, 3) their velocities [m/s].
     memory : mapping of str to array
-        Variables of the terms that remember; a term without an entry has been at q for ever.
+        History variables by term; a term without an entry has always been at q.
     frames : (n_bodies, 7) centre of mass [m] and unit quaternion (scalar first) of every body.
-    twists : (n_bodies, 6) velocity of the centre of mass [m/s] and angular velocity [rad/s], in space.
+    twists : (n_bodies, 6) velocity of the centre of mass [m/s] and angular velocity [rad/s], in
+    space.
     """
 
     t: float
@@ -72,18 +73,18 @@ class Control:
     ----------
     activation : (n_muscles,) in 0-1, in the order of `System.muscles`.
     t : float
-        Time that it belongs to [s], for prescribed motions (shells of a contact).
+        Time of the inputs [s], for prescribed motions (shells of a contact).
 
     Notes
     -----
-    It is also a `ControlAt`, that of an activation held over time.
+    A Control is also a `ControlAt`, with this activation at all times.
     """
 
     activation: Array
     t: float = 0.0
 
     def __call__(self, t: float) -> "Control":
-        """The control at time t [s]: the same activation."""
+        """Return the control at time t [s], with the same activation."""
         return replace(self, t=t)
 
     def at_ends(self, times: Sequence[float]) -> Array:
@@ -122,26 +123,27 @@ class Line:
 
 
 class ControlAt(Protocol):
-    """The control over time, and over one step.
+    """Control as a function of time, and its linear approximation over a step.
 
-    An integrator takes the control of its stages from a line over the step, not from the activation at
-    their instants: changes of the activation between instants are then included.
+    Integrators evaluate the control of their stages on a line over the step, instead of the
+    activation at these instants, so that changes of the activation between the instants are
+    included.
     """
 
     def __call__(self, t: float) -> Control:
-        """The control at an instant [s]."""
+        """Return the control at an instant [s]."""
         ...
 
     def at_ends(self, times: Sequence[float]) -> Array:
-        """Activations (n, n_muscles) of successive steps, the ends of their chords."""
+        """Activations (n, n_muscles) at the ends of the `chord` lines of successive steps."""
         ...
 
     def chord(self, t: float, h: float) -> Line:
-        """Line over a step for a method of first order: the mean, and the rise where it is straight."""
+        """Line for a method of first order: mean, and slope reduced by the deviation from linearity."""
         ...
 
     def moments(self, t: float, h: float, places: tuple[float, ...]) -> Line:
-        """Line over a step with the mean and, as far as 0-1 allows at the places, the first moment."""
+        """Line with the mean and first moment, limited to 0-1 at relative times `places`."""
         ...
 
 
@@ -175,27 +177,26 @@ class StepReport:
     h : float
         Step [s]; the smallest one if the interval was divided.
     steps : int
-        Steps that made up the interval.
+        Number of steps in the interval.
     rejected : int
-        Attempts thrown away.
+        Number of rejected attempts.
     iterations, factorisations : int
-        Linear solutions and numerical factorisations.
+        Numbers of linear solutions and numerical factorisations.
     residual : float
         Largest nodal residual force at the end [N]; NaN for a method that does not iterate.
     increment : float
-        Estimated error of the largest nodal position left by the iteration [m], summed over the steps of
-        an interval; NaN likewise.
+        Estimated iteration error of the largest nodal position [m], summed over the steps of an
+        interval; NaN for a method that does not iterate.
     smallest_J : float
         Smallest det F at the end.
     line_search : float
         Smallest accepted fraction of a Newton step.
     shifts : int
-        Times the matrix had to be made positive definite.
+        Number of shifts that made the matrix positive definite.
     indefinite : int
-        Steps solved with a factor of a matrix that is not positive definite.
+        Number of steps solved with a matrix that is not positive definite.
     local_error : (n_nodes, 3) or None
-        Estimated error of the positions that the step itself has made [m]; None if the method has no
-        estimate.
+        Estimated local error of the positions [m]; None if the method has no estimate.
     error : float
         Sum of the estimated errors at the watched nodes over the interval [m]; NaN without error
         control.

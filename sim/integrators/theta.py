@@ -102,9 +102,9 @@ class _Linearised:
 class LinearlyImplicitEuler(_Linearised):
     """One Newton step of implicit Euler, (M + h D + h^2 K) v1 = M v0 + h f(q0), q1 = q0 + h v1.
 
-    K, D and f are taken at q0 with the control of the step's end, or with the mean of the activation
-    where that does not run straight through the step. First order; it follows the published simulator,
-    and like it can invert elements when forces are large.
+    K, D and f are evaluated at q0 with the control at the end of the step, or with the mean of the
+    activation if it is not linear within the step. The method is of first order. It is that of the
+    published simulator, and may likewise invert elements under large forces.
 
     Attributes
     ----------
@@ -114,8 +114,8 @@ class LinearlyImplicitEuler(_Linearised):
 
     Notes
     -----
-    The equation is solved as it stands also when its matrix is not positive definite, as strongly
-    active muscles make it; the report counts such steps as ``indefinite``.
+    Strongly active muscles may make the matrix indefinite. The equation is solved nevertheless, and
+    the report counts such steps as ``indefinite``.
     """
 
     order: ClassVar[int] = 1
@@ -131,8 +131,7 @@ class LinearlyImplicitTrapezoidal(_Linearised):
 
     (M + h/2 D + h^2/4 K) v1 = (M - h/2 D - h^2/4 K) v0 + h f(q0), q1 = q0 + h/2 (v0 + v1).
 
-    K, D and f are taken at q0 with the control of the step's end, as the published simulator does; where
-    the activation does not run straight through the step, with its mean.
+    K, D and f are evaluated as in `LinearlyImplicitEuler`.
 
     Attributes
     ----------
@@ -141,8 +140,9 @@ class LinearlyImplicitTrapezoidal(_Linearised):
 
     Notes
     -----
-    Second order when control and damping matrix are constant, else first, since both are taken at
-    one end of the step. Fast modes ring, and elements can invert.
+    The method is of second order if control and damping matrix are constant, else of first, since
+    both are evaluated at one end of the step. Modes faster than the step oscillate, and elements
+    can invert.
     """
 
     order: ClassVar[int] = 1

@@ -1,8 +1,8 @@
 """Kinematics of free nodes, rigid bodies, and points attached to either.
 
-The velocities w are those of the free components of nodes, then six of every free body: of its centre
-of mass and angular, both in space. Points are x = sum_n w_n x_n + sum_b (share_b c_b + Q_b arm_b),
-hence rows of R hold weights, shares, and -[Q_b arm_b]x.
+The velocities w are those of the free components of nodes, followed by six for every free body:
+linear velocity of the centre of mass and angular velocity, both in space. Points are x = sum_n w_n
+x_n + sum_b (share_b c_b + Q_b arm_b), so that rows of R contain weights, shares, and -[Q_b arm_b]x.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ _ROTATION = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 
 
 class Articulated:
-    """The maps of a scene with bodies or attachments.
+    """Maps of a scene with bodies or attachments.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class Articulated:
     Attributes
     ----------
     pattern, mass : as of `Kinematics`.
-    free_bodies : bodies that move by themselves.
+    free_bodies : bodies without prescribed motion.
     first : column of the first body among the velocities.
-    chains, paths : attachments, and what is prescribed.
+    chains, paths : attachments, and prescribed motions.
     """
 
     matrix_varies = True
@@ -91,14 +91,14 @@ class Articulated:
 
     @property
     def bodies_alone(self) -> bool:
-        """True if the velocities are those of bodies, and points are on bodies or stay."""
+        """True if all velocities are those of bodies, and all points are on bodies or fixed."""
         of_nodes = self.chains.weights.nnz or self.chains.paths
         return self.first == 0 and not of_nodes and bool((self.chains.share == 1.0).all())
 
     # -- layout ------------------------------------------------------------------------------------
 
     def _lay_out_rows(self, n: int) -> None:
-        """Sparsity of R over all components, its constant values, and where arms go."""
+        """Sparsity of R over all components, its constant values, and the entries of the lever arms."""
         chains, number = self.chains, self._number
         W = chains.weights.tocoo()
         axis = np.arange(3)
@@ -146,7 +146,8 @@ class Articulated:
         self._congruence: Congruence = lay_out(points, compact, unit.astype(np.int64), blocks)
         self._of_mass = self._congruence.diagonal_part(points)
         self._masses = self._point_mass[points.free]
-        # values of R are numbered over all components; held ones have none, so compact keeps their order
+        # Values of R are numbered over all components; prescribed ones have none, so `compact`
+        # keeps the order.
         self.pattern: Sparsity = self._congruence.pattern
         self._block = self._congruence.at(blocks).reshape(k, len(a))
         coupled = np.zeros(n, dtype=bool)
@@ -161,7 +162,7 @@ class Articulated:
     # -- R -----------------------------------------------------------------------------------------
 
     def matrix(self, pose: Pose) -> csr_array:
-        """R (3 n_points, n) at a pose; it depends on the orientations alone."""
+        """R (3 n_points, n) at a pose; it depends only on the orientations."""
         if self._frames is not pose.frames:
             r = self._turned(pose.frames)[self._arms]
             z = np.stack([r[:, 2], -r[:, 1], -r[:, 2], r[:, 0], r[:, 1], -r[:, 0]], axis=1)
@@ -174,7 +175,7 @@ class Articulated:
         return self._rows
 
     def _turned(self, frames: Array) -> Array:
-        """Arms (m, 3) in space."""
+        """Lever arms (m, 3) in space."""
         Q = rotations.matrices(frames[:, 3:])
         return np.einsum("mij,mj->mi", Q[self.chains.body], self.chains.arm)
 
@@ -197,7 +198,7 @@ class Articulated:
         return np.asarray(self.matrix(pose) @ d).reshape(-1, 3)
 
     def drift(self, pose: Pose, t: float) -> Array | None:
-        """Velocities gamma (n_points, 3) of points by what is prescribed, None where nothing is."""
+        """Velocities gamma (n_points, 3) of points by prescribed motions, or None."""
         if not self.paths:
             return None
         v, chains, twists = np.zeros((self._n, 3)), self.chains, self.paths.twists(t)
@@ -209,7 +210,7 @@ class Articulated:
         return v
 
     def advance(self, pose: Pose, d: Array, t: float) -> Pose:
-        """Nodes add, orientations turn by the exponential map, attached points follow."""
+        """Add to nodes, rotate bodies by the exponential map, place attached points."""
         q, frames = pose.q.copy(), pose.frames.copy()
         q.reshape(-1)[self._free] += d[: self.first]
         moved = d[self.first :].reshape(-1, 6)
@@ -225,7 +226,7 @@ class Articulated:
         return Pose(q, frames, t)
 
     def at(self, pose: Pose, t: float) -> Pose:
-        """Pose with what is prescribed moved to a time."""
+        """Return the pose with prescribed nodes and bodies moved to a time."""
         if not self.paths:
             return pose
         return self.advance(pose, np.zeros(self.pattern.n), t)
@@ -239,11 +240,11 @@ class Articulated:
         return np.concatenate([nodes, np.concatenate([moved, theta], axis=1).ravel()])
 
     def rate(self, d: Array, w: Array) -> Array:
-        """Velocities, of rotation vectors by the inverse of dexp."""
+        """Velocities; rotation vectors change by the inverse of dexp."""
         return self._by_rotation(d, w, rotations.vector_rate)
 
     def gradient(self, g: Array, d: Array) -> Array:
-        """Derivative by coordinates d since a pose of an energy with generalised gradient g."""
+        """Derivative of an energy by d relative to a pose, from its generalised gradient g."""
         return self._by_rotation(d, g, rotations.vector_gradient)
 
     def _by_rotation(self, d: Array, x: Array, change: "rotations.Change") -> Array:
@@ -260,11 +261,12 @@ class Articulated:
         return np.asarray(self.matrix(pose).T @ f.reshape(-1))
 
     def generalised_matrix(self, K: Array, f: Array | None, pose: Pose) -> Array:
-        """R'KR less the turning of lever arms under forces f."""
+        """R'KR minus the derivative of the lever arms under forces f."""
         values = np.zeros(self.pattern.nnz)
         self._congruence.add(K, self.matrix(pose).data, values)
         if f is not None and len(self._arms):
-            # d(s x f)/dtheta = s f' - (s.f) 1; its symmetric part is that of the second derivative
+            # d(s x f)/dtheta = s f' - (s.f) 1; its symmetric part is the second derivative of the
+            # potential.
             s, F = self._turned(pose.frames)[self._arms], f[self.chains.point[self._arms]]
             sf = np.einsum("mi,mj->mij", s, F)
             trace = np.einsum("mii->m", sf)[:, None, None] * np.eye(3)
@@ -275,13 +277,13 @@ class Articulated:
         return values
 
     def product(self, part: Product, pose: Pose) -> Product:
-        """A product times the rows of R that move."""
+        """A product multiplied by the rows of R that are not constant."""
         R = self.matrix(pose)
         shape = len(self._compact) - 1, R.shape[1]
         return replace(part, R=csr_array((R.data, R.indices, self._compact), shape=shape))
 
     def add_damping(self, values: Array) -> None:
-        """Add the damping of bodies against space."""
+        """Add the damping of bodies relative to space."""
         D = np.zeros((len(self.free_bodies), 6, 6))
         D[:, range(6), range(6)] = np.repeat(self._damping, 3, axis=1)
         values[self._block] += D[:, *_UPPER]
@@ -318,14 +320,14 @@ class Articulated:
         return p
 
     def add_mass(self, values: Array, pose: Pose) -> None:
-        """Masses of nodes on the diagonal, those of attached nodes where they hang, inertia."""
+        """Add the inertia and the masses of nodes, those of attached nodes at their supports."""
         self._of_mass.add(self._masses, self.matrix(pose).data, values)
         M = np.zeros((len(self.free_bodies), 6, 6))
         M[:, 3:, 3:] = self._inertias(pose)
         values[self._block] += M[:, *_UPPER]
 
     def solve_mass(self, p: Array, pose: Pose) -> Array:
-        """Quotients where the mass is diagonal, one dense solution elsewhere."""
+        """Solve M w = p by division where the mass is diagonal, and by one dense solution elsewhere."""
         w, own = np.empty_like(p), self._coupled
         w[self._alone] = (p[self._alone].T / self.mass[self._alone]).T
         if len(own):
@@ -338,21 +340,21 @@ class Articulated:
         return w
 
     def kinetic_energy(self, state: State) -> float:
-        """Of the rotation of the free bodies."""
+        """Rotational kinetic energy of the free bodies."""
         omega = state.twists[self.free_bodies, 3:]
         return 0.5 * float(np.einsum("bi,bij,bj->", omega, self._inertias(state.pose), omega))
 
     def body_columns(self, n_bodies: int) -> Index:
-        """First velocity of every body, -1 where it is not free, and -1 once more for space."""
+        """First velocity of every body, -1 where it is not free, and a last -1 for space."""
         own = self._body_number
         return np.append(np.where(own >= 0, self.first + 6 * own, -1), -1)
 
     def prescribe(self, frames: Array, t: float) -> None:
-        """Put prescribed bodies where they are at a time."""
+        """Place prescribed bodies at their positions at a time."""
         self.paths.set_frames(frames, t)
 
     def prescribed_twists(self, t: float) -> Array:
-        """Twists of prescribed bodies, zero of others."""
+        """Twists of prescribed bodies; zero for other bodies."""
         return self.paths.twists(t)
 
     def inertial_force(self, state: State) -> Array:

@@ -1,7 +1,7 @@
 """Maps between the coordinates of a scene and its points, v = R(q) w + gamma.
 
 Terms exert forces on points: the nodes of the meshes and the points of bodies. Integrators advance
-independent velocities w: those of free nodes and of bodies. R is used only in a `Kinematics`.
+independent velocities w: those of free nodes and of bodies. R is used only within `Kinematics`.
 """
 
 from collections.abc import Mapping
@@ -23,14 +23,15 @@ class Kinematics(Protocol):
 
     Notes
     -----
-    The momentum is linear in the inertial velocity u for any pose: that of every point and the
-    momentum of every body. The discrete equation of motion is written in differences of u, so that
-    inertial forces of a rotating R need no separate term and momentum is conserved.
+    The momentum is linear in the inertial velocities u for any pose: u contains the velocities of
+    all points and the angular momenta of all bodies. The discrete equation of motion is written in
+    differences of u, so that inertial forces of a rotating R need no separate term and momentum is
+    conserved.
     """
 
     @property
     def pattern(self) -> Sparsity:
-        """Of generalised matrices over w."""
+        """Sparsity of generalised matrices over w."""
         ...
 
     @property
@@ -53,19 +54,19 @@ class Kinematics(Protocol):
         ...
 
     def state(self, pose: Pose, w: Array, memory: Mapping[str, Array]) -> State:
-        """State at a pose with velocities w, those of all points v = R w + gamma."""
+        """State at a pose with velocities w; all points have v = R w + gamma."""
         ...
 
     def displacements(self, d: Array, pose: Pose) -> Array:
-        """R d (n_points, 3), the motion of all points by small changes d (n,) of the coordinates."""
+        """R d (n_points, 3), the displacement of points for small changes d of the coordinates."""
         ...
 
     def advance(self, pose: Pose, d: Array, t: float) -> Pose:
-        """Pose at time t after the motion d (n,): nodes add, bodies turn by the exponential map."""
+        """Pose at time t after the motion d (n,): nodes add, bodies rotate by the exponential map."""
         ...
 
     def at(self, pose: Pose, t: float) -> Pose:
-        """Pose with what is prescribed moved to a time [s]."""
+        """Return the pose with prescribed nodes and bodies moved to a time [s]."""
         ...
 
     def between(self, start: Pose, end: Pose) -> Array:
@@ -73,15 +74,15 @@ class Kinematics(Protocol):
         ...
 
     def rate(self, d: Array, w: Array) -> Array:
-        """Rate dd/dt (n,) of a motion d since some pose by velocities w: w but for rotations."""
+        """Rate dd/dt (n,) of a motion d at velocities w: equal to w except for rotations."""
         ...
 
     def gradient(self, g: Array, d: Array) -> Array:
-        """Derivative by a motion d of an energy with generalised gradient g: g but for rotations."""
+        """Derivative of an energy by d, from its generalised gradient g: g except for rotations."""
         ...
 
     def add_damping(self, values: Array) -> None:
-        """Add the damping of bodies against space to values on `pattern`."""
+        """Add the damping of bodies relative to space to values on `pattern`."""
         ...
 
     def generalised_force(self, f: Array, pose: Pose) -> Array:
@@ -93,11 +94,11 @@ class Kinematics(Protocol):
         ...
 
     def product(self, part: Product, pose: Pose) -> Product:
-        """A product over the components of points as one over w."""
+        """Transform a matrix-free product over the components of points to one over w."""
         ...
 
     def drift(self, pose: Pose, t: float) -> Array | None:
-        """Velocities gamma (n_points, 3) by what is prescribed at a time, None where nothing is."""
+        """Velocities gamma (n_points, 3) by prescribed motions at a time, or None."""
         ...
 
     def inertial(self, w: Array, pose: Pose) -> Array:
@@ -121,7 +122,7 @@ class Kinematics(Protocol):
         ...
 
     def kinetic_energy(self, state: State) -> float:
-        """Kinetic energy [J] of the bodies, besides that of the masses of points."""
+        """Rotational kinetic energy [J] of the bodies, in addition to that of the masses of points."""
         ...
 
     def matrix(self, pose: Pose) -> csr_array:
@@ -129,15 +130,15 @@ class Kinematics(Protocol):
         ...
 
     def body_columns(self, n_bodies: int) -> Index:
-        """First velocity of every body, -1 where it is not free, and -1 once more for space."""
+        """First velocity of every body, -1 where it is not free, and a last -1 for space."""
         ...
 
     def prescribe(self, frames: Array, t: float) -> None:
-        """Put prescribed bodies into frames (n_bodies, 7) where they are at a time."""
+        """Set frames (n_bodies, 7) of prescribed bodies to their values at a time."""
         ...
 
     def prescribed_twists(self, t: float) -> Array:
-        """Twists (n_bodies, 6) of prescribed bodies at a time, zero of others."""
+        """Twists (n_bodies, 6) of prescribed bodies at a time; zero for other bodies."""
         ...
 
     def inertial_force(self, state: State) -> Array:
@@ -145,5 +146,5 @@ class Kinematics(Protocol):
         ...
 
     def kicked(self, u: Array, impulse: Array, s: float, state: State) -> Array:
-        """Inertial velocities u after the time s under a generalised impulse (n,) at a state."""
+        """Inertial velocities u after the time s under a generalised impulse (n,), from a state."""
         ...

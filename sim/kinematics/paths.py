@@ -20,18 +20,18 @@ APART = 1e-4
 
 @dataclass(frozen=True)
 class Path:
-    """Motion of one body; None stays."""
+    """Prescribed motion of one body; None keeps it fixed."""
 
     motion: Motion | None
 
 
 class Paths:
-    """All that is prescribed.
+    """All prescribed motions.
 
     Attributes
     ----------
-    moved : (n_bodies,) whether the motion of a body is prescribed.
-    led : (k,) those of them that move.
+    moved : (n_bodies,) of bool, bodies with a prescribed motion.
+    led : (k,) indices of those whose motion is not constant.
     """
 
     def __init__(
@@ -54,12 +54,12 @@ class Paths:
         return bool(self._nodes) or bool(self._motions)
 
     def set_positions(self, q: Array, t: float) -> None:
-        """Put prescribed nodes where they are at a time."""
+        """Set prescribed nodes to their positions at a time."""
         for nodes, path in self._nodes:
             q[nodes] = _finite(np.asarray(path(t), dtype=np.float64), "PrescribedNodes", t)
 
     def set_frames(self, frames: Array, t: float) -> None:
-        """Put prescribed bodies where they are at a time."""
+        """Set prescribed bodies to their frames at a time."""
         for b, motion, name in self._motions:
             centre, quaternion = motion(t)
             frames[b, :3], frames[b, 3:] = centre, quaternion
@@ -67,12 +67,12 @@ class Paths:
             frames[b, 3:] /= np.linalg.norm(frames[b, 3:])
 
     def set_velocities(self, v: Array, t: float) -> None:
-        """Velocities of prescribed nodes."""
+        """Set the velocities of prescribed nodes."""
         for nodes, path in self._nodes:
             v[nodes] = _slope([np.asarray(path(t + k * APART)) for k in (-2, -1, 1, 2)])
 
     def twists(self, t: float) -> Array:
-        """Twists (n_bodies, 6), zero of bodies that are not prescribed."""
+        """Twists (n_bodies, 6); zero for bodies that are not prescribed."""
         out = np.zeros((self._n, 6))
         if self._motions:
             frames = self._around(t, (0, -2, -1, 1, 2))
@@ -83,7 +83,7 @@ class Paths:
         return out
 
     def accelerations(self, a: Array, t: float) -> Array:
-        """Accelerations of prescribed nodes into a, and rates (n_bodies, 6) of the twists."""
+        """Write accelerations of prescribed nodes into a; return rates (n_bodies, 6) of the twists."""
         for nodes, path in self._nodes:
             x = [np.asarray(path(t + k * APART)) for k in (-1, 0, 1)]
             a[nodes] = (x[0] - 2.0 * x[1] + x[2]) / APART**2

@@ -31,7 +31,7 @@ class Selection:
         return self._of(state.v)
 
     def state(self, pose: Pose, w: Array, memory: Mapping[str, Array]) -> State:
-        """State with fixed components at rest."""
+        """State with zero velocity of fixed components."""
         return State(pose.t, pose.q, self.displacements(w, pose), memory)
 
     def displacements(self, d: Array, pose: Pose) -> Array:
@@ -41,13 +41,13 @@ class Selection:
         return out
 
     def advance(self, pose: Pose, d: Array, t: float) -> Pose:
-        """Free components moved by d."""
+        """Add d to the free components."""
         q = pose.q.copy()
         q.reshape(-1)[self.pattern.free] += d
         return replace(pose, q=q, t=t)
 
     def at(self, pose: Pose, t: float) -> Pose:
-        """The pose: nothing is prescribed."""
+        """Return the pose itself, since nothing is prescribed."""
         return pose
 
     def between(self, start: Pose, end: Pose) -> Array:
@@ -55,34 +55,34 @@ class Selection:
         return self._of(end.q) - self._of(start.q)
 
     def rate(self, d: Array, w: Array) -> Array:
-        """The velocities."""
+        """Return the velocities."""
         return w
 
     def gradient(self, g: Array, d: Array) -> Array:
-        """The gradient."""
+        """Return the gradient itself."""
         return g
 
     def add_damping(self, values: Array) -> None:
-        """Nothing to add."""
+        """Do nothing: there are no bodies."""
 
     def generalised_force(self, f: Array, pose: Pose) -> Array:
         """Free components of nodal forces."""
         return self._of(f)
 
     def generalised_matrix(self, K: Array, f: Array | None, pose: Pose) -> Array:
-        """K itself, which is assembled over the free components."""
+        """Return K itself, which is assembled over the free components."""
         return K
 
     def product(self, part: Product, pose: Pose) -> Product:
-        """The product itself."""
+        """Return the product itself."""
         return part
 
     def drift(self, pose: Pose, t: float) -> Array | None:
-        """None: nothing is prescribed."""
+        """Return None, since nothing is prescribed."""
         return None
 
     def inertial(self, w: Array, pose: Pose) -> Array:
-        """The velocities."""
+        """Return the velocities."""
         return w
 
     def momentum(self, u: Array, pose: Pose) -> Array:
@@ -102,7 +102,7 @@ class Selection:
         values[self.pattern.diagonal] += self.mass
 
     def kinetic_energy(self, state: State) -> float:
-        """None: there are no bodies."""
+        """Return zero, since there are no bodies."""
         return 0.0
 
     def matrix(self, pose: Pose) -> csr_array:
@@ -112,22 +112,22 @@ class Selection:
         return csr_array((np.ones(n), place), shape=(3 * self.pattern.n_nodes, n))
 
     def body_columns(self, n_bodies: int) -> Index:
-        """No body."""
+        """Return the last entry, that of space, since there are no bodies."""
         return np.array([-1], dtype=np.int64)
 
     def prescribe(self, frames: Array, t: float) -> None:
-        """Nothing to move."""
+        """Do nothing: no body is prescribed."""
 
     def prescribed_twists(self, t: float) -> Array:
-        """None."""
+        """Return an empty array."""
         return np.zeros((0, 6))
 
     def inertial_force(self, state: State) -> Array:
-        """None, since R is constant."""
+        """Return zero, since R is constant."""
         return np.zeros(self.pattern.n)
 
     def kicked(self, u: Array, impulse: Array, s: float, state: State) -> Array:
-        """Impulse over mass added."""
+        """Add the impulse divided by the mass."""
         return u + impulse / self.mass
 
     def _of(self, x: Array) -> Array:

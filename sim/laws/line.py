@@ -1,4 +1,4 @@
-"""Line laws: tension F(length, activation) of a muscle that is a line, with its energy and slope."""
+"""Line laws: tension F(length, activation) of a line muscle, with its energy and slope."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class LineLaw(Protocol):
-    """Interface of line laws; steps use the kernel, `evaluate` states the law in arrays of one shape."""
+    """Interface of line laws; `evaluate` is the array form of the kernel that steps use."""
 
     code: ClassVar[int]
     """Of the law in `sim._kernels.lines`."""
@@ -85,11 +85,11 @@ class Peck:
     force_max : float
         Largest active tension [N].
     stretch_opt : float
-        Optimal length over rest length [1].
+        Ratio of optimal to rest length [1].
     stretch_max : float
-        Length at which the passive tension ends growing, over the optimal length [1].
+        Ratio of length to optimal length from which the passive tension is constant [1].
     tendon_ratio : float
-        Share of the optimal length that is tendon [1].
+        Tendon fraction of the optimal length [1].
     passive_fraction : float
         Largest passive tension over force_max [1].
 
@@ -100,8 +100,9 @@ class Peck:
 
     Notes
     -----
-    Source: the muscles of the jaw model of Peck et al. 2000 as used by Stavness et al., without their
-    velocity dependence. stretch_max = 1.5 is chosen; each muscle has its own.
+    Source: the muscles of the jaw model of Peck et al. 2000 as used by Stavness et al., without
+    their velocity dependence. The default stretch_max = 1.5 is an assumption; it is specific to
+    each muscle.
     """
 
     force_max: float = 1.0

@@ -1,4 +1,4 @@
-"""Step control, which divides intervals and rejects steps without side effects."""
+"""Step controls: they divide an interval into steps, and repeat rejected ones."""
 
 from sim.steps.contract import StepControl, StepsThrough, Watch, united
 from sim.steps.error_controlled import ErrorControlledStep

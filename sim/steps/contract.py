@@ -41,7 +41,7 @@ class StepControl(Protocol):
 
 @runtime_checkable
 class StepsThrough(StepControl, Protocol):
-    """A step control whose steps are known beforehand."""
+    """Step control whose step times are known in advance."""
 
     def through(
         self,
@@ -63,7 +63,7 @@ def require_positive(h: float) -> None:
 
 
 def united(reports: list[StepReport], rejected: int) -> StepReport:
-    """Combined report of several, with additional rejected attempts."""
+    """Combine several reports, and add rejected attempts."""
     if len(reports) == 1 and rejected == 0:
         return reports[0]
     return StepReport(

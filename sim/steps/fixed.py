@@ -1,4 +1,4 @@
-"""Steps of one size."""
+"""Fixed step size."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from sim.steps.contract import Watch, require_positive, united
 from sim.system import System
 
 AT_ONCE = 1000
-"""Largest number of steps between two chances to interrupt."""
+"""Largest number of steps that are computed without a check for interruption."""
 
 
 @dataclass(frozen=True)
 class FixedStep:
-    """Steps of one size; a failure ends the simulation.
+    """Fixed step size; a failure ends the simulation.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class FixedStep:
         ends: Sequence[float],
         work: Workspace,
     ) -> tuple[State, StepReport]:
-        """Steps that end at the given times [s], with one report."""
+        """Advance by steps that end at the given times [s], and return one report."""
         reports: list[StepReport] = []
         for first in range(0, len(ends), AT_ONCE):
             part = ends[first : first + AT_ONCE]
@@ -56,7 +56,7 @@ class FixedStep:
         work: Workspace,
         watch: Watch | None = None,
     ) -> tuple[State, StepReport]:
-        """One step."""
+        """Advance by one step."""
         new, report = integrator.step(system, state, control, until - state.t, work)
         if watch is not None:
             watch(state, new)

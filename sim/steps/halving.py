@@ -1,4 +1,4 @@
-"""Steps of one size, divided where the integrator fails."""
+"""Fixed step size, halved where the integrator fails."""
 
 from dataclasses import dataclass
 
@@ -11,14 +11,14 @@ from sim.system import System
 
 @dataclass(frozen=True)
 class HalvingStep:
-    """Steps of one size, divided in two wherever the integrator fails.
+    """Fixed step size, halved wherever the integrator fails.
 
     Attributes
     ----------
     h : float
         Largest step [s].
     max_halvings : int
-        Divisions before the failure is passed on.
+        Largest number of successive halvings.
     """
 
     h: float = 0.01
@@ -38,9 +38,9 @@ class HalvingStep:
         work: Workspace,
         watch: Watch | None = None,
     ) -> tuple[State, StepReport]:
-        """Cover the interval; after a failure halve, after two good steps of a size double."""
+        """Advance over the interval; failure halves the step, two successful steps double it."""
         start, total = state.t, until - state.t
-        done, level, good = 0, 0, 0  # done is counted in units of total / 2^max_halvings
+        done, level, good = 0, 0, 0  # The unit of `done` is total / 2^max_halvings.
         finest = 1 << self.max_halvings
         reports: list[StepReport] = []
         rejected = 0
