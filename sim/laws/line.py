@@ -17,7 +17,7 @@ class LineLaw(Protocol):
     """Interface of line laws; `evaluate` is the array form of the kernel that steps use."""
 
     code: ClassVar[int]
-    """Of the law in `sim._kernels.lines`."""
+    """Code of the law in `sim._kernels.lines`."""
     has_slope: ClassVar[bool]
     """True if the tension depends on the length, which couples all points of a fibre."""
 

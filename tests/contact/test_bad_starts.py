@@ -213,7 +213,7 @@ def rising(speed, height):
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("speed", [1.0, 100.0])
 def test_a_shell_moved_too_far_in_one_step_is_followed_or_refused(method, integrator, speed):
-    """By a cell and by a hundred blocks; the given state is unchanged, and smaller steps succeed."""
+    """Move it by a cell or a hundred blocks: the given state is unchanged, smaller steps succeed."""
     mesh = grid((2, 2, 2), BLOCK)
     pairing = sim.Pairing(sim.boundary_surface(mesh, "block"), rising(speed, -1e-3))
     system = system_of(mesh, contact_of(method, (pairing,)))

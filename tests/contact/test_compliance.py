@@ -330,7 +330,7 @@ def test_conditions_keep_rows_in_the_matrix():
 @pytest.mark.parametrize("learns", [True, False])
 @pytest.mark.parametrize("wrong", [1e3, 1e-3, -1.0])
 def test_a_compliance_that_misleads_is_corrected_or_found_anew(monkeypatch, wrong, learns):
-    """Of a body a thousand times as soft or stiff, or random: the motion is the same."""
+    """With the compliance times 1e3 or 1e-3, or a random one, the motion is the same."""
     if not learns:
         monkeypatch.setattr(RowCompliance, "learn", lambda *_: (0.0, 0.0))
     system = lying()

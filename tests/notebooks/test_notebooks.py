@@ -49,7 +49,7 @@ def execute(path: Path) -> dict[str, Any]:
 
 
 def simulates(path: Path) -> bool:
-    """Whether a code cell imports simulated volunteers."""
+    """Test if a code cell imports simulated volunteers."""
     for source in sources(path, "code"):
         for node in ast.walk(ast.parse(source)):
             named = [node.module or ""] if isinstance(node, ast.ImportFrom) else []

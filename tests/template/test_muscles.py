@@ -124,7 +124,7 @@ def test_every_muscle_is_one_piece_of_comparable_size(
 
 
 def test_rings_are_whole_rings(fine: xr.Dataset) -> None:
-    """By ring and layer: every ray of the chosen rings; the marginal part is superficial."""
+    """Elements of a part include every ray of its rings; the marginal part is superficial."""
     grid = make_grid("fine")
     ray, ring = grid.element_place
     marginal = grid.rings[0]

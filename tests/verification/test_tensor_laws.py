@@ -139,7 +139,7 @@ def test_the_two_element_loops_agree(scalar, tensor, shape):
 
 
 def fung_energy(law, F, axes):
-    """By its definition from K_i = a_i.C a_i and L_i = a_i.C^2 a_i of the isochoric C."""
+    """Energy by its definition from K_i = a_i.C a_i and L_i = a_i.C^2 a_i of the isochoric C."""
     J = np.linalg.det(F)
     C = J ** (-2 / 3) * F.T @ F
     K = np.array([a @ C @ a for a in axes.T])
