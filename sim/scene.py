@@ -142,9 +142,9 @@ class Remembers(Protocol):
 
         Parameters
         ----------
-        q : (n_nodes, 3) positions at the start of the step [m]. memory : result of
-        `Remembering.remember` for the previous step, or None for a fully relaxed term. h : length
-        of the step [s]; infinite for a static equilibrium.
+        q : (n_nodes, 3) positions at the start of the step [m].
+        memory : result of `Remembering.remember` for the previous step; None for a fully relaxed term.
+        h : length of the step [s]; infinite for a static equilibrium.
         """
         ...
 
@@ -270,10 +270,12 @@ class Scene(Described):
     terms : tuple of Term
     reductions : tuple of Member
         Nodes and bodies that are fixed, attached, or have a prescribed motion.
-    damping : Damping or None constraints : tuple of Constraint bodies : tuple of Body points : (k,
-    3) rest positions of points without mass [m], such as ends of muscles. Their numbers follow
-        those of the nodes of the mesh and precede those of the centres of bodies; each belongs to a
-        member.
+    damping : Damping or None
+    constraints : tuple of Constraint
+    bodies : tuple of Body
+    points : (k, 3) rest positions of points without mass [m], such as ends of muscles. Their numbers
+        follow those of the nodes of the mesh and precede those of the centres of bodies; each belongs
+        to a member.
     joints : tuple of Joint
     """
 

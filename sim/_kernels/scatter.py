@@ -26,12 +26,11 @@ class Places(NamedTuple):
 
     Attributes
     ----------
-    order : (n, 8) slots by ascending node, unused ones last. start : (n, 36, 3) for the pairs of
-    slots in this order, position at which row i of the block would begin
-        with an entry in each column; negative if the pair is not stored.
-    special : (n,) row of target for elements with a node that is free in some directions only, or
-    that
-        occurs in two slots; else -1.
+    order : (n, 8) slots by ascending node, unused ones last.
+    start : (n, 36, 3) for the pairs of slots in this order, the position at which row i of the block
+        would begin with an entry in each column; negative if the pair is not stored.
+    special : (n,) row of target for elements with a node that is free in some directions only, or with
+        a node in two slots; else -1.
     target : (m, 36, 9) position of every entry of their blocks, negative if it is not stored.
     """
 

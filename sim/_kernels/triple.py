@@ -24,10 +24,11 @@ def congruence(
 
     Parameters
     ----------
-    K : values of the upper triangle over points. R : values of R. place : position of each entry of
-    K that is copied, -1 for the others. entry, target, left, right : for every product R[left]
-    K[entry] R[right], the positions in K, in `out` and
-        in R.
+    K : values of the upper triangle over points.
+    R : values of R.
+    place : position of each entry of K that is copied, -1 for the others.
+    entry, target, left, right : for every product R[left] K[entry] R[right], the positions in K, in
+        `out` and in R.
     """
     for e in range(len(place)):
         if place[e] >= 0:

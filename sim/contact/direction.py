@@ -131,8 +131,8 @@ class Direction:
 
         Parameters
         ----------
-        move : Move allowed : (n_slots,) depth that vertices may have [m]. At the start, the entries
-        of vertices that
+        move : Move
+        allowed : (n_slots,) depth that vertices may have [m]. At the start, the entries of vertices that
             have passed around a free edge are increased to their depth.
         way : (n_slots,) or None
             Upper bound of the displacement of each vertex in the step [m].

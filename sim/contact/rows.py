@@ -34,10 +34,11 @@ class Rows:
     rank : (k,) 0 for the nearest faces of a vertex, larger for rows of lower priority.
     nodes, weight : (k, 4) the vertex with weight 1, then the nodes of the face with minus their
         barycentric weights; those of a shell have weight zero and repeat a node of the other.
-    normal : (k, 3) outward normal of the opposite face. gap : (k,) gap at the end of the step
-    without motion of the mesh [m]. carried : (k, 3) displacement of a rigid face over the step, or
-    minus that of a rigid vertex [m]. friction : (k,) coefficient. pairing : (k,) index of the
-    pairing.
+    normal : (k, 3) outward normal of the opposite face.
+    gap : (k,) gap at the end of the step without motion of the mesh [m].
+    carried : (k, 3) displacement of a rigid face over the step, or minus that of a rigid vertex [m].
+    friction : (k,) coefficient.
+    pairing : (k,) index of the pairing.
     """
 
     slot: Index

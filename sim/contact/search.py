@@ -32,11 +32,11 @@ class Found:
 
     Attributes
     ----------
-    point : (k,) indices of the points with a face; ascending if there is one face for each. face :
-    (k,) triangles. weight : (k, 3) barycentric weights of the nearest or entered point of the face.
-    value : (k,) distance [m] of the nearest face, or fraction 0-1 of the path at which it is
-    entered. feature : (k,) 0 within the face; 1, 2, 3 on the edge from corner 0, 1, 2; 4, 5, 6 at a
-    corner.
+    point : (k,) indices of the points with a face; ascending if there is one face for each.
+    face : (k,) triangles.
+    weight : (k, 3) barycentric weights of the nearest or entered point of the face.
+    value : (k,) distance [m] of the nearest face, or fraction 0-1 of the path at which it is entered.
+    feature : (k,) 0 within the face; 1, 2, 3 on the edge from corner 0, 1, 2; 4, 5, 6 at a corner.
     """
 
     point: Index

@@ -23,9 +23,9 @@ class Chains:
 
     Attributes
     ----------
-    dependent : (k,) points that are combinations, ascending; all others are roots. weights : (k,
-    n_points) of root nodes. point, body, share, arm : (m,), (m,), (m,), (m, 3) of every dependence
-    of a point on a body; the arm
+    dependent : (k,) points that are combinations, ascending; all others are roots.
+    weights : (k, n_points) of root nodes.
+    point, body, share, arm : (m,), (m,), (m,), (m, 3) of every dependence of a point on a body; the arm
         is in the axes of the body [m].
     held : (n_points, 3) fixed components.
     paths : nodes with a prescribed path, and their path.

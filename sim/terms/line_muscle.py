@@ -27,9 +27,8 @@ class LineFibre:
     ----------
     muscle : int
         Index into the names of its `LineMuscles`.
-    points : (k,) of int, nodes (the fibre is then parallel to edges); or (k, 3), rest positions [m]
-    in the
-        elements; at least two.
+    points : (k,) of int, nodes (the fibre is then parallel to edges); or (k, 3), rest positions [m] in
+        the elements; at least two.
     share : float
         Factor on the tension of the law [1], if several fibres divide the force of a muscle.
     """

@@ -19,10 +19,12 @@ class Muscles:
 
     Attributes
     ----------
-    names : tuple of str element : (k,) element index of the row. muscle : (k,) index into names;
-    every muscle has an element. direction : (k, 3) rest direction a0; normalised on compiling. law
-    : FibreLaw, or one per name. weight : (k,) fraction of the element filled by the muscle, a
-    factor on its energy [1]; None is 1.
+    names : tuple of str
+    element : (k,) element index of the row.
+    muscle : (k,) index into names; every muscle has an element.
+    direction : (k, 3) rest direction a0; normalised on compiling.
+    law : FibreLaw, or one per name.
+    weight : (k,) fraction of the element filled by the muscle, a factor on its energy [1]; None is 1.
     """
 
     names: tuple[str, ...]

@@ -25,13 +25,13 @@ class Solid:
 
     Attributes
     ----------
-    materials : tuple of Material region : (n_elements,) index into materials, or None if there is
-    one material only. muscles : Muscles or None prestretch : (n_elements, 3, 3) deformation
-    gradient F0 from the stress-free state to the mesh at
+    materials : tuple of Material
+    region : (n_elements,) index into materials, or None if there is one material only.
+    muscles : Muscles or None
+    prestretch : (n_elements, 3, 3) deformation gradient F0 from the stress-free state to the mesh at
         rest, or None. The total deformation is F F0; fibre directions and density are those of the
         mesh.
-    axes : (n_elements, 3, 3) orthonormal material axes in the mesh, one per column, or None if no
-    law
+    axes : (n_elements, 3, 3) orthonormal material axes in the mesh, one per column, or None if no law
         requires them. A prestretch changes them only by its rotation.
     """
 
