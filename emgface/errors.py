@@ -41,6 +41,10 @@ class FaceError(DataError):
     """A face model is invalid, for example an inverted element or a muscle without element."""
 
 
+class JawError(DataError):
+    """A jaw model, excitation or task is unusable: file absent, unknown muscle or exciter."""
+
+
 class ActivationError(DataError):
     """An activation is outside 0-1 or not finite."""
 

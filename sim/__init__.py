@@ -76,6 +76,7 @@ from sim.state import Control, ControlAt, Line, State, StepReport
 from sim.steps import ErrorControlledStep, FixedStep, HalvingStep
 from sim.system import System, compile_scene
 from sim.terms import (
+    Crushable,
     ElementVolume,
     Gravity,
     LineFibre,
@@ -104,6 +105,7 @@ __all__ = [
     "ControlAt",
     "ControlError",
     "ConvergedEuler",
+    "Crushable",
     "ElementVolume",
     "ErrorControlledStep",
     "Embedding",

@@ -13,6 +13,7 @@ from emgface.cli import (
     data_describe,
     data_files,
     face,
+    jaw,
     simulate,
     sound,
     study,
@@ -55,6 +56,7 @@ def common(
 app.command()(study.demo)
 app.add_typer(study.app, name="study")
 app.add_typer(face.app, name="face")
+app.add_typer(jaw.app, name="jaw")
 app.add_typer(data.app, name="data")
 app.add_typer(sound.app, name="sound")
 for verb in (

@@ -4,7 +4,7 @@ import numpy as np
 
 from sim.errors import NotConverged, SceneError
 from sim.integrators.workspace import Solution, Workspace
-from sim.joints.compiled import Rows
+from sim.joints.compiled import REDUNDANT, Rows
 from sim.matrix import Matrix
 from sim.state import Array, Pose, State
 from sim.system import System
@@ -76,7 +76,11 @@ def held_solution(
         x = solve(r)
         on = ~rows.unilateral | (f > 0.0)
         G, held = now.G[on], S[np.ix_(on, on)]
-        return x - h * (G.T @ np.linalg.solve(held, G @ x[columns])) @ X if on.any() else x
+        return (
+            x - h * (G.T @ np.linalg.lstsq(held, G @ x[columns], rcond=REDUNDANT)[0]) @ X
+            if on.any()
+            else x
+        )
 
     return Solution(w, solutions, found.factorisations, found.definite, roughly), f
 

@@ -170,8 +170,10 @@ class Rows:
 
 
 def _least(G: Array, X: Array, wanted: Array) -> Array:
-    """Impulses G'f (k,) that change the rows as wanted."""
-    return G.T @ np.linalg.solve(G @ X @ G.T, wanted) if len(G) else np.zeros(len(X))
+    """Impulses G'f (k,) that change the rows as wanted; of repeated rows the least ones."""
+    if not len(G):
+        return np.zeros(len(X))
+    return np.asarray(G.T @ np.linalg.lstsq(G @ X @ G.T, wanted, rcond=REDUNDANT)[0])
 
 
 def row_table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> RowTable:

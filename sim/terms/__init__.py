@@ -1,6 +1,7 @@
 """Terms: sources of force, one file each."""
 
 from sim.scene import Term
+from sim.terms.crushable import Crushable
 from sim.terms.gravity import Gravity
 from sim.terms.line_muscle import LineFibre, LineMuscles
 from sim.terms.load import NodeLoad
@@ -22,10 +23,11 @@ TERMS: tuple[type[Term], ...] = (
     Stiffening,
     Support,
 )
-"""All terms, the members of the derivative tests."""
+"""All terms with a potential, the members of the derivative tests."""
 
 __all__ = [
     "TERMS",
+    "Crushable",
     "ElementVolume",
     "Gravity",
     "LineFibre",

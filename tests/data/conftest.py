@@ -8,6 +8,7 @@ import xarray as xr
 
 from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS, MUSCLES
 from emgface.recordings.quality.markers import LAYOUT
+from tests.jaw.small import small_jaw
 
 S = {"units": "s"}
 ONE = {"units": "1"}
@@ -186,6 +187,30 @@ def sound() -> xr.Dataset:
     )
 
 
+def jaw_motion() -> xr.Dataset:
+    time = {"time": ("time", [0.0, 0.005], S)}
+    still = np.broadcast_to([[[1.0], [0.0], [0.0], [0.0]]], (1, 4, 2))
+    return xr.Dataset(
+        {
+            "body_position": (("body", "axis", "time"), np.zeros((1, 3, 2)), M),
+            "body_quaternion": (("body", "part", "time"), still, ONE),
+            "position": (("marker", "axis", "time"), np.zeros((1, 3, 2)), M),
+            "activation": (("muscle", "time"), np.zeros((1, 2)), ONE),
+            "muscle_length": (("muscle", "time"), np.full((1, 2), 0.05), M),
+            "muscle_force": (("muscle", "time"), np.zeros((1, 2)), {"units": "N"}),
+        },
+        {
+            "axis": list(AXES),
+            "part": ["w", "x", "y", "z"],
+            "body": ["jaw"],
+            "marker": ["lower_incisor"],
+            "muscle": ["sm_L"],
+            **time,
+        },
+        {"origin": "simulated", "jaw": "small", "law": "peck"},
+    )
+
+
 VALID: dict[str, Callable[[], xr.Dataset]] = {
     "recording": recording,
     "activation": activation,
@@ -194,6 +219,8 @@ VALID: dict[str, Callable[[], xr.Dataset]] = {
     "scores": scores,
     "sound": sound,
     "cube": cube,
+    "jaw_model": small_jaw,
+    "jaw_motion": jaw_motion,
 }
 
 

@@ -15,7 +15,17 @@ from emgface.schema.netcdf import read_netcdf
 from emgface.schema.page import schema_page, study_schema_text
 from emgface.schema.validation import declaration, kinds, schema_folder, validate
 
-KINDS = ("activation", "cube", "face_model", "recording", "scores", "sound", "trajectory")
+KINDS = (
+    "activation",
+    "cube",
+    "face_model",
+    "jaw_model",
+    "jaw_motion",
+    "recording",
+    "scores",
+    "sound",
+    "trajectory",
+)
 Make = Callable[[str], xr.Dataset]
 
 

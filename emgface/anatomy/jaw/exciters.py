@@ -1,0 +1,92 @@
+"""Exciters: groups of muscles that one excitation drives, for each side and both."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from emgface.anatomy.jaw.model import Floats
+from emgface.errors import JawError
+
+Groups = Mapping[str, Sequence[str]]
+"""Muscles or other groups by the name of a group, without sides."""
+
+
+def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, float]]:
+    """Every muscle, every group of each side, and both sides together (``bi_``).
+
+    Parameters
+    ----------
+    muscles : names with sides ``_L`` and ``_R``.
+    groups : mapping
+        Members that are no muscle of the model are left out.
+
+    Returns
+    -------
+    dict
+        Muscles and gains of every exciter.
+
+    Raises
+    ------
+    JawError
+        A group contains itself.
+    """
+    names = list(muscles)
+
+    def members(name: str, within: tuple[str, ...] = ()) -> list[str]:
+        if name in within:
+            raise JawError(f"group {name!r} contains itself ({' -> '.join((*within, name))})")
+        if name not in groups:
+            return [name]
+        return [m for part in groups[name] for m in members(part, (*within, name))]
+
+    plain = list(dict.fromkeys(name[:-2] for name in names if name[-2:] in ("_L", "_R")))
+    found: dict[str, dict[str, float]] = {name: {name: 1.0} for name in names}
+    for group in [*groups, *plain]:
+        both = dict[str, float]()
+        for side in ("_L", "_R"):
+            driven = {m + side: 1.0 for m in members(group) if m + side in names}
+            if driven:
+                found[group + side] = driven
+            both |= driven
+        if both:
+            found[f"bi_{group}"] = both
+    return found
+
+
+def muscle_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tuple[Floats, float]:
+    """Activation of the muscles that excitations of exciters add up to.
+
+    Parameters
+    ----------
+    jaw : xarray.Dataset
+        A jaw_model.
+    excitation : mapping of str to (n,) array
+        Excitations by exciter over the same times [1].
+
+    Returns
+    -------
+    activation : (n, muscles) array
+        a_m = min(1, sum_e gain_em max(0, u_e)).
+    negative : float
+        Most negative excitation that was set to zero, 0 if there was none.
+
+    Raises
+    ------
+    JawError
+        An exciter does not exist or an excitation is not finite.
+    """
+    known = jaw["exciter"].values.tolist()
+    total, negative = 0.0, 0.0
+    for name, values in excitation.items():
+        if name not in known:
+            raise JawError(f"no exciter is called {name!r}, expected one of {', '.join(known)}")
+        u = np.asarray(values, dtype=np.float64)
+        if not np.isfinite(u).all():
+            raise JawError(f"excitation of {name} is not finite: interpolate its gaps first")
+        negative = min(negative, float(u.min(initial=0.0)))
+        gain = jaw["exciter_gain"].values[known.index(name)]
+        total = total + np.maximum(u, 0.0)[:, None] * gain
+    if not excitation:
+        raise JawError("no excitation is given, expected at least one exciter")
+    return np.minimum(np.asarray(total), 1.0), negative

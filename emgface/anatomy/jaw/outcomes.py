@@ -1,0 +1,106 @@
+"""Outcome of the tasks of a jaw beside the published one."""
+
+import os
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.anatomy.jaw.model import Floats
+from emgface.anatomy.jaw.run import STEP, run_task
+from emgface.anatomy.jaw.tasks import TASKS, with_series
+
+PUBLISHED = {
+    "rest": "separation 3 to 5 mm",
+    "close": "intercuspation",
+    "open": "gape 38 mm (text), 35 mm (figure)",
+    "open_head": "gape 50 mm (text), 51 mm (figure)",
+    "protrude": "self-limited, in the midline",
+    "lateral": "-",
+    "clench": "-",
+    "chew": "20.1 mm down, 5.8 back, 2.3 lateral there; 6.1 mm lateral in closing",
+    "swallow": "larynx up and forward, and back",
+    "pull": "stored result: 33.6 mm down, 16.3 back at 4.56 N",
+}
+"""Stavness et al. 2006, section 3.1; Hannam et al. 2008; stored result of the published program."""
+
+
+def displacement(motion: xr.Dataset, marker: str) -> Floats:
+    """Displacement (time, axis) of a point since the start, in the frame of the skull [mm].
+
+    A prescribed rotation of the head is removed.
+    """
+    x = motion["position"].sel(marker=marker).values.T
+    if "skull" in motion["body"].values:
+        c = motion["body_position"].sel(body="skull").values.T
+        q = motion["body_quaternion"].sel(body="skull").values.T
+        w, r = q[:, :1], -q[:, 1:]  # the inverse rotation
+        y = x - c
+        t = 2.0 * np.cross(r, y)
+        x = y + w * t + np.cross(r, t)
+    return np.asarray(1e3 * (x - x[0]), dtype=np.float64)
+
+
+def separation(motion: xr.Dataset) -> Floats:
+    """Distance (time,) of the incisors beyond that at the start, where the teeth are in contact [mm]."""
+    apart = motion["position"].sel(marker="upper_incisor") - motion["position"].sel(
+        marker="lower_incisor"
+    )
+    gape = np.linalg.norm(apart.transpose("time", "axis").values, axis=1)
+    return np.asarray(1e3 * (gape - gape[0]), dtype=np.float64)
+
+
+def outcome(motion: xr.Dataset) -> dict[str, float]:
+    """Gape and place of the lower incisor at the widest opening and at the end [mm].
+
+    ``right``, ``forward`` and ``down`` are those of the lower incisor at the largest gape, ``end_*`` at
+    the end; ``widest_s`` is the time of the largest gape, ``lateral`` the largest sideways displacement.
+    """
+    d, gape = displacement(motion, "lower_incisor"), separation(motion)
+    k = int(np.argmax(gape))
+    return {
+        "gape": gape[k],
+        "widest_s": float(motion["time"][k]),
+        "right": d[k, 0],
+        "forward": d[k, 1],
+        "down": -d[k, 2],
+        "lateral": d[np.argmax(np.abs(d[:, 0])), 0],
+        "end_right": d[-1, 0],
+        "end_forward": d[-1, 1],
+        "end_down": -d[-1, 2],
+        "hyoid_forward": displacement(motion, "hyoid")[:, 1].max(),
+        "hyoid_up": displacement(motion, "hyoid")[:, 2].max(),
+    }
+
+
+def outcome_table(
+    jaw: xr.Dataset,
+    series: str | os.PathLike[str] | None = None,
+    *,
+    step: float = STEP,
+    progress: Callable[[int, int], None] | None = None,
+) -> pd.DataFrame:
+    """Outcome of every task [mm, s] beside the published one.
+
+    Parameters
+    ----------
+    jaw : xarray.Dataset
+        A jaw_model.
+    series : path-like, optional
+        Folder of published series; without it tasks that need one are left out.
+    step : float
+        [s]
+    progress : callable, optional
+        Called after every task as ``progress(done, total)``.
+    """
+    names = [name for name, task in TASKS.items() if series is not None or not task.series]
+    rows = list[dict[str, object]]()
+    for k, name in enumerate(names):
+        task, options = with_series(name, series)
+        motion = run_task(jaw, task, step=step, **options)
+        found = {key: round(value, 3) for key, value in outcome(motion).items()}
+        rows.append({"task": name, **found, "published": PUBLISHED[name]})
+        if progress is not None:
+            progress(k + 1, len(names))
+    return pd.DataFrame(rows)

@@ -1,0 +1,183 @@
+"""Motion of a jaw under excitations: simulation and its labelled result."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+import sim
+from emgface.anatomy.jaw.model import AXES, Floats
+from emgface.anatomy.jaw.scene import JawScene, jaw_scene
+from emgface.anatomy.jaw.series import Excitation
+from emgface.anatomy.jaw.tasks import Task, turned_head
+from emgface.schema.validation import validate
+from sim.integrators import Integrator
+from sim.probes import Probe, Variable
+from sim.scene import Term
+from sim.state import Control, State, StepReport
+
+STEP, OUTPUT = 1e-3, 5e-3
+"""Time step and time between outputs [s]."""
+
+
+def simulate_jaw(
+    jaw: xr.Dataset,
+    excitation: Excitation,
+    *,
+    duration: float,
+    law: str = "peck",
+    head: float = 0.0,
+    load: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    morsel: str | None = None,
+    step: float = STEP,
+    output: float = OUTPUT,
+    integrator: Integrator | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> xr.Dataset:
+    """Simulate a jaw.
+
+    Parameters
+    ----------
+    jaw : xarray.Dataset
+        A jaw_model.
+    excitation : Excitation
+    duration : float
+        [s]
+    law : str
+        Muscle law, one of `emgface.anatomy.jaw.scene.LAWS`.
+    head : float
+        Backward rotation of the head [degrees].
+    load : (3,) constant force on the lower incisor [N].
+    morsel : str, optional
+        Side of a morsel between the teeth, "L" or "R".
+    step, output : float
+        Time step and time between outputs [s].
+    integrator : optional
+        `sim.LinearlyImplicitEuler` by default.
+    progress : callable, optional
+        As of `sim.simulate`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Of schema jaw_motion.
+
+    Raises
+    ------
+    JawError
+        An exciter or the law is unknown.
+    SimulationError
+        As `sim.simulate`.
+    """
+    activation, negative = excitation.activation(jaw)
+    turn = (
+        turned_head(head, jaw["point_position"].sel(point="head_centre").values) if head else None
+    )
+
+    def further(points: Mapping[str, int]) -> tuple[Term, ...]:
+        found = list[Term]()
+        if any(load):
+            force = np.array(load, dtype=np.float64)[None]
+            found.append(sim.NodeLoad(np.array([points["lower_incisor"]]), force))
+        if morsel is not None:
+            bite = jaw.sel(joint=f"bite_{morsel}")
+            place, normal = bite["joint_origin"].values, bite["joint_normal"].values
+            found.append(sim.Crushable(points[f"bite_{morsel}"], place, normal))
+        return tuple(found)
+
+    parts = jaw_scene(jaw, law=law, head=turn, terms=further)
+    system = sim.compile_scene(parts.scene)
+    order = list(system.muscles)
+    given = activation.reindex(muscle=order).fillna(0.0)  # springs and dampers are never active
+    drive = sim.Activation(excitation.time, given.values.T)
+    motion, _ = sim.simulate(
+        system,
+        drive,
+        duration=duration,
+        steps=sim.FixedStep(step),
+        every=output,
+        integrator=sim.LinearlyImplicitEuler() if integrator is None else integrator,
+        probes=_probes(parts),
+        progress=progress,
+    )
+    found = np.array([drive.at(float(t)) for t in motion["time"].values])
+    active = [order.index(str(m)) for m in jaw["muscle"].values]
+    motion["activation"] = (("muscle", "time"), found.T[active], {"units": "1"})
+    motion["muscle_force"] = (("muscle", "time"), _forces(parts, motion), {"units": "N"})
+    motion = motion.drop_vars("muscle_rate")
+    motion.attrs |= {
+        "origin": "simulated",
+        "jaw": jaw.attrs["name"],
+        "law": law,
+        "head_rotation_deg": float(head),
+        "clipped_excitation": negative,
+    }
+    return validate(motion, "jaw_motion")
+
+
+def run_task(jaw: xr.Dataset, task: Task, **options: object) -> xr.Dataset:
+    """Simulate a task; options as of `simulate_jaw`, with ``excitation`` for a task with series."""
+    given = {
+        "excitation": task.excitations(),
+        "duration": task.duration,
+        "head": task.head,
+        "load": task.load,
+        "morsel": task.morsel,
+    } | options
+    return simulate_jaw(jaw, **given)  # pyright: ignore[reportArgumentType]
+
+
+def _probes(parts: JawScene) -> tuple[Probe, ...]:
+    numbers = np.array(list(parts.points.values()))
+    ends = np.array([line.ends for line in parts.muscles.values()])
+    return (
+        sim.Frames(parts.bodies),
+        sim.Markers(numbers, tuple(parts.points)),
+        Lines(ends, tuple(parts.muscles)),
+    )
+
+
+def _forces(parts: JawScene, motion: xr.Dataset) -> Floats:
+    """Tension of every muscle over time, with that of its damper [N]."""
+    found = list[Floats]()
+    for name, line in parts.muscles.items():
+        row = motion.sel(muscle=name)
+        length, a = row["muscle_length"].values, row["activation"].values
+        _, tension, _ = line.law.evaluate(length, np.full_like(length, line.rest), a)
+        found.append(tension + line.damping * row["muscle_rate"].values)
+    return np.array(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lengths [m] of straight lines between points and their rates [m/s].
+
+    Attributes
+    ----------
+    ends : (n, 2) of int
+    names : tuple of str
+    """
+
+    ends: np.ndarray
+    names: tuple[str, ...]
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Variables ``muscle_length`` and ``muscle_rate``."""
+        coords = {"muscle": self.names}
+        return (
+            Variable("muscle_length", "m", ("muscle",), coords),
+            Variable("muscle_rate", "m/s", ("muscle",), coords),
+        )
+
+    def record(
+        self, system: sim.System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Floats, Floats]:
+        """Measure the lines."""
+        a, b = self.ends.T
+        way, rate = state.q[b] - state.q[a], state.v[b] - state.v[a]
+        length = np.linalg.norm(way, axis=1)
+        return length, (way * rate).sum(axis=1) / length
+
+
+__all__ = ["AXES", "OUTPUT", "STEP", "run_task", "simulate_jaw"]

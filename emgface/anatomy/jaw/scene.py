@@ -1,0 +1,283 @@
+"""Scene of a jaw model: its bodies, line muscles, springs, joints and points as parts of `sim`."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+import sim
+from emgface.anatomy.jaw.model import AXES, KINDS, Floats
+from emgface.errors import JawError
+from sim.bodies import Motion
+from sim.joints import Joint, PointOnCurve, PointOnPlane, Revolute
+from sim.laws import LineLaw
+from sim.scene import Term
+
+MuscleLaw = Callable[[Mapping[str, float]], LineLaw]
+"""Law of a muscle from its parameters, named as of `emgface.anatomy.jaw.model.MUSCLE_VALUES`."""
+
+
+def peck(values: Mapping[str, float]) -> LineLaw:
+    """The published law, optimal at rest."""
+    return sim.Peck(
+        values["force_max"],
+        stretch_max=values["stretch_max"],
+        tendon_ratio=values["tendon_ratio"],
+        passive_fraction=values["passive_fraction"],
+    )
+
+
+def constant(values: Mapping[str, float]) -> LineLaw:
+    """Tension that depends on activation alone."""
+    return sim.ConstantForce(values["force_max"])
+
+
+FAR = 1e9
+"""Distance of the fixed ends of dampers against space [m]."""
+
+LAWS: dict[str, MuscleLaw] = {"peck": peck, "constant": constant}
+"""Muscle laws by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class MuscleLine:
+    """A muscle of a scene: numbers of its ends, law, damping [N s/m] and length at rest [m]."""
+
+    ends: tuple[int, int]
+    law: LineLaw
+    damping: float
+    rest: float
+
+
+@dataclass(frozen=True, eq=False)
+class JawScene:
+    """A jaw in `sim`.
+
+    Attributes
+    ----------
+    scene : sim.Scene
+    bodies : bodies of the scene, in its order.
+    points : number of every named point in the scene.
+    muscles : every muscle by name.
+    """
+
+    scene: sim.Scene
+    bodies: tuple[str, ...]
+    points: Mapping[str, int]
+    muscles: Mapping[str, MuscleLine]
+
+
+def jaw_scene(
+    jaw: xr.Dataset,
+    *,
+    law: str = "peck",
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.8),
+    head: Motion | None = None,
+    terms: Callable[[Mapping[str, int]], tuple[Term, ...]] = lambda points: (),
+) -> JawScene:
+    """Scene of a jaw model.
+
+    Parameters
+    ----------
+    jaw : xarray.Dataset
+        A jaw_model.
+    law : str
+        Muscle law, one of `LAWS`.
+    gravity : (3,) [m/s^2]
+    head : callable, optional
+        Position (3,) and quaternion (4,) of the skull at a time [s], which starts at 0 and (1, 0, 0, 0);
+        without it the skull stays.
+    terms : callable, optional
+        Further terms of the scene, from the numbers of the named points.
+
+    Returns
+    -------
+    JawScene
+
+    Raises
+    ------
+    JawError
+        The law is unknown.
+    SceneError
+        A parameter is out of range, or joints contradict each other.
+    """
+    if law not in LAWS:
+        raise JawError(f"muscle law {law!r}, expected one of {', '.join(LAWS)}")
+    parts = _Parts(jaw, head)
+    lines, muscles = _muscles(jaw, parts, LAWS[law])
+    springs = _springs(jaw, parts)
+    points = {
+        str(name): parts.add(parts.names[b], x)
+        for name, b, x in zip(
+            jaw["point"].values,
+            jaw["point_body"].values,
+            jaw["point_position"].values,
+            strict=True,
+        )
+    }
+    dampers = _dampers(jaw, parts)
+    further = terms(points)
+    scene = sim.Scene(
+        sim.NO_TISSUE,
+        (sim.Gravity(gravity), *lines, *springs, *dampers, *further),
+        tuple(parts.members()),
+        bodies=tuple(parts.bodies.values()),
+        points=np.array(parts.positions).reshape(-1, 3),
+        joints=tuple(_joints(jaw, parts, points)),
+    )
+    return JawScene(scene, tuple(parts.bodies), points, muscles)
+
+
+class _Parts:
+    """Bodies and points of a scene while it is built."""
+
+    def __init__(self, jaw: xr.Dataset, head: Motion | None) -> None:
+        self.names = [str(name) for name in jaw["body"].values]
+        self.positions: list[Floats] = []
+        self._held: dict[str, list[int]] = {}
+        self._head = head
+        moves = {
+            n for n, moving in zip(self.names, jaw["body_moves"].values, strict=True) if moving
+        }
+        if head is not None:
+            moves.add("skull")
+        self.bodies = {name: _body(jaw.sel(body=name)) for name in self.names if name in moves}
+
+    def add(self, body: str, position: Floats) -> int:
+        """Number of a new point on a body."""
+        self._held.setdefault(body, []).append(len(self.positions))
+        self.positions.append(position)
+        return len(self.positions) - 1
+
+    def of(self, body: str) -> str | None:
+        """Body of the scene, None for one that stays."""
+        return body if body in self.bodies else None
+
+    def members(self) -> list[sim.Fixed | sim.OnBody | sim.PrescribedBody]:
+        """What holds the points."""
+        still = [n for body, held in self._held.items() if body not in self.bodies for n in held]
+        found: list[sim.Fixed | sim.OnBody | sim.PrescribedBody] = [
+            sim.OnBody(body, np.array(held))
+            for body, held in self._held.items()
+            if body in self.bodies
+        ]
+        if still:
+            found.append(sim.Fixed(np.array(still)))
+        if self._head is not None:
+            found.append(sim.PrescribedBody("skull", self._head))
+        return found
+
+
+def _body(row: xr.Dataset) -> sim.Body:
+    name, turning = str(row["body"].values), float(row["body_turn_damping"])
+    return sim.Body(
+        name,
+        float(row["body_mass"]),
+        row["body_inertia"].values,
+        row["body_centre"].values,
+        (0.0, turning),
+    )
+
+
+def _dampers(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
+    """Damping of the translation of bodies, at the point whose velocity is damped.
+
+    Three dampers to points so far away that their directions stay those of the axes.
+    """
+    found = list[Term]()
+    for name in parts.bodies:
+        row = jaw.sel(body=name)
+        damping, at = float(row["body_damping"]), row["body_damped_at"].values
+        if damping > 0.0:
+            near = parts.add(name, at)
+            far = [parts.add("", at + FAR * axis) for axis in np.eye(3)]
+            fibres = [sim.LineFibre(0, np.array([node, near])) for node in far]
+            own = (f"damping of {name}",)
+            found.append(sim.LineMuscles(own, fibres, sim.ConstantForce(0.0), damping=damping))
+    return found
+
+
+def _fibres(jaw: xr.Dataset, kind: str, parts: _Parts, chosen: list[int]) -> list[sim.LineFibre]:
+    found = list[sim.LineFibre]()
+    for k, i in enumerate(chosen):
+        bodies, ends = jaw[f"{kind}_body"].values[i], jaw[f"{kind}_position"].values[i]
+        nodes = [parts.add(parts.names[b], x) for b, x in zip(bodies, ends, strict=True)]
+        found.append(sim.LineFibre(k, np.array(nodes)))
+    return found
+
+
+def _by_damping(damping: Floats) -> list[tuple[float, list[int]]]:
+    return [(float(d), np.flatnonzero(damping == d).tolist()) for d in np.unique(damping)]
+
+
+def _muscles(
+    jaw: xr.Dataset, parts: _Parts, law: MuscleLaw
+) -> tuple[list[Term], dict[str, MuscleLine]]:
+    names = [str(name) for name in jaw["muscle"].values]
+    prefix = "muscle_"
+    columns = {
+        str(v).removeprefix(prefix): jaw[v].values
+        for v in jaw.data_vars
+        if str(v).startswith(prefix) and jaw[v].dims == ("muscle",)
+    }
+    found, lines = list[Term](), dict[str, MuscleLine]()
+    rest = np.linalg.norm(np.diff(jaw["muscle_position"].values, axis=1)[:, 0], axis=1)
+    for damping, chosen in _by_damping(jaw["muscle_damping"].values):
+        laws = [law({name: float(values[i]) for name, values in columns.items()}) for i in chosen]
+        fibres = _fibres(jaw, "muscle", parts, chosen)
+        own = tuple(names[i] for i in chosen)
+        found.append(sim.LineMuscles(own, fibres, laws, damping=damping))
+        for k, i in enumerate(chosen):
+            a, b = (int(node) for node in fibres[k].points)
+            lines[names[i]] = MuscleLine((a, b), laws[k], damping, float(rest[i]))
+    return found, {name: lines[name] for name in names}
+
+
+def _springs(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
+    """Springs of equal values, as muscles that are never active: k (L - L_0) + k (L_0 - free length)."""
+    length = np.linalg.norm(np.diff(jaw["spring_position"].values, axis=1)[:, 0], axis=1)
+    k, d = jaw["spring_stiffness"].values, jaw["spring_damping"].values
+    slack = length - jaw["spring_rest_length"].values
+    preload = np.where(np.abs(slack) < 1e-12, 0.0, k * slack).round(15)
+    if (preload < 0.0).any():
+        raise JawError("a spring is shorter at rest than without force, expected tension or none")
+    rows, own = np.unique(np.column_stack([k, d, preload]), axis=0, return_inverse=True)
+    found = list[Term]()
+    for i, (stiffness, damping, tension) in enumerate(rows.tolist()):
+        chosen = np.flatnonzero(own.ravel() == i).tolist()
+        lines = [sim.LineFibre(0, f.points) for f in _fibres(jaw, "spring", parts, chosen)]
+        law = sim.ConstantForce(1.0, tension)
+        found.append(sim.LineMuscles((f"springs {i}",), lines, law, stiffness, damping))
+    return found
+
+
+def _joints(jaw: xr.Dataset, parts: _Parts, points: Mapping[str, int]) -> list[Joint]:
+    numbers, found = list(points.values()), list[Joint]()
+    for name in jaw["joint"].values:
+        row = jaw.sel(joint=name)
+        kind, body = KINDS[int(row["joint_kind"])], parts.of(parts.names[int(row["joint_body"])])
+        origin, normal = row["joint_origin"].values, row["joint_normal"].values
+        if kind == "hinge":
+            other = parts.of(parts.names[int(row["joint_body_b"])])
+            found.append(Revolute(str(name), body, other, origin, normal))
+            continue
+        guided = {
+            "point": numbers[int(row["joint_point"])],
+            "body": body,
+            "origin": origin,
+            "normal": normal,
+            "unilateral": bool(row["joint_one_sided"]),
+        }
+        if kind == "plane":
+            found.append(PointOnPlane(str(name), **guided))
+        else:
+            curve, reach = row["joint_curve"].values, (0.0, float(row["joint_length"]))
+            forward = row["joint_forward"].values
+            found.append(
+                PointOnCurve(str(name), forward=forward, coefficients=curve, reach=reach, **guided)
+            )
+    return found
+
+
+__all__ = ["AXES", "LAWS", "JawScene", "jaw_scene"]

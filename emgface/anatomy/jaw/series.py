@@ -1,0 +1,158 @@
+"""Excitation over time: from published probe files, CSV and netCDF files, and piecewise linear ramps."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from scipy.interpolate import CubicHermiteSpline
+
+from emgface.anatomy.jaw.exciters import muscle_activation
+from emgface.anatomy.jaw.model import Floats
+from emgface.errors import JawError
+from emgface.schema.rules import one_line
+
+NANOSECONDS = 1e9
+_DRIVES = {"am": "my", "pd": "retracthyoid"}
+"""Exciters of published series that drive a group; the others drive the muscle of their name."""
+_SWITCHED_OFF = ("th", "oh")
+"""Series that the published chewing demonstration holds but does not use."""
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """Excitations of exciters over common times, linear in between and held outside.
+
+    Attributes
+    ----------
+    time : (n,) ascending [s].
+    values : (n,) by exciter [1].
+    """
+
+    time: Floats
+    values: Mapping[str, Floats]
+
+    def activation(self, jaw: xr.Dataset) -> tuple[xr.DataArray, float]:
+        """Activation (muscle, time) of a jaw model, and the most negative value set to zero."""
+        a, negative = muscle_activation(jaw, self.values)
+        coords = {"muscle": jaw["muscle"].values, "time": ("time", self.time, {"units": "s"})}
+        return xr.DataArray(a.T, coords, ("muscle", "time"), attrs={"units": "1"}), negative
+
+
+def ramps(corners: Mapping[str, list[tuple[float, float]]]) -> Excitation:
+    """Piecewise linear excitations from corners (time [s], value) of every exciter."""
+    time = np.unique([t for series in corners.values() for t, _ in series] or [0.0])
+    values = {
+        name: np.interp(time, *np.array(series, dtype=np.float64).T)
+        for name, series in corners.items()
+    }
+    return Excitation(time.astype(np.float64), values)
+
+
+def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
+    """Values (n,) of a published input series at times [s].
+
+    The first line holds start, stop and scale of the times, whole numbers in nanoseconds; the second the
+    interpolation, the number of values and ``explicit`` or the interval of the rows; rows follow. Cubic
+    series are Hermite splines whose slope at a row is that of the chord of its neighbours, at the ends
+    of the first and last chord. Before the first row the value is 0, after the last it is held.
+
+    Raises
+    ------
+    JawError
+        The file is absent or has another form.
+    """
+    path = Path(path)
+    try:
+        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        lines = [words for words in lines if words]
+        start, scale = lines[0][0], float(lines[0][2])
+        order, n_values, spacing = lines[1]
+        rows = np.array(lines[2:], dtype=np.float64)
+        if int(n_values) != 1 or order not in ("Linear", "Cubic"):
+            raise ValueError(f"interpolation {order} of {n_values} values")
+        if spacing != "explicit":
+            rows = np.column_stack([float(spacing) * np.arange(len(rows)), rows])
+    except (OSError, ValueError, IndexError) as error:
+        raise JawError(
+            f"{path} is no excitation series ({one_line(error)}): expected a line with start, stop and "
+            "scale, one with Linear or Cubic, 1, explicit, then time and value"
+        ) from error
+    begin = float(start) if "." in start else int(start) / NANOSECONDS
+    t, y = begin + scale * rows[:, 0], rows[:, 1]
+    at = np.clip(time, t[0], t[-1])
+    if order == "Linear" or len(t) < 3:
+        found = np.interp(at, t, y)
+    else:
+        ends = np.diff(y)[[0, -1]] / np.diff(t)[[0, -1]]
+        inner = (y[2:] - y[:-2]) / (t[2:] - t[:-2])
+        found = CubicHermiteSpline(t, y, np.concatenate([ends[:1], inner, ends[1:]]))(at)
+    return np.where(time < t[0], 0.0, found)
+
+
+def read_probes(
+    folder: str | os.PathLike[str], *, duration: float = 1.0, interval: float = 1e-3
+) -> Excitation:
+    """Excitations of a folder of published series, sampled at an interval [s].
+
+    The files are called by side and muscle, such as ``lsm.txt``. Those of the mylohyoid drive both of
+    its parts, those of the posterior digastric all retractors of the hyoid, as published; thyrohyoid and
+    omohyoid are switched off there.
+
+    Raises
+    ------
+    JawError
+        The folder holds no series, or one cannot be read.
+    """
+    folder = Path(folder)
+    time = (np.arange(round(duration / interval) + 1) * interval).astype(np.float64)
+    values = dict[str, Floats]()
+    sides = {"l": "_L", "r": "_R"}
+    for path in sorted(folder.glob("*.txt")):
+        side, muscle = sides.get(path.stem[:1]), path.stem[1:]
+        if side is None or muscle in _SWITCHED_OFF or not 2 <= len(muscle) <= 4:
+            continue  # settings of the display and of the bite plane lie beside the series
+        values[_DRIVES.get(muscle, muscle) + side] = read_probe(path, time)
+    if not values:
+        raise JawError(f"{folder} holds no excitation series such as lsm.txt")
+    return Excitation(time, values)
+
+
+def read_excitation(path: str | os.PathLike[str]) -> Excitation:
+    """Excitations of a CSV table with a column ``time`` [s], or of a netCDF file, by exciter.
+
+    A netCDF file holds ``excitation`` or ``activation`` over ``exciter`` or ``muscle``, and ``time``.
+
+    Raises
+    ------
+    JawError
+        The file cannot be read, holds no such series, or its times do not ascend.
+    """
+    path = Path(path)
+    try:
+        if path.suffix == ".nc":
+            with xr.open_dataset(path, engine="netcdf4") as opened:
+                table = _table_of(opened.load())
+        else:
+            table = pd.read_csv(path).set_index("time")
+        time = table.index.to_numpy(dtype=np.float64)
+        values = {str(name): column.to_numpy(dtype=np.float64) for name, column in table.items()}
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise JawError(
+            f"{path} holds no excitations ({one_line(error)}): expected a table with a column time in "
+            "seconds and one per exciter, or a netCDF file with activation over muscle and time"
+        ) from error
+    if not (len(time) and (np.diff(time) > 0.0).all()):
+        raise JawError(f"{path}: the times do not ascend")
+    return Excitation(time, values)
+
+
+def _table_of(dataset: xr.Dataset) -> pd.DataFrame:
+    name = "excitation" if "excitation" in dataset else "activation"
+    values = dataset[name]
+    (row,) = (dim for dim in values.dims if dim != "time")
+    values = values.transpose("time", row)
+    return pd.DataFrame(values.values, values["time"].values, values[row].values.tolist())

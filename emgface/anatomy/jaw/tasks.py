@@ -1,0 +1,144 @@
+"""Tasks of a jaw: excitations, head posture, load and morsel, as a table."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from emgface.anatomy.jaw.model import Floats
+from emgface.anatomy.jaw.series import Excitation, ramps, read_probes
+from emgface.errors import JawError
+
+RISE = 0.2
+"""Time over which the excitations of a task rise [s]."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One movement.
+
+    Attributes
+    ----------
+    title : str
+    duration : float
+        [s]
+    excitation : mapping
+        Corners (time [s], value) of every exciter.
+    head : float
+        Backward rotation of the head about the first cervical vertebra, from 0 over `RISE` [degrees].
+    load : (3,) constant force on the lower incisor [N].
+    morsel : str or None
+        Side of a morsel between the teeth, "L" or "R".
+    series : bool
+        Whether the excitations are read from a folder of published series.
+    """
+
+    title: str
+    duration: float
+    excitation: Mapping[str, list[tuple[float, float]]] = field(
+        default_factory=dict[str, list[tuple[float, float]]]
+    )
+    head: float = 0.0
+    load: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    morsel: str | None = None
+    series: bool = False
+
+    def excitations(self) -> Excitation:
+        """Excitation over time."""
+        return ramps(self.excitation)
+
+
+def _rising(**levels: float) -> dict[str, list[tuple[float, float]]]:
+    return {name: [(0.0, 0.0), (RISE, level)] for name, level in levels.items()}
+
+
+_OPENERS = {"bi_ad": 1.0, "bi_my": 1.0, "bi_ip": 1.0}
+
+TASKS = {
+    "rest": Task("rest under gravity, closers at 0.04 %", 2.0, {"bi_close": [(0.0, 4e-4)]}),
+    "close": Task("closing, closers at 0.4 %", 1.0, {"bi_close": [(0.0, 4e-3)]}),
+    "open": Task("wide opening, head still", 1.0, _rising(**_OPENERS)),
+    "open_head": Task("wide opening, head 15 degrees back", 1.0, _rising(**_OPENERS), head=15.0),
+    "protrude": Task(
+        "protrusion, inferior lateral pterygoids", 1.0, _rising(bi_ip=1.0, bi_close=4e-3)
+    ),
+    "lateral": Task(
+        "movement to the right, left inferior lateral pterygoid",
+        1.0,
+        _rising(ip_L=0.5, bi_close=4e-3),
+    ),
+    "clench": Task("clenching, closers at 10 %", 0.6, _rising(bi_close=0.1)),
+    "chew": Task("chewing, from published series", 1.0, morsel="L", series=True),
+    "swallow": Task(
+        "swallowing, suprahyoid muscles for 0.5 s",
+        1.5,
+        {
+            "bi_close": [(0.0, 0.0), (0.2, 0.05)],
+            "bi_suprahyoid": [(0.3, 0.0), (0.5, 0.1), (0.8, 0.1), (1.0, 0.0)],
+        },
+    ),
+    "pull": Task("pull on the incisor, muscles inactive", 2.0, load=(0.0, 0.0, -4.56)),
+}
+"""Tasks by name. Source: Stavness et al. 2006, section 3.1; Hannam et al. 2008; levels not stated there
+are ours."""
+
+
+def task_of(name: str) -> Task:
+    """Task of a name.
+
+    Raises
+    ------
+    JawError
+        There is none.
+    """
+    if name not in TASKS:
+        raise JawError(f"no task is called {name!r}, expected one of {', '.join(TASKS)}")
+    return TASKS[name]
+
+
+def with_series(name: str, series: str | os.PathLike[str] | None) -> tuple[Task, dict[str, object]]:
+    """Task of a name, and its excitations as an option of `run_task` where they are read from a folder.
+
+    Raises
+    ------
+    JawError
+        There is no such task, or no folder of series for one that needs it.
+    """
+    task = task_of(name)
+    if not task.series:
+        return task, {}
+    if series is None:
+        raise JawError(
+            f"task {name!r} needs the published excitation series: give their folder (--series)"
+        )
+    return task, {"excitation": read_probes(series, duration=task.duration)}
+
+
+def turned_head(degrees: float, centre: Floats) -> "HeadTurn":
+    """Backward rotation of the head about a point over `RISE`, for `jaw_scene`."""
+    return HeadTurn(np.radians(degrees), centre)
+
+
+@dataclass(frozen=True, eq=False)
+class HeadTurn:
+    """Motion of the skull: a smooth rotation about x, which lifts what is in front.
+
+    Attributes
+    ----------
+    angle : float
+        [rad]
+    centre : (3,) [m]
+    """
+
+    angle: float
+    centre: Floats
+
+    def __call__(self, t: float) -> tuple[Floats, Floats]:
+        """Position and quaternion at a time [s]."""
+        s = min(max(t / RISE, 0.0), 1.0)
+        half = 0.5 * self.angle * s * s * (3.0 - 2.0 * s)
+        c, n = np.cos(2.0 * half), np.sin(2.0 * half)
+        y, z = -self.centre[1], -self.centre[2]
+        turned = np.array([-self.centre[0], c * y - n * z, n * y + c * z])
+        return self.centre + turned, np.array([np.cos(half), np.sin(half), 0.0, 0.0])

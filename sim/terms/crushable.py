@@ -1,0 +1,112 @@
+"""A morsel between a point and a plane: it resists compression until it is crushed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.errors import SceneError
+from sim.laws.parameters import require
+from sim.mesh import Mesh
+from sim.scene import Contribution, Index, Layout
+from sim.state import Array, Control
+
+GONE = 1e-6
+"""Distance from the plane at which a morsel is crushed [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crushable:
+    """Force F = force_max (1 - d/diameter) along the normal on a point at the distance d from a plane.
+
+    It acts while 0 < d < diameter. Once d < 1 um the morsel is crushed and the force is zero until d has
+    exceeded the diameter, where a new one lies. At the start it is crushed.
+
+    Attributes
+    ----------
+    node : int
+        Node or point.
+    origin, normal : (3,) of the plane, fixed in space [m], [1]; the normal points to the point.
+    diameter : float
+        [m]
+    force_max : float
+        [N]
+
+    Raises
+    ------
+    SceneError
+        A parameter is out of range, or, on compiling, the node does not exist.
+
+    Notes
+    -----
+    Source: the food bolus of Hannam et al. 2008, J. Biomech. 41, 1069, without its damping of
+    0.01 N s/m, which is below 0.1 % of the force at the speed of chewing.
+    """
+
+    node: int
+    origin: Array
+    normal: Array
+    diameter: float = 10e-3
+    force_max: float = 35.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require(self, "diameter", self.diameter, at_least=GONE, strictly=True)
+        require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
+        if not abs(float(np.linalg.norm(self.normal)) - 1.0) < 1e-6:
+            raise SceneError(f"Crushable: normal {self.normal!r} has no unit length: normalise it")
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """No pairs, because every pattern contains the diagonal."""
+        return np.empty(0, dtype=np.int64)
+
+    def compile(self, layout: Layout) -> "CompiledCrushable":
+        """Find the place in the matrix."""
+        n = layout.mesh.n_nodes
+        if not 0 <= self.node < n:
+            raise SceneError(f"Crushable refers to node {self.node}, expected 0..{n - 1}")
+        key = np.array([self.node * (n + 1)])
+        target = np.asarray(layout.pattern.target[layout.pattern.pair_index(key)]).ravel()
+        return CompiledCrushable(self, target.astype(np.int64))
+
+
+class CompiledCrushable:
+    """Compiled morsel, outside a step without force."""
+
+    def __init__(self, term: Crushable, target: Index, whole: bool = False) -> None:
+        self._term, self._target, self._whole = term, target, whole
+
+    def _distance(self, q: Array) -> float:
+        return float((q[self._term.node] - self._term.origin) @ self._term.normal)
+
+    def during(self, q: Array, memory: Array | None, h: float) -> "CrushableInStep":
+        """Morsel over a step, whole or crushed as the positions before have left it."""
+        whole = memory is not None and bool(memory[0])
+        return CrushableInStep(self._term, self._target, whole)
+
+    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
+        """Add the force along the normal."""
+        term, d = self._term, self._distance(q)
+        if not self._whole or not d < term.diameter:
+            return Contribution(0.0)
+        k, left = term.force_max / term.diameter, term.diameter - d
+        f[term.node] += k * left * term.normal
+        return Contribution(0.5 * k * left * left)
+
+    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
+        """As `add_force`, with the stiffness along the normal."""
+        term = self._term
+        if self._whole and self._distance(q) < term.diameter:
+            k = term.force_max / term.diameter
+            block, stored = k * np.outer(term.normal, term.normal).ravel(), self._target >= 0
+            np.add.at(K, self._target[stored], block[stored])
+        return self.add_force(q, control, f)
+
+
+class CrushableInStep(CompiledCrushable):
+    """Morsel over one step."""
+
+    def remember(self, q: Array) -> Array:
+        """1 if it is whole after the step."""
+        d = self._distance(q)
+        whole = d > self._term.diameter or (self._whole and d >= GONE)
+        return np.array([float(whole)])

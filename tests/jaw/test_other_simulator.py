@@ -1,0 +1,45 @@
+"""Trajectories of the published jaw against those of another simulator, with its step."""
+
+import numpy as np
+import pytest
+
+from emgface.anatomy.jaw.run import simulate_jaw
+from emgface.anatomy.jaw.series import ramps
+from tests.jaw.conftest import TO_MM, here
+from tests.jaw.test_published import MARKERS
+
+AT_REST, MOVING = 1e-6, 0.05
+"""Largest distance where both rest, and before, where the schemes differ at this step [mm]."""
+
+
+def rerun(recorded, published, name, **changes):
+    """Largest distance of any marker over time [mm] between both programs."""
+    case, arrays = recorded(name)
+    jaw = published(case["variant"], values="program")
+    drive = {}
+    for e in case["excitations"]:
+        start, ramp = e["start_s"], e["ramp_s"]
+        corners = [(start, 0.0), (start + ramp, e["amax"])] if ramp else [(0.0, e["amax"])]
+        drive[here(e["target"])] = corners
+    step, time = case["h_s"], arrays["t"]
+    motion = simulate_jaw(
+        jaw,
+        ramps(drive or {"bi_close": [(0.0, 0.0)]}),
+        **{"duration": time[-1], "step": step, "output": time[1] - time[0]} | changes,
+    )
+    known = [(k, MARKERS[m]) for k, m in enumerate(case["markers"])]
+    known = [(k, m) for k, m in known if m in motion["marker"]]
+    theirs = arrays["marker_pos_mm"][: motion.sizes["time"], [k for k, _ in known]]
+    ours = motion["position"].sel(marker=[m for _, m in known]).transpose("time", "marker", "axis")
+    return np.linalg.norm(ours.values * TO_MM - theirs, axis=2).max(axis=1), motion, case, arrays
+
+
+@pytest.mark.parametrize("name", ["fixed_open_ad_ip_0.5_CBE", "fixed_protrude_ip_0.1_CBE"])
+def test_jaw_with_fixed_hyoid_moves_and_rests_as_in_the_other_program(recorded, published, name):
+    apart, motion, case, arrays = rerun(recorded, published, name)
+    still = np.abs(arrays["body_twist"][-1]).max() < 1e-6
+    assert apart.max() < MOVING
+    assert apart[-1] < (AT_REST if still else MOVING)
+    # forces of all muscles at the end, recorded in single precision
+    force = motion["muscle_force"].sel(muscle=[here(m) for m in case["muscles"]])[:, -1]
+    np.testing.assert_allclose(force, arrays["muscle_force_N"][-1], rtol=1e-4, atol=1e-5)

@@ -1,0 +1,47 @@
+"""A morsel between a body and a plane."""
+
+import numpy as np
+import pytest
+
+import sim
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def falling(height, **options):
+    """A body above a plane with a morsel."""
+    body = sim.Body("bob", 0.1, 1e-5 * np.eye(3), (0.0, 0.0, height), (20.0, 1e-4))
+    morsel = sim.Crushable(0, np.zeros(3), UP, **options)
+    held = sim.OnBody("bob", np.array([0]))
+    terms = (sim.Gravity((0.0, 0.0, -9.8)), morsel)
+    point = np.array([[0.0, 0.0, height]])
+    return sim.compile_scene(sim.Scene(sim.NO_TISSUE, terms, (held,), bodies=(body,), points=point))
+
+
+def height_after(system, duration):
+    _, end = sim.simulate(
+        system,
+        sim.resting(0),
+        duration=duration,
+        steps=sim.FixedStep(2e-3),
+        every=duration,
+        integrator=sim.LinearlyImplicitEuler(),
+        probes=(),
+    )
+    return end.frames[0, 2]
+
+
+def test_morsel_carries_a_weight_and_a_crushed_one_none():
+    """F (1 - d/D) = m g at rest, once the body came from above D; started below, it finds none."""
+    weight, force = 0.1 * 9.8, 4.0
+    carried = height_after(falling(0.0101, diameter=0.01, force_max=force), 0.6)
+    assert carried == pytest.approx(0.01 * (1.0 - weight / force), abs=1e-6)
+    assert height_after(falling(0.0099, diameter=0.01, force_max=force), 0.6) < -0.01
+    assert height_after(falling(0.0101, diameter=0.01, force_max=0.5 * weight), 0.8) < -1e-3
+
+
+def test_impossible_morsels_are_refused():
+    with pytest.raises(sim.SceneError, match="Crushable: diameter = 0"):
+        sim.Crushable(0, np.zeros(3), UP, diameter=0.0)
+    with pytest.raises(sim.SceneError, match="has no unit length"):
+        sim.Crushable(0, np.zeros(3), 2.0 * UP)
