@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -83,29 +83,50 @@ def volunteers(
     study: StudyPath = None,
 ) -> None:
     """Simulate volunteers with known activations, sEMG and lip markers."""
+    given = {
+        "emg": emg.value,
+        "resolution": int(resolution) if resolution.isdigit() else resolution,
+        "cross_talk": cross_talk,
+        "electrode_failure": electrode_failure,
+        "keep_sessions": sessions,
+    }
+    paths = _simulated(
+        out_path,
+        world,
+        given,
+        face,
+        study,
+        step,
+        n=n,
+        repetitions=repetitions,
+        instructions=tuple(instructions),
+        seed=seed,
+        workers=workers or cores(),
+    )
+    _report(paths, out_path, form)
+
+
+def _simulated(
+    out_path: Path,
+    world: str,
+    given: dict[str, Any],
+    face: Path | None,
+    study: Path | None,
+    step: float | None,
+    **design: Any,
+) -> list[Path]:
+    """Simulate the volunteers; `given` are parameters of the volunteers."""
     from emgface.choices import configure
     from emgface.face.file import load_face
     from emgface.face.simulation_parameters import SimulationParameters
-    from emgface.recordings.dataset import read_recording
     from emgface.study.configuration import StudyConfiguration
     from emgface.study.faces import study_face
     from emgface.study.file import load_study
     from emgface.volunteers.settings import VolunteerParameters
     from emgface.volunteers.simulate import make_volunteers
     from emgface.volunteers.world import world_of
-    from emgface.volunteers.write import write_set_as_bids
 
-    settings = configure(
-        VolunteerParameters,
-        {
-            "world": world_of(world),
-            "emg": emg.value,
-            "resolution": int(resolution) if resolution.isdigit() else resolution,
-            "cross_talk": cross_talk,
-            "electrode_failure": electrode_failure,
-            "keep_sessions": sessions,
-        },
-    )
+    settings = configure(VolunteerParameters, {"world": world_of(world), **given})
     configuration = load_study(study) if study else StudyConfiguration()
     simulation = configuration.simulation.model_dump()
     fine = step or configuration.simulation.step / 2
@@ -117,18 +138,16 @@ def volunteers(
         model = study_face(own)
     announce_compilation()
     with progress("simulated volunteers") as bar:
-        paths = make_volunteers(
-            model,
-            out_path,
-            n=n,
-            repetitions=repetitions,
-            instructions=tuple(instructions),
-            seed=seed,
-            parameters=parameters,
-            settings=settings,
-            workers=workers or cores(),
-            observer=bar,
+        return make_volunteers(
+            model, out_path, parameters=parameters, settings=settings, observer=bar, **design
         )
+
+
+def _report(paths: list[Path], out_path: Path, form: Form) -> None:
+    """Convert the recordings if requested, and print what was written."""
+    from emgface.recordings.dataset import read_recording
+    from emgface.volunteers.write import write_set_as_bids
+
     if form in (Form.bids, Form.both):
         with progress("BIDS"):
             write_set_as_bids(paths, out_path / "bids", out_path / "truth")

@@ -76,6 +76,8 @@ def import_artisynth(
 ) -> xr.Dataset:
     """Read the reference face as a face_model, with the origin "published geometry, imported".
 
+    Directions interpolate the segments of both sides together, as in the published simulator.
+
     Parameters
     ----------
     folder : path-like
@@ -105,14 +107,15 @@ def import_artisynth(
         A file is absent (the message states the folders searched), damaged, or inconsistent with the
         others; or the face fails `emgface.face.validity.check_face`.
 
-    Notes
-    -----
-    Directions interpolate the segments of both sides together, as in the published simulator.
     """
-    _check_choice("oop", oop, get_args(OopChoice))
-    _check_choice("oom", oom, get_args(OomChoice))
-    _check_choice("lao_fibres", lao_fibres, get_args(LaoChoice))
-    _check_choice("bones", bones, get_args(BoneChoice))
+    for option, value, known in (
+        ("oop", oop, OopChoice),
+        ("oom", oom, OomChoice),
+        ("lao_fibres", lao_fibres, LaoChoice),
+        ("bones", bones, BoneChoice),
+    ):
+        if value not in get_args(known):
+            raise FaceError(f"{option} is {value!r}, expected one of {', '.join(get_args(known))}")
     files = PublishedFiles(Path(folder))
 
     nodes = read_nodes(files[_FILES["nodes"]])
@@ -129,13 +132,7 @@ def import_artisynth(
         for what in ("inner sheet", "outer sheet", "mandible", "skull")
     )
     layer = _layers(connectivity, inner, outer, elements.id, len(position))
-    fixed = np.zeros(len(position), dtype=np.int8)
-    fixed[mandible] = MANDIBLE
-    if fixed[skull].any():
-        node = nodes.id[skull[fixed[skull] > 0][0]]
-        raise FaceError(f"node {node} is fixed to mandible and skull, expected one of them")
-    fixed[skull] = SKULL
-
+    fixed = _fixed(nodes.id, mandible, skull)
     points = muscle_points(files[_FILES["muscle points"]], position, connectivity)
     fibres = fibres_along(points, lao_fibres)
     by_hand = {
@@ -178,9 +175,14 @@ def import_artisynth(
     )
 
 
-def _check_choice(name: str, value: object, known: Sequence[str]) -> None:
-    if value not in known:
-        raise FaceError(f"{name} is {value!r}, expected one of {', '.join(known)}")
+def _fixed(node_id: Integers, mandible: Integers, skull: Integers) -> NDArray[np.int8]:
+    fixed = np.zeros(len(node_id), dtype=np.int8)
+    fixed[mandible] = MANDIBLE
+    if fixed[skull].any():
+        node = node_id[skull[fixed[skull] > 0][0]]
+        raise FaceError(f"node {node} is fixed to mandible and skull, expected one of them")
+    fixed[skull] = SKULL
+    return fixed
 
 
 def _named(ids: Sequence[int], index: Mapping[int, int], what: str) -> Integers:

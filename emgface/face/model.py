@@ -74,11 +74,8 @@ def build_face(
     attrs : mapping, optional
         Further attributes, such as the options of an import.
     """
-    n_nodes, n_elements = len(position), len(connectivity)
-    if node_id is None:
-        node_id = np.arange(1, n_nodes + 1)
-    if element_id is None:
-        element_id = np.arange(1, n_elements + 1)
+    node_id = np.arange(1, len(position) + 1) if node_id is None else node_id
+    element_id = np.arange(1, len(connectivity) + 1) if element_id is None else element_id
     ds = xr.Dataset(
         {
             "position": (("node", "axis"), _f(position)),
@@ -110,12 +107,8 @@ def build_face(
         },
     )
     if facets:
-        sizes = [len(nodes) for nodes in facets.values()]
-        ds = ds.assign_coords(surface=list(facets)).assign(
-            facet_node=(("facet", "facet_corner"), _i(np.concatenate(list(facets.values())))),
-            facet_surface=("facet", _i(np.repeat(np.arange(len(facets)), sizes))),
-        )
-    ds = ds.assign(_rigid(arches) | _lips(lips))
+        ds = ds.assign_coords(surface=list(facets))
+    ds = ds.assign(_facets(facets) | _rigid(arches) | _lips(lips))
     for variable in ds.data_vars.values():
         variable.attrs["units"] = "1"
     metric = ("position", "fibre_position", "face_marker_position", "arch_position")
@@ -154,6 +147,17 @@ def _muscles(fibres: Sequence[Fibre], bundles: Sequence[Bundle]) -> dict[str, Va
         weight = np.concatenate([_f(b.weight) for b in bundles if b.weight is not None])
         found["bundle_weight"] = ("bundle_element", weight)
     return found
+
+
+def _facets(facets: Mapping[str, Integers] | None) -> dict[str, Variable]:
+    """Nodes of the named parts of the boundary, one after the other."""
+    if not facets:
+        return {}
+    sizes = [len(nodes) for nodes in facets.values()]
+    return {
+        "facet_node": (("facet", "facet_corner"), _i(np.concatenate(list(facets.values())))),
+        "facet_surface": ("facet", _i(np.repeat(np.arange(len(facets)), sizes))),
+    }
 
 
 def _rigid(arches: Sequence[Arch]) -> dict[str, Variable]:

@@ -1,37 +1,27 @@
 """Variables of MATLAB and HDF5 files, and selection of the one that contains the recording."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
 
 from emgface.errors import DataError, listed
+from emgface.recordings.draft import Draft
 from emgface.recordings.readers._arrays import read_array, read_texts
 from emgface.recordings.readers._isolated import isolated
 from emgface.recordings.readers._parsers import parse_contents
 from emgface.schema.rules import hint, one_line
 
-if TYPE_CHECKING:
-    from emgface.recordings.describe import Draft
-
-_RATES: Final = (
-    "fs",
-    "rate",
-    "samplingrate",
-    "samplerate",
-    "srate",
-    "samplingfrequency",
-    "freq",
-    "hz",
-)
+_RATES: Final = frozenset("fs rate samplingrate samplerate srate samplingfrequency freq hz".split())
+"""Names of variables that contain a sampling rate."""
 _LEAST: Final = 100
 """Fewest samples of a recording."""
 
 
 def array_table(
-    path: Path, draft: "Draft", variable: str | None, columns: Sequence[str] | None
+    path: Path, draft: Draft, variable: str | None, columns: Sequence[str] | None
 ) -> tuple[pd.DataFrame, float | None]:
     """Choose the variable of a file that contains the recording, one column per channel.
 
@@ -73,38 +63,39 @@ def array_table(
     if others:
         draft.lines.append(f"# other arrays in the file: {listed(others)}")
     draft.put("dims", ["channel", "time"] if transposed else ["time", "channel"])
-    labels = [f"channel {k + 1}" for k in range(frame.shape[1])]
-    texts = next(
-        (
-            key
-            for key, (size, kind) in held["variables"].items()
-            if kind in "OUS" and int(np.prod(size)) == frame.shape[1]
-        ),
-        None,
-    )
-    if columns is not None:
-        if len(columns) != frame.shape[1]:
-            raise DataError(
-                f"{path.name}: {name!r} has {frame.shape[1]} columns and {len(columns)} labels were "
-                "given; expected one for each."
-            )
-        labels = list(columns)
-        draft.put("columns", labels)
-    elif texts is not None:
-        labels = read_texts(path, texts)
-        draft.put("columns_variable", texts, table="emg", sure=False)
-    else:
-        draft.put("columns", labels, "the file names none", table="emg", sure=False)
-    frame.columns = labels
+    frame.columns = _labels(path, draft, name, columns, frame.shape[1], held["variables"])
     rates = [
         value
         for key, value in held["numbers"].items()
-        if any(
-            word == "".join(c for c in key.rpartition("/")[2].lower() if c.isalpha())
-            for word in _RATES
-        )
+        if "".join(c for c in key.rpartition("/")[2].lower() if c.isalpha()) in _RATES
     ]
     return frame, rates[0] if rates else None
+
+
+def _labels(
+    path: Path,
+    draft: Draft,
+    name: str,
+    columns: Sequence[str] | None,
+    count: int,
+    variables: Mapping[str, tuple[tuple[int, ...], str]],
+) -> list[str]:
+    """Labels of the columns: as specified, from a variable of texts, or numbers."""
+    if columns is not None:
+        if len(columns) != count:
+            raise DataError(
+                f"{path.name}: {name!r} has {count} columns and {len(columns)} labels were given; "
+                "expected one for each."
+            )
+        draft.put("columns", list(columns))
+        return list(columns)
+    for key, (size, kind) in variables.items():
+        if kind in "OUS" and int(np.prod(size)) == count:
+            draft.put("columns_variable", key, table="emg", sure=False)
+            return read_texts(path, key)
+    labels = [f"channel {k + 1}" for k in range(count)]
+    draft.put("columns", labels, "the file contains none", table="emg", sure=False)
+    return labels
 
 
 def _merit(path: Path, name: str, shape: tuple[int, ...]) -> tuple[bool, int, bool]:

@@ -5,11 +5,9 @@ Information that the file does not contain is guessed, and every guess is listed
 list.
 """
 
-import json
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,10 +15,12 @@ import numpy as np
 import pandas as pd
 
 from emgface.errors import DataError, listed
+from emgface.recordings.draft import Draft, toml_value
 from emgface.recordings.kinds import kind_of_name, signal_of
 from emgface.recordings.layout import text_layout, unit_in
 from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
-from emgface.recordings.readers._tables import EmgTable, load_table
+from emgface.recordings.readers._table_models import EmgTable
+from emgface.recordings.readers._tables import load_table
 from emgface.schema.units import DIVISORS
 
 TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")
@@ -35,36 +35,6 @@ _TIME: Final = re.compile(
 )
 _COORDINATE: Final = re.compile(r"[_.: ][xyzXYZ]$")
 _INDEX: Final = re.compile(r"(sample|samples|index|frame|nr|no|#|n)\b.*", re.IGNORECASE)
-
-
-@dataclass
-class Draft:
-    """Lines of a sidecar, and the entries that are guesses."""
-
-    lines: list[str] = field(default_factory=list)
-    guesses: list[str] = field(default_factory=list)
-
-    def put(
-        self, key: str, value: Any, why: str = "", *, table: str = "", sure: bool = True
-    ) -> None:
-        """Write an entry; a guess is marked and listed."""
-        mark = "" if sure else "UNCONFIRMED "
-        note = f"  # {mark}{why}" if why or mark else ""
-        self.lines.append(f"{key} = {_toml(value)}{note}".rstrip())
-        if not sure:
-            self.guesses.append(f"{table}.{key}" if table else key)
-
-    def text(self, file: str, confirmed: bool) -> str:
-        """Return the sidecar, without the list of guesses if `confirmed`."""
-        head = [f"# Sidecar of {file}, drafted by 'emgface data describe'.", 'schema = "recording"']
-        if self.guesses and not confirmed:
-            head += [
-                "# The entries listed here are guesses. Check and correct each, then delete this line;",
-                "# until then the recording is refused.",
-                f"unconfirmed = {_toml(self.guesses)}",
-            ]
-        head += ['# volunteer = "V01"', '# instruction = "A"', "# repetition = 1", ""]
-        return "\n".join([*head, *self.lines, ""])
 
 
 def describe(
@@ -164,7 +134,7 @@ def _text_table(
     names = [str(name) for name in frame.columns]
     frame.columns = names
     for name in dropped:
-        draft.lines.append(f"# The column {_toml(name)} contains text and is left out.")
+        draft.lines.append(f"# The column {toml_value(name)} contains text and is left out.")
     units = dict(zip(given.get("columns", found.labels), found.units, strict=False))
     return frame, {name: units.get(name) or unit_in(name) for name in names}
 
@@ -246,13 +216,15 @@ def _emg(
         if _axis(name, frame) is not None:
             continue
         if _COORDINATE.search(name):
-            draft.lines.append(f"# {_toml(name)} = {_toml(name)}  # a coordinate, no three axes")
+            draft.lines.append(
+                f"# {toml_value(name)} = {toml_value(name)}  # a coordinate, no three axes"
+            )
             continue
         signal = signal_of(name, frame[name].to_numpy() / scale, rate or float("nan"))
         mark, note = (
             ("", "") if signal.kind == "EMG" else ("# ", f"  # {signal.kind}: {signal.reason}")
         )
-        draft.lines.append(f"{mark}{_toml(name)} = {_toml(name)}{note}")
+        draft.lines.append(f"{mark}{toml_value(name)} = {toml_value(name)}{note}")
 
 
 def _positions(draft: Draft, frame: pd.DataFrame) -> None:
@@ -294,10 +266,3 @@ def _fast(values: np.ndarray) -> float:
     """Standard deviation of the differences of a signal, independent of offset and drift."""
     step = np.diff(values[np.isfinite(values)])
     return float(np.std(step) / np.sqrt(2.0)) if step.size else 0.0
-
-
-def _toml(value: Any) -> str:
-    """Return a value in TOML."""
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(value, ensure_ascii=False)

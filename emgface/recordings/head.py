@@ -56,11 +56,10 @@ def in_head_frame(
 
     Raises
     ------
-    MarkerError
-        A marker is missing, a lip marker is never visible or lost for longer than `max_gap`, or a frame
-        other than at the ends lacks three face markers that are not collinear.
-    UnitsError, SignalError
-        Positions are not in metres, or the frames are not uniformly spaced.
+    MarkerError, UnitsError, SignalError
+        A marker is missing, a lip marker is never visible or lost for longer than `max_gap`, a frame
+        other than at the ends lacks three face markers that are not collinear, positions are not in
+        metres, or the frames are not uniformly spaced.
     """
     position = _checked(recording_position)
     time = np.asarray(position["time_marker"], dtype=float)
@@ -91,8 +90,7 @@ def in_head_frame(
     distance = distance[np.isfinite(distance)]
     bridged = _bridge(moved, names, time, rate, parameters.max_gap)
     result = position.copy(data=moved.transpose(1, 2, 0))
-    throughout = np.all(present, axis=0).tolist()
-    left_out = [n for n, seen in zip(FACE_MARKERS, throughout, strict=True) if not seen]
+    left_out = np.array(FACE_MARKERS)[~present.all(axis=0)]
     result.attrs |= {
         "units": "m",
         "head_reference": described,

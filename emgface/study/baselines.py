@@ -126,7 +126,7 @@ def _recorded(
 def _parameters(laboratory: Laboratory) -> dict[str, Any]:
     return {
         "alignment": laboratory.study.alignment.model_dump(mode="json"),
-        **laboratory.study.score.model_dump(include={"smallest_motion", "smallest_snr"}),
+        **laboratory.limits,
         "head_frame": laboratory.study.signals.head_frame.model_dump(mode="json"),
     }
 

@@ -120,7 +120,6 @@ def run_study(
     made = variants(study)
     observer.begin(len(trials) * len(made))
     store = Store(out / "store", report=observer.message)
-    log = _TimesLog(out / "times.jsonl")
     cubes: dict[tuple[Label, ...], xr.Dataset] = {}
     reference: Laboratory | None = None
     muted: set[str] = set()
@@ -139,7 +138,7 @@ def run_study(
             )
             muted |= laboratory.muted
     finally:
-        log.write(store.events)
+        _log_times(out / "times.jsonl", store.events)
     if muted:
         observer.message(
             f"In {len(muted)} of {len(intake.recordings)} recordings the feature of at least "
@@ -147,15 +146,8 @@ def run_study(
             f"'warnings' of the results in {store.folder / 'activation'} ."
         )
     assert reference is not None, "a study has at least one variant"
-    cube = cubes[made[0].labels]
-    if study.axis:
-        cube = combine_cubes(cubes, {axis.dim: axis.labels() for axis in study.axis})
-        for axis in study.axis:
-            units = "1" if cube[axis.dim].dtype.kind == "f" else ""
-            cube[axis.dim].attrs = {"units": units} if units else {}
-            cube[axis.dim].attrs["parameters"] = ", ".join(axis.parameters)
     cube = described(
-        cube,
+        _combined(study, cubes) if study.axis else cubes[made[0].labels],
         name=study.name,
         face={
             "name": str(reference.face.attrs["name"]),
@@ -168,6 +160,16 @@ def run_study(
     )
     path = write_netcdf(cube, out / "cube.nc", "cube")
     return StudyResult(cube, path, store.events, dict(intake.unreadable))
+
+
+def _combined(study: StudyConfiguration, cubes: dict[tuple[Label, ...], xr.Dataset]) -> xr.Dataset:
+    """Combine the cubes of all variants along the axes of a study."""
+    cube = combine_cubes(cubes, {axis.dim: axis.labels() for axis in study.axis})
+    for axis in study.axis:
+        numeric = cube[axis.dim].dtype.kind == "f"
+        cube[axis.dim].attrs = {"units": "1"} if numeric else {}
+        cube[axis.dim].attrs["parameters"] = ", ".join(axis.parameters)
+    return cube
 
 
 def _run_trials(
@@ -285,19 +287,13 @@ def _origin(intake: Intake) -> Origin:
     return "simulated" if intake.origin == "simulated" else "measured"
 
 
-class _TimesLog:
-    """Log of computed results: one JSON object per line, extended by every run."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def write(self, events: Iterable[Event]) -> None:
-        """Add the events of this run."""
-        now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        old = self._path.read_text() if self._path.exists() else ""
-        lines = (
-            json.dumps({"run_ended": now, **asdict(event), "seconds": round(event.seconds, 4)})
-            for event in events
-            if event.outcome != "reused"
-        )
-        write_text(old + "".join(f"{line}\n" for line in lines), self._path)
+def _log_times(path: Path, events: Iterable[Event]) -> None:
+    """Add the results computed in this run to the log, one JSON object per line."""
+    now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    lines = (
+        json.dumps({"run_ended": now, **asdict(event), "seconds": round(event.seconds, 4)})
+        for event in events
+        if event.outcome != "reused"
+    )
+    old = path.read_text() if path.exists() else ""
+    write_text(old + "".join(f"{line}\n" for line in lines), path)

@@ -99,11 +99,12 @@ class Laboratory:
     face: xr.Dataset
     study: StudyConfiguration
     report: Callable[[str], None]
-    face_digest: str = field(init=False)
     muted: set[str] = field(default_factory=set)
 
-    def __post_init__(self) -> None:  # noqa: D105
-        self.face_digest = dataset_digest(self.face)
+    @cached_property
+    def face_digest(self) -> str:
+        """Digest of the face."""
+        return dataset_digest(self.face)
 
     @cached_property
     def skin(self) -> SkinMotions:
@@ -117,8 +118,12 @@ class Laboratory:
     @property
     def alignment(self) -> dict[str, Any]:
         """Options of `analysis.align.align`, equal for all motions compared with a recording."""
-        limits = self.study.score.model_dump(include={"smallest_motion", "smallest_snr"})
-        return {**self.study.alignment.arguments(), **limits}
+        return {**self.study.alignment.arguments(), **self.limits}
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Least motion and signal-to-noise ratio of a marker with a score."""
+        return self.study.score.model_dump(include={"smallest_motion", "smallest_snr"})
 
     def lowered(self, sigma_max: float) -> "Laboratory":
         """Return the same laboratory with another initial sigma_max [Pa]."""
@@ -149,17 +154,16 @@ class Laboratory:
         Raises errors as `emgface.signals.activation.activation_of`.
         """
         chain = self.study.signals
-        label = f"{recording.label} {strategy}"
+        inputs, label = {"recording": recording.digest}, f"{recording.label} {strategy}"
         if strategy == TRUE_STRATEGY:
             parameters = chain.model_dump(mode="json", include={"resampling"})
             return self.store.get_or_compute(
                 ACTIVATION,
-                {"recording": recording.digest},
+                inputs,
                 {"trial_strategy": strategy, **parameters},
                 lambda: true_activation_of(recording.dataset, chain.resampling),
                 label=label,
             )
-        inputs = {"recording": recording.digest}
         over = None
         if extent is not None:
             inputs["range"], over = extent.digest, extent.dataset
@@ -247,15 +251,11 @@ class Laboratory:
         head = self.study.signals.head_frame
         return self.store.get_or_compute(
             ALIGNED,
-            {
-                "recording": recording.digest,
-                "motion": motion.digest,
-                "face": self.face_digest,
-            },
+            {"recording": recording.digest, "motion": motion.digest, "face": self.face_digest},
             {
                 "alignment": choices.model_dump(mode="json"),
                 "head_frame": head.model_dump(mode="json"),
-                **self.study.score.model_dump(include={"smallest_motion", "smallest_snr"}),
+                **self.limits,
             },
             lambda: align(
                 measured_during(recording.dataset, motion.dataset, self.face, head),
@@ -267,12 +267,12 @@ class Laboratory:
 
     def scores(self, aligned: Result, motion: Result, label: str) -> Result:
         """Return the scores of a trial."""
-        choices = self.study.score
+        choices = self.study.score.model_dump
         return self.store.get_or_compute(
             SCORES,
             {"aligned": aligned.digest, "motion": motion.digest},
-            choices.model_dump(mode="json"),
-            lambda: score(aligned.dataset, motion.dataset, **choices.model_dump()),
+            choices(mode="json"),
+            lambda: score(aligned.dataset, motion.dataset, **choices()),
             label=label,
         )
 

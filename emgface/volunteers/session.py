@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -79,14 +80,13 @@ def amplifier_noise(
     if snr is None:
         return np.full(len(CHANNELS), settings.noise_factor * person.baseline_noise)
     clean = [
-        synthesise_emg(
+        _emg(
+            person,
+            settings,
             trial_excitation(person, instruction, 1, settings),
-            gain=[settings.world.amplitude * person.gain[channel] for channel in CHANNELS],
-            cross_talk=person.cross_talk if settings.cross_talk is None else settings.cross_talk,
+            rng=np.random.default_rng([person.seed, person.index, 40, run, k]),
             baseline_noise=0.0,
             mains_hum=0.0,
-            rng=np.random.default_rng([person.seed, person.index, 40, run, k]),
-            sampling_rate=settings.sampling_rate,
             pools=pools,
             conduction=conduction,
         ).values
@@ -99,6 +99,23 @@ def amplifier_noise(
         mains_hum=person.mains_hum,
         sampling_rate=settings.sampling_rate,
         runs=_RUNS,
+    )
+
+
+def _emg(
+    person: SimulatedVolunteer,
+    settings: VolunteerParameters,
+    excitation: xr.DataArray,
+    **options: Any,
+) -> xr.DataArray:
+    """EMG of a person; `options` are further arguments of `synthesise_emg`."""
+    return synthesise_emg(
+        excitation,
+        gain=[settings.world.amplitude * person.gain[channel] for channel in CHANNELS],
+        cross_talk=person.cross_talk if settings.cross_talk is None else settings.cross_talk,
+        sampling_rate=settings.sampling_rate,
+        mains_frequency=settings.mains_frequency,
+        **options,
     )
 
 
@@ -175,32 +192,19 @@ def simulate_session(
     if noise is None:
         noise = amplifier_noise(person, settings, pools=pools, conduction=conduction)
     emg_rng, wrong_rng, head_rng, camera_rng = person.rng(instruction, 0).spawn(4)
-    clean = synthesise_emg(
+    clean = _emg(
+        person,
+        settings,
         excitation,
-        gain=[settings.world.amplitude * person.gain[channel] for channel in CHANNELS],
-        cross_talk=person.cross_talk if settings.cross_talk is None else settings.cross_talk,
+        rng=emg_rng,
         baseline_noise=noise,
         mains_hum=person.mains_hum,
-        rng=emg_rng,
-        sampling_rate=settings.sampling_rate,
-        mains_frequency=settings.mains_frequency,
         pools=pools,
         conduction=conduction,
     )
     emg, failures = _disturbed(clean, onsets, end, settings, wrong_rng)
-    filmed = settings.cameras == "three"
-    position = record_markers(
-        _joined_motion(motions, onsets, end),
-        face_marker_position,
-        noise=0.0 if filmed else person.marker_noise,
-        rotation=person.head_rotation,
-        shift=person.head_shift,
-        rng=head_rng,
-        frame_rate=settings.frame_rate,
-    )
-    if filmed:
-        position = film(position, pixel_noise=settings.pixel_noise, rng=camera_rng)
-    position = occlude(position, rate=settings.occlusions, rng=camera_rng)
+    lips = _joined_motion(motions, onsets, end)
+    position = _tracks(person, settings, lips, face_marker_position, head_rng, camera_rng)
     return xr.Dataset(
         {
             "emg": emg,
@@ -213,8 +217,7 @@ def simulate_session(
             "instruction": instruction,
             "origin": "simulated",
             "world": settings.world.label,
-            "source": f"simulated volunteer {person.name}, seed {person.seed}, "
-            f"{settings.world.label}",
+            "source": f"simulated volunteer {person.name}, seed {person.seed}, {settings.world.label}",
             "mismatch": json.dumps(
                 draw_mismatch(person.seed, person.index, settings.world).as_parameters()
             ),
@@ -224,6 +227,30 @@ def simulate_session(
             "settings": settings.model_dump_json(),
         },
     )
+
+
+def _tracks(
+    person: SimulatedVolunteer,
+    settings: VolunteerParameters,
+    lips: xr.DataArray,
+    face_markers: xr.DataArray,
+    head_rng: np.random.Generator,
+    camera_rng: np.random.Generator,
+) -> xr.DataArray:
+    """Marker tracks with head motion, noise of the cameras and losses."""
+    filmed = settings.cameras == "three"
+    position = record_markers(
+        lips,
+        face_markers,
+        noise=0.0 if filmed else person.marker_noise,
+        rotation=person.head_rotation,
+        shift=person.head_shift,
+        rng=head_rng,
+        frame_rate=settings.frame_rate,
+    )
+    if filmed:
+        position = film(position, pixel_noise=settings.pixel_noise, rng=camera_rng)
+    return occlude(position, rate=settings.occlusions, rng=camera_rng)
 
 
 def _disturbed(

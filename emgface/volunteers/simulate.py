@@ -8,22 +8,19 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import ConfigurationError
-from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import volunteer_face
 from emgface.face.template.grid import LAYERS, make_grid
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
-from emgface.study.digest import dataset_digest
-from emgface.study.mechanics import MECHANICS
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import in_processes
-from emgface.study.policy import lower_sigma_max
-from emgface.study.store import Stage, Store
+from emgface.study.store import Store
 from emgface.volunteers.conduction import Conduction, face_conduction
 from emgface.volunteers.emg import Pools, draw_pools
 from emgface.volunteers.mismatch import Mismatch, draw_mismatch, world_parameters
+from emgface.volunteers.motions import Mover
 from emgface.volunteers.person import (
     SimulatedVolunteer,
     draw_volunteer,
@@ -39,9 +36,6 @@ from emgface.volunteers.session import (
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.write import write_session
 from sim.threads import one_blas_thread
-
-REST = Stage("volunteer_rest", MECHANICS)
-MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.study.policy"))
 
 
 @one_blas_thread
@@ -117,6 +111,14 @@ def make_volunteers(
     # Volunteers vary fastest, so that every process begins with the rest state of another face.
     jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
     observer.begin(len(jobs))
+    written = _recorded(setup, jobs, workers, observer)
+    return [path for job in sorted(jobs) for path in written[job]]
+
+
+def _recorded(
+    setup: "_Setup", jobs: list["_Place"], workers: int, observer: Observer
+) -> dict["_Place", list[Path]]:
+    """Record all sessions, in this process or in several."""
     written: dict[_Place, list[Path]] = {}
     if workers == 1:
         recorder = _Recorder(setup, observer)
@@ -131,7 +133,7 @@ def make_volunteers(
             for text in messages:
                 observer.message(text)
             observer.finished("S{:02d} {}".format(*jobs[k]), "ok")
-    return [path for job in sorted(jobs) for path in written[job]]
+    return written
 
 
 def other_resolution(resolution: str | int, factor: float) -> str | int:
@@ -164,7 +166,7 @@ class _Subject:
     """Person with an individual face and motor units."""
 
     person: SimulatedVolunteer
-    mover: "_Mover"
+    mover: Mover
     mismatch: Mismatch
     pools: Pools | None
     conduction: Conduction | None
@@ -244,7 +246,7 @@ class _Recorder:
             noise = amplifier_noise(person, settings, pools=pools, conduction=conduction)
             parameters = person_parameters(person, setup.parameters)
             parameters = world_parameters(parameters, world, mismatch)
-            mover = _Mover(self._store, face, parameters, self._observer)
+            mover = Mover(self._store, face, parameters, self._observer)
             self._subjects[index] = _Subject(person, mover, mismatch, pools, conduction, noise)
         return self._subjects[index]
 
@@ -275,40 +277,3 @@ def _work(place: _Place) -> tuple[list[Path], list[str]]:
     _notes.texts.clear()
     paths = _recorder.record(place)
     return paths, list(_notes.texts)
-
-
-class _Mover:
-    """Simulator of the motions of one face, which are kept in the store."""
-
-    def __init__(
-        self, store: Store, face: xr.Dataset, parameters: SimulationParameters, observer: Observer
-    ) -> None:
-        self.face, self.parameters = face, parameters
-        self._store, self._observer, self._digest = store, observer, dataset_digest(face)
-
-    def rest(self, parameters: SimulationParameters) -> xr.Dataset:
-        """Return the face at its equilibrium under gravity."""
-        return self._store.get_or_compute(
-            REST,
-            {"face": self._digest},
-            parameters.model_dump(mode="json", exclude=set(NOT_OF_REST)),
-            lambda: settle_face(self.face, parameters),
-            label="rest",
-        ).dataset
-
-    def motion(self, activation: xr.DataArray, label: str) -> xr.Dataset:
-        """Return the motion of the lip markers under an activation."""
-
-        def once(parameters: SimulationParameters) -> xr.Dataset:
-            rest = self.rest(parameters)
-            return simulate_face(self.face, activation, parameters, settled=rest)
-
-        def compute() -> xr.Dataset:
-            return lower_sigma_max(once, self.parameters, report=self._observer.message)
-
-        inputs = {
-            "face": self._digest,
-            "activation": dataset_digest(activation.to_dataset(name="activation")),
-        }
-        parameters = self.parameters.model_dump(mode="json")
-        return self._store.get_or_compute(MOTION, inputs, parameters, compute, label=label).dataset

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from emgface.choices import configure
 from emgface.cli import app
 from emgface.recordings.labels import LabelMap
-from emgface.recordings.readers._tables import EmgTable, PositionTable
+from emgface.recordings.readers._table_models import EmgTable, PositionTable
 from emgface.recordings.readers.csv_toml import Sidecar
 from emgface.study.configuration import StudyConfiguration
 from tests.study.recordings import recording_of

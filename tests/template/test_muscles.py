@@ -11,8 +11,9 @@ from emgface.face.parts import OUTER, elements_of, fibres_of
 from emgface.face.quality import element_centres
 from emgface.face.template import Measures, muscles, template_face
 from emgface.face.template.calibrate import calibrated_surfaces
+from emgface.face.template.courses import MODIOLUS, courses
 from emgface.face.template.grid import make_grid
-from emgface.face.template.muscles import MODIOLUS, RINGS, courses
+from emgface.face.template.muscles import RINGS
 from emgface.face.template.outline import PERIORAL, VERMILION
 from emgface.muscles import MODELLED, SIDES
 

@@ -1,6 +1,5 @@
 """Write recordings to a BIDS dataset: EMG as BDF, markers as motion.tsv, and their tables."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
@@ -10,7 +9,6 @@ from typing import Any, Final
 
 import edfio
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from analysis.tables import origin_of
@@ -27,7 +25,7 @@ from emgface.recordings.bids.rules import (
     PARTICIPANT_COLUMNS,
     SCAN_COLUMNS,
 )
-from emgface.recordings.bids.sidecars import read_tsv
+from emgface.recordings.bids.tables import complete_table, write_json, write_table
 from emgface.recordings.labels import note
 from emgface.schema.validation import validate
 from emgface.signals.filters import check_gaps, sampling_rate
@@ -117,8 +115,8 @@ def write_bids(
         (path.relative_to(folder).as_posix(), _instant(start - first))
         for path, start in zip(written, starts, strict=True)
     ]
-    _complete(folder / f"sub-{given['sub']}_scans.tsv", SCAN_COLUMNS, scans)
-    _complete(root / "participants.tsv", PARTICIPANT_COLUMNS, [(f"sub-{given['sub']}",)])
+    complete_table(folder / f"sub-{given['sub']}_scans.tsv", SCAN_COLUMNS, scans)
+    complete_table(root / "participants.tsv", PARTICIPANT_COLUMNS, [(f"sub-{given['sub']}",)])
     return written
 
 
@@ -198,10 +196,10 @@ def _write_emg(
             for row, link in zip(rows, links, strict=True)
         ]
         columns = (*columns, *LINKS[:2])
-    _table(path.with_name(file_name(given, "channels.tsv")), columns, rows)
+    write_table(path.with_name(file_name(given, "channels.tsv")), columns, rows)
     told = {**_DEFAULTS, **_common(recording, rate, n)}
     told |= {"RecordingType": "continuous", "EMGChannelCount": len(labels), **further}
-    _json(path.with_suffix(".json"), told)
+    write_json(path.with_suffix(".json"), told)
 
 
 def _write_electrodes(
@@ -213,8 +211,8 @@ def _write_electrodes(
     if places:
         subject = {"sub": given["sub"]}
         columns = (*ELECTRODE_COLUMNS, "z", "coordinate_system")
-        _table(folder / file_name(subject, "electrodes.tsv"), columns, places)
-        _json(
+        write_table(folder / file_name(subject, "electrodes.tsv"), columns, places)
+        write_json(
             folder / file_name(subject, "coordsystem.json"),
             {"EMGCoordinateSystem": "Other", "EMGCoordinateUnits": "n/a", **system},
         )
@@ -232,9 +230,9 @@ def _write_motion(
     markers = [str(m) for m in position["marker"].values]
     values = position.values.reshape(-1, position.sizes["time_marker"]).T
     lines = ("\t".join("n/a" if math.isnan(v) else repr(v) for v in row) for row in values.tolist())
-    _text(path, "\n".join(lines) + "\n")
+    write_text(path, "\n".join(lines) + "\n")
     rows = [(f"{m}_{axis}", axis, "POS", m, "m") for m in markers for axis in AXES]
-    _table(path.with_name(file_name(given, "channels.tsv")), MOTION_COLUMNS, rows)
+    write_table(path.with_name(file_name(given, "channels.tsv")), MOTION_COLUMNS, rows)
     told = _common(recording, rate, position.sizes["time_marker"])
     told |= {
         "TrackingSystemName": TRACKING,
@@ -244,7 +242,7 @@ def _write_motion(
         "MissingValues": "n/a",
         **further,
     }
-    _json(path.with_suffix(".json"), told)
+    write_json(path.with_suffix(".json"), told)
 
 
 def _rate(time: np.ndarray) -> float:
@@ -284,41 +282,13 @@ def _begin(root: Path, name: str, recording: xr.Dataset) -> None:
             "DatasetType": "raw",
             "GeneratedBy": [{"Name": "emgface"}],
         }
-        _json(description, told)
+        write_json(description, told)
     readme = root / "README.md"
     if not readme.is_file():
         kind = "Simulated" if simulated else "Measured"
         world = str(recording.attrs.get("world", ""))
-        _text(
+        write_text(
             readme,
             f"# {name}\n\n{kind} surface EMG and marker positions, one run per trial"
             f"{', ' + world if world else ''}.\n",
         )
-
-
-def _complete(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
-    """Add rows to a table, replacing those with the same first cell, and sort by this cell."""
-    held: dict[str, tuple[str, ...]] = {}
-    names = list(columns)
-    if path.is_file():
-        table = read_tsv(path)
-        names = [str(column) for column in table.columns]
-        held = {str(row[0]): tuple(map(str, row)) for row in table.itertuples(index=False)}
-    for row in rows:
-        new = dict(zip(columns, row, strict=True))
-        old = dict(zip(names, held.get(row[0], ()), strict=False))
-        held[row[0]] = tuple(new.get(column, old.get(column, "n/a")) for column in names)
-    _table(path, names, [held[key] for key in sorted(held)])
-
-
-def _table(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
-    frame = pd.DataFrame(list(rows), columns=list(columns))
-    _text(path, frame.to_csv(sep="\t", index=False, lineterminator="\n"))
-
-
-def _json(path: Path, content: Mapping[str, Any]) -> None:
-    _text(path, json.dumps(dict(content), indent=2, ensure_ascii=False) + "\n")
-
-
-def _text(path: Path, text: str) -> None:
-    write_text(path, text)

@@ -43,7 +43,8 @@ from emgface.choices import Parameters, configure
 from emgface.errors import DataError, listed
 from emgface.recordings.labels import LabelMap, apply_labels, read_toml
 from emgface.recordings.readers._build import assemble, emg_array, position_array, unique_labels
-from emgface.recordings.readers._tables import EmgTable, PositionTable, by_marker, load_table
+from emgface.recordings.readers._table_models import EmgTable, PositionTable
+from emgface.recordings.readers._tables import by_marker, load_table
 
 SUFFIXES = (".toml",)
 FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"

@@ -1,0 +1,51 @@
+"""Motions of the face of a simulated volunteer, kept in a store."""
+
+import xarray as xr
+
+from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.study.digest import dataset_digest
+from emgface.study.mechanics import MECHANICS
+from emgface.study.observer import Observer
+from emgface.study.policy import lower_sigma_max
+from emgface.study.store import Stage, Store
+
+REST = Stage("volunteer_rest", MECHANICS)
+MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.study.policy"))
+
+
+class Mover:
+    """Simulator of the motions of one face, which are stored."""
+
+    def __init__(
+        self, store: Store, face: xr.Dataset, parameters: SimulationParameters, observer: Observer
+    ) -> None:
+        self.face, self.parameters = face, parameters
+        self._store, self._observer, self._digest = store, observer, dataset_digest(face)
+
+    def rest(self, parameters: SimulationParameters) -> xr.Dataset:
+        """Return the face at its equilibrium under gravity."""
+        return self._store.get_or_compute(
+            REST,
+            {"face": self._digest},
+            parameters.model_dump(mode="json", exclude=set(NOT_OF_REST)),
+            lambda: settle_face(self.face, parameters),
+            label="rest",
+        ).dataset
+
+    def motion(self, activation: xr.DataArray, label: str) -> xr.Dataset:
+        """Return the motion of the lip markers under an activation."""
+
+        def once(parameters: SimulationParameters) -> xr.Dataset:
+            rest = self.rest(parameters)
+            return simulate_face(self.face, activation, parameters, settled=rest)
+
+        def compute() -> xr.Dataset:
+            return lower_sigma_max(once, self.parameters, report=self._observer.message)
+
+        inputs = {
+            "face": self._digest,
+            "activation": dataset_digest(activation.to_dataset(name="activation")),
+        }
+        parameters = self.parameters.model_dump(mode="json")
+        return self._store.get_or_compute(MOTION, inputs, parameters, compute, label=label).dataset
