@@ -17,8 +17,6 @@ from emgface.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     import xarray as xr
 
     from emgface.study.exclusions import Exclusion
@@ -30,8 +28,6 @@ FORMATS = (
     "BrainVision (.vhdr), XDF (.xdf), BIDS motion (_motion.tsv)"
     ", and the TOML sidecar (.toml) of a CSV, MATLAB or HDF5 file"
 )
-COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
-           "reason")  # fmt: skip
 
 
 class Side(StrEnum):
@@ -73,88 +69,51 @@ def check(
     """
     import pandas as pd
 
-    from analysis.tables import origin_of
+    from emgface.cli.checked import Checked, checked
     from emgface.cli.pages import overview_pages
-    from emgface.errors import DataError, EmgfaceError
+    from emgface.errors import EmgfaceError
     from emgface.files import refuse_existing, write_text
-    from emgface.recordings.check import check_recording, problems
     from emgface.recordings.dataset import find_recordings, read_recordings
-    from emgface.schema.rules import one_line
     from emgface.signals.parameters import SignalChain
-    from emgface.study.exclusions import exclusions_text
-    from emgface.study.readiness import refusals
+    from emgface.study.exclusions import Exclusion, exclusions_text
 
     refuse_existing(exclude)
     chain = chain_with(SignalChain(), missing_side=missing_side, missing_muscle=missing_muscle)
     n_files = 0
     if page is not None:
         n_files = sum(len(find_recordings(path)) if path.is_dir() else 1 for path in paths)
-    n_bad = n_all = n_read = n_whole = 0
-    excluded: list[Exclusion] = []
-    tables: list[pd.DataFrame] = []
+    n_all, n_read = 0, 0
+    done, excluded = list[Checked](), list[Exclusion]()
     with overview_pages(page, n_files) as add_page:
         for file, recording in read_recordings(*paths, mapping=mapping):
             n_all += 1
-            if isinstance(recording, EmgfaceError):
-                fail(recording)
-                n_bad += 1
-                continue
-            n_read += 1
             try:
-                report = check_recording(recording, study=study)
-                refused = refusals(recording, chain)
-                if channels:
-                    names = report.loc[report["kind"] == "channel", "name"].astype(str)
-                    report = report[report["name"].isin(_containing(channels, names, file.name))]
+                if isinstance(recording, EmgfaceError):
+                    raise recording
+                n_read += 1
+                found = checked(file.name, recording, chain, study, channels)
             except EmgfaceError as error:
                 fail(error)
-                n_bad += 1
                 continue
-            except Exception as error:  # an invalid file must not stop the check of the others
-                fail(DataError(f"{file.name} could not be examined ({one_line(error)})."))
-                n_bad += 1
-                continue
-            add_page(recording, report)
-            if out.is_terminal:
-                title = f"{file.name} ({origin_of(recording)})"
-                show_table(frame(report[list(COLUMNS)]), title)
-            else:
-                tables.append(report.assign(origin=origin_of(recording)))
-                tables[-1].insert(0, "file", file.name)
-            bad = problems(report)
-            n_bad += bool(bad)
-            n_whole += not refused
-            for sentence in bad:
-                say(f"{file.name}: {sentence}")
-            for step, reason in refused.items():
-                say(f"{file.name}: 'emgface {step}' would refuse it: {reason.rstrip('.')}.")
-            if bad and exclude is not None:
-                excluded += _exclusion(recording, bad, file.name)
-    if tables:
-        typer.echo(pd.concat(tables, ignore_index=True).to_csv(index=False), nl=False)
+            done.append(found)
+            add_page(recording, found.report)
+            found.show()
+            if found.bad and exclude is not None:
+                excluded += _exclusion(recording, found.bad, file.name)
+    if done and not out.is_terminal:
+        tables = pd.concat([found.labelled() for found in done], ignore_index=True)
+        typer.echo(tables.to_csv(index=False), nl=False)
+    n_good = sum(not found.bad for found in done)
     if n_read or n_all > 1:
         say(
-            f"{n_all - n_bad} of {n_all} recordings can be used; {n_whole} pass every later step "
-            "(activate, score, study run, convert)."
+            f"{n_good} of {n_all} recordings can be used; {sum(not f.refused for f in done)} pass "
+            "every later step (activate, score, study run, convert)."
         )
     if exclude is not None:
         write_text(exclude, exclusions_text(excluded))
         say(f"Wrote {exclude}: {len(excluded)} trials; check it before using it in a study.")
-    if n_bad:
+    if n_good < n_all:
         raise typer.Exit(BAD_INPUT)
-
-
-def _containing(text: str, names: "Iterable[str]", file: str) -> list[str]:
-    """Channels whose name contains a text, in any case; DataError if there is none."""
-    from emgface.errors import DataError
-
-    held = list(names)
-    chosen = [name for name in held if text.lower() in name.lower()]
-    if held and not chosen:
-        raise DataError(
-            f"no channel of {file} contains {text!r}, expected part of one of {', '.join(held)}"
-        )
-    return chosen
 
 
 def _exclusion(recording: "xr.Dataset", bad: list[str], name: str) -> "list[Exclusion]":
@@ -193,6 +152,7 @@ def features(
 ) -> None:
     """Show the power in the pass-band and the range of the feature of every channel."""
     from analysis.tables import origin_of
+    from emgface.cli.checked import containing
     from emgface.recordings.channels import channel_report
     from emgface.recordings.dataset import read_recording
     from emgface.signals.parameters import SignalChain
@@ -201,7 +161,7 @@ def features(
     chain = chain_with(SignalChain() if study is None else load_study(study).signals, band=band)
     recording = read_recording(path, mapping=mapping)
     names = [str(name) for name in recording["channel"].values] if "emg" in recording else []
-    chosen = _containing(channels, names, path.name)
+    chosen = containing(channels, names, path.name)
     report = channel_report(recording.sel(channel=chosen) if names else recording, chain)
     rows = report.reset_index()
     rows["rms"] *= 1e6

@@ -76,37 +76,24 @@ def import_artisynth(
 ) -> xr.Dataset:
     """Read the reference face as a face_model, with the origin "published geometry, imported".
 
-    Directions interpolate the segments of both sides together, as in the published simulator.
+    `folder` is a checkout of `artisynth_models`, its `refmodel` folder, or a folder (or the parent
+    of a folder `face_reference`) with copies of the files. Elements belong to a muscle if their
+    centre is nearer than `radius` [m] to its fibres: 5 mm in Eskes et al. 2017, 3 mm in the
+    demonstration distributed with the model. Directions interpolate the segments of both sides
+    together, as in the published simulator.
 
-    Parameters
-    ----------
-    folder : path-like
-        A checkout of `artisynth_models`, its `refmodel` folder, or a folder (or the parent of a
-        folder `face_reference`) with copies of the files.
-    radius : float
-        Distance [m] from a muscle's fibres below which the centre of an element belongs to it;
-        5 mm in Eskes et al. 2017, 3 mm in the demonstration distributed with the model.
-    oop : {"oldoop", "active", "block", "radius"}
-        Elements of orbicularis oris peripheralis: the manual set of 322 of the demonstration,
-        the 408 activated in ANSYS, the full block of 420, or by radius.
-    oom : {"active", "radius"}
-        Elements of orbicularis oris marginalis: the manual set (466 after mirroring) or by
-        radius. Manual sets are split into left and right by the x of the element centre.
-    lao_fibres : {"both", "lateral"}
-        Both fibres of levator anguli oris, or the lateral one only, as in a later grouping.
-    marker_ring_offset : int
-        Number of rings of skin nodes by which the proposed lip markers are moved away from the mouth
-        opening (negative: towards it), to measure the influence of their choice.
-    bones : {"whole", "patch"}
-        Closed shells of teeth and alveolar processes, or their open parts opposite the lips. Shells
-        and surfaces of the lips, required by contact, are read if their files are present.
+    The elements of orbicularis oris peripheralis (`oop`) are the manual set of 322 of the
+    demonstration ("oldoop"), the 408 activated in ANSYS ("active"), the full block of 420
+    ("block"), or by radius ("radius"); those of orbicularis oris marginalis (`oom`) the manual set
+    of 466 after mirroring ("active"), or by radius. Manual sets are split into left and right by
+    the x of the element centre. `lao_fibres` includes "both" fibres of levator anguli oris, or the
+    "lateral" one only, as in a later grouping. `marker_ring_offset` moves the proposed lip markers
+    by rings of skin nodes away from the mouth opening, to measure the influence of their choice.
+    `bones` are "whole" shells of teeth and alveolar processes, or the open "patch" opposite the
+    lips; shells and surfaces of the lips, required by contact, are read if their files are present.
 
-    Raises
-    ------
-    FaceError
-        A file is absent (the message states the folders searched), damaged, or inconsistent with the
-        others; or the face fails `emgface.face.validity.check_face`.
-
+    Raises FaceError if a file is absent (with the folders searched), damaged, or inconsistent with
+    the others, an option is unknown, or the face fails `emgface.face.validity.check_face`.
     """
     for option, value, known in (
         ("oop", oop, OopChoice),

@@ -43,36 +43,18 @@ def build_face(
 ) -> xr.Dataset:
     """Assemble a face_model Dataset and check it; errors as of `check_face`.
 
-    Parameters
-    ----------
-    position : ndarray, shape (nodes, 3)
-        Rest positions [m] in the frame x right, y anterior, z superior.
-    connectivity : ndarray of int, shape (elements, 8)
-        0-based, VTK order; a wedge ends in -1, -1.
-    layer : ndarray of int, shape (elements,)
-        0 inner, 1 centre, 2 outer.
-    fixed : ndarray of int, shape (nodes,)
-        0 free, 1 fixed to the mandible, 2 to the skull.
-    fibres, bundles : sequence
-        Muscle fibres, and one bundle per muscle of `emgface.muscles.MUSCLES`.
-    marker_node : ndarray of int, shape (10,)
-        Node of each of `emgface.muscles.LIP_MARKERS`.
-    face_marker_position : ndarray, shape (6, 3)
-        Rigid points [m] of `emgface.muscles.FACE_MARKERS`.
-    lip_opening_node : ndarray of int, shape (2,)
-        Midline node of the upper and of the lower lip margin.
-    name, origin, source : str
-        Name, kind of origin and source of the face.
-    node_id, element_id : ndarray of int, optional
-        Ids in the source; default: counted from 1.
-    facets : mapping, optional
-        Nodes (facets, 4), outward, of named parts of the boundary, such as the inner surface of a lip.
-    arches : sequence of Arch
-        Rigid surfaces that the tissue may touch.
-    lips : mapping, optional
-        Nodes (m, 3) of the outward triangles of the closed surface of each lip, "upper" and "lower".
-    attrs : mapping, optional
-        Further attributes, such as the options of an import.
+    `position` (nodes, 3) [m] are at rest in the frame x right, y anterior, z superior.
+    `connectivity` (elements, 8) is 0-based in VTK order; a wedge ends in -1, -1. `layer`
+    (elements,) is 0 inner, 1 centre, 2 outer; `fixed` (nodes,) is 0 free, 1 fixed to the mandible,
+    2 to the skull. There is one of the `bundles` per muscle of `emgface.muscles.MUSCLES`.
+    `marker_node` (10,) are the nodes of `LIP_MARKERS`, `face_marker_position` (6, 3) [m] the rigid
+    points of `FACE_MARKERS`, and `lip_opening_node` (2,) the midline nodes of the upper and the
+    lower lip margin. `name`, `origin` and `source` describe the face.
+
+    `node_id` and `element_id` are ids in the source (default: counted from 1). `facets` are nodes
+    (facets, 4), outward, of named parts of the boundary; `arches` rigid surfaces that the tissue
+    may touch; `lips` nodes (m, 3) of the outward triangles of the closed surface of each lip,
+    "upper" and "lower"; `attrs` further attributes, such as the options of an import.
     """
     node_id = np.arange(1, len(position) + 1) if node_id is None else node_id
     element_id = np.arange(1, len(connectivity) + 1) if element_id is None else element_id

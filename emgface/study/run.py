@@ -86,28 +86,11 @@ def run_study(
 ) -> StudyResult:
     """Run a study, computing only results that are not stored.
 
-    Parameters
-    ----------
-    study : StudyConfiguration
-        All parameters.
-    out : Path
-        Folder of the results: ``cube.nc``, ``times.jsonl``, and the stages under ``store``.
-    workers : int
-        Number of processes that simulate; the results do not depend on it.
-    observer : Observer, optional
-        Receives messages and progress.
-
-    Raises
-    ------
-    DataError
-        No recording can be used, or the face is not valid.
-    StoreError
-        Results cannot be written.
-
-    Notes
-    -----
-    A failure of one trial is recorded with its status and reason in the cube. After an interruption
-    (KeyboardInterrupt), completed results remain stored.
+    The folder `out` receives ``cube.nc``, ``times.jsonl`` and the stages under ``store``; the
+    results do not depend on the number of processes, `workers`; `observer` receives messages and
+    progress. A failure of one trial is recorded with its status and reason in the cube. After an
+    interruption (KeyboardInterrupt), completed results remain stored. Raises DataError if no
+    recording can be used or the face is not valid, and StoreError if results cannot be written.
     """
     observer = observer or Silent()
     intake = take_in(study.recordings, study.exclude)

@@ -61,13 +61,7 @@ MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))
 ALIGNED = Stage("aligned", _ALIGNMENT)
 SCORES = Stage(
     "scores",
-    (
-        "analysis.flags",
-        "analysis.noise",
-        "analysis.scores",
-        "analysis.trajectory",
-        "analysis.typed",
-    ),
+    tuple(f"analysis.{name}" for name in ("flags", "noise", "scores", "trajectory", "typed")),
 )
 STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)
 

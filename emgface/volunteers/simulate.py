@@ -53,46 +53,21 @@ def make_volunteers(
     observer: Observer | None = None,
     store: Path | None = None,
 ) -> list[Path]:
-    """Simulate volunteers and write their recordings.
+    """Simulate `n` volunteers with `repetitions` of each instruction, and write their recordings.
 
     A session of a volunteer is one instruction, repeated, with rests before, between and after; it
-    is cut into trials. Motions are stored, so that the same call completes an interrupted set.
+    is cut into trials, which are written to ``out/recordings``: one file per trial, origin
+    "simulated", labelled with its world, with ``true_activation`` and ``true_excitation``. Motions
+    are stored, so that the same call completes an interrupted set; sets in worlds that differ only
+    in their EMG may share the folder `store` (default ``out/store``).
 
-    Parameters
-    ----------
-    face : Dataset or None
-        Face model, of which each volunteer's is a scaled copy with the same mesh and muscles in every
-        world; None draws a template face for each.
-    out : Path
-        Folder; recordings are written to ``out/recordings``.
-    n, repetitions : int
-        Number of volunteers, and of repetitions of each instruction.
-    instructions : sequence of str
-        Some of A to F.
-    seed : int
-        Seed of the whole set.
-    parameters : SimulationParameters, optional
-        Mechanics; sigma_max and tissue stiffness are replaced by the person's.
-    settings : VolunteerParameters, optional
-        Faces, sessions, electrodes and cameras.
-    workers : int
-        Number of processes; the recordings do not depend on it.
-    observer : Observer, optional
-        Receives messages and progress.
-    store : Path, optional
-        Folder of the motions, default ``out/store``; sets in worlds that differ only in their EMG may
-        share it.
+    Each volunteer's face is a scaled copy of `face`, with the same mesh and muscles in every world,
+    or a template face if it is None. sigma_max and tissue stiffness of `parameters` are replaced by
+    the person's; `settings` are those of faces, sessions, electrodes and cameras. The recordings do
+    not depend on the number of processes, `workers`; `observer` receives messages and progress.
 
-    Returns
-    -------
-    list of Path
-        One file per trial, origin "simulated", labelled with its world, with ``true_activation`` and
-        ``true_excitation``.
-
-    Raises
-    ------
-    ConfigurationError, SimulationError, DataError, StoreError
-        An instruction is unknown, a motion cannot be simulated, or a file cannot be written.
+    Raises ConfigurationError if an instruction is unknown, SimulationError if a motion cannot be
+    simulated, and DataError or StoreError if a file cannot be written.
     """
     unknown = [instruction for instruction in instructions if instruction not in INSTRUCTIONS]
     if unknown:

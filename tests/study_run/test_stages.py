@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from emgface.study.stages import STAGES
-from emgface.volunteers.simulate import MOTION, REST
+from emgface.volunteers.motions import MOTION, REST
 
 PACKAGES = ("emgface", "sim", "analysis")
 PASSIVE = {

@@ -1,0 +1,75 @@
+"""Result of the check of one recording, as shown by ``emgface data check``."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import pandas as pd
+import xarray as xr
+
+from analysis.tables import origin_of
+from emgface.cli.console import frame, out, say, show_table
+from emgface.errors import DataError, EmgfaceError
+from emgface.recordings.check import check_recording, problems
+from emgface.schema.rules import one_line
+from emgface.signals.parameters import SignalChain
+from emgface.study.readiness import refusals
+
+COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
+           "reason")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Table of the channels and markers, errors, and later steps that refuse the recording."""
+
+    file: str
+    origin: str
+    report: pd.DataFrame
+    bad: list[str]
+    refused: dict[str, str]
+
+    def show(self) -> None:
+        """Print the table in a terminal, and one sentence for each problem."""
+        if out.is_terminal:
+            show_table(frame(self.report[list(COLUMNS)]), f"{self.file} ({self.origin})")
+        for sentence in self.bad:
+            say(f"{self.file}: {sentence}")
+        for step, reason in self.refused.items():
+            say(f"{self.file}: 'emgface {step}' would refuse it: {reason.rstrip('.')}.")
+
+    def labelled(self) -> pd.DataFrame:
+        """Table with file and origin in each row."""
+        table = self.report.assign(origin=self.origin)
+        table.insert(0, "file", self.file)
+        return table
+
+
+def checked(
+    file: str, recording: xr.Dataset, chain: SignalChain, study: bool, channels: str
+) -> Checked:
+    """Check a recording; DataError, instead of any other exception, if this is not possible.
+
+    `study` includes missing channels and markers; `channels` is a part of the names to show.
+    """
+    try:
+        report = check_recording(recording, study=study)
+        refused = refusals(recording, chain)
+    except EmgfaceError:
+        raise
+    except Exception as error:
+        raise DataError(f"{file} could not be examined ({one_line(error)}).") from error
+    if channels:
+        names = report.loc[report["kind"] == "channel", "name"].astype(str)
+        report = report[report["name"].isin(containing(channels, names, file))]
+    return Checked(file, origin_of(recording), report, problems(report), refused)
+
+
+def containing(text: str, names: Iterable[str], file: str) -> list[str]:
+    """Channels whose name contains a text, in any case; DataError if there is none."""
+    held = list(names)
+    chosen = [name for name in held if text.lower() in name.lower()]
+    if held and not chosen:
+        raise DataError(
+            f"no channel of {file} contains {text!r}, expected part of one of {', '.join(held)}"
+        )
+    return chosen
