@@ -1,8 +1,8 @@
 """Functions of ``import emgface as ef``, one for every stage.
 
 Arguments have the names of the command line's options; tables of parameters have the names of the
-study file (``emgface study template``). Files and datasets are both accepted. Each function imports
-what it needs when it is called, so that importing this module is fast.
+study file (``emgface study template``). Files and datasets are both accepted. Other modules are
+imported in the functions, so that importing this module is fast.
 """
 
 from emgface.api.faces import face, simulate

@@ -1,6 +1,6 @@
 """Command line of the package.
 
-Commands import what they need when they run, so that ``--help`` is fast.
+Modules are imported in the commands, so that ``--help`` is fast.
 """
 
 import os

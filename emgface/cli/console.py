@@ -32,7 +32,7 @@ err = Console(stderr=True)
 """Console for messages, progress and failures, so that a pipe receives only results."""
 
 LEAST_TEXT = 30
-"""Characters of a line below which a column of text begins a block of its own."""
+"""Width in characters below which a column of text begins a new block."""
 PARTIAL, BAD_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes: some trials failed, the command failed, interrupted by the user."""
 

@@ -63,6 +63,6 @@ def overview_pages(path: Path | None, n_recordings: int) -> Iterator[AddPage]:
             n_pages += 1
 
         yield draw
-    if n_pages:  # there is none if no recording could be read
+    if n_pages:  # zero if no recording could be read
         replace_file(path, lambda target: target.write_bytes(content.getvalue()))
         say(f"Wrote {path}.")

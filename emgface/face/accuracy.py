@@ -28,8 +28,8 @@ PRESETS: Final[dict[str, dict[str, Any]]] = {
 }
 """Solver, largest step [s], tolerances of the iteration [m] and of the steps [m] of each preset.
 
-`docs/accuracy.md` gives the measured error and time of each. "published" steps as the simulator of the
-publication does (Eskes et al. 2017: backward Euler, one linear solution per 10 ms).
+`docs/accuracy.md` states the measured error and time of each. "published" is the method of the simulator
+of the publication (Eskes et al. 2017: backward Euler, one linear solution per 10 ms).
 """
 CONSTRAINED: Final[dict[str, dict[str, Any]]] = {
     name: values if name == "published" else values | {"solver": "converged"}

@@ -42,9 +42,9 @@ Integers = NDArray[np.int64]
 MARKER_IDS: Final = (1997, 1645, 185, 4663, 6052, 6385, 228, 227, 4704, 4705)
 """Nodes proposed for the ten lip markers, in the order of `LIP_MARKERS`.
 
-The publication does not name them. The proposal takes the vermilion border as the ring of skin
-nodes where the lip profile turns (ring 4 above, 3 below, counted from the mouth opening) at the
-corners and at one and two thirds of the half width.
+The publication does not specify them. The proposed nodes are on the vermilion border, which is the ring
+of skin nodes at the largest curvature of the lip profile (ring 4 above, 3 below, counted from the mouth
+opening), at the corners and at one and two thirds of the half width.
 """
 
 LIP_OPENING_IDS: Final = (1076, 1096)

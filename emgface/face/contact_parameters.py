@@ -92,4 +92,4 @@ class ContactParameters(Parameters):
 
 
 NO_CONTACT: Final = ContactParameters(method="none")
-"""Tissue that passes through tissue and teeth."""
+"""Contact switched off: surfaces pass through each other."""

@@ -92,7 +92,7 @@ def triangles(faces: Indices, position: Floats) -> NDArray[np.int64]:
 def face_areas(position: Floats, faces: Indices) -> Floats:
     """Half the cross product of the diagonals of each face, shape (n,) [m2].
 
-    Exact for flat faces; of a warped one it is the length of its vector area.
+    It is exact for flat faces; for a warped one it is the length of its vector area.
     """
     corners = position[faces]
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])

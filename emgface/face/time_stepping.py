@@ -91,7 +91,7 @@ class TimeStepping(Parameters):
             wanted = str(data["accuracy"])
             settings = accuracy_settings(wanted, constrained=method == "constraint")
             if wanted in PRESETS and str(data.get("solver")).startswith("linearly_implicit"):
-                settings["error_tolerance"] = None  # a solver of one's own choice, without control
+                settings["error_tolerance"] = None  # a specified solver, without error control
             return settings | data
         if "solver" in data:
             return {"error_tolerance": None} | data

@@ -25,7 +25,7 @@ COLOURS: Final = {
 }
 """Colour of each part, sRGB from 0 to 1."""
 MOUTH: Final = (0.165, 0.062, 0.058)
-"""Colour of surfaces seen from inside."""
+"""Colour of back faces."""
 TEETH: Final = (0.880, 0.860, 0.805)
 GUMS: Final = (0.640, 0.370, 0.365)
 CROWN: Final = 9.5e-3

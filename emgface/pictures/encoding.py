@@ -15,7 +15,7 @@ from emgface.pictures.render import DISPLACEMENT, LIGHT, VIEWS
 QUANTUM: Final = 20e-6
 """Quantum of the positions [m], below visible differences."""
 ABSENT: Final = -32768
-"""Stands for a marker that was not measured."""
+"""Value of a marker without measurement."""
 
 
 def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:

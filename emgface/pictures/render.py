@@ -23,7 +23,7 @@ VIEWS: Final[Mapping[str, tuple[float, float]]] = {
 }
 """Yaw and pitch of the camera in degrees, by view."""
 SIDES: Final = ("front", "left", "oblique")
-"""The three of them that a picture shows."""
+"""The three views shown in a picture."""
 
 LIGHT: Final[Mapping[str, object]] = {
     "ambient": 0.50,
@@ -36,9 +36,9 @@ LIGHT: Final[Mapping[str, object]] = {
     "inside": 0.45,
 }
 """Light in the frame of the camera (right, up, towards it). The brightness of a colour is
-ambient + sky (1 + up) / 2 + key max(0, n·key_from); what lies in shadow turns by `shadow`, warm as skin
-does; gloss is a Blinn-Phong highlight. A surface seen from within has the share `inside` of its colour
-and the rest of the dark of the mouth."""
+ambient + sky (1 + up) / 2 + key max(0, n·key_from); colours in the shadow are shifted by `shadow`, as
+those of skin; gloss is a Blinn-Phong highlight. The colour of a back face is its own with the weight
+`inside`, mixed with that of the oral cavity."""
 
 DISPLACEMENT: Final = (
     (0.955, 0.925, 0.855),
@@ -47,7 +47,7 @@ DISPLACEMENT: Final = (
     (0.640, 0.190, 0.490),
     (0.300, 0.080, 0.440),
 )
-"""Colours from no displacement to the largest: lighter than darker, read without colour vision too."""
+"""Colours from no displacement (light) to the largest (dark), suitable for colour-blind readers."""
 
 
 class Window(NamedTuple):

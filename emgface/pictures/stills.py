@@ -41,7 +41,7 @@ MARKS: Final[Mapping[str, Mapping[str, Any]]] = {
 }  # fmt: skip
 """Symbols of the markers of the model and of the recording, in figures and in the page."""
 MARGIN: Final = 0.028
-"""Skin shown round the lips where a picture is of the lips [m]."""
+"""Margin of skin shown around the lips in pictures of the lips [m]."""
 
 
 def recording_label(origin: str) -> str:

@@ -60,7 +60,7 @@ AMBIGUOUS: Final[Mapping[str, str]] = {
     "orbicularis": "orbicularis, but neither oris superior, oris inferior nor oculi in it",
     "depressor": "a depressor, but not which in it",
 }
-"""Words that fit several muscles, with what a label of them lacks."""
+"""Words that fit several muscles, with the reason why a label is ambiguous."""
 
 PLACES: Final[Mapping[str, tuple[str, ...]]] = {
     "forehead": ("forehead", "frontal", "brow", "stirn"),

@@ -120,7 +120,7 @@ def feature_before_normalisation(
             f"{'hold' if len(silent) > 1 else 'holds'} one value throughout, so that Eq. 8 "
             "would be 0/0: check the electrode, or choose silent = 'zero' for activation 0"
         )
-    # The filter leaves rounding noise of a constant, which Eq. 8 would stretch to 0-1.
+    # A filtered constant consists of rounding noise, which Eq. 8 would amplify to 0-1.
     filtered = filtered.where(~filtered["channel"].isin(silent), 0.0)
     oom, stage = chain.mapping.oom, chain.mapping.mapping_stage
     if stage == "signal":

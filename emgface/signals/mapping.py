@@ -1,6 +1,6 @@
 """Mapping of seven measured to ten modelled muscles per side.
 
-Source: Eskes et al. 2017, Eqs 2-6. The other muscles (ZYG, RIS, LLSAN, DAO, MEN) are taken as
+Source: Eskes et al. 2017, Eqs 2-6. The other muscles (ZYG, RIS, LLSAN, DAO, MEN) are used as
 measured.
 """
 

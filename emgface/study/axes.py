@@ -1,4 +1,4 @@
-"""Choices varied by a study, each an axis of its cube."""
+"""Choices varied by a study; each is an axis of its cube."""
 
 from pathlib import Path, PurePosixPath
 from typing import Literal

@@ -41,16 +41,16 @@ class ArchForm:
 
 
 FORMS: Final = {SKULL: ArchForm(0.57, 0.58), MANDIBLE: ArchForm(0.55, 0.52)}
-"""About 57 and 55 mm between the outer faces of the first molars, 29 and 26 mm deep, for a mean jaw."""
+"""For a mean jaw, about 57 and 55 mm between the outer faces of the first molars, depth 29 and 26 mm."""
 _BEYOND: Final = {SKULL: (2e-3, 5e-3), MANDIBLE: (1e-3, 3.5e-3)}
 """Distance over which an arch follows the cheek beyond the corner, and its least half width [m]."""
 EXPOSURE: Final = 4.3e-3
-"""Upper incisors below the margin of the relaxed upper lip [m]: mean of 3.9 (men) and 4.7 mm (women)
-as commonly quoted from Arnett et al. 1999."""
+"""Visible length of the upper incisors below the relaxed upper lip [m]: mean of 3.9 (men) and 4.7 mm
+(women), as commonly quoted from Arnett et al. 1999."""
 OVERBITE: Final = 3.2e-3
-"""Upper incisors over the lower [m], as commonly quoted from Arnett et al. 1999."""
+"""Vertical overlap of the incisors [m], as commonly quoted from Arnett et al. 1999."""
 OVERJET: Final = 3.2e-3
-"""Horizontal overlap of the incisors [m], likewise."""
+"""Horizontal overlap of the incisors [m], from the same source."""
 _EDGE: Final = 3e-3
 """Thickness of the incisal edge [m]; chosen."""
 _ROOT: Final = 5e-3
@@ -58,9 +58,10 @@ _ROOT: Final = 5e-3
 _BEHIND: Final = 4e-3
 """Height over which the lower incisors recede to the overjet behind the upper ones [m]; chosen."""
 _NEAR: Final = 1e-3
-"""Distance aside, above and below within which the lining nearest to the teeth counts [m]; chosen."""
+"""Lateral and vertical distance within which the lining nearest to the teeth is used [m]; chosen."""
 _COLUMNS, _ROWS = 17, 6
-"""Of a half: chords of 3 mm leave the curve by 0.04 mm, and contact pays for every vertex."""
+"""Numbers for one half: chords of 3 mm deviate from the curve by 0.04 mm, and the cost of contact grows
+with the number of vertices."""
 
 
 def dental_arches(measures: Measures, *, clearance: float = CLEARANCE) -> tuple[Arch, Arch]:

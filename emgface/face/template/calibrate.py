@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 TOLERANCE: Final = 0.05e-3
 """Tolerance of the measures of the surface at which the search ends [m]."""
 LARGEST_MISS: Final = 0.5e-3
-"""Largest accepted difference of the measures when the search does not end [m]."""
+"""Largest accepted difference of the measures if the search does not converge [m]."""
 _ROUNDS: Final = 60
 _MIDLINE_S: Final = np.unique(
     np.concatenate([np.linspace(MARGIN, RIM, 201), [VERMILION, PERIORAL]])

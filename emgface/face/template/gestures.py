@@ -28,8 +28,8 @@ GESTURES: Final[Mapping[str, tuple[str, Mapping[str, float], Mapping[str, float]
     ),
     "F": ("closed mouth smile", {**_SMILE, "LLSAN": 0.05, "OOP": 0.1, "OOM": 0.3, "BUC": 0.1}, {}),
 }
-"""One held gesture of every instruction, by muscles of Table 1 of Eskes et al. 2017; where no level
-is given for the right side, it is that of the left. The levels are chosen."""
+"""One held gesture of every instruction, by muscles of Table 1 of Eskes et al. 2017. A level without
+value for the right side is that of the left. The levels are chosen."""
 
 
 def gesture_activation(instruction: str) -> dict[str, float]:

@@ -35,14 +35,14 @@ RINGS: Final[Mapping[str, tuple[float, float]]] = {
 }
 """Rings s of the parts of orbicularis oris, in the layers of `RING_LAYERS`.
 
-The peripheral part begins a third of the way from the vermilion border to the edge of the perioral
-region: the further out it lies, the more the lips protrude (Stavness et al., section Lip morphology
-affects protrusion and rounding), and at the border itself the template draws them in.
+The peripheral part begins at one third of the distance from the vermilion border to the edge of the
+perioral region. Lip protrusion increases with its distance from the lips (Stavness et al., section Lip
+morphology affects protrusion and rounding); with a part at the border, the lips retract.
 """
 RING_LAYERS: Final[Mapping[str, tuple[int, ...]]] = {"OOM": (CENTRE,), "OOP": (INNER, CENTRE)}
-"""Layers that the parts of orbicularis oris fill.
+"""Layers filled by the parts of orbicularis oris.
 
-The marginal part lies superficially, beneath the red of the lip (Standring, as commonly quoted). A
+The marginal part is superficial, beneath the vermilion (Standring, as commonly quoted). A
 superficial ring closes the lips and a deep one opens and protrudes them (Stavness et al., the same
 section): in both layers the marginal part would close the mouth by a tenth of a millimetre.
 """

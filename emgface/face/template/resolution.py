@@ -17,4 +17,4 @@ def _possible(value: str | int) -> str | int:
 
 
 Resolution = Annotated[str | int, AfterValidator(_possible)]
-"""coarse, medium, fine or about how many elements, as `emgface.face.template.grid.make_grid` takes."""
+"""coarse, medium, fine or an approximate number of elements (`emgface.face.template.grid.make_grid`)."""

@@ -77,7 +77,7 @@ def _announced_frames(path: Path, content: Mapping[str, Any]) -> int | None:
         processor = stream.read(1)
     order = ">u2" if processor == b"\x56" else "<u2"  # 86 is big-endian (MIPS)
     first, last = (int(v) for v in np.frombuffer(header[6:10], order))
-    # A count that does not fit 16 bits is written as 65535.
+    # Counts beyond 16 bits are written as 65535.
     return last - first + 1 if last < 65535 else None
 
 

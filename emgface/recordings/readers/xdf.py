@@ -165,6 +165,6 @@ def _markers(path: Path, stream: Mapping[str, Any], start: float, unit: str | No
 
 
 def _text(stream: Mapping[str, Any], index: int, name: str) -> str:
-    """Entry of the description of a channel, empty where there is none."""
+    """Entry of the description of a channel, empty if it does not exist."""
     channels: Sequence[Mapping[str, str]] = stream["channels"]
     return channels[index].get(name, "") if index < len(channels) else ""

@@ -11,29 +11,18 @@ from numba import njit
 def running_willison(
     signal: np.ndarray, window: int, threshold: float, inclusive: bool, out: np.ndarray
 ) -> None:
-    """Willison amplitude of every window, hop one sample.
+    """Willison amplitude of every window of `window` samples, at intervals of one sample.
 
-    out[t] = sum over n = 1..N-1 of [|s(t+n-1) - s(t+n)| >= threshold], or > if not inclusive.
-
-    Parameters
-    ----------
-    signal : ndarray, shape (samples,) [V]
-        Signal.
-    window : int
-        Samples N per window, 2 <= N <= samples.
-    threshold : float [V]
-        Threshold s_lim.
-    inclusive : bool
-        Compare with >= (true) or > (false).
-    out : ndarray, shape (samples - N + 1,) [1]
-        Count per window, written.
+    out[t] = sum over n = 1..N-1 of [|s(t+n-1) - s(t+n)| >= threshold], or > if not inclusive, with
+    2 <= N <= samples; `signal` (samples,) and threshold in [V], `out` (samples - N + 1,) [1] is
+    written.
     """
     count = 0
     for j in range(signal.size - 1):
         step = abs(signal[j] - signal[j + 1])
         if step > threshold or (inclusive and step == threshold):
             count += 1
-        # A window of N samples holds N - 1 differences; the one at j closes window j - N + 2.
+        # A window of N samples has N - 1 differences; that at j is the last of window j - N + 2.
         first = j - window + 2
         if first >= 0:
             out[first] = count
@@ -44,20 +33,11 @@ def running_willison(
 
 @njit(cache=True, error_model="numpy")
 def running_sum(values: np.ndarray, window: int, out: np.ndarray) -> None:
-    """Sum of every window of non-negative values, hop one sample, without subtraction.
+    """Sum of every window of non-negative values, at intervals of one sample, without subtraction.
 
-    Each window spans at most two consecutive blocks of N samples: its sum is the tail of one
-    block plus the head of the next. Only additions occur, so a quiet stretch after a burst keeps
-    its digits, which a sum that adds the new and subtracts the old sample loses.
-
-    Parameters
-    ----------
-    values : ndarray, shape (samples,)
-        Non-negative values.
-    window : int
-        Samples N per window, 1 <= N <= samples.
-    out : ndarray, shape (samples - N + 1,)
-        Sum per window, written.
+    Each window of N samples, 1 <= N <= samples, spans at most two consecutive blocks of N samples:
+    its sum is that of the end of one block and the start of the next. Without subtraction, sums of
+    small values after a burst keep their accuracy. `out` (samples - N + 1,) is written.
     """
     n = values.size
     tail = np.empty(window)
