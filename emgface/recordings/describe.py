@@ -127,7 +127,7 @@ def _text_table(
             draft.put("skip_rows", found.skip_rows + 1, "lines before the numbers")
         named = columns is not None or any(not x.startswith("column ") for x in found.labels)
         given["columns"] = tuple(columns or found.labels)
-        draft.put("columns", list(given["columns"]), "" if named else "the file names none",
+        draft.put("columns", list(given["columns"]), "" if named else "the file contains none",
                   table="emg", sure=named)  # fmt: skip
     table = EmgTable(file=path.name, unit="V", rate=1.0, **given)
     frame, _, dropped = load_table(path.parent / "the draft", table, wanted={})

@@ -22,16 +22,9 @@ from emgface.signals.montage import COMPLETE
 class Inference:
     """Results of the tests of a study.
 
-    Attributes
-    ----------
-    conclusions : list of str
-        One sentence per contrast, or why there is none.
-    table : Table or None
-        Every test and contrast.
-    methods : list of tuple of (str, str)
-        Name of a test, and its method with its result.
-    checks : list of tuple of (str, str, str, str)
-        Test, assumption, verdict, basis of the check.
+    `conclusions` contains one sentence per contrast, or the reason why there is none; `table` every
+    test and contrast; `methods` the name of a test, its method and result; `checks` test,
+    assumption, verdict and basis of the verdict.
     """
 
     conclusions: list[str]
@@ -46,17 +39,7 @@ def is_empty(cube: xr.Dataset) -> bool:
 
 
 def verdict(cube: xr.Dataset) -> list[str]:
-    """Summarise the outcome of a study in sentences, problems first.
-
-    Parameters
-    ----------
-    cube : Dataset
-        Scores, without further axes.
-
-    Returns
-    -------
-    list of str
-    """
+    """Summarise the outcome of a study in sentences, problems first."""
     if is_empty(cube):
         return ["This study contains no trial; there is nothing to report."]
     found = counts(cube, by=()).iloc[0]
@@ -102,18 +85,7 @@ def verdict(cube: xr.Dataset) -> list[str]:
 
 
 def accuracy(cube: xr.Dataset) -> list[str]:
-    """State the estimated error of the time steps in comparison with the motion.
-
-    Parameters
-    ----------
-    cube : Dataset
-        Scores, without further axes.
-
-    Returns
-    -------
-    list of str
-        One sentence, none where the cube holds no estimate.
-    """
+    """State the estimated error of the time steps in comparison with the motion, if it is known."""
     if not {"numerical_error", "motion", "inaccurate"} <= set(cube.data_vars):
         return []
     ok = (cube["status"] == "ok").values
@@ -136,19 +108,7 @@ def accuracy(cube: xr.Dataset) -> list[str]:
 
 
 def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:
-    """Apply all tests that the study allows.
-
-    Parameters
-    ----------
-    cube : Dataset
-        Scores, without further axes.
-    seed : int
-        Of the bootstrap and of sign patterns that are drawn.
-
-    Returns
-    -------
-    Inference
-    """
+    """Apply all tests that the study allows; `seed` is that of bootstrap and sign patterns."""
     if is_empty(cube) or not np.isfinite(cube["rho"].values).any():
         return Inference(["There are no scores; no test is performed."])
     if cube.sizes["strategy"] < 2:
@@ -173,7 +133,7 @@ def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:
             continue
         for assumption in each["assumption"].values:
             one = each.sel(assumption=assumption)
-            # The worst verdict of all contrasts stands for the test.
+            # The verdict of a test is the worst of all contrasts.
             order = ["violated", "doubtful", "not checked", "met", "by design"]
             at = min(
                 range(one.sizes["contrast"]),
@@ -191,7 +151,7 @@ def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:
 
 
 def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:
-    """Compare the levels of every further axis of a cube; None where it has none."""
+    """Compare the levels of every further axis of a cube; None if it has none."""
     if not further_axes(cube) or not np.isfinite(cube["rho"].values).any():
         return None
     try:
@@ -202,17 +162,7 @@ def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:
 
 
 def exclusions(results: Results) -> Table:
-    """List the trials without a score, by status and reason, and omitted files.
-
-    Parameters
-    ----------
-    results : Results
-        The finished study.
-
-    Returns
-    -------
-    Table
-    """
+    """List the trials without a score, by status and reason, and omitted files."""
     cube = results.base
     rows: list[tuple[Any, ...]] = []
     if not is_empty(cube):
@@ -247,18 +197,9 @@ def _why_undefined(cube: xr.Dataset, one: Any) -> str:
 
 
 def cost(results: Results) -> Table | None:
-    """Tabulate run time, steps, muscle stress and numerical error per strategy.
+    """Tabulate run time, steps, muscle stress and numerical error [m] per strategy.
 
-    Parameters
-    ----------
-    results : Results
-        The finished study.
-
-    Returns
-    -------
-    Table or None
-        None where no trial was scored. The numerical error is that of the variable
-        ``numerical_error`` [m] of the cube, where a study estimated one.
+    None if no trial was scored.
     """
     cube = results.base
     if is_empty(cube) or not (cube["status"] == "ok").any() or "run_time" not in cube:

@@ -1,4 +1,4 @@
-"""The faces of a study farthest from rest, side by side."""
+"""Faces of a study at their largest displacement, side by side."""
 
 import numpy as np
 import xarray as xr
@@ -14,34 +14,22 @@ from emgface.pictures.stills import MARKS, lips_window, marks, paint, recording_
 
 @styled
 def study_faces(faces: xr.Dataset, body: Body) -> Figure:
-    """Draw the face at its farthest from rest, per strategy and instruction.
+    """Draw the face at its largest displacement, one row per strategy, one column per instruction.
 
-    Parameters
-    ----------
-    faces : xarray.Dataset
-        ``position`` (instruction, strategy, node, axis) [m] of the nodes of the skin, NaN where there
-        is no simulation, and ``simulated`` and ``measured`` (instruction, strategy, marker, axis) [m],
-        markers at the same instants. Attribute ``origin``, of the recordings.
-    body : Body
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One row per strategy, one column per instruction, all to one scale.
-
-    Notes
-    -----
-    After Fig. 4 of Eskes et al. 2017.
+    `faces` contains ``position`` (instruction, strategy, node, axis) [m] of the nodes of the skin,
+    NaN without simulation, and ``simulated`` and ``measured`` (instruction, strategy, marker, axis)
+    [m] at the same instants, with the attribute ``origin`` of the recordings. All panels have the
+    same scale. After Fig. 4 of Eskes et al. 2017.
     """
     instructions = [str(label) for label in faces["instruction"].values]
     strategies = [str(label) for label in faces["strategy"].values]
     view = VIEWS["front"]
     known = faces["simulated"].values.reshape(-1, 3)
-    # The lips are what is compared: the face around them, not all of it.
+    # The region of the lips, which are compared.
     window = lips_window(known[np.isfinite(known).all(axis=1)], view)
     width = min(1.9, 9.0 / len(instructions))
     height = width * (window.top - window.bottom) / (window.right - window.left)
-    # As wide as its title at least.
+    # At least as wide as the title.
     figure = blank(
         max(7.0, width * len(instructions) + 0.9), (height + 0.15) * len(strategies) + 0.9
     )

@@ -36,19 +36,7 @@ CHANNELS_SHOWN = ("OOS_L", "OOI_L", "RIS_L", "ZYG_L", "LLSAN_L", "DAO_L", "MEN_L
 
 @dataclass(frozen=True)
 class Drawn:
-    """Figure of the page.
-
-    Attributes
-    ----------
-    name : str
-        Anchor, one word.
-    title : str
-        Title of the figure.
-    caption : str
-        What is drawn and how to read it.
-    svg : Markup
-        The picture.
-    """
+    """Figure of the page: anchor (one word), title, caption and picture."""
 
     name: str
     title: str
@@ -200,7 +188,7 @@ def _features(results: Results) -> list[Drawn]:
             continue
         try:
             found.append(results.activation(recording, strategy))
-        except FAILURES:  # the trial stands in the list of exclusions
+        except FAILURES:  # the trial is in the list of exclusions
             continue
     if not found:
         return []
@@ -214,7 +202,7 @@ def _features(results: Results) -> list[Drawn]:
 def _drawn(
     results: Results, name: str, title: str, caption: str, draw: Callable[[], Any]
 ) -> list[Drawn]:
-    """Draw a figure; a failure is noted, and the page is written without it."""
+    """Draw a figure; after a failure, which is noted, the page is written without it."""
     try:
         figure = draw()
     except AnalysisError as error:

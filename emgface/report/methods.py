@@ -41,20 +41,7 @@ REACHES = {
 
 
 def methods(study: StudyConfiguration, cube: xr.Dataset) -> str:
-    """Write the methods paragraph of a manuscript.
-
-    Parameters
-    ----------
-    study : StudyConfiguration
-        All choices.
-    cube : Dataset
-        What was run: counts, face and origin.
-
-    Returns
-    -------
-    str
-        One paragraph in the past tense, numbers in the units of the field.
-    """
+    """Write the methods paragraph of a manuscript, in the past tense and the units of the field."""
     told = [
         *_recordings(study, cube),
         *_signals(study, cube),
@@ -217,24 +204,15 @@ def _comparison(cube: xr.Dataset) -> list[str]:
 
 
 def parameter_rows(study: StudyConfiguration) -> list[dict[str, Any]]:
-    """List every parameter with value, default, unit, source and note.
+    """List every parameter with value, default, unit, source, note and ``changed``.
 
-    Parameters
-    ----------
-    study : StudyConfiguration
-        All choices.
-
-    Returns
-    -------
-    list of dict
-        Keys parameter, value, default, unit, source, note and ``changed``, whether the value is
-        not the default.
+    ``changed`` is True if the value differs from the default.
     """
     rows: list[dict[str, Any]] = []
     for record in parameter_table(study).to_dict("records"):
         row = {str(key): _shown(value) for key, value in record.items()}
         if str(record["parameter"]).endswith(("folder", "path", "mapping")) and record["value"]:
-            # A page may be passed on: where files lay on this machine concerns nobody else.
+            # A page may be passed on and should not contain paths of this machine.
             row["value"] = str(record["value"]).replace("\\", "/").rpartition("/")[2]
         rows.append({**row, "changed": row["value"] != row["default"]})
     return rows

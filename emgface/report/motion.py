@@ -23,22 +23,9 @@ def moving_faces(
 ) -> tuple[xr.Dataset, Body, dict[str, Any]] | None:
     """Simulate the skin in the trials that represent their instructions.
 
-    Parameters
-    ----------
-    results : Results
-        The finished study; what cannot be simulated is noted there.
-    say : callable, optional
-        Told label, number done and number to do.
-
-    Returns
-    -------
-    Dataset
-        For `emgface.report.faces.study_faces`: the faces farthest from rest.
-    Body
-        What is drawn of them.
-    dict
-        For the page: surface and motions, see `_encoded`; None instead of all three where there is
-        no trial to show.
+    Returns the faces at their largest displacement (for `emgface.report.faces.study_faces`), their
+    drawn surface, and surface and motions for the page; None if there is no trial to show. Failures
+    are noted in `results`; `say` receives label, completed number and total.
     """
     if results.laboratory is None:
         return None
@@ -114,7 +101,7 @@ def _farthest(
 
 
 def _measured(trial: Trial, moved: xr.Dataset) -> NDArray[np.float64]:
-    """Aligned measured markers at the frames (frame, marker, axis), NaN if there is none."""
+    """Aligned measured markers at the frames (frame, marker, axis), NaN if there are none."""
     aligned = trial.aligned["position"].transpose("time", "marker", "axis")
     order = [str(name) for name in moved["marker"].values]
     wanted = np.searchsorted(aligned["time"].values, moved["time"].values - 1e-9)
@@ -124,7 +111,7 @@ def _measured(trial: Trial, moved: xr.Dataset) -> NDArray[np.float64]:
 def _encoded(
     shown: list[tuple[Trial, xr.Dataset]], skin: Skin, body: Body, results: Results
 ) -> dict[str, Any]:
-    """Surface and motions as JSON-expressible text, of fewer frames where they would be too large."""
+    """Surface and motions as JSON, with fewer frames if they would be too large."""
     assert results.laboratory is not None
     face, first = results.laboratory.face, shown[0]
     rest = face["position"].values[skin.node]

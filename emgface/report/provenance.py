@@ -21,18 +21,7 @@ WRITERS = ("numpy", "scipy", "xarray", "statsmodels", "matplotlib")
 
 
 def sources(results: Results) -> list[tuple[str, str]]:
-    """List the title and the sources of the cube, with digests, from its attributes.
-
-    Parameters
-    ----------
-    results : Results
-        The finished study.
-
-    Returns
-    -------
-    list of tuple of (str, str)
-        What, and which.
-    """
+    """List the title and the sources of the cube, with digests, from its attributes."""
     attrs = results.cube.attrs
     absent = "not recorded"
     told = [
@@ -56,18 +45,7 @@ def sources(results: Results) -> list[tuple[str, str]]:
 
 
 def environments(cube: xr.Dataset) -> list[tuple[str, list[tuple[str, str]]]]:
-    """List the environments that computed the cube.
-
-    Parameters
-    ----------
-    cube : Dataset
-        With the attribute ``environments``, or an older one without.
-
-    Returns
-    -------
-    list of tuple
-        Name of each environment, and what and which.
-    """
+    """List the environments (name, entries) that computed the cube, from its attribute."""
     found: dict[str, Any] = json.loads(str(cube.attrs.get("environments", "{}")))
     listed: list[tuple[str, list[tuple[str, str]]]] = []
     for name, one in found.items():
@@ -92,19 +70,7 @@ WORDS = {
 
 
 def mixture(cube: xr.Dataset) -> Table | None:
-    """List the trials by environment, if there are several.
-
-    Parameters
-    ----------
-    cube : Dataset
-        Scores; at its reference where choices were varied.
-
-    Returns
-    -------
-    Table or None
-        One row per trial with a result; None where one environment computed all of them, or none
-        is recorded.
-    """
+    """List the trials by environment, one row each; None unless there are several environments."""
     if "computed_with" not in cube:
         return None
     base = reference_cube(cube)

@@ -51,17 +51,17 @@ class Results:
     Attributes
     ----------
     folder : Path
-        Holds ``cube.nc``.
+        Folder of ``cube.nc``.
     cube : Dataset
         Scores and status of every trial.
     study : StudyConfiguration or None
-        All choices, those that were varied at their reference, where the cube carries them.
+        Configuration, with varied choices at their reference, if the cube contains it.
     laboratory : Laboratory or None
-        The store and the face, where they can still be read.
+        Store and face, if they can be read.
     intake : Intake or None
-        The recordings, where they can still be read.
+        Recordings, if they can be read.
     notes : list of str
-        What could not be had, one sentence each.
+        One sentence for each missing part.
     """
 
     folder: Path
@@ -78,14 +78,10 @@ class Results:
         return reference_cube(self.cube)
 
     def trial(self, place: Place, strategy: str) -> Trial:
-        """Read the results of one trial from the store.
+        """Read the results of one trial from the store, or compute missing ones.
 
-        Raises
-        ------
-        DataError
-            The recordings cannot be read, or have none of this place.
-        EmgfaceError, AnalysisError, SimulationError, StoredFailure
-            What was not stored could not be computed either.
+        Raises DataError if there is no such recording, and the errors of a stage that cannot be
+        computed.
         """
         if self.laboratory is None or self.intake is None:
             raise DataError("the recordings and the face of the study cannot be read")
@@ -111,13 +107,7 @@ class Results:
         )
 
     def activation(self, recording: Recording, strategy: str) -> xr.Dataset:
-        """Read the activation of one recording from the store.
-
-        Raises
-        ------
-        EmgfaceError
-            What was not stored could not be computed either.
-        """
+        """Read the activation of one recording from the store, or compute it."""
         return self._activation(recording, strategy).dataset
 
     def _activation(self, recording: Recording, strategy: str) -> Result:
@@ -130,7 +120,7 @@ class Results:
 
 
 def study_folder(folder: Path) -> Path:
-    """Return the folder of a study: the one given, or the only one inside it that holds a cube."""
+    """Return the folder of a study: the specified one, or the only one inside it with a cube."""
     if (folder / "cube.nc").is_file():
         return folder
     inside = [path.parent for path in folder.glob("*/cube.nc")]
@@ -138,13 +128,7 @@ def study_folder(folder: Path) -> Path:
 
 
 def study_cube(folder: Path) -> xr.Dataset:
-    """Read the cube of a finished study.
-
-    Raises
-    ------
-    DataError
-        The folder has no cube, or it cannot be read.
-    """
+    """Read the cube of a finished study; DataError if there is none, or it cannot be read."""
     path = folder / "cube.nc"
     if not path.is_file():
         raise DataError(
@@ -157,20 +141,8 @@ def study_cube(folder: Path) -> xr.Dataset:
 def open_results(folder: Path) -> Results:
     """Open the folder of a finished study.
 
-    Parameters
-    ----------
-    folder : Path
-        Given to ``emgface study run --out``.
-
-    Returns
-    -------
-    Results
-        Recordings, face and store are None where they are gone, with a note.
-
-    Raises
-    ------
-    DataError
-        The folder has no cube, or it cannot be read.
+    Recordings, face and store are None, with a note, if they do not exist any more. Raises
+    DataError if the folder has no cube, or it cannot be read.
     """
     results = Results(folder, study_cube(folder))
     text = results.cube.attrs.get("configuration")
@@ -182,7 +154,7 @@ def open_results(folder: Path) -> Results:
         return results
     try:
         whole = StudyConfiguration.model_validate(json.loads(str(text)))
-        results.study = variants(whole)[0].study  # the reference, where choices were varied
+        results.study = variants(whole)[0].study  # the reference of varied choices
     except (ValidationError, json.JSONDecodeError, ConfigurationError) as error:
         results.notes.append(
             "The configuration in the cube was written by another version of this package; "
@@ -209,18 +181,10 @@ def open_results(folder: Path) -> Results:
 
 
 def representative(cube: xr.Dataset) -> dict[str, Place]:
-    """Choose the representative trial of each instruction.
+    """Choose the representative trial of each instruction with a scored trial.
 
-    Parameters
-    ----------
-    cube : Dataset
-        Scores, without further axes.
-
-    Returns
-    -------
-    dict of str to tuple
-        Per instruction with a scored trial, the place of the one scored under most strategies
-        and, among these, with a median rho nearest the median of all of them.
+    It is scored under most strategies and, among these trials, its median rho is nearest to the
+    median of the instruction.
     """
     chosen: dict[str, Place] = {}
     ok = cube["status"] == "ok"

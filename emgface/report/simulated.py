@@ -41,17 +41,9 @@ UNLABELLED = (
 
 
 def simulated_limits(cube: xr.Dataset) -> list[str]:
-    """Return the sentences on what simulated recordings can and cannot show.
+    """Return sentences on the limits of simulated recordings; none for measured ones.
 
-    Parameters
-    ----------
-    cube : Dataset
-        Attributes ``origin`` and, as simulated volunteers have it, ``world``.
-
-    Returns
-    -------
-    list of str
-        Sentences for a reader; none where recordings were measured.
+    The attributes ``origin`` and ``world`` of the cube are used.
     """
     if cube.attrs.get("origin") != "simulated":
         return []
