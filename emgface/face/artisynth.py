@@ -95,25 +95,15 @@ def import_artisynth(
     Raises FaceError if a file is absent (with the folders searched), damaged, or inconsistent with
     the others, an option is unknown, or the face fails `emgface.face.validity.check_face`.
     """
-    for option, value, known in (
-        ("oop", oop, OopChoice),
-        ("oom", oom, OomChoice),
-        ("lao_fibres", lao_fibres, LaoChoice),
-        ("bones", bones, BoneChoice),
-    ):
-        if value not in get_args(known):
-            raise FaceError(f"{option} is {value!r}, expected one of {', '.join(get_args(known))}")
+    _check_options(oop=oop, oom=oom, lao_fibres=lao_fibres, bones=bones)
     files = PublishedFiles(Path(folder))
-
     nodes = read_nodes(files[_FILES["nodes"]])
     position = nodes.position * MILLIMETRE
     index = {int(node): k for k, node in enumerate(nodes.id)}
-
     path = files[_FILES["elements"]]
     elements = read_elements(path)
     connectivity = _indices(solid_nodes(elements, path), index, path)
     centres = element_centres(position, connectivity)
-
     inner, outer, mandible, skull = (
         _selection(files[_FILES[what]], index)
         for what in ("inner sheet", "outer sheet", "mandible", "skull")
@@ -127,12 +117,9 @@ def import_artisynth(
         "OOM": None if oom == "radius" else files[OOM_FILES[oom]],
     }
     bundles = bundles_of(fibres, by_hand, centres, elements.id, radius)
-
     proposed = _named(MARKER_IDS, index, "lip marker")
     corner = _named((MOUTH_CORNER_ID,), index, "mouth corner")[0]
-    markers = landmarks.shift_rings(
-        position, connectivity, outer, corner, proposed, marker_ring_offset
-    )
+    ring = (position, connectivity, outer, corner)
     return build_face(
         position=position,
         connectivity=connectivity,
@@ -140,7 +127,7 @@ def import_artisynth(
         fixed=fixed,
         fibres=fibres,
         bundles=bundles,
-        marker_node=markers,
+        marker_node=landmarks.shift_rings(*ring, proposed, marker_ring_offset),
         face_marker_position=landmarks.face_markers(position, fixed, inner, outer),
         lip_opening_node=_named(LIP_OPENING_IDS, index, "lip margin"),
         arches=published_bones(files, bones),
@@ -160,6 +147,14 @@ def import_artisynth(
             "source_digest": files.digest(),
         },
     )
+
+
+def _check_options(**given: str) -> None:
+    kinds = {"oop": OopChoice, "oom": OomChoice, "lao_fibres": LaoChoice, "bones": BoneChoice}
+    for name, value in given.items():
+        known = get_args(kinds[name])
+        if value not in known:
+            raise FaceError(f"{name} is {value!r}, expected one of {', '.join(known)}")
 
 
 def _fixed(node_id: Integers, mandible: Integers, skull: Integers) -> NDArray[np.int8]:

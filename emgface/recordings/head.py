@@ -73,7 +73,6 @@ def in_head_frame(
     present = np.isfinite(points[:, :, 0])
     fitted = _check_frames(points, present, time, rate)
     given = None if reference is None else _given_reference(reference)
-    described = f"own, {parameters.own_reference}" if given is None else "given"
     target = points[int(np.argmax(present.sum(axis=1)))]
     present = present & np.isfinite(target[:, 0])  # markers present in that frame
     fitted = _check_frames(points, present, time, rate)
@@ -93,7 +92,7 @@ def in_head_frame(
     left_out = np.array(FACE_MARKERS)[~present.all(axis=0)]
     result.attrs |= {
         "units": "m",
-        "head_reference": described,
+        "head_reference": f"own, {parameters.own_reference}" if given is None else "given",
         "residual_rms": float(np.sqrt(np.mean(distance**2))),
         "residual_max": float(distance.max()),
         "bridged": bridged,
