@@ -20,8 +20,8 @@ from benchmarks.lip_probe import LipProbe, to_and_fro
 from benchmarks.report import Chart, face_of, finish, say
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.contact_parameters import ContactParameters
+from emgface.face.integration import integrator_of
 from emgface.face.lip_shape import lip_rim, lip_shape
-from emgface.face.motion import integrator_of
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene

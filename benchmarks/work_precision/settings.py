@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from benchmarks.integrators import CONVERGED, LINEARLY_IMPLICIT
 from benchmarks.work_precision.models import Model
-from emgface.face.motion import iterated_to
+from emgface.face.integration import iterated_to
 from sim import (
     ConvergedEuler,
     ErrorControlledStep,

@@ -95,13 +95,13 @@ def import_artisynth(
     Raises FaceError if a file is absent (with the folders searched), damaged, or inconsistent with
     the others, an option is unknown, or the face fails `emgface.face.validity.check_face`.
     """
-    _check_options(oop=oop, oom=oom, lao_fibres=lao_fibres, bones=bones)
+    options = {"oop": oop, "oom": oom, "lao_fibres": lao_fibres}
+    _check_options(**options, bones=bones)
     files = PublishedFiles(Path(folder))
     nodes = read_nodes(files[_FILES["nodes"]])
     position = nodes.position * MILLIMETRE
     index = {int(node): k for k, node in enumerate(nodes.id)}
-    path = files[_FILES["elements"]]
-    elements = read_elements(path)
+    elements = read_elements(path := files[_FILES["elements"]])
     connectivity = _indices(solid_nodes(elements, path), index, path)
     centres = element_centres(position, connectivity)
     inner, outer, mandible, skull = (
@@ -117,7 +117,7 @@ def import_artisynth(
         "OOM": None if oom == "radius" else files[OOM_FILES[oom]],
     }
     bundles = bundles_of(fibres, by_hand, centres, elements.id, radius)
-    proposed = _named(MARKER_IDS, index, "lip marker")
+    markers = _named(MARKER_IDS, index, "lip marker")
     corner = _named((MOUTH_CORNER_ID,), index, "mouth corner")[0]
     ring = (position, connectivity, outer, corner)
     return build_face(
@@ -127,7 +127,7 @@ def import_artisynth(
         fixed=fixed,
         fibres=fibres,
         bundles=bundles,
-        marker_node=landmarks.shift_rings(*ring, proposed, marker_ring_offset),
+        marker_node=landmarks.shift_rings(*ring, markers, marker_ring_offset),
         face_marker_position=landmarks.face_markers(position, fixed, inner, outer),
         lip_opening_node=_named(LIP_OPENING_IDS, index, "lip margin"),
         arches=published_bones(files, bones),
@@ -139,9 +139,7 @@ def import_artisynth(
         element_id=elements.id,
         attrs={
             "muscle_radius": radius,
-            "oop": oop,
-            "oom": oom,
-            "lao_fibres": lao_fibres,
+            **options,
             "marker_ring_offset": marker_ring_offset,
             "marker_choice": "proposed: the publication does not specify the nodes",
             "source_digest": files.digest(),

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 import xarray as xr
 
 from emgface.errors import ActivationError
 from emgface.face.accuracy import SET_BY_ACCURACY
+from emgface.face.integration import integrator_of, steps_of
 from emgface.face.lip_shape import UP
 from emgface.face.numerical_error import largest_motion, numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
@@ -18,38 +19,28 @@ from sim import (
     Activation,
     ConvergedEuler,
     Energies,
-    ErrorControlledStep,
-    FixedStep,
     HalvingStep,
     InvertedElement,
     Iterations,
-    LinearlyImplicitEuler,
-    LinearlyImplicitTrapezoidal,
     Markers,
     NotConverged,
     Opening,
-    Sdirk2,
     SingularSystem,
     SmallestJ,
     State,
     Static,
     StepErrors,
     System,
-    Trapezoidal,
     Workspace,
     compile_scene,
     displace_held,
     resting,
     simulate,
 )
-from sim.integrators import Integrator
-from sim.integrators.stage import Converged
 from sim.probes import Probe
-from sim.steps import StepControl
 from sim.threads import one_blas_thread
 
 Progress = Callable[[int, int], None]
-ConvergedT = TypeVar("ConvergedT", bound=Converged)
 
 SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 """Step [s], time between checks [s], longest time [s], and speed [m/s] regarded as rest."""
@@ -64,25 +55,12 @@ NOT_OF_REST: Final = frozenset(
 def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:
     """Positions of all nodes at rest under gravity and prestress, without activation.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    parameters : SimulationParameters
-        Laws and loads; sigma_max matters because the passive stress of a fibre scales with it.
-
-    Returns
-    -------
-    Dataset
-        ``node_position(node, axis)`` [m]; attrs ``settling_time`` [s] and ``largest_speed`` [m/s], 0
-        where the equilibrium was found as the minimum of the energy, and ``largest_displacement`` [m].
-
-    Raises
-    ------
-    NotConverged
-        If the face still moves after the longest time allowed.
-    InvertedElement
-        If the weight inverts an element; its ``element`` is the id in the face model.
+    sigma_max affects them, because the passive stress of a fibre scales with it. The result
+    contains ``node_position(node, axis)`` [m], with the attributes ``settling_time`` [s] and
+    ``largest_speed`` [m/s], 0 if the equilibrium was found as the minimum of the energy, and
+    ``largest_displacement`` [m]. Raises NotConverged if the face still moves after the longest time
+    allowed, and InvertedElement, with the ``element`` id of the face model, if the weight inverts
+    an element.
     """
     system = compile_scene(compose_scene(face, parameters))
     state = system.rest_state()
@@ -157,9 +135,9 @@ def simulate_face(
     parameters : SimulationParameters
         Laws, loads, solver and step.
     settled : Dataset, optional
-        Result of `settle_face`, where the motion starts; computed when absent.
+        Result of `settle_face`, the start of the motion; default: computed.
     further : tuple of sim.probes.Probe
-        What is recorded besides markers, lip opening, smallest J, energies and iterations.
+        Probes besides markers, lip opening, smallest J, energies and iterations.
     progress : callable, optional
         Called as ``progress(done, total)`` after every step.
 
@@ -167,26 +145,24 @@ def simulate_face(
     -------
     Dataset
         ``position(marker, axis, time)`` [m] of the lip markers from time 0, with ``smallest_J``,
-        ``iterations``, ``lip_opening`` [m] (negative where the lips have passed each other), energies
-        [J], ``numerical_error`` [m] of the markers as estimated by `emgface.face.numerical_error`; attrs
+        ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each other), energies
+        [J] and ``numerical_error`` [m] of the markers (`emgface.face.numerical_error`); attributes
         ``solver``, ``step`` and ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin``
-        "simulated", ``unstable_from_s``, ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] where
-        the equilibrium lost stability (`emgface.face.stability`), and where the motion
-        lies in the recording: ``recorded_start`` [s], ``recorded_pace`` (recorded per simulated second);
-        ``motion`` [m], the largest displacement of a marker, and, where the integrator has an estimate,
-        the largest ``numerical_error`` [m] and ``inaccurate``, 1 where it exceeds a tenth of the motion.
+        "simulated"; ``unstable_from_s``, ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] if
+        the equilibrium lost stability (`emgface.face.stability`); the times in the recording,
+        ``recorded_start`` [s] and ``recorded_pace`` (recorded per simulated second); ``motion`` [m],
+        the largest displacement of a marker, and, if the integrator has an estimate,
+        the largest ``numerical_error`` [m] and ``inaccurate``, 1 if it exceeds a tenth of the motion.
 
     Raises
     ------
     ActivationError
-        If a muscle of the face has no activation, a name is unknown, or there are fewer than two
+        A muscle of the face has no activation, a name is unknown, or there are fewer than two
         samples.
     ControlError
-        If a value is not finite or outside 0-1.
-    InvertedElement, NotConverged, SingularSystem
-        If a step fails; ``element`` is the id in the face model.
-    ToleranceMissed
-        If `error_tolerance` cannot be met by the smallest step.
+        A value is not finite or outside 0-1.
+    InvertedElement, NotConverged, SingularSystem, ToleranceMissed
+        A step fails (``element`` is the id in the face model), or `error_tolerance` cannot be met.
     """
     system = compile_scene(compose_scene(face, parameters))
     control, duration, pace = _control(activation, system, parameters)
@@ -203,7 +179,7 @@ def simulate_face(
             control,
             duration=duration,
             integrator=integrator_of(parameters),
-            steps=_steps(face, parameters),
+            steps=steps_of(face, parameters),
             every=parameters.output,
             probes=probes,
             initial=initial,
@@ -236,42 +212,6 @@ def simulate_face(
         inaccurate = trajectory.attrs["numerical_error"] > 0.1 * trajectory.attrs["motion"]
         trajectory.attrs["inaccurate"] = int(inaccurate)
     return trajectory
-
-
-INTEGRATORS: dict[str, Integrator] = {
-    "converged": ConvergedEuler(),
-    "trapezoidal": Trapezoidal(),
-    "sdirk2": Sdirk2(),
-    "linearly_implicit": LinearlyImplicitEuler(),
-    "linearly_implicit_trapezoidal": LinearlyImplicitTrapezoidal(),
-}
-"""Integrator by the name of the parameter `solver`."""
-
-RESIDUAL: Final = 20.0
-"""Residual force per tolerance of the positions [N/m]."""
-
-
-def iterated_to(integrator: ConvergedT, tolerance: float) -> ConvergedT:
-    """Return the integrator iterated to this error of a nodal position [m] and its residual."""
-    return replace(integrator, tolerance=tolerance, residual_tolerance=RESIDUAL * tolerance)
-
-
-def integrator_of(parameters: SimulationParameters) -> Integrator:
-    """Integrator of the parameter `solver`, iterated to `iteration_tolerance`."""
-    made = INTEGRATORS[parameters.solver]
-    if not isinstance(made, Converged):
-        return made
-    return iterated_to(made, parameters.iteration_tolerance)
-
-
-def _steps(face: xr.Dataset, parameters: SimulationParameters) -> StepControl:
-    if parameters.error_tolerance is not None:
-        nodes = face["marker_node"].values.astype(np.int64)
-        horizon = parameters.beta or ErrorControlledStep.horizon
-        return ErrorControlledStep(parameters.error_tolerance, parameters.step, nodes, horizon)
-    if parameters.solver.startswith("linearly_implicit"):
-        return FixedStep(parameters.step)
-    return HalvingStep(parameters.step)
 
 
 def _probes(face: xr.Dataset) -> tuple[Probe, ...]:

@@ -95,19 +95,8 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
     def as_accurate(self, accuracy: str) -> "SimulationParameters":
         """Parameters with the same tissue and loads and another accuracy.
 
-        Parameters
-        ----------
-        accuracy : str
-            "draft", "study", "reference", "published", or an error such as "0.1 mm".
-
-        Returns
-        -------
-        SimulationParameters
-
-        Raises
-        ------
-        ConfigurationError
-            It is neither.
+        `accuracy` is "draft", "study", "reference", "published", or an error such as "0.1 mm";
+        ConfigurationError is raised otherwise.
         """
         values = self.model_dump(exclude=set(SET_BY_ACCURACY))
         return configure(SimulationParameters, values | {"accuracy": accuracy}, where="simulation")

@@ -11,6 +11,7 @@ MECHANICS: Final = (
     "emgface.face.check",
     "emgface.face.closed",
     "emgface.face.contact",
+    "emgface.face.integration",
     "emgface.face.lip_shape",
     "emgface.face.lips",
     "emgface.face.parts",

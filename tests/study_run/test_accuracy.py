@@ -7,7 +7,8 @@ import xarray as xr
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.face.accuracy import PRESETS
-from emgface.face.motion import INTEGRATORS, integrator_of, simulate_face
+from emgface.face.integration import INTEGRATORS, integrator_of
+from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.study.policy import lower_sigma_max
 from sim import Sdirk2
