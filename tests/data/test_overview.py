@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from emgface.recordings.check import check_recording
 from emgface.recordings.quality.figure import COLOURS, overview_figure
-from tests.data.test_quality import MARKERS, face, noise, recording
+from tests.data.made_recordings import MARKERS, face, noise, recording
 
 
 def texts(figure: Figure) -> list[str]:
