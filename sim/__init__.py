@@ -1,4 +1,4 @@
-"""sim: total-Lagrangian soft-tissue mechanics. The folder listing is the equation."""
+"""Total-Lagrangian mechanics of soft tissue; each folder is a part of the equation of motion."""
 
 from sim import waiting as _waiting  # noqa: F401  # before NumPy is loaded  # pyright: ignore[reportUnusedImport]
 from sim.activation import Activation, resting
