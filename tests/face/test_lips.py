@@ -117,7 +117,7 @@ def test_published_bones_and_lips(reference_face: xr.Dataset, tmp_path: Path) ->
     assert shared.tolist() == [1808, 1809, 1810, 1927, 6200, 6201, 6202, 6315]
     run = lining(face)
     assert exposed(face, run).all()
-    # Without its own surfaces the same face finds lips that share nothing.
+    # Without stored lip surfaces, those found for the two lips have no node in common.
     bare = face.drop_dims("lip_facet")
     found = [np.unique(lip_surface(bare, lip)) for lip in LIPS]
     assert len(np.intersect1d(*found)) == 0 and min(map(len, found)) > 300
