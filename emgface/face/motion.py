@@ -124,45 +124,27 @@ def simulate_face(
     further: tuple[Probe, ...] = (),
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Simulate the motion of a face for an activation.
+    """Simulate the motion of a face for an activation (muscle, time) [1] of all its muscles.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    activation : DataArray
-        ``(muscle, time)`` [1] of all muscles of the face, values 0-1.
-    parameters : SimulationParameters
-        Laws, loads, solver and step.
-    settled : Dataset, optional
-        Result of `settle_face`, the start of the motion; default: computed.
-    further : tuple of sim.probes.Probe
-        Probes besides markers, lip opening, smallest J, energies and iterations.
-    progress : callable, optional
-        Called as ``progress(done, total)`` after every step.
+    The motion starts at `settled`, the result of `settle_face` (default: computed). `further` are
+    probes besides markers, lip opening, smallest J, energies and iterations; ``progress(done,
+    total)`` is called after every step.
 
-    Returns
-    -------
-    Dataset
-        ``position(marker, axis, time)`` [m] of the lip markers from time 0, with ``smallest_J``,
-        ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each other), energies
-        [J] and ``numerical_error`` [m] of the markers (`emgface.face.numerical_error`); attributes
-        ``solver``, ``step`` and ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin``
-        "simulated"; ``unstable_from_s``, ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] if
-        the equilibrium lost stability (`emgface.face.stability`); the times in the recording,
-        ``recorded_start`` [s] and ``recorded_pace`` (recorded per simulated second); ``motion`` [m],
-        the largest displacement of a marker, and, if the integrator has an estimate,
-        the largest ``numerical_error`` [m] and ``inaccurate``, 1 if it exceeds a tenth of the motion.
+    The result contains ``position(marker, axis, time)`` [m] of the lip markers from time 0, with
+    ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each
+    other), energies [J] and ``numerical_error`` [m] of the markers
+    (`emgface.face.numerical_error`). Its attributes are ``solver``, ``step`` and ``output`` [s],
+    ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated"; ``unstable_from_s``,
+    ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] if the equilibrium lost stability
+    (`emgface.face.stability`); the times in the recording, ``recorded_start`` [s] and
+    ``recorded_pace`` (recorded per simulated second); ``motion`` [m], the largest displacement of a
+    marker, and, if the integrator has an estimate, the largest ``numerical_error`` [m] and
+    ``inaccurate``, 1 if it exceeds a tenth of the motion.
 
-    Raises
-    ------
-    ActivationError
-        A muscle of the face has no activation, a name is unknown, or there are fewer than two
-        samples.
-    ControlError
-        A value is not finite or outside 0-1.
-    InvertedElement, NotConverged, SingularSystem, ToleranceMissed
-        A step fails (``element`` is the id in the face model), or `error_tolerance` cannot be met.
+    Raises ActivationError if a muscle of the face has no activation, a name is unknown, or there
+    are fewer than two samples; ControlError if a value is not finite or outside 0-1;
+    InvertedElement (``element`` is the id in the face model), NotConverged or SingularSystem if a
+    step fails; ToleranceMissed if `error_tolerance` cannot be met.
     """
     system = compile_scene(compose_scene(face, parameters))
     control, duration, pace = _control(activation, system, parameters)
