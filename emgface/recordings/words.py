@@ -31,7 +31,7 @@ MUSCLES: Final[Mapping[str, tuple[str, ...]]] = {
             "depr ang oris"),
     "MEN": ("men", "ment", "mentalis", "chin", "mental", "kinn", "kin"),
 }  # fmt: skip
-"""Words for the muscles that carry electrodes."""
+"""Words for the muscles that are recorded."""
 
 OTHER_MUSCLES: Final[Mapping[str, tuple[str, ...]]] = {
     "corrugator supercilii": ("corrugator", "corrugator supercilii", "corr", "cs", "corrug"),

@@ -85,7 +85,7 @@ def arches_behind(
     margin = 0.5 * measures.lip_gap
     edge = margin - EXPOSURE
     walls: list[Floats] = []
-    # A little beyond the begin of the attachment of the tissue to the bone.
+    # A little beyond the edge of the attachment of the tissue to the bone.
     for bone, tip, root in (
         (SKULL, edge, 0.85 * measures.upper_lip_height),
         (MANDIBLE, edge + OVERBITE, -0.9 * measures.lower_lip_height),
