@@ -7,10 +7,12 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
 
 from emgface.errors import DataError, listed
 from emgface.face.lip_shape import lip_rim, lip_shape
 from emgface.pictures.body import skin_of
+from sim.acoustics import SMALLEST
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +27,8 @@ STEP: Final = 0.005
 """Length of a section of the idealised vowels [m]."""
 LIPS: Final = 0.01
 """Length of the lips' section at rest, behind the plane of the lips [m]."""
+FRAME: Final = 0.01
+"""Time between the instants to which the frames of a trajectory are interpolated [s]."""
 TUBE_ONLY: Final = (
     "waves are one-dimensional (valid to 4-5 kHz); piriform sinuses, side branches and turbulence in "
     "three dimensions are not simulated"
@@ -140,20 +144,25 @@ def with_lips(
     Returns
     -------
     Dataset
-        Sections of 2.5 mm at rest, which are stretched together with the length.
+        Sections of 2.5 mm at rest, which are stretched together with the length; a section that spans
+        two areas has their harmonic mean, which keeps the inertia of the air.
     """
     given, L = tract["area"].values[0], float(tract["length"].values[0])
     total = L + protrusion
     n = max(len(given), round(L / 0.0025))
-    middle = (np.arange(n) + 0.5)[None] / n * total[:, None]
-    behind = given[np.minimum((middle / L * len(given)).astype(int), len(given) - 1)]
-    areas = np.where(middle > L - lips, np.asarray(area)[:, None], behind)
+    edge = np.linspace(0.0, 1.0, n + 1)[None] * total[:, None]
+    # the integral of 1/S is continuous in time, unlike areas picked at the middle of a section
+    own = np.linspace(0.0, L, len(given) + 1)
+    inertia = np.append(0.0, np.cumsum(L / len(given) / np.maximum(given, SMALLEST)))
+    front = np.maximum(edge - (L - lips), 0.0) / np.maximum(area, SMALLEST)[:, None]
+    sums = np.interp(np.minimum(edge, L - lips), own, inertia) + front
+    areas = np.diff(edge, axis=1) / np.diff(sums, axis=1)
     told = f"only the lips move, before a tract that does not ({tract.attrs['assumptions']})"
     return area_function(areas, total, time, assumptions=told.replace(f"; {TUBE_ONLY}", ""))
 
 
 def lips_of_trial(trajectory: xr.Dataset, face: xr.Dataset) -> tuple[Floats, Floats, Floats]:
-    """Area between the lips [m^2], protrusion of their margins [m] and time [s] of each frame.
+    """Area between the lips [m^2], protrusion of their margins [m] and time [s], every 10 ms.
 
     Parameters
     ----------
@@ -185,8 +194,11 @@ def lips_of_trial(trajectory: xr.Dataset, face: xr.Dataset) -> tuple[Floats, Flo
     for frame in frames:
         q[skin.node] = frame
         found.append(lip_shape(face, rim, q))
-    return (
-        np.array([shape["area"] for shape in found]),
-        np.array([shape["margin_protrusion"] for shape in found]),
-        np.asarray(trajectory["frame_time"].values, np.float64),
-    )
+    at = np.asarray(trajectory["frame_time"].values, np.float64)
+    pair = np.array([[shape["area"], shape["margin_protrusion"]] for shape in found])
+    if len(at) < 2:
+        return pair[:, 0], pair[:, 1], at
+    # frames are 40 ms apart; corners of a piecewise linear opening would be heard as clicks
+    time = np.linspace(at[0], at[-1], round((at[-1] - at[0]) / FRAME) + 1)
+    area, forward = np.asarray(PchipInterpolator(at, pair, axis=0)(time)).T
+    return area, forward, time

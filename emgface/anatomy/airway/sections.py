@@ -33,7 +33,14 @@ class Sections:
     length: float
 
 
-def centre_line(position: Floats, triangle: Integers, start: Floats, *, levels: int = 40) -> Floats:
+def centre_line(
+    position: Floats,
+    triangle: Integers,
+    start: Floats,
+    *,
+    end: Floats | None = None,
+    levels: int = 40,
+) -> Floats:
     """First estimate of a centre line: means of rings at equal distance from a point on the surface.
 
     Parameters
@@ -42,6 +49,9 @@ def centre_line(position: Floats, triangle: Integers, start: Floats, *, levels: 
         Surface of a tube [m]; parts that are not connected with the beginning are left out.
     start : ndarray, shape (3,)
         Point at the end of the tube where the line begins [m].
+    end : ndarray, shape (3,), optional
+        The line ends where it comes closest to this point, such as the lips of a surface that
+        continues over the face [m].
     levels : int
         Number of rings.
 
@@ -59,7 +69,7 @@ def centre_line(position: Floats, triangle: Integers, start: Floats, *, levels: 
         raise DataError("the surface of the airway is empty or not finite, expected triangles")
     a, b = np.concatenate([triangle[:, [0, 1]], triangle[:, [1, 2]], triangle[:, [2, 0]]]).T
     weight = np.maximum(np.linalg.norm(position[a] - position[b], axis=1), 1e-12)
-    graph = coo_array((weight, (a, b)), shape=(len(position),) * 2).tocsr()
+    graph = coo_array((weight, (a, b)), shape=(len(position), len(position))).tocsr()
     away = np.linalg.norm(position - start, axis=1)
     away[np.setdiff1d(np.arange(len(position)), triangle)] = np.inf
     ring = np.flatnonzero(away <= 1.5 * away.min() + 1e-12)
@@ -69,7 +79,10 @@ def centre_line(position: Floats, triangle: Integers, start: Floats, *, levels: 
     level = np.digitize(distance, edges) - 1
     means = [position[reached & (level == k)].mean(axis=0) for k in range(levels)
              if (reached & (level == k)).any()]  # fmt: skip
-    return np.array(means)
+    line = np.array(means)
+    if end is not None:
+        line = line[: max(2, int(np.argmin(np.linalg.norm(line - end, axis=1))) + 1)]
+    return line
 
 
 def sections(
@@ -109,6 +122,7 @@ def sections(
     edge, index = np.unique(edges, axis=0, return_inverse=True)
     sides = index.reshape(3, -1).T  # edge of every side of every triangle
     line = _resampled(np.asarray(line, np.float64), count)
+    tangent, found = _tangents(line), list[tuple[float, Floats]]()
     for done in range(rounds + 1):
         tangent = _tangents(line)
         found = [
@@ -117,7 +131,9 @@ def sections(
         ]
         if done < rounds:
             moved = line.copy()
-            moved[1:-1] = np.array([f[1] for f in found])[1:-1]
+            for k in range(1, count - 1):
+                if found[k][0] > 0.0:
+                    moved[k] = found[k][1]
             moved[1:-1] = 0.25 * moved[:-2] + 0.5 * moved[1:-1] + 0.25 * moved[2:]
             line = _resampled(moved, count, inner=True)
     area = np.array([f[0] for f in found])
@@ -150,7 +166,7 @@ def _section(
     a, b = point[local[:, 0]], point[local[:, 1]]
     forward = np.einsum("ij,ij->i", b - a, np.cross(t, normal)) >= 0.0
     a, b = np.where(forward[:, None], a, b), np.where(forward[:, None], b, a)
-    graph = coo_array((np.ones(len(local)), local.T), shape=(len(name),) * 2)
+    graph = coo_array((np.ones(len(local)), local.T), shape=(len(name), len(name)))
     n, part = connected_components(graph, directed=False)
     part = part[local[:, 0]]
     twice = np.cross(a, b) @ t

@@ -1,0 +1,241 @@
+"""Acoustics of tubes: error against run time, stability, lips, and formants of another program.
+
+    python -m benchmarks acoustics [--part cost|stability|lips|stiffening|other] [--out FOLDER]
+
+Cost: two-tube /a/ of 17 cm with all losses; largest error of F1 to F4 against the matrix method, and
+processor seconds per second of sound. Stability: folds at 785 Pa, or as stated; sound pressure at
+0.3 m. Lips: formants of an idealised /u/ for areas and protrusions of the lips.
+Stiffening: the same for the lips of a generated face. Other: the 13 published
+shapes (EMGFACE_SHARED); theirs / the same nine cells with the matrix method / this package.
+"""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from benchmarks.report import finish
+from sim.acoustics import (
+    SILENT,
+    Flow,
+    Folds,
+    Medium,
+    Turbulence,
+    formants,
+    kelly_lochbaum,
+    lossless_formants,
+    resonances,
+    simulate_tube,
+)
+from sim.errors import AcousticsError
+
+AH = np.repeat([1e-4, 7e-4], 8), 0.17
+CLICK = Flow(np.array([0.0, 1e-6, 0.0]), 44_100.0)
+
+
+def nearest(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Entries of `found` nearest to those wanted."""
+    return found[np.abs(found[:, None] - wanted).argmin(axis=0)]
+
+
+def cost() -> pd.DataFrame:
+    """Error and processor time by sections and terms of the losses, and of Kelly-Lochbaum."""
+    exact = formants(*AH)[0][:4]
+    rows: list[dict[str, object]] = []
+    for sections, terms in ((16, 4), (32, 4), (60, 3), (60, 4), (60, 6), (120, 4)):
+        how = {"duration": 0.3, "sections": sections, "terms": terms}
+        sound = simulate_tube(*AH, CLICK, **how)
+        start = time.process_time()
+        for _ in range(3):
+            simulate_tube(*AH, CLICK, **how)
+        spent = (time.process_time() - start) / 0.9
+        error = nearest(resonances(sound.mouth, sound.rate)[0], exact) / exact - 1.0
+        rows.append(
+            {"method": "staggered", "sections": sections, "terms": terms, "rate Hz": sound.rate,
+             "error %": 100.0 * np.abs(error).max(), "s per s": spent, "times real time": 1 / spent}
+        )  # fmt: skip
+    areas, click = np.repeat(AH[0], 4), np.zeros(40_000)
+    click[1] = 1e-6
+    kelly_lochbaum(areas, AH[1], click)
+    start = time.process_time()
+    flow, rate = kelly_lochbaum(areas, AH[1], click)
+    spent = (time.process_time() - start) * rate / len(click)
+    exact = lossless_formants(*AH)[:4]
+    error = nearest(resonances(flow, rate, skip=0.005, order=24)[0], exact) / exact - 1.0
+    rows.append(
+        {"method": "Kelly-Lochbaum, lossless", "sections": 64, "terms": 0, "rate Hz": rate,
+         "error %": 100.0 * np.abs(error).max(), "s per s": spent, "times real time": 1 / spent}
+    )  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _closing(width: float) -> dict[str, object]:
+    areas = np.tile(AH[0], (6, 1))
+    areas[2:4, -2:] = 0.0
+    times = np.array([0.0, 0.1, 0.1 + width, 0.2, 0.2 + width, 0.35])
+    return {"areas": areas, "length": AH[1], "times": times, "duration": 0.35}
+
+
+def stability() -> pd.DataFrame:
+    """Extreme time steps, constrictions and area changes: outcome and largest pressures."""
+    still = {"areas": AH[0], "length": AH[1], "duration": 0.3}
+    step = np.full(16, 8e-4)
+    step[8:10] = 1e-8
+    stretch = {"areas": np.full((2, 16), 3e-4), "length": [0.16, 0.19], "times": [0.1, 0.15]}
+    cases: dict[str, dict[str, object]] = {
+        **{f"time step, Courant number {n:g}": still | {"n": n} for n in (0.2, 0.5, 0.999, 1.05)},
+        **{f"lips close within {1e3 * w:g} ms": _closing(w) for w in (20e-3, 2e-3, 2e-4)},
+        "area 8 cm2 to 1e-4 cm2 and back": still | {"areas": step},
+        "length 16 to 19 cm within 50 ms": stretch | {"duration": 0.3},
+        "lung pressure 3000 Pa, 10 s": still | {"lung": 3000.0, "duration": 10.0},
+    }
+    rows: list[dict[str, object]] = []
+    for name, case in cases.items():
+        rows.append({"case": name} | _outcome(dict(case)))
+    return pd.DataFrame([*rows, {"case": "1000 random tubes, moving, 0-3000 Pa"} | _random(1000)])
+
+
+def _outcome(case: dict[str, object]) -> dict[str, object]:
+    rate = 44_100.0
+    lung = float(str(case.pop("lung", 785.0)))
+    if "n" in case:
+        rate = 350.0 * 60 / (0.17 * float(str(case.pop("n"))))
+        case |= {"rate": rate, "substeps": 1}
+    try:
+        sound = simulate_tube(source=Folds(lung=lung), turbulence=Turbulence(), **case)  # pyright: ignore
+    except AcousticsError as error:
+        return {
+            "outcome": f"refused: {type(error).__name__}",
+            "sound Pa": np.nan,
+            "glottis Pa": np.nan,
+        }
+    p = sound.radiated(rate)
+    quarter = len(p) // 4
+    grows = np.abs(p[-quarter:]).max() > 1.3 * np.abs(p[quarter : 2 * quarter]).max()
+    good = np.isfinite(p).all() and not grows
+    return {
+        "outcome": "ok" if good else "GROWS",
+        "sound Pa": float(np.abs(p).max()),
+        "glottis Pa": float(np.abs(sound.pressure).max()),
+    }
+
+
+def _random(count: int) -> dict[str, object]:
+    rng = np.random.default_rng(0)
+    largest = np.zeros((count, 2))
+    for k in range(count):
+        areas = 10.0 ** rng.uniform(-8.5, -2.5, (2, rng.integers(3, 40)))
+        sound = simulate_tube(
+            areas, rng.uniform(0.1, 0.2, 2),
+            Folds(lung=rng.uniform(0.0, 3000.0), tension=rng.uniform(0.5, 2.0)), times=[0.0, 0.03],
+            duration=0.04, sections=int(rng.integers(10, 60)), seed=k, turbulence=Turbulence(),
+        )  # fmt: skip
+        largest[k] = np.abs(sound.radiated(44_100.0)).max(), np.abs(sound.pressure).max()
+    good = np.isfinite(largest).all()
+    return {
+        "outcome": "ok" if good else "NaN", "sound Pa": largest[:, 0].max(),
+        "glottis Pa": largest[:, 1].max(),
+    }  # fmt: skip
+
+
+def lips() -> pd.DataFrame:
+    """Formants of an idealised /u/ for areas and protrusions of the lips."""
+    from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
+    from emgface.anatomy.airway.sound import with_formants
+
+    rows: list[dict[str, object]] = []
+    for area in (2e-4, 1e-4, 0.5e-4, 0.2e-4):
+        for forward in (0.0, 3e-3, 6e-3):
+            tract = with_lips(ideal_vowel("u"), np.array([area]), np.array([forward]), np.zeros(1))
+            f = with_formants(tract)["formant_frequency"].values[0]
+            named = {f"F{k + 1} Hz": round(v) for k, v in enumerate(f[:3])}
+            rows.append({"area cm2": 1e4 * area, "protrusion mm": 1e3 * forward} | named)
+    return pd.DataFrame(rows)
+
+
+def ladder(s: np.ndarray, areas: np.ndarray, length: float) -> np.ndarray:
+    """Transfer function of a tube on the staggered grid of the other program, continuous in time.
+
+    Velocities on the even, pressures on the odd of N points; the lips load the last pressure point, one
+    point before the end. Its friction is 8 times that of the theory (README of the comparison).
+    """
+    medium = Medium(friction=8.0)
+    cell = 2.0 * length / (len(areas) - 1)
+    mass, resistance = medium.load(areas[-1])
+    p, u = s * mass, 1.0 + s * mass / resistance
+    lips = u
+    for k in range(len(areas) - 2, 0, -2):
+        u = u + medium.line(s, areas[k])[1] * cell * p
+        if k > 1:
+            p = p + medium.line(s, areas[k - 1])[0] * cell * u
+    return np.asarray(lips / u)
+
+
+def other() -> pd.DataFrame:
+    """Formants [Hz] of the other program and of this package, in its grid and in a fine one."""
+    folder = (
+        Path(os.environ.get("EMGFACE_SHARED", "../shared")) / "artisynth_reference" / "acoustics"
+    )
+    rows: list[dict[str, object]] = []
+    for path in sorted(folder.glob("shape_*.json"), key=lambda p: int(p.stem.split("_")[1])):
+        given = json.loads(path.read_text(encoding="utf-8"))
+        areas, L = np.array(given["areas_cm2_glottis_to_lips"]) * 1e-4, float(given["length_m"])
+        stored = np.load(path.with_suffix(".npz"))
+        theirs = np.array(given["formants_hz_bandwidth_hz_peak_db"]["wall1"])[:4, 0]
+        f = np.arange(80.0, 4500.0, 1.0)
+        H = np.abs(ladder(2j * np.pi * f, stored["area_on_grid_m2"], L))
+        peaks = f[1:-1][(H[1:-1] > H[:-2]) & (H[1:-1] > H[2:])]
+        fine, width = formants(areas, L)
+        row: dict[str, object] = {"shape": given["label"]}
+        for k, value in enumerate(theirs[:3]):
+            near = nearest(peaks, np.array([value]))[0]
+            row |= {f"F{k + 1}": f"{value:.0f} / {near:.0f} / {fine[k]:.0f}"}
+        source = Folds(lung=500.0, rest_area=-5e-7, zeta1=0.2)
+        sound = simulate_tube(areas, L, source, duration=0.4, turbulence=SILENT)
+        opening = sound.glottal_area[int(0.2 * sound.rate) :]
+        above = opening > 0.5 * opening.max()
+        period = np.diff(np.flatnonzero(above[1:] & ~above[:-1]))
+        pitch = sound.rate / np.median(period) if len(period) > 2 else float("nan")
+        row["B1"] = (
+            f"{given['formants_hz_bandwidth_hz_peak_db']['wall1'][0][1]:.0f} / {width[0]:.0f}"
+        )
+        row["f0"] = f"{given['two_mass_f0_hz']:.0f} / {pitch:.0f}"
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def stiffening(resolution: str = "coarse") -> pd.DataFrame:
+    """Lips of a generated face by orbicularis oris, with and without stress stiffening, before /u/."""
+    from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
+    from emgface.anatomy.airway.sound import with_formants
+    from emgface.face.template import template_face
+    from studies.mechanics.lip_rounding import round_lips
+
+    found = round_lips(
+        template_face(resolution=resolution), support=(True,), levels=(0.0, 0.3, 0.6, 1.0)
+    ).table
+    area, forward = (
+        found["area (mm2)"].to_numpy() * 1e-6,
+        found["margin_protrusion (mm)"].to_numpy(),
+    )
+    time = np.arange(float(len(found)))
+    tract = with_formants(with_lips(ideal_vowel("u"), area, 1e-3 * forward, time))
+    columns = ["stiffening", "activation", "area (mm2)", "margin_protrusion (mm)"]
+    table = found[columns].round({"area (mm2)": 1, "margin_protrusion (mm)": 2})
+    for k, name in enumerate(("F1 Hz", "F2 Hz")):
+        table[name] = tract["formant_frequency"].values[:, k].round(0)
+    return table
+
+
+PARTS = {
+    "cost": cost, "stability": stability, "lips": lips, "stiffening": stiffening, "other": other,
+}  # fmt: skip
+
+
+def main(part: list[str] = list(PARTS), out: Path | None = None) -> None:  # noqa: B006
+    """Print and store a table for every part."""
+    for name in part:
+        finish(f"acoustics-{name}", PARTS[name](), out)
