@@ -76,6 +76,9 @@ def test_free_fall_ends_at_the_teeth_and_muscles_hold_the_weight():
     np.testing.assert_allclose(row["muscle_force"][-1], expected[-1], rtol=1e-3)
     open_ = simulate_jaw(jaw, ramps({"bi_all": [(0.0, 0.0)]}), duration=0.1, step=5e-3)
     assert displacement(open_, "lower_incisor")[-1, 2] < -1.0
+    pulled = run_task(jaw, TASKS["pull"], duration=0.1, step=5e-3)
+    drop = [displacement(m, "lower_incisor")[-1, 2] for m in (open_, pulled)]
+    assert drop[1] < drop[0] - 0.5
     assert separation(open_)[-1] > 1.0
 
 

@@ -8,8 +8,15 @@ from emgface.anatomy.jaw.series import ramps
 from tests.jaw.conftest import TO_MM, here
 from tests.jaw.test_published import MARKERS
 
-AT_REST, MOVING = 1e-6, 0.05
-"""Largest distance where both rest, and before, where the schemes differ at this step [mm]."""
+CASES = {
+    "fixed_open_ad_ip_0.5_CBE": (0.05, 1e-6),
+    "fixed_protrude_ip_0.1_CBE": (1e-3, 1e-6),
+    "larynx_open_ad_ip_0.5_CBE_h1e-3": (0.1, 0.03),
+}
+"""Largest distance of a marker while it moves, where the schemes differ, and at the end [mm].
+
+With the free hyoid the other program has 20 strips in place of the curve and still creeps at the end.
+"""
 
 
 def rerun(recorded, published, name, **changes):
@@ -34,12 +41,12 @@ def rerun(recorded, published, name, **changes):
     return np.linalg.norm(ours.values * TO_MM - theirs, axis=2).max(axis=1), motion, case, arrays
 
 
-@pytest.mark.parametrize("name", ["fixed_open_ad_ip_0.5_CBE", "fixed_protrude_ip_0.1_CBE"])
-def test_jaw_with_fixed_hyoid_moves_and_rests_as_in_the_other_program(recorded, published, name):
+@pytest.mark.parametrize("name", CASES)
+def test_jaw_moves_and_rests_as_in_the_other_program(recorded, published, name):
     apart, motion, case, arrays = rerun(recorded, published, name)
-    still = np.abs(arrays["body_twist"][-1]).max() < 1e-6
-    assert apart.max() < MOVING
-    assert apart[-1] < (AT_REST if still else MOVING)
+    moving, at_end = CASES[name]
+    assert apart.max() < moving
+    assert apart[-1] < at_end
     # forces of all muscles at the end, recorded in single precision
     force = motion["muscle_force"].sel(muscle=[here(m) for m in case["muscles"]])[:, -1]
-    np.testing.assert_allclose(force, arrays["muscle_force_N"][-1], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(force, arrays["muscle_force_N"][-1], rtol=1e-4, atol=1e-5 + at_end)

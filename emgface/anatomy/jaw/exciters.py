@@ -77,7 +77,8 @@ def muscle_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tupl
         An exciter does not exist or an excitation is not finite.
     """
     known = jaw["exciter"].values.tolist()
-    total, negative = 0.0, 0.0
+    total: Floats | float = 0.0
+    negative = 0.0
     for name, values in excitation.items():
         if name not in known:
             raise JawError(f"no exciter is called {name!r}, expected one of {', '.join(known)}")
@@ -87,6 +88,4 @@ def muscle_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tupl
         negative = min(negative, float(u.min(initial=0.0)))
         gain = jaw["exciter_gain"].values[known.index(name)]
         total = total + np.maximum(u, 0.0)[:, None] * gain
-    if not excitation:
-        raise JawError("no excitation is given, expected at least one exciter")
     return np.minimum(np.asarray(total), 1.0), negative

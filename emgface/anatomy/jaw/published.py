@@ -267,7 +267,7 @@ def _joints(points: dict[str, tuple[str, Floats]], free: bool, condyle: Condyle)
                     "curve",
                     normal=(0.0, 0.0, -1.0),
                     coefficients=_path(),
-                    length=1e-3 * given.CURVE_LENGTH,
+                    length=1e-3 * given.CURVE_LENGTH * (1.0 - 0.5 / given.CURVE_STRIPS),
                     **guide,
                 )
             )

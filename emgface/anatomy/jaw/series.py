@@ -38,6 +38,7 @@ class Excitation:
     def activation(self, jaw: xr.Dataset) -> tuple[xr.DataArray, float]:
         """Activation (muscle, time) of a jaw model, and the most negative value set to zero."""
         a, negative = muscle_activation(jaw, self.values)
+        a = np.broadcast_to(a, (len(self.time), jaw.sizes["muscle"]))  # also without any exciter
         coords = {"muscle": jaw["muscle"].values, "time": ("time", self.time, {"units": "s"})}
         return xr.DataArray(a.T, coords, ("muscle", "time"), attrs={"units": "1"}), negative
 
