@@ -50,8 +50,8 @@ RISE, HOLD, TAIL = 0.2, 1.0, 0.5
 """Rise of the activation, time for which it is held, and last part of it that is evaluated [s]."""
 CHUNK: Final = 5
 """Number of steps by which each scene advances at a time, and between two measurements of depths."""
-STEPPING: Final = accuracy_settings("study", constrained=True)
-"""Solver, step and tolerance of all methods: those of a study with constraints."""
+STEPPING: Final = accuracy_settings("study") | {"solver": "converged"}
+"""Solver, step and tolerances of all methods: those of a study, with implicit Euler."""
 METHODS: Final[tuple[str, ...]] = get_args(ContactParameters.model_fields["method"].annotation)
 """Kinds of contact, "none" first."""
 

@@ -200,7 +200,7 @@ class System(Described):
         """
         if self.contact is not None:
             raise SceneError(
-                f"{integrator} does not support contact constraints: use ConvergedEuler or "
+                f"{integrator} does not support contact constraints: use Sdirk2, ConvergedEuler or "
                 "LinearlyImplicitEuler"
             )
 

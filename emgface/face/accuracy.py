@@ -31,27 +31,22 @@ PRESETS: Final[dict[str, dict[str, Any]]] = {
 `docs/accuracy.md` states the measured error and time of each. "published" is the method of the simulator
 of the publication (Eskes et al. 2017: backward Euler, one linear solution per 10 ms).
 """
-CONSTRAINED: Final[dict[str, dict[str, Any]]] = {
-    name: values if name == "published" else values | {"solver": "converged"}
-    for name, values in PRESETS.items()
-}
-"""The same for contact by constraints, which second-order methods do not support."""
 SET_BY_ACCURACY: Final = ("solver", "step", "iteration_tolerance", "error_tolerance")
 """Parameters set by an accuracy unless they are specified."""
 
 _LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
 
 
-def accuracy_settings(accuracy: str, *, constrained: bool = False) -> dict[str, Any]:
+def accuracy_settings(accuracy: str) -> dict[str, Any]:
     """Settings of a preset or a desired error: solver, step [s] and tolerances [m].
 
     `accuracy` is "draft", "study", "reference", "published", or a length such as "0.1 mm", the
-    error of the lip markers that determines the steps. `constrained` states that contact is
-    enforced by constraints. The keys are ``solver``, ``step``, ``iteration_tolerance`` and
-    ``error_tolerance``. Raises ValueError for anything but a preset or a positive length.
+    error of the lip markers that determines the steps. The keys are ``solver``, ``step``,
+    ``iteration_tolerance`` and ``error_tolerance``. Raises ValueError for anything but a preset or a
+    positive length.
     """
     if accuracy in PRESETS:
-        return dict((CONSTRAINED if constrained else PRESETS)[accuracy])
+        return dict(PRESETS[accuracy])
     found = _LENGTH.fullmatch(accuracy)
     unit = spelling(found[2]) if found else ""
     try:
@@ -64,7 +59,7 @@ def accuracy_settings(accuracy: str, *, constrained: bool = False) -> dict[str, 
             "'0.1 mm'"
         )
     return {
-        "solver": "converged" if constrained else "sdirk2",
+        "solver": "sdirk2",
         "step": 0.01,
         "iteration_tolerance": min(1e-4, 0.05 * length),
         "error_tolerance": length,

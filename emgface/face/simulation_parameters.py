@@ -73,11 +73,11 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
                 "'barrier', which requires an iteration: choose 'converged', 'trapezoidal' "
                 "or 'sdirk2', or method = 'constraint'"
             )
-        if self.contact.method == "constraint" and self.solver in ("trapezoidal", "sdirk2"):
+        if self.contact.method == "constraint" and self.solver == "trapezoidal":
             raise ValueError(
                 f"solver = '{self.solver}' cannot be combined with contact.method = "
-                "'constraint', the default: choose 'converged' or a linearly implicit solver, or "
-                "method = 'barrier' or 'none'"
+                "'constraint', the default: choose 'sdirk2', 'converged' or a linearly implicit "
+                "solver, or method = 'barrier' or 'none'"
             )
         against = self.contact.between if self.contact.method != "none" else None
         if self.support > 0.0 and "teeth" in (against or ()):

@@ -6,7 +6,6 @@ from pydantic import model_validator
 
 from emgface.choices import ESKES, OWN, Parameters, choice, parameter, positive
 from emgface.face.accuracy import PRESETS, accuracy_settings
-from emgface.face.contact_parameters import ContactParameters
 
 
 class TimeStepping(Parameters):
@@ -18,8 +17,7 @@ class TimeStepping(Parameters):
         "mm'; determines solver, step, iteration_tolerance and error_tolerance, unless "
         "these are specified.",
         source=f"{OWN}: points measured by `python -m benchmarks work_precision`",
-        note="the default is 'study'; with contact.method = 'constraint', the default, the solver is "
-        "implicit Euler with the same error control",
+        note="the default is 'study'",
     )
     solver: Literal[
         "converged",
@@ -28,12 +26,11 @@ class TimeStepping(Parameters):
         "linearly_implicit",
         "linearly_implicit_trapezoidal",
     ] = choice(
-        "converged",
+        "sdirk2",
         "Integrator: implicit Euler iterated to its tolerance ('converged'), the "
         "trapezoidal rule, the L-stable second-order SDIRK2, or the Euler method or the "
         "trapezoidal rule with one linear solution per step.",
-        note="without contact by constraints the default is 'sdirk2'; 'linearly_implicit' is the "
-        "method of the published simulator",
+        note="'linearly_implicit' is the method of the published simulator",
     )
     step: float = parameter(
         0.01, "Time step; with error control, the largest time step.", unit="s", gt=0, le=0.1
@@ -82,20 +79,13 @@ class TimeStepping(Parameters):
     def _as_accurate(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        contact = data.get("contact") or {}
-        if isinstance(contact, dict):
-            method = contact.get("method", ContactParameters.model_fields["method"].default)
-        else:
-            method = contact.method
         if data.get("accuracy") is not None:
             wanted = str(data["accuracy"])
-            settings = accuracy_settings(wanted, constrained=method == "constraint")
+            settings = accuracy_settings(wanted)
             if wanted in PRESETS and str(data.get("solver")).startswith("linearly_implicit"):
                 settings["error_tolerance"] = None  # a specified solver, without error control
             return settings | data
-        if "solver" in data:
-            return {"error_tolerance": None} | data
-        return data if method == "constraint" else {"solver": "sdirk2"} | data
+        return {"error_tolerance": None} | data if "solver" in data else data
 
     @model_validator(mode="after")
     def _runnable(self) -> "TimeStepping":

@@ -91,10 +91,11 @@ class CompiledContact:
         other.pattern, other.in_matrix = pattern, False
         return other
 
-    def n_pushing(self, state: State) -> int:
-        """Number of active vertices in a state."""
+    def pushing(self, state: State) -> Index:
+        """Slots of the active vertices in a state."""
         memory = state.memory.get(MEMORY)
-        return 0 if memory is None else int(np.count_nonzero(memory[:, FORCE] > 0.0))
+        none = np.empty(0, dtype=np.int64)
+        return none if memory is None else np.flatnonzero(memory[:, FORCE] > 0.0)
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """No force, because multipliers separate the surfaces."""

@@ -110,6 +110,11 @@ class ContactStep:
         """
         return replace(rows, gap=np.maximum(rows.gap, -self._removed[rows.slot]))
 
+    def ahead(self, rows: Rows, after: float) -> Rows:
+        """Rows some time [s] after the end of the step, where rigid faces keep their velocity."""
+        on = after / (self._t1 - self._t0) * np.einsum("ki,ki->k", rows.normal, rows.carried)
+        return replace(rows, gap=rows.gap - on)
+
     def _move(self, q: Array) -> Move:
         return Move(self.q0, q, self._t0, self._t1)
 

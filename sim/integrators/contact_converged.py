@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sim.contact.correction import AT_ALL, considerable, moved_out
+from sim.contact.correction import AT_ALL, Opened, considerable, moved_out
 from sim.contact.multipliers import Multipliers
 from sim.contact.rows import GIVEN_UP, Rows
 from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
@@ -39,10 +39,21 @@ Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
 
 @dataclass(frozen=True)
 class Settled:
-    """Result of an iteration with contact: point of the potential, positions and memory.
+    """Result of an iteration with contact.
 
-    Positions differ from those of the point by the correction of penetrations; `here`
-    is the evaluation at the point with the smallest det F of the positions.
+    Attributes
+    ----------
+    point : Point
+        Of the potential.
+    q : (n_nodes, 3) positions, which differ from those of the point by the correction of penetrations.
+    here : Evaluation
+        At the point, with the smallest det F of the positions.
+    went : Iteration
+    memory : arrays for the next step.
+    pushed : (n_nodes, 3) contact forces at the end, and those at the start of released vertices [N].
+    active : Rows
+        Those that push.
+    step, touching, opened, work : the solver at the end.
     """
 
     point: Point
@@ -50,6 +61,35 @@ class Settled:
     here: Evaluation
     went: Iteration
     memory: Mapping[str, Array]
+    pushed: Array
+    active: Rows
+    step: ContactStep
+    touching: TouchingInMatrix | TouchingApart
+    opened: Opened
+    work: Workspace
+
+    def held(self, rhs: Array, slots: Index) -> Array:
+        """Solution with the latest factor for a right-hand side (n,), active rows of slots closed."""
+        return self.touching.held(rhs, slots, self.work)
+
+    def kick(self, old: Index) -> Array:
+        """Motion (n,) by the present forces of the vertices that have come into contact.
+
+        Parameters
+        ----------
+        old : slots that were active at the start.
+        """
+        multipliers = self.touching.multipliers
+        new = (multipliers.normal > 0.0) & ~np.isin(multipliers.rows.slot, old)
+        if not new.any():
+            return np.zeros(self.touching.system.pattern.n)
+        force = np.where(new, multipliers.normal, 0.0)[:, None] * multipliers.rows.normal
+        push = self.touching.generalised(multipliers.rows.spread(force, len(self.q)))
+        return self.touching.held(self.touching.scale * push, np.empty(0, np.int64), self.work)
+
+    def outside(self, q: Array, after: float) -> Array:
+        """Positions (n_nodes, 3) a time [s] after the end, moved out of the active rows."""
+        return moved_out(q, self.step.q0, self.step.ahead(self.active, after), self.opened)
 
 
 def minimise_in_contact(
@@ -61,6 +101,7 @@ def minimise_in_contact(
     work: Workspace,
     minimise: Minimise,
     until: float,
+    most: float = np.inf,
     grip: bool = False,
 ) -> Settled:
     """Minimum of a potential with the rows of a contact.
@@ -83,6 +124,8 @@ def minimise_in_contact(
         Minimum of a potential from a point.
     until : float
         Time that the step leads to, for messages [s].
+    most : float
+        Number of iterations, of all minima together, after which the step is given up.
     grip : bool
         Whether rows that touch push from the start, as equilibrium needs of a body that nothing else
         holds.
@@ -112,10 +155,13 @@ def minimise_in_contact(
     if grip:
         multipliers.normal = np.maximum(multipliers.normal, multipliers.rho * (TOUCH - rows.gap))
     touching = touched(multipliers)
+    first, begun = rows, multipliers.normal[:, None] * rows.normal + multipliers.tangent
     contested = np.empty(0, dtype=np.int64)
     point, went, renewals, miss = start, None, 0, np.inf
     before = np.full(len(rows), np.inf)
     for _ in range(UPDATES):
+        if went is not None and went.iterations > most:
+            break
         end, more = minimise(touching, touching.with_contact(point))
         assert isinstance(end, InContact)  # made by `touching`
         went = more if went is None else went.joined(more)
@@ -143,7 +189,13 @@ def minimise_in_contact(
                 _require_outside(step, q, until)
             if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -DEEPEST:
                 here = _moved_upright(potential, point, q, until)
-                return Settled(point, q, here, went, step.memory(q, near, multipliers, acting))
+                memory = step.memory(q, near, multipliers, acting)
+                released = np.flatnonzero(~np.isin(first.slot, pushing))
+                pushed = multipliers.rows.spread(acting.on_vertices(multipliers.rows), len(q))
+                pushed += first.take(released).spread(begun[released], len(q))
+                active = multipliers.rows.take(np.flatnonzero(acting.force > 0.0))
+                solver = step, touching, opened, work
+                return Settled(point, q, here, went, memory, pushed, active, *solver)
         renewals += 1
         new = near.joined(passed.without(near))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])

@@ -1,6 +1,6 @@
 """Linearly implicit step with contact: one linear system per active set."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from sim.contact.multipliers import Acting, Multipliers
 from sim.contact.rows import Rows
 from sim.contact.step import TOUCH, ContactStep, penalties
 from sim.errors import NotConverged
-from sim.integrators.contact_equation import ContactEquation, Equation
+from sim.integrators.contact_equation import LINEAR_ERROR, ContactEquation, Equation
 from sim.integrators.workspace import Workspace
 from sim.state import Array, State
 from sim.system import System
@@ -30,11 +30,17 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Touched:
-    """Independent velocities w and positions q of a step with contact, and its report."""
+    """Independent velocities w and positions q of a step with contact, and its report.
+
+    `pushed` (n_nodes, 3) are the contact forces at its end [N]; `roughly` solves with its matrix and the
+    stiffness of its active rows.
+    """
 
     w: Array
     q: Array
     memory: Mapping[str, Array]
+    pushed: Array
+    roughly: Callable[[Array], Array]
     solutions: int
     factorisations: int
     definite: bool
@@ -96,6 +102,8 @@ class LinearContact:
             x / h,
             q,
             step.memory(q, near, multipliers, acting),
+            multipliers.rows.spread(acting.on_vertices(multipliers.rows), len(q)),
+            lambda rhs: solve(rhs, LINEAR_ERROR),
             equation.solutions,
             equation.factorisations,
             equation.definite,

@@ -124,7 +124,8 @@ def linear_step(
     if system.contact is not None:
         touched = LinearContact(system, state, equation, h, work).solve()
         v1, pose = touched.w, replace(pose0, q=touched.q, t=t1)
-        found = Solution(v1, touched.solutions, touched.factorisations, touched.definite)
+        counts = touched.solutions, touched.factorisations
+        found = Solution(v1, *counts, touched.definite, touched.roughly)
     elif system.rows is not None:
         start, now = work.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
         limit = error / (moves * h)
@@ -147,7 +148,8 @@ def linear_step(
         least, element = system.smallest_J(pose.q)
     local_error = None
     if equation.missed is not None and least > 0.0:
-        local_error = _estimate(system, state, equation.missed, found, pose, work)
+        pushed = touched.pushed if touched else np.zeros_like(pose.q)
+        local_error = _estimate(system, state, equation.missed, found, pushed, pose, work)
     if conditions is not None:
         pose = _projected(system, state, pose, work)
         found = replace(
@@ -181,27 +183,29 @@ def _estimate(
     state: State,
     missed: Missed,
     found: Solution,
+    pushed: Array,
     end: Pose,
     work: Workspace,
 ) -> Array:
     """Estimated error (n_nodes, 3) of an implicit Euler step that was linearised at its start [m].
 
     That of implicit Euler without the contribution of jumps of the load, and the displacement h
-    A^-1 h r of one more Newton iteration, with the residual forces r at the end.
+    A^-1 h r of one more Newton iteration, with the residual forces r at the end. The contact forces
+    `pushed` (n_nodes, 3) at the end also serve at the start, since those of closed rows do no work.
     """
     line, D, h = missed.line, missed.D, missed.line.h
     kinematics, pose = system.kinematics, state.pose
     w0, w1, at_start = kinematics.velocities(state), found.x, missed.here
     error = 0.5 * h * (w1 - w0)  # the leading one, h^2/2 dv/dt
-    if found.roughly is None:  # With contact, not all forces are available.
-        return kinematics.displacements(error, end)
+    assert found.roughly is not None  # Every solution of a step has one.
     with work.timed("force"):
         if line.rise.any():
             at_start = system.force(state.q, line.at(0.0))
         at_end = system.force(end.q, line.at(1.0))
     inertia = kinematics.momentum(kinematics.inertial(w1, end) - kinematics.inertial(w0, pose), end)
-    gained = inertia - h * (kinematics.generalised_force(at_start.f, pose) - D.force(w0))
-    unbalanced = h * (kinematics.generalised_force(at_end.f, end) - D.force(w1)) - inertia
+    f0, f1 = at_start.f + pushed, at_end.f + pushed
+    gained = inertia - h * (kinematics.generalised_force(f0, pose) - D.force(w0))
+    unbalanced = h * (kinematics.generalised_force(f1, end) - D.force(w1)) - inertia
     return relaxed(system, error, 0.5 * gained - unbalanced, D, h, found.roughly, end)
 
 

@@ -1,13 +1,13 @@
 """Two-stage singly diagonally implicit Runge-Kutta method, solved to a tolerance."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from sim.integrators.contract import require_upright
-from sim.integrators.stage import Converged, Stage, middle_damping, report_of
+from sim.integrators.stage import Converged, Solved, Stage, middle_damping, report_of
 from sim.integrators.workspace import Workspace
-from sim.state import Array, ControlAt, State, StepReport
+from sim.state import Array, ControlAt, Pose, State, StepReport
 from sim.system import System
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
@@ -45,9 +45,8 @@ class Sdirk2(Converged):
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
-        """Advance by h; errors as `ConvergedEuler.step`, and SceneError with ConstraintContact."""
-        system.require_no_contact("Sdirk2")
-        system = work.form(system)
+        """Advance by h; errors as `ConvergedEuler.step`."""
+        system = work.form(system, state)
         s, t1 = GAMMA * h, state.t + h
         part, whole = system.during(state, s), system.during(state, h)
         line = control.moments(state.t, h, (GAMMA, 1.0))
@@ -65,20 +64,51 @@ class Sdirk2(Converged):
         )
         further = (1.0 - GAMMA) / GAMMA  # the slope of the first stage over its share of the step
         u1 = kinematics.inertial(first.w, first.pose)
-        way = further * kinematics.between(state.pose, first.pose)
-        base = kinematics.advance(state.pose, way, t1 - s)
+        base = kinematics.advance(state.pose, further * s * first.w, t1 - s)
         u = u0 + further * (u1 - u0)
-        inside = kinematics.state(first.pose, first.w, state.memory)
+        w, base = _stopped(system, first, base, (further - 1.0) * s)
+        if first.contact is not None and system.contact is not None:
+            # the velocity of an impact changes once, and is not extrapolated
+            kick = first.contact.kick(system.contact.pushing(state)) / s
+            u = u + (w - first.w) - (further - 1.0) * kick
+        inside = kinematics.state(first.pose, first.w, {**state.memory, **first.memory})
         end = self._solve(whole, Stage(t1, base, u, s, line.at(1.0), D), inside, work)
         with work.timed("force"):
-            at_start = system.during(state, 0.0).force(state.q, line.at(0.0))
+            f0 = system.during(state, 0.0).force(state.q, line.at(0.0)).f
+        if first.contact is not None:
+            f0 = f0 + first.contact.pushed  # as in `ConvergedEuler`
         u2 = kinematics.inertial(end.w, end.pose)
         rates = (
-            kinematics.generalised_force(at_start.f, state.pose) - D.force(w0),
+            kinematics.generalised_force(f0, state.pose) - D.force(w0),
             kinematics.momentum(u1 - u0, first.pose) / s,
             kinematics.momentum(u2 - u, end.pose) / s,
         )
         error = _error(h, w0, first.w, end.w)
-        error = self._freed(whole, error, _error(h, *rates), D, s, end.pose, work)
-        memory = whole.remember(end.pose.q)
-        return kinematics.state(end.pose, end.w, memory), report_of(h, [first, end], error)
+        error = self._freed(whole, error, _error(h, *rates), D, s, state, end, work)
+        memory = {**whole.remember(end.pose.q), **end.memory}
+        w, _ = _stopped(system, end, kinematics.advance(end.pose, s * end.w, t1 + s), s)
+        return kinematics.state(end.pose, w, memory), report_of(h, [first, end], error)
+
+
+def _stopped(system: System, end: Solved, ahead: Pose, after: float) -> tuple[Array, Pose]:
+    """Velocities at the end of a stage and the pose to which they lead, both without penetration.
+
+    A vertex that has met a face in the stage still has the velocity of its way to the face; its impact
+    is inelastic.
+
+    Parameters
+    ----------
+    system : System
+    end : Solved
+    ahead : Pose
+        Where the velocities lead.
+    after : float
+        Time until then [s].
+    """
+    if end.contact is None:
+        return end.w, ahead
+    q = end.contact.outside(ahead.q, after)
+    if q is ahead.q:
+        return end.w, ahead
+    moved = replace(ahead, q=q)
+    return end.w + system.kinematics.between(ahead, moved) / after, moved

@@ -1,13 +1,13 @@
 """Solution of one implicit stage, common to the converged integrators."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import reduce
 
 import numpy as np
 
 from sim.contact.step import ContactStep
-from sim.integrators.contact_converged import minimise_in_contact
+from sim.integrators.contact_converged import Settled, minimise_in_contact
 from sim.integrators.estimate import relaxed
 from sim.integrators.incremental import IncrementalPotential, VaryingInertia
 from sim.integrators.iterative import Iterative
@@ -52,7 +52,12 @@ class Solved:
     w: Array
     here: Evaluation
     went: Iteration
-    memory: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    contact: Settled | None = None
+
+    @property
+    def memory(self) -> Mapping[str, Array]:
+        """Contact memory for the next step."""
+        return {} if self.contact is None else self.contact.memory
 
 
 @dataclass(frozen=True)
@@ -85,11 +90,12 @@ class Converged(Iterative):
         key = (type(self).__name__, stage.s)
         contact = ContactStep(system.contact, state, stage.t)
         v = system.kinematics.displacements(stage.u, stage.base)
-        way = stage.s * np.sqrt((v**2).sum(axis=1))
-        found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t)
+        way = np.linalg.norm(stage.base.q + stage.s * v - state.q, axis=1)
+        most = self.max_iterations
+        found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t, most)
         end = found.point
         pose = replace(phi.pose(end.d), q=found.q)
-        return Solved(pose, phi.velocities(end.d), found.here, found.went, found.memory)
+        return Solved(pose, phi.velocities(end.d), found.here, found.went, found)
 
     def _freed(
         self,
@@ -98,24 +104,25 @@ class Converged(Iterative):
         momentum: Array,
         D: Matrix,
         s: float,
-        pose: Pose,
+        state: State,
+        end: Solved,
         work: Workspace,
     ) -> Array:
-        """Return an error estimate without the contribution of a jump of the load.
+        """Return an error estimate at the end of a stage without the contribution of a jump of the load.
 
-        Arguments and result as of `relaxed`. With contact, whose forces at the start are not
-        at hand, the estimate stays as it is.
+        Other arguments and result as of `relaxed`. Vertices that have touched since the start of the
+        step, at `state`, stay on their faces.
         """
-        if system.contact is not None:
-            return system.kinematics.displacements(error, pose)
-        with_conditions = system.constraints
+        conditions = system.constraints
 
         def solve(rhs: Array) -> Array:
-            if with_conditions is None:
+            if end.contact is not None and system.contact is not None:
+                return end.contact.held(rhs, system.contact.pushing(state))
+            if conditions is None:
                 return work.solve(rhs)
-            return work.saddle.solve(rhs, np.zeros(with_conditions.n))[0]
+            return work.saddle.solve(rhs, np.zeros(conditions.n))[0]
 
-        return relaxed(system, error, momentum, D, s, solve, pose)
+        return relaxed(system, error, momentum, D, s, solve, end.pose)
 
 
 def middle_damping(system: System, state: State, control: Line, h: float) -> Matrix:

@@ -43,6 +43,9 @@ PATIENCE = 6
 HASTE = 0.5
 """Factor on the criterion of slow convergence, because an iteration takes two solutions."""
 
+HELD = 2
+"""Number of corrections of a solution that keeps rows closed."""
+
 SOFT = 1e-3
 """Relative regularisation of redundant rows in a correction."""
 
@@ -73,7 +76,7 @@ class Touching:
     penalty: float
 
     def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
-        self._potential, self._multipliers, self._q0 = potential, multipliers, q0
+        self._potential, self.multipliers, self._q0 = potential, multipliers, q0
         self.system: System = potential.system
         self.base = potential.base
         self.scale, self.shift = potential.scale, potential.shift
@@ -96,7 +99,7 @@ class Touching:
 
     def with_contact(self, point: Point) -> InContact:
         """Point of the potential with augmentation."""
-        rows, acting = self._multipliers.rows, self.acting(point.d)
+        rows, acting = self.multipliers.rows, self.acting(point.d)
         f = rows.spread(acting.on_vertices(rows), len(self._q0))
         g = point.g - self.generalised(f)
         return InContact(point.d, g, point.phi + acting.energy, point.here, point)
@@ -113,7 +116,7 @@ class Touching:
 
     def acting(self, d: Array) -> Acting:
         """Contact forces at displacements d."""
-        return self._multipliers.at(self.positions(d) - self._q0)
+        return self.multipliers.at(self.positions(d) - self._q0)
 
 
 class TouchingInMatrix(BySecants, Touching):
@@ -130,12 +133,19 @@ class TouchingInMatrix(BySecants, Touching):
     def matrix(self, d: Array) -> Matrix:
         """Scale times the second derivative of both."""
         A = super().matrix(d)
-        self._places.add(self._multipliers.stiffness(self.acting(d)), self.scale, A.values)
+        self._places.add(self.multipliers.stiffness(self.acting(d)), self.scale, A.values)
         return A
 
     def settled(self, d: Array) -> Acting:
         """Contact forces at the end of the iteration."""
         return self.acting(d)
+
+    def held(self, rhs: Array, slots: Index, work: Workspace) -> Array:
+        """Solution with the factor, whose matrix contains the active rows."""
+        conditions = self.system.constraints
+        if conditions is None:
+            return work.solve(rhs)
+        return work.saddle.solve(rhs, np.zeros(conditions.n))[0]
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
@@ -175,7 +185,7 @@ class TouchingApart(Touching):
         with later moves.
         """
         assert isinstance(point, InContact)  # made by this potential
-        alone, forces, secants = point.alone, self._multipliers.normal, work.inverse_secants
+        alone, forces, secants = point.alone, self.multipliers.normal, work.inverse_secants
         rest = self._directions.T @ forces - alone.g
         by_factor = work.solve(self.scale * rest)
         moved, self._moved = self._moved, None
@@ -202,7 +212,7 @@ class TouchingApart(Touching):
         ----------
         gap : (m,) after the motion without a change of the forces [m].
         """
-        forces, soft = self._multipliers.normal, 1.0 / self._multipliers.rho
+        forces, soft = self.multipliers.normal, 1.0 / self.multipliers.rho
         secants, D = work.inverse_secants, self._directions
         share, least = self._left
         new, answer = forces, np.zeros(D.shape[1])
@@ -233,7 +243,7 @@ class TouchingApart(Touching):
             self._left = SURE
         tried, self._tried = self._tried, None
         assert tried is not None  # the direction of this move
-        multipliers = self._multipliers
+        multipliers = self.multipliers
         multipliers.normal = multipliers.normal + length * (tried.forces - multipliers.normal)
         by_factor = tried.by_factor + length * tried.answer
         self._moved = _Moved(start.alone, by_factor, work.factor_number)
@@ -247,13 +257,30 @@ class TouchingApart(Touching):
 
     def settled(self, d: Array) -> Acting:
         """Contact forces at the end of the iteration: the multipliers."""
-        return replace(self.acting(d), force=self._multipliers.normal)
+        return replace(self.acting(d), force=self.multipliers.normal)
+
+    def held(self, rhs: Array, slots: Index, work: Workspace) -> Array:
+        """Solution x with the factor and D x = 0 for the active rows of some slots.
+
+        x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs, C the compliance s^2 A^-1; repeated,
+        because C may be of an earlier factor.
+        """
+        multipliers = self.multipliers
+        on = np.flatnonzero((multipliers.normal > 0.0) & np.isin(multipliers.rows.slot, slots))
+        x = work.solve(rhs)
+        if not len(on):
+            return x
+        D, G = self._directions[on], self._rows(work).among(on)
+        G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[on]
+        for _ in range(HELD):
+            x = x - work.solve(self.scale * (D.T @ np.linalg.solve(G, D @ x)))
+        return x
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
     ) -> Array:
         """Same as `TouchingInMatrix.opened`, with other active rows kept closed."""
-        own = self._multipliers.rows
+        own = self.multipliers.rows
         elsewhere = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
         D = directions(self.system.point_pattern, rows)
         G = self._rows(work).beside(D, elsewhere)

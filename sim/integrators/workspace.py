@@ -254,7 +254,7 @@ class Workspace:
         contact = form.contact
         if state is None or contact is None:
             return form
-        if contact.n_pushing(state) <= MOST and form.apart is not None:
+        if len(contact.pushing(state)) <= MOST and form.apart is not None:
             form = form.apart
         if form.pattern is not self._factored:
             self._forget()

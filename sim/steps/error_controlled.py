@@ -15,19 +15,17 @@ from sim.system import System
 MEMORY = "steps"
 """Name in the memory of a state of (halvings of the next step, accumulated error [m])."""
 
-SHARE = 0.25
-"""Fraction of the remaining tolerance for one step."""
-
 
 @dataclass(frozen=True, eq=False)
 class ErrorControlledStep:
     """Steps h/2^k within every interval h, k by the estimated error at watched nodes.
 
-    A step is accepted if its estimated error is at most tolerance * step/horizon (the tolerance where it
-    is longer than the horizon), or a quarter of the remaining tolerance. Of
-    their errors e^(-time/horizon) is remembered, the horizon being the time over which the tissue
-    forgets. A short transient, as after a jump of the load, may so take what steady motion does not
-    need; the sum stays near the tolerance.
+    A step of length h is accepted if its estimated error is at most sqrt(h/horizon) of the remaining
+    tolerance: the tolerance less the errors of earlier steps, each reduced by e^(-time/horizon). The
+    horizon is the time over which the tissue forgets. In steady motion a step then makes about h/horizon
+    of the tolerance. A short transient, as after a jump of the load, may use what steady motion does not
+    need; its steps become shorter as the remainder falls, and do not use all of it at once. The smallest
+    step may use the whole remainder, so that the sum stays below the tolerance.
 
     The estimate is that of the integrator. Without one, and where halving a step does not lower it by
     the order of the method, as after a jump of the load that the estimate takes for an error, the step
@@ -106,8 +104,8 @@ class ErrorControlledStep:
             last = done + size == finest
             h = (until if last else start + total * (done + size) / finest) - state.t
             kept = spent * np.exp(-h / self.horizon)
-            allowed = self.tolerance * min(h / self.horizon, 1.0)
-            allowed = max(allowed, SHARE * (self.tolerance - kept))
+            share = 1.0 if level == self.max_halvings else np.sqrt(min(h / self.horizon, 1.0))
+            allowed = share * (self.tolerance - kept)
             new, report, error = state, None, np.inf
             try:
                 new, report, error = self._attempt(integrator, system, state, control, h, work)

@@ -13,7 +13,11 @@ DISTANCE = 2e-5
 """Gap that a method with a `distance` keeps at most [m]."""
 
 ALSO_HELD_BY = {
-    sim.ConstraintContact: (sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal),
+    sim.ConstraintContact: (
+        sim.Sdirk2,
+        sim.LinearlyImplicitEuler,
+        sim.LinearlyImplicitTrapezoidal,
+    ),
     sim.BarrierContact: (sim.Sdirk2,),
 }
 """Integrators that hold a method, beside `ConvergedEuler`, which holds every one."""

@@ -12,6 +12,7 @@ from tests.contact.scenes import box, moved, system_of
 SIZE, DEPTH, SPEED, H = 0.01, 1e-3, 0.02, 0.005
 INTEGRATORS = (
     sim.ConvergedEuler,
+    sim.Sdirk2,
     sim.LinearlyImplicitEuler,
     sim.LinearlyImplicitTrapezoidal,
 )

@@ -106,7 +106,12 @@ FACES = [
     for method, integrators in (
         (
             "constraint",
-            (sim.ConvergedEuler, sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal),
+            (
+                sim.ConvergedEuler,
+                sim.Sdirk2,
+                sim.LinearlyImplicitEuler,
+                sim.LinearlyImplicitTrapezoidal,
+            ),
         ),
         ("barrier", (sim.ConvergedEuler, sim.Sdirk2)),
     )

@@ -75,7 +75,7 @@ def test_a_scene_has_contact_only_where_it_is_declared(face: xr.Dataset) -> None
             "requires an iteration",
         ),
         (
-            {"contact": {"method": "constraint"}, "solver": "sdirk2"},
+            {"contact": {"method": "constraint"}, "solver": "trapezoidal"},
             "method = 'barrier' or 'none'",
         ),
         ({"contact": {"between": ["teeth"]}, "support": 10.0}, "represents the teeth"),

@@ -61,17 +61,12 @@ def test_what_is_not_asked_for_is_solved_as_a_study():
     assert integrator_of(published) == INTEGRATORS["linearly_implicit"]
 
 
-def test_contact_by_constraints_is_solved_by_a_method_that_takes_it():
-    touching = {"contact": {"method": "constraint"}}
-    plain = configure(SimulationParameters, touching)
-    assert plain == SimulationParameters(), "the default"
-    assert (plain.solver, plain.step, plain.error_tolerance) == ("converged", 0.01, 1e-4)
-    assert plain.as_accurate("draft").solver == "converged"
-    fine = configure(SimulationParameters, touching | {"accuracy": "0.1 mm"})
-    assert (fine.solver, fine.error_tolerance) == ("converged", 1e-4)
-    assert SimulationParameters.model_validate(plain.model_dump()) == plain
-    barrier = configure(SimulationParameters, {"contact": {"method": "barrier"}})
-    assert barrier.solver == "sdirk2"
+@pytest.mark.parametrize("method", ["none", "constraint", "barrier"])
+def test_contact_changes_neither_solver_nor_step(method):
+    given = configure(SimulationParameters, {"contact": {"method": method}})
+    assert (given.solver, given.step, given.error_tolerance) == ("sdirk2", 0.01, 1e-4)
+    assert given.as_accurate("draft").solver == "sdirk2"
+    assert SimulationParameters.model_validate(given.model_dump()) == given
 
 
 def test_a_solver_of_ones_own_has_no_error_control_unless_asked():
@@ -209,3 +204,21 @@ def test_a_burst_between_two_steps_moves_the_face(face, at):
     published = run({"accuracy": "published"})
     assert published.attrs["motion"] == pytest.approx(motion, rel=0.35)
     assert published.attrs["numerical_error"] > 0.5 * distance(published, fine)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["jump", "burst"])
+def test_contact_lowers_neither_accuracy_nor_strength(face, name):
+    """All muscles from the start, or one burst of 5 ms, in the default: lips and teeth meet."""
+    group, values = {"jump": ("", [0.3] * 7), "burst": ("OOP", [0.0, 0, 1, 0, 0, 0, 0])}[name]
+    drive = drive_of(face, 0.005 * np.arange(7.0), np.array(values), group)
+
+    def run(parameters):
+        return simulate_face(face, drive, parameters)
+
+    found = lower_sigma_max(run, SimulationParameters())
+    assert (found.attrs["attempts"], found.attrs["sigma_max"]) == (1, 300e3)
+    assert found.attrs["motion"] > 4e-3
+    fine = run(SimulationParameters().as_accurate("0.02 mm"))
+    assert distance(found, fine) < 1.2e-4
+    assert found.attrs["numerical_error"] < 1.2e-4

@@ -6,6 +6,7 @@ import pytest
 import sim
 from sim.integrators.stage import Converged
 from tests.bodies import crossed_muscles, grid, solid_system
+from tests.contact.scenes import box
 
 DURATION, H = 0.2, 0.01
 DRIVES = {
@@ -15,12 +16,17 @@ DRIVES = {
 }
 
 
-def block():
+def block(wall=None):
+    """Held at its lower side; `wall` [m] is a rigid one that the muscles press it against."""
     mesh = grid((2, 2, 2), wedges=(1,))
+    contact = ()
+    if wall is not None:
+        faced = box([wall, -0.1, -0.1], [wall + 0.1, 0.1, 0.1])
+        contact = (sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), faced),)),)
     return solid_system(
         mesh,
         muscles=crossed_muscles(mesh, sim.Blemker(30e3)),
-        terms=(sim.Gravity(),),
+        terms=(sim.Gravity(), *contact),
         reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
         damping=sim.RestRayleigh(19.0, 0.03),
     )
@@ -69,6 +75,37 @@ def test_the_achieved_error_stays_within_the_tolerance(name):
         # it does not buy the tolerance with needless steps: what it makes is worth a tenth of it
         assert errors[0] > 0.02 * tolerances[0]
         assert sorted(counts) == counts
+
+
+def test_the_tolerance_is_held_where_tissue_meets_a_wall():
+    """Impact, sliding and release by jumps of the load, with both integrators that hold a contact."""
+    system, tolerance = block(0.021), 2e-4
+    time = np.array([0.0, 0.01, 0.012, 0.03, 0.032])
+    load = np.array([0.0, 0.0, 0.6, 0.6, 0.0])
+    activation = sim.Activation(time, np.stack([load, 0.3 * load], axis=1))
+
+    def run(cls, steps):
+        return sim.simulate(
+            system,
+            activation,
+            duration=0.05,
+            integrator=cls(tolerance=1e-6, residual_tolerance=1e-5),
+            steps=steps,
+            every=H,
+            probes=(sim.Positions(), sim.Iterations(), sim.Contacts()),
+        )[0]
+
+    fine = run(sim.Sdirk2, sim.FixedStep(H / 8))
+    counts = []
+    for cls in (sim.ConvergedEuler, sim.Sdirk2):
+        found = run(cls, sim.ErrorControlledStep(tolerance, H))
+        gap = found.node_position.values - fine.node_position.values
+        error = np.linalg.norm(gap, axis=found.node_position.dims.index("axis")).max()
+        assert 0.02 * tolerance < error <= tolerance, cls.__name__
+        assert found.contact_force.max() > 1e-2
+        assert found.contact_force[..., -1] == 0.0
+        counts.append(int(found.steps.sum()))
+    assert counts[1] < counts[0] < 300
 
 
 ESTIMATING = (sim.LinearlyImplicitEuler, sim.ConvergedEuler, sim.Sdirk2)
