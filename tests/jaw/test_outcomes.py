@@ -1,0 +1,22 @@
+"""Outcome of tasks of the imported model beside published numbers."""
+
+import pytest
+
+from emgface.anatomy.jaw.outcomes import outcome
+from emgface.anatomy.jaw.run import run_task
+from emgface.anatomy.jaw.tasks import TASKS
+
+
+@pytest.mark.parametrize(("force", "stored", "static"), [(1.14, 12.75, 14.1), (4.56, 33.59, 35.3)])
+def test_pull_on_the_incisor_lowers_it_as_stored(published, force, stored, static):
+    """Within 2 mm of the stored result of the program, 0.1 mm of a static solution of the same model."""
+    found = outcome(run_task(published("fixed"), TASKS["pull"], load=(0.0, 0.0, -force)))
+    assert found["end_down"] == pytest.approx(stored, abs=2.0)
+    assert found["end_down"] == pytest.approx(static, abs=0.1)
+    assert abs(found["end_right"]) < 1e-3
+
+
+def test_wide_opening_has_the_published_gape(published):
+    """Stavness et al. 2006, section 3.1: 38 mm in the text, 35 mm in figure 4."""
+    found = outcome(run_task(published("larynx"), TASKS["open"]))
+    assert 35.0 <= found["gape"] <= 39.0
