@@ -66,6 +66,7 @@ from sim.probes import (
     Markers,
     Opening,
     Positions,
+    Reactions,
     SmallestJ,
     StepErrors,
 )
@@ -76,6 +77,7 @@ from sim.state import Control, ControlAt, Line, State, StepReport
 from sim.steps import ErrorControlledStep, FixedStep, HalvingStep
 from sim.system import System, compile_scene
 from sim.terms import (
+    AxialSprings,
     Crushable,
     ElementVolume,
     Gravity,
@@ -92,6 +94,7 @@ from sim.terms import (
 
 __all__ = [
     "Activation",
+    "AxialSprings",
     "BarrierContact",
     "Body",
     "Blemker",
@@ -154,6 +157,7 @@ __all__ = [
     "Prony",
     "QuadraticBulk",
     "Rayleigh",
+    "Reactions",
     "RestRayleigh",
     "RigidShell",
     "RungeKutta4",

@@ -74,11 +74,11 @@ class Multibody:
             **dict.fromkeys(("frames", "ahead"), (k, 7)),
             **dict.fromkeys(("q", "arm", "force", "carried"), (p, 3)),
             **dict.fromkeys(("w0", "w1", "p", "r", "g"), (n,)),
-            **dict.fromkeys(("c", "drift", "target", "f"), (m,)),
+            **dict.fromkeys(("c", "drift", "target", "f", "held"), (m,)),
             **dict.fromkeys(("G", "Y"), (m, n)),
             **dict.fromkeys(("S", "T"), (m, m)),
             **dict.fromkeys(("JA", "JB"), (m, 6)),
-            **{"JP": (m, 3), "A": (n, n), "V": (2, 4, 6), "I": (3, 3), "inverse": (k, 3, 3)},
+            **{"JP": (m, 3), "A": (n, n), "I": (3, 3), "inverse": (k, 3, 3)},
         }
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
         return Scratch(**arrays, on=np.zeros(m, dtype=bool), index=np.zeros(m, dtype=np.int64))

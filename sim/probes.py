@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from sim.errors import SceneError
+from sim.integrators.held import forces_of_rows
 from sim.scene import Index, MeasuresContact
 from sim.state import Array, Control, State, StepReport
 from sim.system import System
@@ -198,6 +199,43 @@ class Frames:
     ) -> tuple[Array | float, ...]:
         """Copy the frames."""
         return state.frames[:, :3].copy(), state.frames[:, 3:].copy()
+
+
+@dataclass(frozen=True)
+class Reactions:
+    """Force [N] and moment [N m] that every joint exerts on its body b, or on its point.
+
+    They are those of the step that ends at the output, as its mean; of explicit integrators, and at the
+    start, those of the motion at the output (NaN with limits and yielding joints). The moment is about
+    the place of the joint on b; body a carries the opposite.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Joints in the order of the scene.
+
+    Raises
+    ------
+    SceneError
+        On recording: the scene has no or other joints.
+    """
+
+    names: tuple[str, ...]
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Variables ``joint_force`` and ``joint_moment``."""
+        coords = {"joint": self.names, "axis": AXES}
+        names = (("joint_force", "N"), ("joint_moment", "N m"))
+        return tuple(Variable(name, units, ("joint", "axis"), coords) for name, units in names)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Sum the forces of the rows of each joint."""
+        found = () if system.rows is None else system.rows.joints
+        if system.rows is None or found != self.names:
+            raise SceneError(f"the probe Reactions names {self.names}, expected the joints {found}")
+        return system.rows.reactions(state.pose, forces_of_rows(system, state, control))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Vectors of three numbers; frames (n, 7) of bodies: centre and unit quaternion, scalar first."""
+"""Vectors as tuples of three numbers; frames (n, 7) of bodies: centre and quaternion, scalar first."""
 
 # pyright: basic
 # numba compiles these functions; those called from Python carry types
@@ -6,6 +6,8 @@
 import math
 
 from sim._kernels.options import inner
+
+# numba looks a tuple up by a loop variable through a table: indices of tuples are written out
 
 SMALL = 1e-3
 """Angle [rad] below which series replace quotients; what they leave out is below 1e-16."""
@@ -36,6 +38,31 @@ def vector(x, i):
 
 
 @inner
+def add(x, i, j, v, factor):
+    """x[i, j:j + 3] += factor v."""
+    x[i, j] += factor * v[0]
+    x[i, j + 1] += factor * v[1]
+    x[i, j + 2] += factor * v[2]
+
+
+@inner
+def put(x, i, j, v, factor):
+    """x[i, j:j + 3] = factor v."""
+    x[i, j], x[i, j + 1], x[i, j + 2] = factor * v[0], factor * v[1], factor * v[2]
+
+
+@inner
+def times(I, k, e):  # noqa: E741
+    """Sum of the three vectors e with row k of a matrix as factors."""
+    a, b, c = I[k, 0], I[k, 1], I[k, 2]
+    return (
+        a * e[0][0] + b * e[1][0] + c * e[2][0],
+        a * e[0][1] + b * e[1][1] + c * e[2][1],
+        a * e[0][2] + b * e[1][2] + c * e[2][2],
+    )
+
+
+@inner
 def rotated(frames, b, v):
     """Vector from the axes of body b to space, v + 2 w (r x v) + 2 r x (r x v); body -1 is space."""
     if b < 0:
@@ -62,8 +89,7 @@ def placed(frames, b, v):
 @inner
 def move(frames, b, d, i):
     """Move the centre of body b by d[i:i + 3] and turn it by the rotation vector d[i + 3:i + 6]."""
-    for k in range(3):
-        frames[b, k] += d[i + k]
+    add(frames, b, 0, (d[i], d[i + 1], d[i + 2]), 1.0)
     theta = (d[i + 3], d[i + 4], d[i + 5])
     angle = math.sqrt(inner_product(theta, theta))
     half = 0.5 - angle * angle / 48.0
@@ -79,8 +105,8 @@ def move(frames, b, d, i):
         w * c[2] + a * v[2] + n[2],
     )
     size = math.sqrt(new[0] * new[0] + new[1] * new[1] + new[2] * new[2] + new[3] * new[3])
-    for k in range(4):
-        frames[b, 3 + k] = new[k] / size
+    frames[b, 3], frames[b, 4] = new[0] / size, new[1] / size
+    frames[b, 5], frames[b, 6] = new[2] / size, new[3] / size
 
 
 @inner
@@ -91,11 +117,11 @@ def turned_tensor(frames, b, I, out):  # noqa: E741
         rotated(frames, b, (0.0, 1.0, 0.0)),
         rotated(frames, b, (0.0, 0.0, 1.0)),
     )
-    for i in range(3):
-        for j in range(i, 3):
-            s = 0.0
-            for k in range(3):
-                for m in range(3):
-                    s += e[k][i] * I[k, m] * e[m][j]
-            out[i, j] = s
-            out[j, i] = s
+    a, d, c = times(I, 0, e), times(I, 1, e), times(I, 2, e)
+    out[0, 0] = e[0][0] * a[0] + e[1][0] * d[0] + e[2][0] * c[0]
+    out[0, 1] = e[0][0] * a[1] + e[1][0] * d[1] + e[2][0] * c[1]
+    out[0, 2] = e[0][0] * a[2] + e[1][0] * d[2] + e[2][0] * c[2]
+    out[1, 1] = e[0][1] * a[1] + e[1][1] * d[1] + e[2][1] * c[1]
+    out[1, 2] = e[0][1] * a[2] + e[1][1] * d[2] + e[2][1] * c[2]
+    out[2, 2] = e[0][2] * a[2] + e[1][2] * d[2] + e[2][2] * c[2]
+    out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]

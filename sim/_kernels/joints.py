@@ -9,19 +9,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.frames import cross, inner_product, minus, placed, rotated, vector
+from sim._kernels.frames import SMALL, cross, inner_product, minus, placed, put, rotated, vector
 from sim._kernels.options import inner, kernel_and_inner
 
 Array = NDArray[np.float64]
 
-TRAVEL, ALIGNED, CURVE, ANGLE = 0, 1, 2, 3
+TRAVEL, ALIGNED, CURVE, ANGLE, TURN = 0, 1, 2, 3, 4
 
 
 class RowTable(NamedTuple):
     """Rows (m) laid out; frame A is on body a, frame B on body b or, with a point, at that point.
 
     kind : TRAVEL, n_i . (x_B - x_A); ALIGNED, u_i . v_j; CURVE, z - f(x) in frame A; ANGLE about the
-        third axis of A. Axes u, n are columns of `axes_a`, v of `axes_b`, in the axes of their bodies.
+        third axis of A; TURN, n_i . theta with the rotation vector theta from A to B. Axes u, n are
+        columns of `axes_a`, v of `axes_b`, in the axes of their bodies.
     body_a, body_b : -1 for space.
     point : number of a point, -1 without.
     i, j : axes.
@@ -60,9 +61,8 @@ def _height(curve, k, x):
 
 @inner
 def _set(J, k, force, moment):
-    for d in range(3):
-        J[k, d] = force[d]
-        J[k, 3 + d] = moment[d]
+    put(J, k, 0, force, 1.0)
+    put(J, k, 3, moment, 1.0)
 
 
 @inner
@@ -73,10 +73,55 @@ def _between_axes(table, frames, k):
         u = _axis(frames, a, table.axes_a, k, table.i[k])
         v = _axis(frames, b, table.axes_b, k, table.j[k])
         return inner_product(u, v), cross(v, u)
+    if table.kind[k] == TURN:
+        return _rotation(table, frames, k)
     u, n = _axis(frames, a, table.axes_a, k, 0), _axis(frames, a, table.axes_a, k, 1)
     v = _axis(frames, b, table.axes_b, k, 0)
     angle = math.atan2(inner_product(v, n), inner_product(v, u))
     return angle, _axis(frames, a, table.axes_a, k, 2)
+
+
+@inner
+def _quaternion(frames, b):
+    if b < 0:
+        return (1.0, 0.0, 0.0, 0.0)
+    return (frames[b, 3], frames[b, 4], frames[b, 5], frames[b, 6])
+
+
+@inner
+def _rotation(table, frames, k):
+    """Component of the rotation vector theta of B in the axes of A, and its derivative, both turned.
+
+    d theta/dt = omega - theta x omega / 2 + s theta x (theta x omega) with the relative angular velocity
+    omega (`sim.kinematics.rotations.vector_rate`), so the derivative of n . theta is n + theta x n / 2 +
+    s theta x (theta x n).
+    """
+    a, b, i = table.body_a[k], table.body_b[k], table.i[k]
+    p, q = _quaternion(frames, a), _quaternion(frames, b)
+    u, v = (p[1], p[2], p[3]), (q[1], q[2], q[3])
+    w, x = p[0] * q[0] + inner_product(u, v), cross(u, v)
+    r = (
+        p[0] * v[0] - q[0] * u[0] - x[0],
+        p[0] * v[1] - q[0] * u[1] - x[1],
+        p[0] * v[2] - q[0] * u[2] - x[2],
+    )
+    sign = -1.0 if w < 0.0 else 1.0
+    sine = math.sqrt(inner_product(r, r))
+    angle = 2.0 * math.atan2(sine, sign * w)
+    size, s = 2.0 * sign, 1.0 / 12.0
+    if sine > SMALL:
+        size = sign * angle / sine
+        s = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / (angle * angle)
+    theta = (size * r[0], size * r[1], size * r[2])
+    n = (table.axes_a[k, 0, i], table.axes_a[k, 1, i], table.axes_a[k, 2, i])
+    once = cross(theta, n)
+    twice = cross(theta, once)
+    slope = (
+        n[0] + 0.5 * once[0] + s * twice[0],
+        n[1] + 0.5 * once[1] + s * twice[1],
+        n[2] + 0.5 * once[2] + s * twice[2],
+    )
+    return inner_product(n, theta), rotated(frames, a, slope)
 
 
 @inner
@@ -101,10 +146,10 @@ def evaluate_rows(
         a, b, p = table.body_a[k], table.body_b[k], table.point[k]
         sign = table.sign[k]
         JA[k], JB[k], JP[k] = 0.0, 0.0, 0.0
-        if table.kind[k] == ALIGNED or table.kind[k] == ANGLE:
+        if table.kind[k] == ALIGNED or table.kind[k] == ANGLE or table.kind[k] == TURN:
             raw, n = _between_axes(table, frames, k)
-            for d in range(3):
-                JA[k, 3 + d], JB[k, 3 + d] = -sign * n[d], sign * n[d]
+            put(JA, k, 3, n, -sign)
+            put(JB, k, 3, n, sign)
         else:
             x = vector(q, p) if p >= 0 else placed(frames, b, vector(table.origin_b, k))
             raw, n = _of_place(
@@ -115,8 +160,7 @@ def evaluate_rows(
             if a >= 0:
                 _set(JA, k, (-n[0], -n[1], -n[2]), cross(n, minus(x, vector(frames, a))))
             if p >= 0:
-                for d in range(3):
-                    JP[k, d] = n[d]
+                put(JP, k, 0, n, 1.0)
             elif b >= 0:
                 _set(JB, k, n, cross(minus(x, vector(frames, b)), n))
         c[k] = sign * (raw - table.offset[k])

@@ -25,7 +25,7 @@ PARAMETERS = 6
 class LineTable(NamedTuple):
     """Fibres (n) and their laws.
 
-    muscle : number of the muscle of every fibre.
+    muscle : number of the muscle of every fibre, -1 for a spring.
     share : factor on the tension of the law [1].
     rest : length at rest [m].
     code, parameters : (n,), (n, PARAMETERS) of the law, as `sim.laws.line.LineLaw` tells them.
@@ -84,7 +84,7 @@ def _law(code, p, k, length, rest, activation):
 @inner
 def tension(table, k, length, activation):
     """Energy [J], tension [N] and slope [N/m] of fibre k at a length [m], with its spring."""
-    a = activation[table.muscle[k]]
+    a = activation[table.muscle[k]] if table.muscle[k] >= 0 else 0.0
     w, F, slope = _law(table.code[k], table.parameters, k, length, table.rest[k], a)
     share, spring, strain = table.share[k], table.stiffness[k], length - table.rest[k]
     w = share * w + 0.5 * spring * strain * strain

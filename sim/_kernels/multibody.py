@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.frames import (
+    add,
     cross,
     inner_product,
     minus,
     move,
+    put,
     rotated,
     turned_tensor,
     vector,
@@ -32,6 +34,9 @@ Flags = NDArray[np.bool_]
 
 CHANGES = 20
 """Largest number of active-set updates."""
+
+KEPT = 1e-9
+"""Violation of rows up to which an earlier factor corrects them [m, rad]."""
 
 
 class BodyTable(NamedTuple):
@@ -89,7 +94,6 @@ class Scratch(NamedTuple):
     p: Array
     r: Array
     g: Array
-    V: Array
     I: Array  # noqa: E741
     inverse: Array
     G: Array
@@ -100,6 +104,7 @@ class Scratch(NamedTuple):
     drift: Array
     target: Array
     f: Array
+    held: Array
     JA: Array
     JB: Array
     JP: Array
@@ -132,9 +137,12 @@ def _cholesky(A, n):
 
 @inner
 def _forward(L, x, n):
-    for i in range(n):
+    first = 0
+    while first < n and x[first] == 0.0:
+        first += 1
+    for i in range(first, n):
         s = x[i]
-        for j in range(i):
+        for j in range(first, i):
             s -= L[i, j] * x[j]
         x[i] = s / L[i, i]
 
@@ -148,9 +156,9 @@ def _backward(L, x, n):
 
 
 @inner
-def _solve_rows(scratch, b):
-    """Forces f of the rows that are on with S f = -b, zero of others; False if S is singular."""
-    on, index, f, T = scratch.on, scratch.index, scratch.f, scratch.T
+def _factor_rows(scratch):
+    """Factor of S over the rows that are on; their number, -1 if S is singular."""
+    on, index, T = scratch.on, scratch.index, scratch.T
     k = 0
     for i in range(len(on)):
         if on[i]:
@@ -159,18 +167,21 @@ def _solve_rows(scratch, b):
     for i in range(k):
         for j in range(i + 1):
             T[i, j] = scratch.S[index[i], index[j]]
-    if not _cholesky(T, k):
-        return False
-    x = scratch.target
+    return k if _cholesky(T, k) else -1
+
+
+@inner
+def _solve_rows(scratch, k, b):
+    """Forces f with S f = -b of the k rows that are on, zero of others."""
+    f, x = scratch.f, scratch.target
     for i in range(k):
-        x[i] = -b[index[i]]
-    _forward(T, x, k)
-    _backward(T, x, k)
-    for i in range(len(on)):
+        x[i] = -b[scratch.index[i]]
+    _forward(scratch.T, x, k)
+    _backward(scratch.T, x, k)
+    for i in range(len(f)):
         f[i] = 0.0
     for i in range(k):
-        f[index[i]] = x[i]
-    return True
+        f[scratch.index[i]] = x[i]
 
 
 @inner
@@ -184,8 +195,10 @@ def _complementary(scratch, kinds, b):
     for i in range(m):
         on[i] = not kinds.unilateral[i] or b[i] < 0.0
     for _ in range(CHANGES):
-        if not _solve_rows(scratch, b):
+        k = _factor_rows(scratch)
+        if k < 0:
             return False
+        _solve_rows(scratch, k, b)
         same = True
         for i in range(m):
             if kinds.unilateral[i]:
@@ -232,54 +245,123 @@ def _drift(rows, twists, scratch):
 
 
 @inner
-def _mobility(table, scratch):
+def _mobility(table, rows, scratch):
     """Y = G M^-1 and S = G M^-1 G' with the inverse inertia of `scratch.inverse`."""
     G, Y, S, n = scratch.G, scratch.Y, scratch.S, len(scratch.w0)
-    m = len(scratch.c)
-    for b in range(len(table.column)):
-        c, J = table.column[b], scratch.inverse[b]
-        if c >= 0:
-            for k in range(m):
+    for k in range(len(scratch.c)):
+        for j in range(n):
+            Y[k, j] = 0.0
+        for side in range(2):
+            b = rows.body_a[k] if side == 0 else rows.body_b[k]
+            c = table.column[b] if b >= 0 else -1
+            if c >= 0:
                 for d in range(3):
                     Y[k, c + d] = G[k, c + d] / table.mass[b]
                     Y[k, c + 3 + d] = (
-                        J[d, 0] * G[k, c + 3] + J[d, 1] * G[k, c + 4] + J[d, 2] * G[k, c + 5]
+                        scratch.inverse[b, d, 0] * G[k, c + 3]
+                        + scratch.inverse[b, d, 1] * G[k, c + 4]
+                        + scratch.inverse[b, d, 2] * G[k, c + 5]
                     )
-    for i in range(m):
-        for j in range(i + 1):
-            S[i, j] = _row_product(G, i, Y, j, n)
+        for j in range(k + 1):
+            S[k, j] = _row_product(G, k, Y, j, n)
 
 
 @inner
-def _side(V, s, e, sign):
-    """Derivative V (3, 6) of a point at arm s by the twist of its body, times sign; V[3] = e . V."""
-    for d in range(3):
-        for k in range(6):
-            V[d, k] = 0.0
-        V[d, d] = sign
-    V[1, 3], V[2, 3] = -sign * s[2], sign * s[1]
-    V[0, 4], V[2, 4] = sign * s[2], -sign * s[0]
-    V[0, 5], V[1, 5] = -sign * s[1], sign * s[0]
-    for k in range(6):
-        V[3, k] = e[0] * V[0, k] + e[1] * V[1, k] + e[2] * V[2, k]
+def _slope(scratch, p, e, sign):
+    """Derivative of e . x of point p by the twist of its body, times sign."""
+    m = cross(vector(scratch.arm, p), e)
+    return (sign * e[0], sign * e[1], sign * e[2], sign * m[0], sign * m[1], sign * m[2])
 
 
 @inner
-def _add_block(A, row, column, V, W, factor):
-    """A += factor V'(1 - e e') W."""
-    for i in range(6):
-        for j in range(6):
-            A[row + i, column + j] += factor * (
-                V[0, i] * W[0, j] + V[1, i] * W[1, j] + V[2, i] * W[2, j] - V[3, i] * W[3, j]
-            )
+def _add_row(A, i, column, v, factor):
+    """A[i, column:column + 6] += factor v, a pair of vectors."""
+    add(A, i, column, v[0], factor)
+    add(A, i, column + 3, v[1], factor)
 
 
 @inner
-def _segment(scratch, k):
-    """Unit vector and length from point k to the next of a path."""
-    d = minus(vector(scratch.q, k[1]), vector(scratch.q, k[0]))
+def _add_outer(A, row, column, u, v, factor):
+    """A += factor u v'."""
+    v = (factor * v[0], factor * v[1], factor * v[2]), (factor * v[3], factor * v[4], factor * v[5])
+    _add_row(A, row, column, v, u[0])
+    _add_row(A, row + 1, column, v, u[1])
+    _add_row(A, row + 2, column, v, u[2])
+    _add_row(A, row + 3, column, v, u[3])
+    _add_row(A, row + 4, column, v, u[4])
+    _add_row(A, row + 5, column, v, u[5])
+
+
+@inner
+def _add_arms(A, row, column, s, t, factor):
+    """A += factor V'W of the derivatives V, W of two points by twists, with arms s and t."""
+    st = factor * inner_product(s, t)
+    A[row, column] += factor
+    A[row + 1, column + 1] += factor
+    A[row + 2, column + 2] += factor
+    A[row + 3, column + 3] += st
+    A[row + 4, column + 4] += st
+    A[row + 5, column + 5] += st
+    add(A, row + 3, column + 3, s, -factor * t[0])
+    add(A, row + 4, column + 3, s, -factor * t[1])
+    add(A, row + 5, column + 3, s, -factor * t[2])
+    A[row + 3, column + 1] -= factor * s[2]
+    A[row + 3, column + 2] += factor * s[1]
+    A[row + 4, column + 0] += factor * s[2]
+    A[row + 4, column + 2] -= factor * s[0]
+    A[row + 5, column + 0] -= factor * s[1]
+    A[row + 5, column + 1] += factor * s[0]
+    if row != column:  # of blocks on the diagonal the lower triangle suffices
+        A[row + 0, column + 4] += factor * t[2]
+        A[row + 0, column + 5] -= factor * t[1]
+        A[row + 1, column + 3] -= factor * t[2]
+        A[row + 1, column + 5] += factor * t[0]
+        A[row + 2, column + 3] += factor * t[1]
+        A[row + 2, column + 4] -= factor * t[0]
+
+
+@inner
+def _add_six(g, c, u):
+    g[c] += u[0]
+    g[c + 1] += u[1]
+    g[c + 2] += u[2]
+    g[c + 3] += u[3]
+    g[c + 4] += u[4]
+    g[c + 5] += u[5]
+
+
+@inner
+def _segment(q, a, b):
+    """Unit vector and length from point a to point b."""
+    d = minus(vector(q, b), vector(q, a))
     size = math.sqrt(inner_product(d, d))
     return (d[0] / size, d[1] / size, d[2] / size), size
+
+
+@inner
+def _add_segment(table, a, b, e, across, along, scratch):
+    """A += across V'V + along (V'e)(V'e)' with the derivative V of the vector from point a to b."""
+    A = scratch.A
+    ca = table.column[table.body[a]] if table.body[a] >= 0 else -1
+    cb = table.column[table.body[b]] if table.body[b] >= 0 else -1
+    s, t = vector(scratch.arm, a), vector(scratch.arm, b)
+    u, v = _slope(scratch, a, e, -1.0), _slope(scratch, b, e, 1.0)
+    if ca >= 0:
+        _add_arms(A, ca, ca, s, s, across)
+        _add_outer(A, ca, ca, u, u, along)
+    if cb >= 0:
+        _add_arms(A, cb, cb, t, t, across)
+        _add_outer(A, cb, cb, v, v, along)
+    if ca > cb and cb >= 0:
+        _add_arms(A, ca, cb, s, t, -across)
+        _add_outer(A, ca, cb, u, v, along)
+    if cb > ca and ca >= 0:
+        _add_arms(A, cb, ca, t, s, -across)
+        _add_outer(A, cb, ca, v, u, along)
+    if ca >= 0:
+        _add_six(scratch.g, ca, u)
+    if cb >= 0:
+        _add_six(scratch.g, cb, v)
 
 
 @inner
@@ -287,50 +369,40 @@ def _add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
     """Forces of fibre k on its points, and its share of A.
 
     With the length L of the path the stiffness is F' g g' + F d2L/dx2, and the damping d g g', g =
-    dL/dw. The turning of lever arms is added with the forces of all terms.
+    dL/dw. The turning of lever arms is added with the forces of all terms; segments between points of
+    one body have none of them.
     """
-    A, g, n, V = scratch.A, scratch.g, len(scratch.g), scratch.V
+    A, g, n = scratch.A, scratch.g, len(scratch.g)
     total, first, last = 0.0, table.start[k], table.start[k + 1] - 1
     for i in range(first, last):
-        _, size = _segment(scratch, (table.point[i], table.point[i + 1]))
+        _, size = _segment(scratch.q, table.point[i], table.point[i + 1])
         total += size
     _, F, slope = tension(lines, k, total, activation)
+    along = by_stiffness * slope + by_damping * lines.damping[k]
+    one = last == first + 1
     for i in range(n):
         g[i] = 0.0
     rate = 0.0
     for i in range(first, last):
         a, b = table.point[i], table.point[i + 1]
-        e, size = _segment(scratch, (a, b))
+        if table.body[a] == table.body[b]:
+            continue
+        e, size = _segment(scratch.q, a, b)
         rate += inner_product(e, minus(vector(scratch.carried, b), vector(scratch.carried, a)))
-        for d in range(3):
-            scratch.force[a, d] += F * e[d]
-            scratch.force[b, d] -= F * e[d]
-        ca = table.column[table.body[a]] if table.body[a] >= 0 else -1
-        cb = table.column[table.body[b]] if table.body[b] >= 0 else -1
-        _side(V[0], vector(scratch.arm, a), e, -1.0)
-        _side(V[1], vector(scratch.arm, b), e, 1.0)
-        factor = by_stiffness * F / size
-        if ca >= 0:
-            _add_block(A, ca, ca, V[0], V[0], factor)
-        if cb >= 0:
-            _add_block(A, cb, cb, V[1], V[1], factor)
-        if ca >= 0 and cb >= 0:
-            if ca >= cb:
-                _add_block(A, ca, cb, V[0], V[1], factor)
-            if cb >= ca:
-                _add_block(A, cb, ca, V[1], V[0], factor)
-        for d in range(6):
-            if ca >= 0:
-                g[ca + d] += V[0, 3, d]
-            if cb >= 0:
-                g[cb + d] += V[1, 3, d]
-    along = by_stiffness * slope + by_damping * lines.damping[k]
-    for i in range(n):
-        if g[i] != 0.0:
-            scratch.r[i] -= lines.damping[k] * rate * g[i]
-            x = along * g[i]
-            for j in range(i + 1):
-                A[i, j] += x * g[j]
+        add(scratch.force, a, 0, e, F)
+        add(scratch.force, b, 0, e, -F)
+        across = by_stiffness * F / size
+        _add_segment(table, a, b, e, across, (along if one else 0.0) - across, scratch)
+    pull = lines.damping[k] * rate
+    if pull != 0.0:
+        for i in range(n):
+            scratch.r[i] -= pull * g[i]
+    if not one and along != 0.0:
+        for i in range(n):
+            if g[i] != 0.0:
+                x = along * g[i]
+                for j in range(i + 1):
+                    A[i, j] += x * g[j]
 
 
 @inner
@@ -344,23 +416,25 @@ def _add_points(table, scratch, by_stiffness):
         s, f = vector(scratch.arm, p), vector(scratch.force, p)
         moment = cross(s, f)
         sf = inner_product(s, f)
-        for i in range(3):
-            scratch.r[c + i] += f[i]
-            scratch.r[c + 3 + i] += moment[i]
-            scratch.A[c + 3 + i, c + 3 + i] += by_stiffness * sf
-            for j in range(i + 1):
-                scratch.A[c + 3 + i, c + 3 + j] -= by_stiffness * 0.5 * (s[i] * f[j] + s[j] * f[i])
+        _add_six(scratch.r, c, (f[0], f[1], f[2], moment[0], moment[1], moment[2]))
+        # trace(s f') 1 less the symmetric part of s f'
+        A, k, half = scratch.A, c + 3, 0.5 * by_stiffness
+        A[k, k] += by_stiffness * (sf - s[0] * f[0])
+        A[k + 1, k + 1] += by_stiffness * (sf - s[1] * f[1])
+        A[k + 2, k + 2] += by_stiffness * (sf - s[2] * f[2])
+        A[k + 1, k] -= half * (s[1] * f[0] + s[0] * f[1])
+        A[k + 2, k] -= half * (s[2] * f[0] + s[0] * f[2])
+        A[k + 2, k + 1] -= half * (s[2] * f[1] + s[1] * f[2])
 
 
 @inner
 def _place_points(table, frames, scratch):
     for p in range(len(table.body)):
         arm = rotated(frames, table.body[p], vector(table.arm, p))
-        for d in range(3):
-            scratch.arm[p, d] = arm[d]
-            scratch.q[p, d] = arm[d]
-            if table.body[p] >= 0:
-                scratch.q[p, d] += frames[table.body[p], d]
+        put(scratch.arm, p, 0, arm, 1.0)
+        put(scratch.q, p, 0, arm, 1.0)
+        if table.body[p] >= 0:
+            add(scratch.q, p, 0, vector(frames, table.body[p]), 1.0)
 
 
 @inner
@@ -477,6 +551,7 @@ def _hold(rows, kinds, table, twists, h, scratch):
     for j in range(n):
         scratch.g[j] = 0.0
     for i in range(m):
+        scratch.held[i] = scratch.f[i]
         for j in range(n):
             scratch.g[j] += h * scratch.f[i] * Y[i, j]
     _backward(scratch.A, scratch.g, n)
@@ -503,19 +578,27 @@ def _project(rows, kinds, table, twists, most, drift, scratch):
     for b in range(len(table.column)):
         if table.column[b] >= 0:
             turned_tensor(scratch.frames, b, table.inverse[b], scratch.inverse[b])
+    k = -1
     for turn in range(most + 1):
         _evaluate(table, rows, scratch)
-        worst = 0.0
+        worst, more = 0.0, k < 0
         for i in range(m):
-            on[i] = kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift)
-            if on[i]:
+            held = kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift)
+            if held:
                 worst = max(worst, abs(scratch.c[i]))
-        _mobility(table, scratch)
+                more = more or not on[i]
         if turn == most or not worst > drift:
             break
-        if not _solve_rows(scratch, scratch.c):
-            return False
-        # the force of S f = -c changes the rows by -c
+        # the directions of a pose so near differ by less than rounding
+        if more or worst > KEPT:
+            for i in range(m):
+                on[i] = kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift)
+            _mobility(table, rows, scratch)
+            k = _factor_rows(scratch)
+            if k < 0:
+                return False
+        _solve_rows(scratch, k, scratch.c)
+        # the forces of S f = -c change the rows by -c
         _push(scratch, n)
         for b in range(len(table.column)):
             if table.column[b] >= 0:
@@ -525,8 +608,11 @@ def _project(rows, kinds, table, twists, most, drift, scratch):
         on[i] = kinds.rigid[i]
         for j in range(n):
             scratch.drift[i] += scratch.G[i, j] * scratch.w1[j]
-    if not _solve_rows(scratch, scratch.drift):
+    _mobility(table, rows, scratch)
+    k = _factor_rows(scratch)
+    if k < 0:
         return False
+    _solve_rows(scratch, k, scratch.drift)
     _push(scratch, n)
     for j in range(n):
         scratch.w1[j] += scratch.g[j]
@@ -550,11 +636,13 @@ def advance_bodies(
     twists: Array,
     q: Array,
     v: Array,
+    reaction: Array,
 ) -> int:
     """Advance frames and twists by steps h (n,) under activations (n, n_muscles); return the steps done.
 
-    Positions q and velocities v of the points follow. A step that needs the general path leaves all as
-    it was before it. Projections: at most `most`, until rows leave at most `drift`.
+    Positions q and velocities v of the points, and the forces of rows in the last step, follow. A step
+    that needs the general path leaves all as it was before it. Projections: at most `most`, until rows
+    leave at most `drift`.
     """
     done, still = 0, np.zeros_like(twists)
     for i in range(len(h)):
@@ -583,6 +671,9 @@ def advance_bodies(
         if not finite:
             break
         frames[:] = scratch.frames
+        # forces of rows in their direction at the start, and those by which the rows turn
+        for j in range(len(reaction)):
+            reaction[j] = scratch.held[j] + scratch.f[j] / h[i]
         twists[:] = still
         for b in range(len(table.column)):
             if table.column[b] >= 0:

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim._kernels.multibody import Led, Scratch, advance_bodies
 from sim.joints.compiled import DRIFT, PROJECTIONS
+from sim.joints.contract import REACTIONS
 from sim.multibody import Multibody
 from sim.state import Array, ControlAt, State
 from sim.system import System
@@ -44,6 +45,7 @@ class BodiesAlone:
             time.append(time[-1] + (end - time[-1]))
         frames, twists = state.frames.copy(), state.twists.copy()
         q, v = np.empty_like(state.q), np.empty_like(state.v)
+        reaction = np.zeros(len(self.tables.rows.kind))
         done = advance_bodies(
             self.tables.table,
             self.tables.lines,
@@ -60,8 +62,10 @@ class BodiesAlone:
             twists,
             q,
             v,
+            reaction,
         )
-        return State(time[done], q, v, {}, frames, twists), done
+        memory = {REACTIONS: reaction} if done and len(reaction) else {}
+        return State(time[done], q, v, memory, frames, twists), done
 
     def _led(self, times: Sequence[float]) -> Led:
         """Motion of prescribed bodies at some times."""

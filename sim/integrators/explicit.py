@@ -5,36 +5,30 @@ from typing import ClassVar
 
 from sim.errors import SceneError
 from sim.integrators.contract import require_upright
-from sim.integrators.held import held_acceleration
+from sim.integrators.held import free_acceleration, held_acceleration
 from sim.integrators.workspace import Workspace
 from sim.state import Array, Control, ControlAt, Pose, State, StepReport
 from sim.system import System
 
 
 def _acceleration(system: System, state: State, control: Control, work: Workspace) -> Array:
-    """dw/dt = M^-1 (R'f - D w - b) with the inertial forces b."""
+    """Accelerations dw/dt under the rows of joints."""
     if system.constraints:
         raise SceneError(
             "an explicit integrator does not support constraints: use an implicit one or a soft term"
         )
     system.require_passable("an explicit integrator")
     system.require_no_contact("an explicit integrator")
-    kinematics = system.kinematics
     with work.timed("force"):
-        f = kinematics.generalised_force(system.force(state.q, control).f, state.pose)
-    if system.is_damped:
-        with work.timed("tangent"):
-            D = system.damping_matrix(state.pose, control)
-        f = f - D.force(kinematics.velocities(state))
-    a = kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
-    return a if system.rows is None else held_acceleration(system, system.rows, a, state)
+        a = free_acceleration(system, state, control)
+    return a if system.rows is None else held_acceleration(system, system.rows, a, state)[0]
 
 
 def _finish(
     system: System, pose: Pose, w: Array, state: State, h: float
 ) -> tuple[State, StepReport]:
     if system.rows is not None:
-        pose, w = system.rows.projected(pose, w)
+        pose, w, _ = system.rows.projected(pose, w)
     over = system.during(state, h)
     least, element = over.smallest_J(pose.q)
     require_upright(element, least, state.t + h)

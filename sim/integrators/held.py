@@ -5,8 +5,9 @@ import numpy as np
 from sim.errors import NotConverged, SceneError
 from sim.integrators.workspace import Solution, Workspace
 from sim.joints.compiled import REDUNDANT, Rows
+from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
-from sim.state import Array, Pose, State
+from sim.state import Array, Control, Pose, State
 from sim.system import System
 
 LIMIT = 40
@@ -85,10 +86,23 @@ def held_solution(
     return Solution(w, solutions, found.factorisations, found.definite, roughly), f
 
 
-def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> Array:
-    """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, from those without rows.
+def free_acceleration(system: System, state: State, control: Control) -> Array:
+    """Accelerations (n,) without rows, M^-1 (R'f - D w - b) with the inertial forces b."""
+    kinematics = system.kinematics
+    f = kinematics.generalised_force(system.force(state.q, control).f, state.pose)
+    if system.is_damped:
+        D = system.damping_matrix(state.pose, control)
+        f = f - D.force(kinematics.velocities(state))
+    return kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
 
-    Raises `SceneError` for a compliant row or an inequality.
+
+def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tuple[Array, Array]:
+    """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, and the forces of rows.
+
+    Raises
+    ------
+    SceneError
+        A row yields or is an inequality.
     """
     if not rows.rigid.all():
         raise SceneError(
@@ -104,5 +118,19 @@ def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> Arr
 
     G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
     turning = (rate(BESIDE) - rate(-BESIDE)) / (2.0 * BESIDE)
-    f = np.linalg.solve(G @ X[columns] @ G.T, -(G @ a[columns] + turning))
-    return a + X @ (G.T @ f)
+    f: Array = np.linalg.solve(G @ X[columns] @ G.T, -(G @ a[columns] + turning)).astype(np.float64)
+    return a + X @ (G.T @ f), f
+
+
+def forces_of_rows(system: System, state: State, control: Control) -> Array:
+    """Forces (m,) of rows: those of the step that led to a state, or of the motion at it.
+
+    NaN where no step tells them and a row yields or is an inequality.
+    """
+    rows = system.rows
+    assert rows is not None  # callers ask for it by them
+    if REACTIONS in state.memory:
+        return state.memory[REACTIONS]
+    if not rows.rigid.all():
+        return np.full(len(rows.names), np.nan)
+    return held_acceleration(system, rows, free_acceleration(system, state, control), state)[1]

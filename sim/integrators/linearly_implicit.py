@@ -11,6 +11,7 @@ from sim.integrators.contract import require_upright
 from sim.integrators.estimate import relaxed
 from sim.integrators.held import held_solution
 from sim.integrators.workspace import Solution, Workspace
+from sim.joints.contract import REACTIONS
 from sim.linear import NotReached
 from sim.matrix import Matrix
 from sim.state import Array, Evaluation, Line, Pose, State, StepReport
@@ -120,7 +121,7 @@ def linear_step(
     kinematics, pose0, t1 = system.kinematics, state.pose, state.t + h
     v0 = kinematics.velocities(state)
     A, rhs, moves = equation.A, equation.rhs, equation.moves
-    conditions, touched = system.constraints, None
+    conditions, touched, forces = system.constraints, None, None
     if system.contact is not None:
         touched = LinearContact(system, state, equation, h, work).solve()
         v1, pose = touched.w, replace(pose0, q=touched.q, t=t1)
@@ -129,9 +130,10 @@ def linear_step(
     elif system.rows is not None:
         start, now = work.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
         limit = error / (moves * h)
-        found, _ = held_solution(system, system.rows, A, rhs, start, now, h, limit, work)
+        found, forces = held_solution(system, system.rows, A, rhs, start, now, h, limit, work)
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * found.x), t1)
-        pose, v1 = system.rows.projected(pose, found.x)
+        pose, v1, impulse = system.rows.projected(pose, found.x)
+        forces = forces + impulse / h
     elif conditions is None:
         start = work.extrapolated(state.t, h, v0)
         found = work.solve_any(A, rhs, start, error / (moves * h))
@@ -168,6 +170,8 @@ def linear_step(
             )
         raise
     remembered = {**system.remember(pose.q), **(touched.memory if touched else {})}
+    if forces is not None:
+        remembered[REACTIONS] = forces
     return kinematics.state(pose, v1, remembered), StepReport(
         h=h,
         smallest_J=least,

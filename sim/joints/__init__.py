@@ -3,6 +3,7 @@
 from sim.joints.contract import Joint, Row
 from sim.joints.joints import (
     JOINTS,
+    Bushing,
     Cylindrical,
     Limit,
     Planar,
@@ -16,6 +17,7 @@ from sim.joints.joints import (
 
 __all__ = [
     "JOINTS",
+    "Bushing",
     "Cylindrical",
     "Joint",
     "Limit",

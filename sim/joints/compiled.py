@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.joints import RowTable, evaluate_rows
+from sim._kernels.joints import ALIGNED, ANGLE, TURN, RowTable, evaluate_rows
 from sim.contact.pushes import pushes
 from sim.errors import SceneError
 from sim.joints.contract import Joint, Row, number_of
@@ -52,6 +52,7 @@ class Rows:
     Attributes
     ----------
     names : of the rows.
+    joints : names of the joints that they belong to, in the order of the scene.
     table : RowTable
     columns : (k,) velocities that any row acts on.
     unilateral : (m,) whether a row is an inequality.
@@ -67,7 +68,10 @@ class Rows:
     def __init__(
         self, joints: Sequence[Joint], bodies: Mapping[str, int], kinematics: Kinematics, rest: Pose
     ) -> None:
-        rows = [row for joint in joints for row in joint.rows()]
+        parts = [joint.rows() for joint in joints]
+        rows = [row for part in parts for row in part]
+        self.joints = tuple(joint.name for joint in joints)
+        self._joint: Index = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
         self.names = tuple(row.name for row in rows)
         self._kinematics, self.table = kinematics, row_table(rows, bodies, rest)
         self.unilateral: Flags = np.array([row.unilateral for row in rows], dtype=bool)
@@ -112,6 +116,27 @@ class Rows:
             drift[held] += (JP[held] * moved[table.point[held]]).sum(axis=1)
         return RowValues(c, G, drift)
 
+    def reactions(self, pose: Pose, f: Array) -> tuple[Array, Array]:
+        """Force [N] and moment [N m] (n_joints, 3) that each joint exerts on its body b, or its point.
+
+        The moment is about the place of the joint on b; body a carries the opposite force.
+
+        Parameters
+        ----------
+        pose : Pose
+        f : (m,) forces of the rows, in the unit of the power of each row [N or N m].
+        """
+        m, table = len(self.names), self.table
+        c, JA, JB, JP = np.empty(m), np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 3))
+        evaluate_rows(table, pose.frames, pose.q, c, JA, JB, JP)
+        on_b = np.where((table.body_b >= 0)[:, None], JB, -JA)
+        turns = (table.kind == ALIGNED) | (table.kind == ANGLE) | (table.kind == TURN)
+        push = np.where((table.point >= 0)[:, None], JP, on_b[:, :3])
+        force, moment = np.zeros((2, len(self.joints), 3))
+        np.add.at(force, self._joint[~turns], (f[:, None] * push)[~turns])
+        np.add.at(moment, self._joint[turns], (f[:, None] * on_b[:, 3:])[turns])
+        return force, moment
+
     def forces(self, S: Array, r: Array, before: Array) -> Array:
         """Forces (m,) with S f + r = 0, for inequalities 0 <= f and S f + r >= 0, one of them zero.
 
@@ -135,8 +160,12 @@ class Rows:
         unit[self.columns, np.arange(len(self.columns))] = 1.0
         return self._kinematics.solve_mass(unit, pose)
 
-    def projected(self, pose: Pose, w: Array) -> tuple[Pose, Array]:
-        """Pose and velocities brought back to the rows, by the least change in the norm of the mass."""
+    def projected(self, pose: Pose, w: Array) -> tuple[Pose, Array, Array]:
+        """Pose and velocities brought back to the rows, by the least change in the norm of the mass.
+
+        Returned with the impulses (m,) of the rows on the velocities: rows of a step are held in their
+        direction at its start, so that these contain the forces by which they turn.
+        """
         X = self.inverse_mass(pose)
         for _ in range(PROJECTIONS):
             now = self.evaluate(pose)
@@ -147,7 +176,10 @@ class Rows:
             pose = self._kinematics.advance(pose, back, pose.t)
         now = self.evaluate(pose)
         G, rate = now.G[self.rigid], (now.G @ w[self.columns] + now.drift)[self.rigid]
-        return pose, w + X @ _least(G, X[self.columns], -rate)
+        impulse = np.zeros(len(self.names))
+        if len(G):
+            impulse[self.rigid] = np.linalg.solve(G @ X[self.columns] @ G.T, -rate)
+        return pose, w + X @ (now.G.T @ impulse), impulse
 
     def _require_independent(self, rest: Pose) -> None:
         if not self.names:

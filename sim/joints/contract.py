@@ -53,8 +53,17 @@ class Row:
     damping_time: float = 0.0
 
 
+REACTIONS = "joints"
+"""Name of the forces of rows in the memory of a state."""
+
+
 class Joint(Protocol):
     """A declared joint."""
+
+    @property
+    def name(self) -> str:
+        """Name, unique within the scene."""
+        ...
 
     def rows(self) -> tuple[Row, ...]:
         """Rows of the joint."""

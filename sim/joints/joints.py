@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.joints import ALIGNED, ANGLE, CURVE, TRAVEL
+from sim._kernels.joints import ALIGNED, ANGLE, CURVE, TRAVEL, TURN
 from sim.errors import SceneError
 from sim.joints.contract import Array, Joint, Row, unit_axes
 
@@ -114,6 +114,69 @@ class Weld(_BodyJoint):
     """No relative motion; its reactions are what a section would carry."""
 
     travels, turns = (0, 1, 2), (0, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Bushing:
+    """Springs and dampers along and about three axes, f = -k x - d dx/dt and m = -k theta - d dtheta/dt.
+
+    x is the travel of a point of b in the axes of a, theta the rotation vector of b in a, both since
+    rest. The force acts at the point of b.
+
+    Attributes
+    ----------
+    name : str
+    a, b : str or None
+    origin, axis : as of joints; the axis is the third.
+    stiffness : (6,) along [N/m] and about [N m/rad] the three axes; 0 for a direction without spring.
+    damping : (6,) [N s/m], [N m s/rad]; 0 where the stiffness is 0.
+
+    Raises
+    ------
+    SceneError
+        A number is negative or not finite, or a direction has damping without stiffness.
+
+    Notes
+    -----
+    The rows have the compliance 1/k and are implicit, so a stiff bushing does not bound the step.
+    """
+
+    name: str
+    a: str | None
+    b: str | None
+    origin: tuple[float, float, float] | Array
+    axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
+    stiffness: tuple[float, ...] = (0.0,) * 6
+    damping: tuple[float, ...] = (0.0,) * 6
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        k, d = np.asarray(self.stiffness, float), np.asarray(self.damping, float)
+        good = k.shape == (6,) and d.shape == (6,) and bool(np.isfinite([k, d]).all())
+        if not (good and (k >= 0.0).all() and (d >= 0.0).all() and not d[k == 0.0].any()):
+            raise SceneError(
+                f"bushing {self.name}: stiffness {self.stiffness!r} and damping {self.damping!r}, "
+                "expected six numbers >= 0 each, and damping only where there is stiffness"
+            )
+        unit_axes(np.asarray(self.axis))
+
+    def rows(self) -> tuple[Row, ...]:
+        """One yielding row per direction with stiffness."""
+        place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
+        return tuple(
+            Row(
+                f"{self.name} {'travel' if i < 3 else 'turn'} {_AXES[i % 3]}",
+                self.a,
+                self.b,
+                *place,
+                kind=TRAVEL if i < 3 else TURN,
+                i=i % 3,
+                compliance=1.0 / k,
+                damping_time=self.damping[i] / k,
+            )
+            for i, k in enumerate(self.stiffness)
+            if k > 0.0
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,6 +334,7 @@ JOINTS: tuple[type[Joint], ...] = (
     Prismatic,
     Planar,
     Weld,
+    Bushing,
     Limit,
     PointOnPlane,
     PointOnCurve,

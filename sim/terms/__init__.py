@@ -1,6 +1,7 @@
 """Terms: sources of force, one file each."""
 
 from sim.scene import Term
+from sim.terms.axial_springs import AxialSprings
 from sim.terms.crushable import Crushable
 from sim.terms.gravity import Gravity
 from sim.terms.line_muscle import LineFibre, LineMuscles
@@ -19,6 +20,7 @@ TERMS: tuple[type[Term], ...] = (
     ElementVolume,
     NodalVolume,
     LineMuscles,
+    AxialSprings,
     NodeLoad,
     Stiffening,
     Support,
@@ -27,6 +29,7 @@ TERMS: tuple[type[Term], ...] = (
 
 __all__ = [
     "TERMS",
+    "AxialSprings",
     "Crushable",
     "ElementVolume",
     "Gravity",

@@ -297,7 +297,8 @@ def _table(term: LineMuscles, layout: Layout, rest: Array) -> LineTable:
     for k, law in enumerate(laws):
         own = law.parameters()
         parameters[k, : len(own)] = own
-    number = [layout.muscles.index(term.names[fibre.muscle]) for fibre in term.fibres]
+    names = [term.names[fibre.muscle] for fibre in term.fibres]
+    number = [layout.muscles.index(n) if n in layout.muscles else -1 for n in names]
     return LineTable(
         np.array(number, dtype=np.int64),
         np.array([fibre.share for fibre in term.fibres], dtype=np.float64),

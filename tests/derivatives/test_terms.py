@@ -47,6 +47,9 @@ EXAMPLES = {
         (sim.Peck(0.8, stretch_max=1.4, tendon_ratio=0.1), sim.ConstantForce(2.0, 0.1)),
         stiffness=30.0,
     ),
+    sim.AxialSprings: lambda: sim.AxialSprings(
+        (np.array([0, 4, 8]), np.array([1, 5])), 30.0, 2.0, np.array([0.01, 0.02])
+    ),
     sim.Stiffening: lambda: sim.Stiffening(
         ("driven", "other"), np.array([2, 1, 2]), np.array([0, 1, 1]), sim.Solid(), 7.0
     ),

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import sim
+from sim.integrators.held import held_solution
 from sim.joints import (
     JOINTS,
+    Bushing,
     Limit,
     PointOnCurve,
     PointOnPlane,
@@ -13,7 +15,7 @@ from sim.joints import (
     Spherical,
     Weld,
 )
-from tests.kinematics.scenes import INERTIA, random_pose
+from tests.kinematics.scenes import INERTIA, dense, mixed_system, random_pose
 
 ARM, MASS, G = 0.1, 0.2, 9.8
 AXIS = (0.3, 0.4, 0.5)
@@ -21,6 +23,7 @@ PLACE = {"name": "j", "a": "skull", "b": "jaw", "origin": (0.01, 0.02, 0.0), "ax
 WEIGHT = (sim.Gravity((0.0, 0.0, -G)),)
 POINT = {"name": "j", "point": 0, "body": "skull", "origin": (0.0, 0.0, 0.01), "normal": AXIS}
 MADE = {
+    Bushing: {**PLACE, "stiffness": (1e2, 2e2, 3e2, 1.0, 2.0, 3.0)},
     Limit: {**PLACE, "lower": -0.2, "upper": 0.3},
     PointOnPlane: POINT,
     PointOnCurve: {
@@ -117,6 +120,29 @@ def test_order_and_drift_with_a_joint(integrator, steps):
         now = system.rows.evaluate(end.pose)
         assert np.abs(now.c).max() < 1e-12
         assert np.abs(now.G @ end.twists.ravel()).max() < 1e-10
+
+
+def test_rows_by_the_schur_complement_equal_the_full_saddle_system():
+    """[A -h G'; G 0] of tissue, bodies and a rigid and a yielding joint, solved densely."""
+    ball = Spherical("ball", "jaw", None, (0.0, 0.0, 0.0))
+    bond = Weld("bond", "skull", "jaw", (0.01, 0.0, 0.0), compliance=1e-3, damping_time=0.02)
+    system = mixed_system(prescribed=False, joints=(ball, bond))
+    pose, _ = random_pose(system, size=0.3)
+    control, h, rows = system.control(np.full(len(system.muscles), 0.2)), 2e-3, system.rows
+    here, K = system.tangent(pose.q, control)
+    D = system.damping_matrix(pose, control, K)
+    A = system.implicit_matrix(pose, here, K, D, h, h * h)
+    rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-3
+    work, start = sim.Workspace(system), np.zeros(system.pattern.n)
+    found, f = held_solution(system, rows, A, rhs, start, pose, h, 1e-12, work)
+    now, m, n = rows.evaluate(pose), len(rows.names), system.pattern.n
+    G = np.zeros((m, n))
+    G[:, rows.columns] = now.G
+    time = np.where(rows.rigid, np.inf, h + rows.damping_time)
+    saddle = np.block([[dense(system, A.values), -h * G.T], [G, np.diag(rows.compliance / time)]])
+    expected = np.linalg.solve(saddle, np.concatenate([rhs, -now.drift - now.c / time]))
+    np.testing.assert_allclose(found.x, expected[:n], atol=1e-9 * np.abs(expected[:n]).max())
+    np.testing.assert_allclose(f, expected[n:], atol=1e-9 * np.abs(expected[n:]).max())
 
 
 def test_limits_stop_and_let_go():
