@@ -132,7 +132,7 @@ def test_rows_by_the_schur_complement_equal_the_full_saddle_system():
     here, K = system.tangent(pose.q, control)
     D = system.damping_matrix(pose, control, K)
     A = system.implicit_matrix(pose, here, K, D, h, h * h)
-    rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-3
+    rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-6
     work, start = sim.Workspace(system), np.zeros(system.pattern.n)
     found, f = held_solution(system, rows, A, rhs, start, pose, h, 1e-12, work)
     now, m, n = rows.evaluate(pose), len(rows.names), system.pattern.n
