@@ -111,7 +111,8 @@ def _rotation(table, frames, k):
     size, s = 2.0 * sign, 1.0 / 12.0
     if sine > SMALL:
         size = sign * angle / sine
-        s = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / (angle * angle)
+        cotangent = math.cos(0.5 * angle) / math.sin(0.5 * angle)
+        s = (1.0 - 0.5 * angle * cotangent) / (angle * angle)
     theta = (size * r[0], size * r[1], size * r[2])
     n = (table.axes_a[k, 0, i], table.axes_a[k, 1, i], table.axes_a[k, 2, i])
     once = cross(theta, n)
