@@ -101,21 +101,17 @@ def environment(number: int, cache: str) -> dict[str, str]:
     return {**os.environ, **own}
 
 
-def main(processes: int = 20, small: bool = False, warm: bool = False, child: bool = False) -> None:
-    """Compare processes; --small: only bodies of a few elements, --warm: kernels from the cache."""
+def main(processes: int = 20, child: bool = False) -> None:
+    """Compare processes; --child computes what one of them does."""
     if child:
-        for name, value in (of_blocks() | ({} if small else of_face())).items():
+        for name, value in (of_blocks() | of_face()).items():
             print(f"{name}: {value}")
         return
     found: dict[str, set[str]] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        cache = os.environ.get("EMGFACE_CACHE", "") if warm else folder
+    with tempfile.TemporaryDirectory() as cache:
         for number in range(processes):
             own = environment(number, cache)
-            if not cache:
-                del own["EMGFACE_CACHE"]
             command = [sys.executable, "-m", "benchmarks", "same_bits", "--child"]
-            command += ["--small"] if small else []
             lines = subprocess.run(
                 command, env=own, check=True, text=True, stdout=subprocess.PIPE, cwd=ROOT
             ).stdout.splitlines()

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +81,27 @@ def kernel_cache(sources: Path) -> Generator[None]:
         yield
     finally:
         config.CACHE_DIR = before
+
+
+@contextmanager
+def in_one_process(lock: Path) -> Generator[None]:
+    """Run the block in one process at a time, where the system has advisory locks.
+
+    Parameters
+    ----------
+    lock : Path
+        File that all processes lock; its folder is created.
+    """
+    with ExitStack() as held:
+        try:
+            import fcntl
+
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            file = held.enter_context(lock.open("a"))
+            fcntl.flock(file, fcntl.LOCK_EX)  # released when the file is closed
+        except (ImportError, OSError):
+            pass  # another system, or a folder without locks: every process compiles for itself
+        yield
 
 
 def kernels_are_compiled(sources: Path = Path(__file__).parent) -> bool:

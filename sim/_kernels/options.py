@@ -11,9 +11,12 @@ parallel is typed twice and optimised three times, and its threads wait by spinn
 
 from collections.abc import Callable, Iterable
 from functools import wraps
+from pathlib import Path
 
 import numba as nb
+from numba.core.compiler_lock import global_compiler_lock
 
+from sim._kernels.cache import in_one_process
 from sim.threads import in_shares
 
 CHUNKS, ROWS = 2, 512  # fewest that are worth a thread: chunks of elements, rows of a table
@@ -24,8 +27,29 @@ _ALL = {
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},  # never all of it: it assumes NaN away
 }
 _inner = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
-kernel = nb.njit(**_ALL, cache=True, nogil=True)
-kernel_and_inner = nb.njit(**_ALL, cache=True, forceinline=True)
+
+
+def _compiled_once(dispatcher):
+    """Let one process compile a kernel while others that need it wait, and load it then."""
+    compile_here = dispatcher.compile
+    lock = Path(dispatcher.stats.cache_path) / f"{dispatcher.__module__}.{dispatcher.__name__}.lock"
+
+    def compile_or_load(signature):
+        with global_compiler_lock, in_one_process(lock):  # in this order in every thread
+            return compile_here(signature)
+
+    dispatcher.compile = compile_or_load
+    return dispatcher
+
+
+def kernel(function):
+    """Compile a function that Python calls, which releases the interpreter lock."""
+    return _compiled_once(nb.njit(**_ALL, cache=True, nogil=True)(function))
+
+
+def kernel_and_inner(function):
+    """Compile a function that both Python and kernels call."""
+    return _compiled_once(nb.njit(**_ALL, cache=True, forceinline=True)(function))
 
 
 def inner(function):

@@ -10,7 +10,6 @@ import sim
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.template import template_face
 from sim.contact.signed_distance import SignedFaces
 from tests.bodies import grid
 from tests.contact.scenes import CASES, clearance_of, contact_of, moved, system_of, two_bodies
@@ -120,14 +119,13 @@ FACES = [
 
 
 @pytest.mark.parametrize(("method", "integrator"), FACES)
-def test_a_symmetric_face_purses_symmetrically(method, integrator):
+def test_a_symmetric_face_purses_symmetrically(coarse, method, integrator):
     """Lips that close on each other and on the teeth, both sides active alike."""
     if method == "barrier":
         pytest.importorskip("ipctk")
-    face = template_face(resolution="coarse")
     contact = ContactParameters(method=method)
     parameters = SimulationParameters(gravity=False, sigma_max=100e3, contact=contact)
-    system = sim.compile_scene(compose_scene(face, parameters))
+    system = sim.compile_scene(compose_scene(coarse, parameters))
     X = system.scene.mesh.X
     mirror = KDTree(X).query(X * MIRROR)[1]
     np.testing.assert_array_equal(X[mirror] * MIRROR, X)

@@ -1,5 +1,7 @@
 """Faces that several tests read: imported once, and a small one made by hand."""
 
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +20,14 @@ def models(shared: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def reference_face(models: Path) -> xr.Dataset:
-    return import_artisynth(models)
+def reference_face(imported: Callable[..., xr.Dataset]) -> xr.Dataset:
+    return imported()
+
+
+@pytest.fixture(scope="session")
+def imported(models: Path) -> Callable[..., xr.Dataset]:
+    """Import of the reference face with options, once for each of them; not to be changed."""
+    return cache(partial(import_artisynth, models))
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """The report of a face against published counts and closed forms."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,6 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from emgface.face.artisynth import import_artisynth
 from emgface.face.check import face_report, sheet_nodes
 from emgface.face.quality import element_quality, is_wedge
 
@@ -98,8 +98,8 @@ def test_published_measures(summary: pd.DataFrame, quantity: str) -> None:
     assert summary.loc[quantity, "value"] == pytest.approx(value, abs=half_digit)
 
 
-def test_published_muscles_by_radius(models: Path) -> None:
-    report = face_report(import_artisynth(models, oop="radius", oom="radius"))
+def test_published_muscles_by_radius(imported: Callable[..., xr.Dataset]) -> None:
+    report = face_report(imported(oop="radius", oom="radius"))
     columns = ["elements", "hexahedra", "wedges", "inner", "centre", "outer"]
     for muscle, row in MUSCLES_5MM.items():
         for side in "LR":

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.face.template import template_face
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import with_surface
 
 
 @pytest.fixture(scope="session")
-def face() -> xr.Dataset:
-    return template_face(resolution="coarse")
+def face(coarse: xr.Dataset) -> xr.Dataset:
+    return coarse
 
 
 @pytest.fixture(scope="session")

@@ -26,11 +26,9 @@ def test_mechanics_bring_no_plotting_no_command_line_and_no_data_library():
     assert not found & (PLOTTING_AND_CLI | DATA | {"emgface", "analysis"})
 
 
-@pytest.mark.parametrize(
-    "what", ["emgface.face.motion", "emgface.face.template", "emgface.face.file"]
-)
-def test_a_face_is_simulated_without_plotting_and_command_line(what):
-    assert not brought_by(what) & PLOTTING_AND_CLI
+def test_a_face_is_simulated_without_plotting_and_command_line():
+    together = "emgface.face.motion, emgface.face.template, emgface.face.file"
+    assert not brought_by(together) & PLOTTING_AND_CLI
 
 
 def test_analysis_brings_neither_the_mechanics_nor_plotting():

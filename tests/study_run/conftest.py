@@ -14,6 +14,7 @@ from emgface.face.model import build_face
 from emgface.face.parts import Bundle, Fibre
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MUSCLES
+from emgface.report import figures
 from emgface.report.write import write_page
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
@@ -23,6 +24,14 @@ from sim.threads import set_thread_count, thread_count
 
 STEP = 0.02
 """Time step [s] of everything simulated here."""
+
+MECHANICS = {
+    "solver": "linearly_implicit",
+    "step": STEP,
+    "output": STEP,
+    "contact": {"method": "none"},
+}
+"""One solution per step: what a study does with motions does not depend on how they are solved."""
 
 STEPS = (10, 2, 6)
 LOW, HIGH = np.array([-0.03, 0.05, -0.10]), np.array([0.03, 0.06, -0.064])
@@ -121,9 +130,16 @@ def laboratory(slab: xr.Dataset, tmp_path_factory) -> Path:
         n=1,
         instructions=("B", "E"),
         seed=2,
-        parameters=SimulationParameters(step=STEP),
+        parameters=configure(SimulationParameters, MECHANICS),
     )
     return folder
+
+
+@pytest.fixture
+def without_figures(monkeypatch) -> None:
+    """Write reports without their figures, which take most of the time."""
+    for name in ("score_figures", "baseline_figure", "trial_figures"):
+        monkeypatch.setattr(figures, name, lambda results: [])
 
 
 @pytest.fixture(scope="session")
@@ -138,7 +154,7 @@ def page(laboratory: Path, tmp_path_factory) -> Path:
             "recordings": {"folder": str(laboratory / "recordings"), "instructions": ["B"]},
             "face": {"path": str(laboratory / "face.nc")},
             "signals": {"normalisation": {"silent": "zero"}, "resampling": {"steps": 40}},
-            "simulation": {"step": STEP, "sigma_max": 100e3},
+            "simulation": MECHANICS | {"sigma_max": 100e3},
         },
     )
     with warnings.catch_warnings():

@@ -19,7 +19,7 @@ from emgface.study.file import load_study
 from emgface.study.run import run_study
 from emgface.study.template import study_template
 from emgface.study.variants import variants
-from tests.study_run.conftest import STEP
+from tests.study_run.conftest import MECHANICS
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
@@ -107,7 +107,7 @@ def varied(laboratory: Path, tmp_path_factory) -> Path:
             "recordings": {"folder": str(laboratory / "recordings"), "instructions": ["B"]},
             "face": {"path": str(laboratory / "face.nc")},
             "signals": {"normalisation": {"silent": "zero"}, "resampling": {"steps": 40}},
-            "simulation": {"step": STEP},
+            "simulation": MECHANICS,
             "axis": [
                 {"parameters": ["simulation.sigma_max"], "levels": [100e3, 60e3]},
                 {"parameters": ["score.form"], "levels": ["consistent", "as_printed"]},

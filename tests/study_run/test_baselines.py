@@ -18,11 +18,12 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.measured import measured_during
 from emgface.study.run import run_study
 from emgface.volunteers.simulate import make_volunteers
-from tests.study_run.conftest import STEP
+from tests.study_run.conftest import MECHANICS
 
-pytestmark = pytest.mark.slow
-
-pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def three(slab: xr.Dataset, laboratory: Path, tmp_path_factory):
     shutil.copytree(laboratory / "recordings", folder / "recordings")
     made = make_volunteers(
         slab, folder / "second", n=1, repetitions=2, instructions=("B",), seed=2,
-        parameters=SimulationParameters(step=STEP),
+        parameters=configure(SimulationParameters, MECHANICS),
     )  # fmt: skip
     write_recording(read_recording(made[1]), folder / "recordings" / "S01_B_2.nc")
     for volunteer, factor in (("S02", 1.5), ("S03", 0.8)):
@@ -51,7 +52,7 @@ def three(slab: xr.Dataset, laboratory: Path, tmp_path_factory):
             "recordings": {"folder": str(folder / "recordings")},
             "face": {"path": str(laboratory / "face.nc")},
             "signals": {"normalisation": {"silent": "zero"}, "resampling": {"steps": 40}},
-            "simulation": {"step": STEP, "sigma_max": 100e3},
+            "simulation": MECHANICS | {"sigma_max": 100e3},
         },
     )
     return study, run_study(study, folder / "study"), folder / "study"

@@ -28,8 +28,11 @@ path = "{face}"
 [signals.normalisation]
 silent = "zero"
 [simulation]
+solver = "linearly_implicit"
 step = 0.02
+output = 0.02
 sigma_max = 100e3
+contact = {{ method = "none" }}
 """
 
 

@@ -14,11 +14,11 @@ from emgface.face.file import save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import write_netcdf
 from emgface.signals.parameters import FilterParameters, SignalChain
-from tests.study_run.conftest import STEP
+from tests.study_run.conftest import MECHANICS as SLAB_MECHANICS
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 SIGNALS = {"normalisation": {"silent": "zero"}, "resampling": {"steps": 40}}
-MECHANICS = {"step": STEP, "sigma_max": 100e3}
+MECHANICS = SLAB_MECHANICS | {"step": 0.01, "output": 0.01, "sigma_max": 100e3}
 
 
 @pytest.fixture(scope="module")

@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.choices import configure
 from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SigmaMaxPolicy, SimulationParameters
 from emgface.face.stability import stability_warning
 from emgface.report.results import open_results
 from emgface.study import skin
-from emgface.study.configuration import StudyConfiguration
 from emgface.study.policy import lower_sigma_max
 from emgface.study.run import run_study
 from sim.errors import InvertedElement, NotConverged, SingularSystem, ToleranceMissed
-from tests.study_run.conftest import STEP
+from tests.study_run.conftest import MECHANICS
+from tests.study_run.test_run import configured
 
 PARAMETERS = SimulationParameters()
 
@@ -115,20 +114,8 @@ def test_a_value_lowered_for_one_trial_holds_for_its_volunteer(
         return simulate_face(face, activation, parameters, **rest)
 
     monkeypatch.setattr(skin, "simulate_face", fragile)
-    study = configure(
-        StudyConfiguration,
-        {
-            "strategies": ["act_rel"],
-            "recordings": {"folder": str(laboratory / "recordings")},
-            "face": {"path": str(laboratory / "face.nc")},
-            "signals": {"normalisation": {"silent": "zero"}},
-            "simulation": {
-                "step": STEP,
-                "sigma_max": 100e3,
-                "sigma_max_policy": {"scope": scope},
-            },
-        },
-    )
+    mechanics = MECHANICS | {"sigma_max": 100e3, "sigma_max_policy": {"scope": scope}}
+    study = configured(laboratory, simulation=mechanics)
     cube = run_study(study, tmp_path / "out").cube
     assert (cube["status"] == "ok").all()
     used = sorted(cube["sigma_max"].values.ravel())

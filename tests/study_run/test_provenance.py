@@ -78,7 +78,7 @@ def test_digests_and_values_know_no_date(made, laboratory: Path, tmp_path, monke
 
 
 def test_resumed_by_another_version_is_said_per_trial(
-    made, laboratory: Path, tmp_path: Path, monkeypatch
+    made, laboratory: Path, tmp_path: Path, monkeypatch, without_figures
 ) -> None:
     """The scores of one trial are deleted and computed by a later version."""
     out = tmp_path / "study"
@@ -101,7 +101,7 @@ def test_resumed_by_another_version_is_said_per_trial(
 
 
 def test_report_tells_what_computed_the_cube_and_what_wrote_the_page(
-    made, tmp_path: Path, monkeypatch
+    made, tmp_path: Path, monkeypatch, without_figures
 ) -> None:
     """A report by a later version states both versions."""
     monkeypatch.setattr(shown, "__version__", "7.7")

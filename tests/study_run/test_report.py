@@ -27,7 +27,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.body import merged, skin_of
 from emgface.pictures.encoding import ABSENT, QUANTUM, deltas, whole
 from emgface.pictures.page import THREE, resource
-from emgface.report import contents
+from emgface.report import contents, write
 from emgface.report.methods import methods
 from emgface.report.results import Results, open_results, representative, study_folder
 from emgface.report.simulated import simulated_limits
@@ -215,7 +215,7 @@ def test_one_strategy_and_one_volunteer(tmp_path: Path) -> None:
     ]
 
 
-def test_simulated_worlds_are_named_and_their_limits_said(tmp_path: Path) -> None:
+def test_simulated_worlds_are_named_and_their_limits_said(tmp_path: Path, without_figures) -> None:
     matched = scores().assign_attrs(world="matched world")
     matched = matched.assign_coords(strategy=["act_all", "act_3", "act_rel"])
     text = alone(matched, tmp_path)
@@ -235,7 +235,7 @@ def test_simulated_worlds_are_named_and_their_limits_said(tmp_path: Path) -> Non
     assert origin_of(scores()) == "simulated"
 
 
-def test_rho_identical_everywhere(tmp_path: Path) -> None:
+def test_rho_identical_everywhere(tmp_path: Path, without_figures) -> None:
     cube = scores()
     cube["rho"][:] = 0.5
     text = alone(cube, tmp_path)
@@ -335,7 +335,7 @@ def test_methods_know_every_choice_of_the_signals() -> None:
         assert len(texts) == len(options), name
 
 
-def test_command_writes_page_and_tables(page: Path, tmp_path: Path) -> None:
+def test_command_writes_page_and_tables(page: Path, tmp_path: Path, without_figures) -> None:
     folder = tmp_path / "study"
     shutil.copytree(page.parent / "study", folder)
     arguments = ["report", str(folder), "--no-faces", "--out", str(tmp_path / "report.html")]
@@ -380,12 +380,22 @@ def test_a_folder_with_a_study_inside_is_taken_for_it(page: Path, tmp_path: Path
     assert study_folder(tmp_path) == tmp_path
 
 
-def test_a_page_is_written_again_only_where_something_changed(page: Path, tmp_path: Path) -> None:
+def test_a_page_is_rendered_again_only_where_something_changed(
+    page: Path, tmp_path: Path, monkeypatch
+) -> None:
+    drawn: list[bool] = []
+
+    def counted(results: Results, *, faces: bool, say: object) -> str:
+        drawn.append(faces)
+        return '<div id="motions">' if faces else "<div>"
+
+    monkeypatch.setattr(write, "render", counted)
     copy = tmp_path / "copy.html"
-    copy.write_bytes(page.read_bytes())
-    before = copy.stat().st_mtime_ns
     assert write_page(page.parent, copy).size == page.stat().st_size
-    assert copy.stat().st_mtime_ns == before
-    assert 'id="motions"' in copy.read_text(encoding="utf-8")
+    assert copy.read_bytes() == page.read_bytes()
+    before = copy.stat().st_mtime_ns
+    write_page(page.parent, copy)
+    assert copy.stat().st_mtime_ns == before and drawn == []
     write_page(page.parent, copy, faces=False)
-    assert 'id="motions"' not in copy.read_text(encoding="utf-8")
+    assert 'id="motions"' not in copy.read_text(encoding="utf-8") and drawn == [False]
+    (page.parent / "study" / "store" / "page.html").write_bytes(page.read_bytes())

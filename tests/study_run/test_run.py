@@ -22,7 +22,7 @@ from emgface.study.run import run_study
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
 from emgface.volunteers.world import MATCHED
-from tests.study_run.conftest import STEP
+from tests.study_run.conftest import MECHANICS, STEP
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
@@ -33,7 +33,7 @@ def configured(laboratory: Path, **changes) -> StudyConfiguration:
         "recordings": {"folder": str(laboratory / "recordings")},
         "face": {"path": str(laboratory / "face.nc")},
         "signals": {"normalisation": {"silent": "zero"}},
-        "simulation": {"step": STEP, "sigma_max": 100e3},
+        "simulation": MECHANICS | {"sigma_max": 100e3},
     }
     return configure(StudyConfiguration, values | changes)
 
@@ -78,7 +78,8 @@ def test_true_activations_on_the_same_face_lose_nothing(
     In the matched world, where nothing but the size of the face and its stiffness differs.
     """
     make_volunteers(
-        slab, tmp_path, n=1, instructions=("B",), seed=2, parameters=SimulationParameters(step=STEP),
+        slab, tmp_path, n=1, instructions=("B",), seed=2,
+        parameters=configure(SimulationParameters, MECHANICS),
         settings=VolunteerParameters(world=MATCHED),
     )  # fmt: skip
     recordings = {"folder": str(tmp_path / "recordings"), "instructions": ["B"]}
@@ -125,9 +126,9 @@ def test_a_changed_score_leaves_the_simulations_alone(laboratory, finished) -> N
     study = configured(laboratory, score={"form": "as_printed"})
     result = run_study(study, laboratory / "study")
     assert stages(result) == ["baselines"] * 2 + ["scores"] * 2
-    # 1.6 s of activation are 161 samples, fewer where the shift leaves some out: (n - 1)/n
+    # 1.6 s are 81 outputs, fewer where the shift leaves some out: (n - 1)/n
     ratio = (result.cube["rho"] / finished.cube["rho"]).values
-    assert ((ratio > 120 / 121) & (ratio <= 160 / 161 + 1e-12)).all()
+    assert ((ratio > 60 / 61) & (ratio <= 80 / 81 + 1e-12)).all()
 
 
 def test_a_damaged_result_is_said_and_computed_again(laboratory, finished, tmp_path) -> None:
@@ -287,7 +288,7 @@ def test_a_simulation_that_fails_is_kept_with_the_last_sigma_max(
 
     study = configured(
         laboratory,
-        simulation={"step": STEP, "sigma_max": 100e3, "sigma_max_policy": {"minimum": 90e3}},
+        simulation=MECHANICS | {"sigma_max": 100e3, "sigma_max_policy": {"minimum": 90e3}},
     )
     with monkeypatch.context() as patched:
         patched.setattr(skin_module, "simulate_face", inverts)

@@ -6,25 +6,25 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from emgface.recordings.dataset import read_recording
 from emgface.volunteers.person import draw_volunteer, person_face, person_parameters
 from emgface.volunteers.simulate import make_volunteers
+from tests.study_run.conftest import MECHANICS
 
-PARAMETERS = SimulationParameters(step=0.02)
+PARAMETERS = configure(SimulationParameters, MECHANICS)
 
 
-@pytest.fixture(scope="module")
-def made(slab, tmp_path_factory) -> tuple[Path, list[Path]]:
-    out = tmp_path_factory.mktemp("volunteers")
-    return out, make_volunteers(
-        slab, out, n=1, instructions=("B", "E"), seed=4, parameters=PARAMETERS
-    )
+@pytest.fixture
+def made(laboratory: Path) -> list[Path]:
+    """Recordings of B and E."""
+    return sorted((laboratory / "recordings").glob("*.nc"))
 
 
 def test_a_recording_follows_the_schema_of_a_study_and_says_it_is_simulated(made) -> None:
-    for path, instruction in zip(made[1], "BE", strict=True):
+    for path, instruction in zip(made, "BE", strict=True):
         recording = read_recording(path, study=True)
         assert recording.attrs["origin"] == "simulated"
         assert recording.attrs["instruction"] == instruction
@@ -50,7 +50,7 @@ def lips_in_head_frame(recording: xr.Dataset) -> np.ndarray:
 
 
 def test_lips_move_within_the_head_while_the_instruction_lasts(made) -> None:
-    recording = read_recording(made[1][0])
+    recording = read_recording(made[0])
     lips = lips_in_head_frame(recording)
     moved = np.linalg.norm(lips - lips[:10].mean(axis=0), axis=-1)
     assert moved[:10].mean() < 5e-4  # marker noise 0.1 mm, also in the head frame
@@ -62,26 +62,25 @@ def test_lips_move_within_the_head_while_the_instruction_lasts(made) -> None:
 def test_the_same_seed_gives_the_same_files_and_stored_motions_are_reused(
     made, slab, tmp_path: Path
 ) -> None:
-    out, paths = made
-    again = make_volunteers(slab, tmp_path, n=1, instructions=("E",), seed=4, parameters=PARAMETERS)
-    first, second = read_recording(paths[1]), read_recording(again[0])
+    again = make_volunteers(slab, tmp_path, n=1, instructions=("E",), seed=2, parameters=PARAMETERS)
+    first, second = read_recording(made[1]), read_recording(again[0])
     drop = ["source_digest"]
     for dataset in (first, second):
         for name in drop:
             dataset.attrs.pop(name, None)
     xr.testing.assert_identical(first, second)
-    stored = {p: p.stat().st_mtime_ns for p in (out / "store").rglob("*.nc")}
-    make_volunteers(slab, out, n=1, instructions=("B", "E"), seed=4, parameters=PARAMETERS)
-    assert {p: p.stat().st_mtime_ns for p in (out / "store").rglob("*.nc")} == stored
+    stored = {p: p.stat().st_mtime_ns for p in (tmp_path / "store").rglob("*.nc")}
+    make_volunteers(slab, tmp_path, n=1, instructions=("E",), seed=2, parameters=PARAMETERS)
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "store").rglob("*.nc")} == stored
 
 
 @pytest.mark.slow
 def test_two_processes_write_the_files_of_one(made, slab, tmp_path: Path) -> None:
     paths = make_volunteers(
-        slab, tmp_path, n=1, instructions=("B", "E"), seed=4, parameters=PARAMETERS, workers=2
+        slab, tmp_path, n=1, instructions=("B", "E"), seed=2, parameters=PARAMETERS, workers=2
     )
     assert [path.name for path in paths] == ["S01_B_1.nc", "S01_E_1.nc"]
-    for path, other in zip(paths, made[1], strict=True):
+    for path, other in zip(paths, made, strict=True):
         first, second = read_recording(path), read_recording(other)
         # The number of threads may affect the last digits of a product (emg of 1e-4 V) and of a
         # factorisation, and therefore the end of an iteration.

@@ -1,5 +1,7 @@
 """Steps under error control hold the tolerance that was asked for, and leave no trace when rejected."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -190,26 +192,36 @@ def test_a_tolerance_beyond_the_smallest_step_is_reported():
     assert caught.value.error > caught.value.allowed > 0.0
 
 
+JUMPS = {
+    "start": sim.Activation(np.zeros(1), np.array([[0.3, 0.3]])),
+    "within": sim.Activation(np.array([0.05, 0.0501]), np.array([[0.0, 0.0], [0.3, 0.3]])),
+}
+
+
+def after_jump(system, name, integrator, steps):
+    return sim.simulate(
+        system,
+        JUMPS[name],
+        duration=0.1,
+        every=H,
+        probes=(sim.Positions(), sim.Iterations()),
+        integrator=integrator,
+        steps=steps,
+    )[0]
+
+
+@functools.cache
+def resolved_jump(name):
+    return after_jump(block(), name, solver(sim.Sdirk2), sim.FixedStep(H / 64))
+
+
 @pytest.mark.parametrize("cls", [sim.ConvergedEuler, sim.Sdirk2, sim.Trapezoidal])
 def test_a_jump_of_the_load_is_taken_in_steps_of_bounded_size(cls):
     """Steps after a jump, at the start or within, are no smaller than the new motion needs."""
     system, tolerance = block(), 1e-4 if cls is sim.ConvergedEuler else 3e-5
-    fine = sim.ErrorControlledStep(tolerance, H)
-    before, after = 0.05, 0.0501
-    jumps = {
-        "start": sim.Activation(np.zeros(1), np.array([[0.3, 0.3]])),
-        "within": sim.Activation(np.array([before, after]), np.array([[0.0, 0.0], [0.3, 0.3]])),
-    }
-    for name, activation in jumps.items():
-        options = {"duration": 0.1, "every": H, "probes": (sim.Positions(), sim.Iterations())}
-        exact, _ = sim.simulate(
-            system,
-            activation,
-            integrator=solver(sim.Sdirk2),
-            steps=sim.FixedStep(H / 64),
-            **options,
-        )
-        found, _ = sim.simulate(system, activation, integrator=solver(cls), steps=fine, **options)
+    for name in JUMPS:
+        exact = resolved_jump(name)
+        found = after_jump(system, name, solver(cls), sim.ErrorControlledStep(tolerance, H))
         gap = np.linalg.norm(found.node_position.values - exact.node_position.values, axis=1)
         moved = np.linalg.norm((exact.node_position - exact.node_position[..., 0]).values, axis=1)
         assert moved.max() > 30 * tolerance, name
