@@ -108,8 +108,10 @@ def show_warnings_as_sentences() -> None:
 
 
 @contextmanager
-def progress(description: str, total: int | None = None) -> Iterator["Bar"]:
-    """Show a progress bar with elapsed and remaining time."""
+def progress(
+    description: str, total: int | None = None, bar: "type[Bar] | None" = None
+) -> Iterator["Bar"]:
+    """Show a progress bar, or one of a derived class, with elapsed and remaining time."""
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -120,7 +122,7 @@ def progress(description: str, total: int | None = None) -> Iterator["Bar"]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=err, transient=True) as shown:
-        yield Bar(shown, shown.add_task(description, total=total))
+        yield (bar or Bar)(shown, shown.add_task(description, total=total))
 
 
 @dataclass(frozen=True)

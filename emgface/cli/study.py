@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.console import BAD_INPUT, PARTIAL, progress, say, tell
+from emgface.cli.console import BAD_INPUT, PARTIAL, Bar, progress, say, tell
 from emgface.cli.machine import announce_compilation, cores, show_page
 from emgface.cli.options import AccuracyOption, OutPath, WorkersOption
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from emgface.study.configuration import StudyConfiguration
     from emgface.study.report import Report
     from emgface.study.run import StudyResult
+    from emgface.volunteers.settings import VolunteerParameters
 
 app = typer.Typer(no_args_is_help=True, help="Run studies, from recordings to the cube of scores.")
 
@@ -146,37 +147,32 @@ def demo(
     accuracy: AccuracyOption = None,
 ) -> None:
     """Simulate two volunteers, run a study of them and write its report with the moving face."""
+    from emgface.study.parallel import kept_processes
+
+    with kept_processes(cores(), ("emgface.volunteers.simulate", "emgface.study.workers")):
+        raise typer.Exit(_demo(out_path, full, accuracy))
+
+
+def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
+    """Run the demonstration in the processes that wait; exit code."""
     from emgface.face.file import save_face
+    from emgface.files import write_text
     from emgface.muscles import INSTRUCTIONS
     from emgface.study.demo import SHORT, STRATEGIES, demo_study, demo_volunteers
     from emgface.study.faces import study_face
-    from emgface.study.store import write_text
     from emgface.study.template import study_template
-    from emgface.volunteers.simulate import make_volunteers
 
-    instructions = tuple(INSTRUCTIONS) if full else SHORT
-    plan = _as_accurate(demo_study(out_path, instructions=instructions), accuracy)
-    settings, workers = demo_volunteers(), cores()
+    plan = demo_study(out_path, instructions=tuple(INSTRUCTIONS) if full else SHORT)
+    plan, settings = _as_accurate(plan, accuracy), demo_volunteers()
     say(
         "Volunteers, sEMG and motion of this demonstration are simulated. The volunteers belong to the "
         f"{settings.world.label}: they differ from the assumptions of the study."
     )
-    save_face(study_face(plan.face), out_path / "face.nc")
     announce_compilation()
-    with progress("simulated volunteers") as bar:
-        make_volunteers(
-            None,
-            out_path / "volunteers",
-            n=2,
-            instructions=instructions,
-            seed=plan.seed,
-            parameters=plan.simulation,
-            settings=settings,
-            workers=workers,
-            observer=bar,
-        )
-    write_text(study_template(plan), out_path / "study.toml")
-    result, tables = _results(plan, out_path / "study", workers)
+    _simulate_volunteers(plan, settings, out_path)
+    save_face(study_face(plan.face), out_path / "face.nc")
+    write_text(out_path / "study.toml", study_template(plan))
+    result, tables = _results(plan, out_path / "study", cores())
     tell(tables.summary)
     for name, meaning in STRATEGIES.items():
         tell(f"{name}: {meaning}.")
@@ -192,4 +188,55 @@ def demo(
         f"'emgface study run {out_path / 'study.toml'} --out {out_path / 'changed'}'."
     )
     show_page(page)
-    raise typer.Exit(_code(result, tables))
+    return _code(result, tables)
+
+
+def _simulate_volunteers(
+    plan: "StudyConfiguration", settings: "VolunteerParameters", out_path: Path
+) -> None:
+    """Write the recordings of the demonstration, unless they exist, and a page of the first trial."""
+    from emgface.files import write_text
+    from emgface.study.demo import volunteers_digest
+    from emgface.study.first_motion import FirstMotion
+    from emgface.volunteers.simulate import make_volunteers
+
+    folder = out_path / "volunteers"
+    mark, wanted = folder / "made_of.txt", volunteers_digest(plan, settings)
+    n_files = len(list((folder / "recordings").glob("S??_?_1.nc")))
+    made = mark.is_file() and mark.read_text(encoding="utf-8") == wanted
+    if made and n_files >= 2 * len(plan.recordings.instructions):
+        return
+    mark.unlink(missing_ok=True)
+
+    def ready(found: Path | Exception) -> None:
+        if isinstance(found, Exception):
+            say(f"The page of the first trial is omitted: {found}")
+            return
+        say(f"The first trial moves in {found}.")
+        show_page(found)
+
+    page, beside = out_path / "first.html", cores() > 1
+    first = FirstMotion(plan, out_path / "study", page, ready, beside=beside)
+
+    class Showing(Bar):
+        """Progress bar that begins the page when the first recording exists."""
+
+        def finished(self, label: str, status: str) -> None:
+            """Advance by one, and begin the page of the first recording."""
+            super().finished(label, status)
+            first.of(folder / "recordings" / f"{label.replace(' ', '_')}_1.nc")
+
+    with progress("simulated volunteers", bar=Showing) as bar:
+        make_volunteers(
+            None,
+            folder,
+            n=2,
+            instructions=plan.recordings.instructions,
+            seed=plan.seed,
+            parameters=plan.simulation,
+            settings=settings,
+            workers=cores(),
+            observer=bar,
+        )
+    first.end()
+    write_text(mark, wanted)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from analysis.baseline_tables import comparison
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import Table, report_tables
+from emgface.errors import StoreError
 from emgface.pictures.page import as_json, environment, policy, style, viewer_script
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import recording_label
@@ -23,7 +25,7 @@ from emgface.report.motion import moving_faces
 from emgface.report.results import Results, open_results, study_folder
 from emgface.report.simulated import simulated_limits
 from emgface.schema.netcdf import read_netcdf
-from emgface.study.digest import code_version, file_digest, text_digest
+from emgface.study.digest import code_version, dataset_digest, file_digest, text_digest
 from emgface.study.store import write_text
 from sim.threads import one_blas_thread
 
@@ -62,7 +64,8 @@ def write_page(
     folder : Path
         Given to ``emgface study run --out``, or one that holds such a folder.
     out : Path
-        The page, ``*.html``; kept as it is where it was written from the same cube, recordings and code.
+        The page, ``*.html``; kept as it is where it was written from the same cube, recordings and code,
+        and copied from the study's store where another file was.
     faces : bool
         Whether the moving face and the rendered ones are in it; they need a simulation per
         instruction and strategy, which is stored for the next time.
@@ -85,25 +88,41 @@ def write_page(
     The page requests nothing: a content security policy forbids every request, and its scripts are
     named there by their digests.
     """
-    mark = f"<!-- {_digest(study_folder(folder), faces)} -->\n"
-    if out.is_file() and out.read_bytes().endswith(mark.encode()):
+    folder = study_folder(folder)
+    mark = f"<!-- {_digest(folder, faces)} -->\n"
+    if _is_of(mark, out):
         return Page(out, out.stat().st_size, [])
-    results = open_results(study_folder(folder))
+    kept = folder / "store" / "page.html"
+    if _is_of(mark, kept):
+        write_text(kept.read_text(encoding="utf-8"), out)
+        return Page(out, out.stat().st_size, [])
+    results = open_results(folder)
     text = render(results, faces=faces, say=say)
-    write_text(text if results.notes else text.rstrip() + "\n" + mark, out)
+    if not results.notes:
+        text = text.rstrip() + "\n" + mark
+        with suppress(StoreError):  # a study that may only be read
+            write_text(text, kept)
+    write_text(text, out)
     return Page(out, out.stat().st_size, results.notes)
+
+
+def _is_of(mark: str, path: Path) -> bool:
+    """Test if a page ends with the digest of what it was written from."""
+    return path.is_file() and path.read_bytes().endswith(mark.encode())
 
 
 def _digest(folder: Path, faces: bool) -> str:
     """Digest of all that a page depends on: cube, recordings as files, code and templates."""
     cube = folder / "cube.nc"
-    found = [str(faces), file_digest(cube) if cube.is_file() else ""]
+    found = [str(faces)]
     found.append(code_version(("analysis", "emgface")))
     package = Path(__file__).parents[1]
     pages = [*package.glob("report/page/*"), *package.glob("pictures/page/*")]
     found += [file_digest(path) for path in sorted(pages)]
     if cube.is_file():
-        configuration = read_netcdf(cube, "cube").attrs.get("configuration", "{}")
+        scores = read_netcdf(cube, "cube")
+        found.append(dataset_digest(scores))
+        configuration = scores.attrs.get("configuration", "{}")
         recordings = Path(json.loads(str(configuration)).get("recordings", {}).get("folder", ""))
         for path in sorted(recordings.glob("**/*")) if recordings.is_dir() else ():
             found.append(f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}")

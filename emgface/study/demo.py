@@ -7,13 +7,14 @@ from emgface.choices import configure
 from emgface.face.support import WALL
 from emgface.muscles import INSTRUCTIONS
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.digest import canonical_json, code_version, text_digest
 from emgface.volunteers.settings import VolunteerParameters
 
 RESOLUTION = "coarse"
 SHORT: Final = ("A", "D")
 """Instructions of the demonstration: purse lips, and smile."""
 
-DURATION, OUTPUT = 1.2, 0.02
+DURATION, OUTPUT = 1.0, 0.02
 """Length of a trial; largest step and time between recorded instants [s]."""
 
 STRATEGIES: Final = {
@@ -72,3 +73,15 @@ def demo_study(out: Path, *, instructions: tuple[str, ...] = SHORT) -> StudyConf
             "strategies": list(STRATEGIES),
         },
     )
+
+
+def volunteers_digest(study: StudyConfiguration, settings: VolunteerParameters) -> str:
+    """Digest of all that the recordings of the demonstration depend on."""
+    chosen = {
+        "instructions": study.recordings.instructions,
+        "seed": study.seed,
+        "simulation": study.simulation.model_dump(mode="json"),
+        "settings": settings.model_dump(mode="json"),
+        "code": code_version(("emgface", "sim")),
+    }
+    return text_digest(canonical_json(chosen))

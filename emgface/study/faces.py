@@ -1,5 +1,7 @@
 """Face model of a study."""
 
+from functools import lru_cache
+
 import xarray as xr
 
 from emgface.face.file import load_face
@@ -16,4 +18,10 @@ def study_face(configuration: FaceConfiguration) -> xr.Dataset:
     if configuration.path is not None:
         return load_face(configuration.path)
     template = configuration.template or TemplateParameters()
-    return template_face(**template.model_dump())
+    return _generated(template.model_dump_json()).copy(deep=True)
+
+
+@lru_cache(maxsize=4)
+def _generated(parameters: str) -> xr.Dataset:
+    """Template face; those of the last studies are kept, since several steps of a study use it."""
+    return template_face(**TemplateParameters.model_validate_json(parameters).model_dump())

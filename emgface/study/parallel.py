@@ -3,12 +3,14 @@
 Small meshes do not benefit from threads; independent trials benefit fully from processes.
 """
 
+import importlib
+import itertools
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -16,6 +18,59 @@ Job = TypeVar("Job")
 Done = TypeVar("Done")
 
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+
+class _Processes:
+    """Processes that begin their work when it arrives, and stop at once or after their jobs."""
+
+    def __init__(self, workers: int) -> None:
+        self._others = {child.pid for child in multiprocessing.active_children()}
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(workers, context, _prepare)
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Give a job to the next free process."""
+        return self._pool.submit(function, *arguments)
+
+    def stop(self) -> None:
+        """Stop all jobs at once."""
+        for child in multiprocessing.active_children():
+            if child.pid not in self._others:
+                child.terminate()
+
+    def end(self) -> None:
+        """End the processes after the jobs that they have begun."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+_kept: _Processes | None = None
+_calls = itertools.count()
+
+
+@contextmanager
+def kept_processes(workers: int, modules: Sequence[str] = ()) -> Iterator[None]:
+    """Let all calls of `in_processes` in the block share their processes.
+
+    Parameters
+    ----------
+    workers : int
+        Number of processes.
+    modules : sequence of str
+        What they import at once, while this process goes on.
+    """
+    global _kept
+    if workers == 1:
+        yield
+        return
+    _kept = _Processes(workers)
+    try:
+        with single_threaded_children():
+            for _ in range(workers):
+                _kept.submit(_import, tuple(modules))
+        yield
+    finally:
+        kept, _kept = _kept, None
+        kept.end()
 
 
 def in_processes(
@@ -29,24 +84,25 @@ def in_processes(
     """Run jobs in several processes; yield index and result of each job when it finishes.
 
     `work` is a module-level function of one job, which is pickled; `begin` is called once in every
-    process with `arguments`. If the caller stops (interruption, error), the processes are stopped
-    at once. Results are stored completely or not at all, so that no partial result remains.
+    process before its first job, with `arguments`. The processes are those of `kept_processes`, or
+    `workers` new ones. If the caller stops (interruption, error), they are stopped at once. Results
+    are stored completely or not at all, so that no partial result remains.
     """
-    mine = {child.pid for child in multiprocessing.active_children()}
-    context = multiprocessing.get_context("spawn")
+    call, processes = next(_calls), _kept or _Processes(workers)
     with single_threaded_children():
-        pool = ProcessPoolExecutor(workers, context, _begin, (begin, arguments))
         try:
-            futures = {pool.submit(work, job): index for index, job in enumerate(jobs)}
+            futures = {
+                processes.submit(_run, call, begin, arguments, work, job): index
+                for index, job in enumerate(jobs)
+            }
             for future in as_completed(futures):
                 yield futures[future], future.result()
         except BaseException:
-            for child in multiprocessing.active_children():
-                if child.pid not in mine:
-                    child.terminate()
+            processes.stop()
             raise
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            if processes is not _kept:
+                processes.end()
 
 
 @contextmanager
@@ -64,11 +120,33 @@ def single_threaded_children() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _begin(begin: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+def _prepare() -> None:
     # The parent receives the interruption and stops the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    begin(*arguments)
+
+
+def _import(modules: tuple[str, ...]) -> None:
+    for module in modules:
+        importlib.import_module(module)
+
+
+_begun: int | None = None
+"""Call of `in_processes` that this process has begun to work for."""
+
+
+def _run(
+    call: int,
+    begin: Callable[..., None],
+    arguments: tuple[Any, ...],
+    work: Callable[[Job], Done],
+    job: Job,
+) -> Done:
+    global _begun
+    if _begun != call:
+        begin(*arguments)
+        _begun = call
+    return work(job)
 
 
 def _end_with_parent() -> None:

@@ -1,0 +1,95 @@
+"""Page with the first moving picture of a study, before its other trials are computed."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from emgface.files import write_text
+from emgface.pictures.body import skin_of
+from emgface.pictures.page import motion_page
+from emgface.pictures.surface import with_surface
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.faces import study_face
+from emgface.study.stages import Laboratory
+from emgface.study.store import Store
+from emgface.study.table import load_recording
+
+TRIAL = ("volunteer", "instruction", "repetition", "strategy")
+
+
+class FirstMotion:
+    """Simulation of the first trial of a study, and its page.
+
+    Parameters
+    ----------
+    study : StudyConfiguration
+        All choices.
+    out : Path
+        Folder that the study will be run in; it will find what is computed here in its store.
+    page : Path
+        Page to write.
+    ready : callable
+        Receives the page, or the error that prevented it.
+    beside : bool
+        In a thread, where other processes do the other work; otherwise when it is asked for.
+    """
+
+    def __init__(
+        self,
+        study: StudyConfiguration,
+        out: Path,
+        page: Path,
+        ready: Callable[[Path | Exception], None],
+        *,
+        beside: bool = True,
+    ) -> None:
+        self._study, self._out, self._page, self._ready = study, out, page, ready
+        self._thread = ThreadPoolExecutor(1, "first motion") if beside else None
+        self._laboratory: Laboratory | None = None
+        self._begun = False
+        if self._thread is not None:
+            self._thread.submit(self._settled)
+
+    def of(self, recording: Path) -> None:
+        """Begin with the strategy of the study that is named first; later calls have no effect."""
+        if self._begun:
+            return
+        self._begun = True
+        if self._thread is None:
+            self._written(recording)
+        else:
+            self._thread.submit(self._written, recording)
+
+    def end(self) -> None:
+        """Wait for what has begun."""
+        if self._thread is not None:
+            self._thread.shutdown(wait=True)
+
+    def _settled(self) -> Laboratory:
+        """Settle the face of the study, for which the numerical kernels are compiled."""
+        if self._laboratory is None:
+            store = Store(self._out / "store", report=lambda text: None)
+            face = study_face(self._study.face)
+            laboratory = Laboratory(store, face, self._study, report=lambda text: None)
+            laboratory.rest(self._study.simulation)
+            self._laboratory = laboratory
+        return self._laboratory
+
+    def _written(self, path: Path) -> None:
+        try:
+            laboratory, strategy = self._settled(), self._study.strategies[0]
+            recording = load_recording(path, self._study.recordings)
+            label = f"{recording.label} {strategy}"
+            activation = laboratory.activation(recording, strategy).dataset
+            drive = activation["activation"]
+            attrs = laboratory.motion(drive, label).dataset.attrs
+            moved = laboratory.skin_motion(drive, float(attrs["sigma_max"]), label).dataset
+            time = moved["time"].values
+            named = {name: activation.attrs[name] for name in TRIAL if name in activation.attrs}
+            moved = moved.assign_attrs(attrs | named | {"output": float(time[1] - time[0])})
+            drawn = with_surface(moved, laboratory.face, skin_of(laboratory.face))
+            write_text(self._page, motion_page(drawn, activation))
+        except Exception as error:  # the study tells of the failure of the trial itself
+            self._ready(error)
+        else:
+            self._ready(self._page)
