@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -59,6 +61,24 @@ def test_every_module_of_kernels_is_cached_under_the_digest():
     folder = Path(kernels.__file__).parent
     modules = {path.stem for path in folder.glob("*.py")} - {"__init__", "cache"}
     assert modules == set(kernels.__all__) - {"kernel_cache"}
+
+
+def test_a_lock_lets_one_compile_at_a_time_and_needs_no_writable_folder(tmp_path):
+    order: list[int] = []
+
+    def work(number: int) -> None:
+        with cache.in_one_process(tmp_path / "new" / "kernel.lock"):
+            order.append(number)
+            time.sleep(0.05)
+            order.append(number)
+
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(work, range(3)))
+    assert sorted(order) == [0, 0, 1, 1, 2, 2] and order[::2] == order[1::2]
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    with pytest.raises(ZeroDivisionError), cache.in_one_process(blocked / "kernel.lock"):
+        raise ZeroDivisionError  # the block runs, and its error is its own
 
 
 def test_digest_changes_with_any_source(tmp_path):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from emgface.study.parallel import THREADS, in_processes
+from emgface.study.parallel import THREADS, in_processes, kept_processes
 
 ROOT = Path(__file__).resolve().parents[2]
 _offset = 0
@@ -44,6 +44,17 @@ def test_every_job_is_done_once_in_another_process_of_one_thread() -> None:
     assert os.getpid() not in {result[1] for result in found.values()}
     assert all(result[2] == ["1"] * len(THREADS) for result in found.values())
     assert {name: os.environ.get(name) for name in THREADS} == before
+
+
+def test_kept_processes_serve_several_calls_and_begin_for_each() -> None:
+    with kept_processes(2, ("json",)):
+        calls = [
+            dict(in_processes(square, range(4), 2, begin=begin, arguments=(offset,)))
+            for offset in (100, 200)
+        ]
+    for offset, found in zip((100, 200), calls, strict=True):
+        assert {k: result[0] for k, result in found.items()} == {k: k**2 + offset for k in range(4)}
+    assert len({result[1] for found in calls for result in found.values()}) <= 2
 
 
 def test_a_failure_of_a_job_reaches_the_caller() -> None:

@@ -34,6 +34,9 @@ from emgface.report.simulated import simulated_limits
 from emgface.report.write import render, write_page
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.first_motion import FirstMotion
+from emgface.study.run import run_study
+from tests.study_run.test_run import configured
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
@@ -372,6 +375,23 @@ def test_the_error_of_the_time_steps_is_told_beside_the_motion() -> None:
         in contents.accuracy(cube.assign(numerical_error=over(*[np.nan] * 3)))[0]
     )
     assert contents.accuracy(cube.drop_vars("motion")) == []
+
+
+def test_the_first_motion_is_shown_and_found_by_the_study(laboratory: Path, tmp_path: Path) -> None:
+    study = configured(laboratory, recordings={"folder": str(laboratory / "recordings"),
+                                               "instructions": ["B"]})  # fmt: skip
+    told: list[Path | Exception] = []
+    first = FirstMotion(study, tmp_path / "study", tmp_path / "first.html", told.append)
+    first.of(laboratory / "recordings" / "S01_B_1.nc")
+    first.end()
+    assert told == [tmp_path / "first.html"]
+    text = told[0].read_text(encoding="utf-8")
+    assert "S01 B 1 act_rel" in text and "simulated recording" in text
+    outcomes = {event.stage: event.outcome for event in run_study(study, tmp_path / "study").events}
+    assert outcomes["activation"] == outcomes["motion"] == "reused"
+    absent = FirstMotion(study, tmp_path / "study", tmp_path / "b.html", told.append, beside=False)
+    absent.of(tmp_path / "absent.nc")
+    assert isinstance(told[1], DataError) and not (tmp_path / "b.html").exists()
 
 
 def test_a_folder_with_a_study_inside_is_taken_for_it(page: Path, tmp_path: Path) -> None:

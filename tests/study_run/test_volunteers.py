@@ -36,7 +36,8 @@ def test_a_recording_follows_the_schema_of_a_study_and_says_it_is_simulated(made
 
 def lips_in_head_frame(recording: xr.Dataset) -> np.ndarray:
     """Independent removal of head motion: orthogonal Procrustes frame by frame."""
-    seen = recording["position"].transpose("time_marker", "marker", "axis")
+    seen = recording["position"].interpolate_na("time_marker")  # markers are lost for moments
+    seen = seen.transpose("time_marker", "marker", "axis")
     face = seen.sel(marker=list(FACE_MARKERS)).values
     lips = seen.sel(marker=list(LIP_MARKERS)).values
     still = face[0] - face[0].mean(axis=0)
