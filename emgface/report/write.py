@@ -32,17 +32,7 @@ from sim.threads import one_blas_thread
 
 @dataclass(frozen=True)
 class Page:
-    """Written report.
-
-    Attributes
-    ----------
-    path : Path
-        The page.
-    size : int
-        Bytes.
-    notes : list of str
-        What it lacks, and why.
-    """
+    """Written report: path, size in bytes, and notes on missing parts."""
 
     path: Path
     size: int
@@ -57,36 +47,15 @@ def write_page(
     faces: bool = True,
     say: Callable[[str, int, int], None] | None = None,
 ) -> Page:
-    """Write the report of a finished study as one page.
+    """Write the report of a finished study as one page, and return its path, size and notes.
 
-    Parameters
-    ----------
-    folder : Path
-        Given to ``emgface study run --out``, or one that holds such a folder.
-    out : Path
-        The page, ``*.html``; kept as it is where it was written from the same cube, recordings and code,
-        and copied from the study's store where another file was.
-    faces : bool
-        Whether the moving face and the rendered ones are in it; they need a simulation per
-        instruction and strategy, which is stored for the next time.
-    say : callable, optional
-        Receives the description, the completed number and the total.
-
-    Returns
-    -------
-    Page
-
-    Raises
-    ------
-    DataError
-        The folder has no cube, or it cannot be read.
-    StoreError
-        The page cannot be written.
-
-    Notes
-    -----
-    The page requests nothing: a content security policy forbids every request, and its scripts are
-    named there by their digests.
+    `folder` is that of ``emgface study run --out``, or contains it. A page of the same cube,
+    recordings and code is not written again: an existing file `out` (``*.html``) is unchanged, and
+    a page in the store of the study is copied. `faces` includes moving and rendered faces, which
+    require one simulation per instruction and strategy (stored); `say` receives description,
+    completed number and total. A content security policy, which lists the digests of the scripts,
+    forbids every request. Raises DataError if the folder has no cube or it cannot be read, and
+    StoreError if the page cannot be written.
     """
     folder = study_folder(folder)
     mark = f"<!-- {_digest(folder, faces)} -->\n"
@@ -112,7 +81,7 @@ def _is_of(mark: str, path: Path) -> bool:
 
 
 def _digest(folder: Path, faces: bool) -> str:
-    """Digest of all that a page depends on: cube, recordings as files, code and templates."""
+    """Digest of all data on which a page depends: cube, recordings, code and templates."""
     cube = folder / "cube.nc"
     found = [str(faces)]
     found.append(code_version(("analysis", "emgface")))

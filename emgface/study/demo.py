@@ -30,26 +30,13 @@ def demo_volunteers() -> VolunteerParameters:
 
 
 def demo_study(out: Path, *, instructions: tuple[str, ...] = SHORT) -> StudyConfiguration:
-    """Configure the demonstration.
+    """Configure the demonstration in the folder `out`, with recordings in ``volunteers/recordings``.
 
-    Parameters
-    ----------
-    out : Path
-        Folder of the demonstration; the recordings are expected in ``volunteers/recordings``.
-    instructions : tuple of str
-        Some of A to F.
-
-    Returns
-    -------
-    StudyConfiguration
-
-    Notes
-    -----
     The accuracy is that of a draft, and trials are short, so that the demonstration ends within a
-    minute; ``--accuracy study`` is the default of studies. Walls behind the lining of lips and cheeks
-    represent the teeth, and lips do not touch lips: contact of lips and teeth, the default of studies,
-    takes four times as long. Muscles whose feature never exceeds the threshold are taken as silent
-    (Eq. 8 would be 0/0), which the published chain does not foresee.
+    minute; ``--accuracy study`` is the default of studies. Walls behind the lining of lips and
+    cheeks represent the teeth, and lips have no contact: contact of lips and teeth, the default of
+    studies, takes four times as long. Muscles whose feature never exceeds the threshold are
+    regarded as silent (Eq. 8 would be 0/0), in contrast to the published chain.
     """
     every = instructions == tuple(INSTRUCTIONS)
     return configure(
