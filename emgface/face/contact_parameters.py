@@ -16,7 +16,7 @@ class ContactParameters(Parameters):
         "'barrier': a repulsive force grows without bound as the gap closes and prevents "
         "any penetration; 'none': surfaces pass through each other.",
         source=f"{STAVNESS}, Contact handling (constraint); {OWN} (barrier)",
-        note="'constraint' takes about nine times as long as 'none'; "
+        note="'constraint' takes about five times as long as 'none'; "
         "'barrier' requires an iterative solver and the package ipctk",
     )
     between: tuple[Literal["lips", "teeth"], ...] | None = choice(

@@ -47,7 +47,7 @@ plan = Plan()
 def simulation() -> SimulationParameters:
     """Simulation parameters of study and volunteers, except those changed by a world.
 
-    Without contact, which makes a trial about nine times as long.
+    Without contact, which makes a trial about five times as long.
     """
     return configure(
         SimulationParameters,

@@ -41,7 +41,7 @@ def test_lips_and_teeth_are_paired_as_asked(face: xr.Dataset, method: str) -> No
 def test_contact_is_on_where_the_face_has_something_to_touch(face: xr.Dataset) -> None:
     """By default of all that is there; walls in place of the teeth leave the teeth out."""
     default = SimulationParameters()
-    assert default.contact.method == "constraint" and default.solver == "converged"
+    assert default.contact.method == "constraint" and default.solver == "sdirk2"
     assert touching(face, default) == ("lips", "teeth")
     assert touching(face.drop_dims(["arch_point", "arch_facet"]), default) == ("lips",)
     plain = face.drop_dims(["arch_point", "arch_facet"]).drop_vars("lip_opening_node")
