@@ -1,1 +1,1 @@
-"""Organs beside the face: jaw, hyoid and larynx."""
+"""Organs beside the face: jaw, hyoid and larynx; airway."""

@@ -95,14 +95,13 @@ def run(
 @app.command()
 def tasks(
     path: JawPath,
-    out_path: Annotated[
-        Path | None, typer.Option("--out", help="Table to write (csv, md).")
-    ] = None,
+    out_path: Annotated[Path | None, typer.Option("--out", help="Table to write (csv).")] = None,
     series: SeriesOption = None,
     step: StepOption = 1e-3,
 ) -> None:
     """Run all tasks, and compare their outcome with the published one."""
     from emgface.anatomy.jaw.outcomes import outcome_table
+    from emgface.files import write_text
     from emgface.schema.netcdf import read_netcdf
 
     jaw = read_netcdf(path, "jaw_model")
@@ -111,9 +110,4 @@ def tasks(
         table = outcome_table(jaw, series, step=step, progress=bar.show)
     show_table(frame(table), f"{jaw.attrs['name']}, simulated")
     if out_path is not None:
-        text = (
-            table.to_markdown(index=False)
-            if out_path.suffix == ".md"
-            else table.to_csv(index=False)
-        )
-        out_path.write_text(text, encoding="utf-8")
+        write_text(out_path, table.to_csv(index=False))

@@ -12,6 +12,7 @@ parallel is typed twice and optimised three times, and its threads wait by spinn
 from collections.abc import Callable, Iterable
 from functools import wraps
 from pathlib import Path
+from typing import Any
 
 import numba as nb
 from numba.core.compiler_lock import global_compiler_lock
@@ -29,7 +30,7 @@ _ALL = {
 _inner = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
 
 
-def _compiled_once(dispatcher):
+def _compiled_once(dispatcher: Any) -> Any:
     """Let one process compile a kernel while others that need it wait, and load it then."""
     compile_here = dispatcher.compile
     lock = Path(dispatcher.stats.cache_path) / f"{dispatcher.__module__}.{dispatcher.__name__}.lock"
@@ -42,12 +43,12 @@ def _compiled_once(dispatcher):
     return dispatcher
 
 
-def kernel(function):
+def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls, which releases the interpreter lock."""
     return _compiled_once(nb.njit(**_ALL, cache=True, nogil=True)(function))
 
 
-def kernel_and_inner(function):
+def kernel_and_inner(function: Callable[..., Any]) -> Any:
     """Compile a function that both Python and kernels call."""
     return _compiled_once(nb.njit(**_ALL, cache=True, forceinline=True)(function))
 

@@ -46,7 +46,7 @@ class BodiesAlone:
         frames, twists = state.frames.copy(), state.twists.copy()
         q, v = np.empty_like(state.q), np.empty_like(state.v)
         reaction = np.zeros(len(self.tables.rows.kind))
-        done = advance_bodies(
+        done: int = advance_bodies(
             self.tables.table,
             self.tables.lines,
             self.tables.rows,
