@@ -91,7 +91,8 @@ class Converged(Iterative):
         contact = ContactStep(system.contact, state, stage.t)
         v = system.kinematics.displacements(stage.u, stage.base)
         way = np.linalg.norm(stage.base.q + stage.s * v - state.q, axis=1)
-        most = self.max_iterations
+        # Hard landings take up to 150 iterations in all, ordinary steps about ten.
+        most = 3 * self.max_iterations
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t, most)
         end = found.point
         pose = replace(phi.pose(end.d), q=found.q)
