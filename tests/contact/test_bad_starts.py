@@ -56,7 +56,9 @@ def test_a_tangled_start_is_refused_or_goes_no_deeper(method, integrator, depth,
         states = moved(system, integrator(), 10)
     except sim.NotConverged:
         if (method, integrator, depth) == (sim.ConstraintContact, sim.Sdirk2, 1e-4):
-            pytest.xfail("rows that start 0.1 mm deep and repeat each other give no descent direction")
+            pytest.xfail(
+                "rows that start 0.1 mm deep and repeat each other give no descent direction"
+            )
         raise
     for state in states:
         gap = sim.Contacts().record(system, state, system.control(np.zeros(0)), None)[1]
