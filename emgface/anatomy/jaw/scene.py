@@ -155,7 +155,7 @@ class _Parts:
         return body if body in self.bodies else None
 
     def members(self) -> list[sim.Fixed | sim.OnBody | sim.PrescribedBody]:
-        """What holds the points."""
+        """Points on moving bodies, points on bodies that stay, prescribed motion of the skull."""
         still = [n for body, held in self._held.items() if body not in self.bodies for n in held]
         found: list[sim.Fixed | sim.OnBody | sim.PrescribedBody] = [
             sim.OnBody(body, np.array(held))
