@@ -17,7 +17,7 @@ Motion = Callable[[float], tuple[ArrayLike, ArrayLike]]
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body, whose axes are those of space at rest; its initial quaternion is (1, 0, 0, 0).
+    """A rigid body. Its axes at rest are those of space, with the quaternion (1, 0, 0, 0).
 
     Attributes
     ----------

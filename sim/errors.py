@@ -70,7 +70,7 @@ class ToleranceMissed(SimulationError):
     Attributes
     ----------
     error, allowed : float
-        Estimated error of the step, and what it was allowed [m].
+        Estimated and largest allowed error of the step [m].
     time : float
         Simulated time in seconds.
     """
@@ -95,7 +95,7 @@ class ContactFailure(SimulationError):
     surface : str
         Name of the surface or pairing.
     triangle, node : int or None
-        Where on it, as far as known.
+        Place of the failure, if known.
     edge : (int, int) or None
     """
 
@@ -117,7 +117,7 @@ class AcousticsError(SimulationError, ValueError):
 
 
 class CourantError(AcousticsError):
-    """Sound would cross more than one cell of a tube within a time step.
+    """The Courant number of a tube exceeds 1: sound crosses more than one cell within a time step.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ MOST = 240
 
 @dataclass(frozen=True)
 class PointForces:
-    """Forces of all terms on points.
+    """Collected forces of all terms on points.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class PointForces:
 
 @runtime_checkable
 class ActsOnPoints(Protocol):
-    """Compiled term whose forces the fused step knows."""
+    """Compiled term whose forces can be evaluated by the fused step."""
 
     def add_to(self, forces: PointForces) -> None:
         """Add the forces of the term."""
@@ -47,7 +47,7 @@ class ActsOnPoints(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Multibody:
-    """Scene of bodies alone.
+    """Scene of rigid bodies without tissue.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Multibody:
     lines : LineTable
     rows : RowTable
     kinds : RowKinds
-    led : (k,) bodies that move as prescribed.
+    led : (k,) bodies with a prescribed motion.
     n : int
         Number of velocities.
     """

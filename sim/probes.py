@@ -205,9 +205,9 @@ class Frames:
 class Reactions:
     """Force [N] and moment [N m] that every joint exerts on its body b, or on its point.
 
-    They are those of the step that ends at the output, as its mean; of explicit integrators, and at the
-    start, those of the motion at the output (NaN with limits and yielding joints). The moment is about
-    the place of the joint on b; body a carries the opposite.
+    They are means over the step that ends at the output; with explicit integrators, and at the start,
+    they are those of the motion at the output (NaN with limits and compliant joints). The moment is
+    about the place of the joint on b; the opposite force and moment act on body a.
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ class System(Described):
     rows : Rows or None
         Those of all joints.
     sparse : System or None
-        The same mechanics with a part of the tangents as `products`, if a term can leave them so.
+        The same mechanics with a part of the tangents as `products`, if a term supports them.
     """
 
     scene: Scene
@@ -102,14 +102,14 @@ class System(Described):
 
     @cached_property
     def multibody(self) -> Multibody | None:
-        """Tables of a scene that holds bodies alone, which steps in one kernel; else None."""
+        """Tables for the fused steps of a scene of rigid bodies without tissue, otherwise None."""
         scene = self.scene
         if scene.constraints or self._damping is not None:
             return None
         return lay_out_multibody(self.kinematics, self.mesh.X, scene.bodies, self.terms, self.rows)
 
     def rest_state(self) -> State:
-        """Rest positions, no velocity but what is prescribed, t = 0."""
+        """Rest positions at t = 0, with prescribed velocities only."""
         still, kinematics = np.zeros(self.pattern.n), self.kinematics
         start = Pose(self.mesh.X, kinematics.rest_frames, 0.0)
         return kinematics.state(kinematics.advance(start, still, 0.0), still, {})
@@ -117,9 +117,9 @@ class System(Described):
     def during(self, state: State, h: float) -> "System":
         """System over a step of length h [s] (infinite: to static equilibrium) from a state.
 
-        Its forces, tangents and energies are those at the end of the step; without terms that
-        remember it is this system itself. The energy is then the part of the step's potential that the
-        terms contribute, which differs from the stored energy by what they dissipate.
+        Its forces, tangents and energies are those at the end of the step; without history-dependent
+        terms it is this system itself. The energy is the contribution of the terms to the potential of
+        the step, which differs from the stored energy by the dissipation.
         """
         if not any(isinstance(term, Remembers | StopsMoves) for term in self.terms):
             return self
@@ -141,7 +141,8 @@ class System(Described):
     def apart(self) -> "System | None":
         """Same system without entries for contact rows, if they can be solved separately.
 
-        Not with friction (each row has three directions, and what slides turns), conditions or products.
+        Not with friction, because each row then has three directions and sliding directions change,
+        nor with constraints or products.
         """
         contact = self.contact
         if contact is None or contact.rubs or self.scene.constraints or self.has_products:
@@ -164,12 +165,12 @@ class System(Described):
     def carried(self, state: State, control: Control) -> Array:
         """Feasible start positions of a step for the control at its end.
 
-        Those of the state, unless something rigid moves into them meanwhile.
+        Those of the state, unless a rigid surface moves into them.
 
         Raises
         ------
         NotConverged
-            It moves too far within the step.
+            The surface moves too far within the step.
         """
         q = state.q
         for term in self.stops:
@@ -245,10 +246,10 @@ class System(Described):
         """Values of the damping matrix -df/dv of the points [N s/m]; K is the stiffness, if computed."""
         values = np.zeros(self.point_pattern.nnz)
         if self._damping is not None:
-            # a matrix of the step depends on its length; damping takes the relaxed stiffness always
+            # the stiffness of a step depends on its length; damping always uses the relaxed one
             values = self._damping(q, control, None if self._in_step else K)
         if self._damped_terms:
-            values = values.copy()  # that of rest is made once
+            values = values.copy()  # the matrix at rest is computed once
             for term in self._damped_terms:
                 term.add_damping(q, control, values)
         return values
@@ -323,7 +324,7 @@ class System(Described):
         by_stiffness: float,
         inertia: Pose | None = None,
     ) -> Matrix:
-        """M + by_damping D + by_stiffness R'KR; the values K of the points' stiffness are used up.
+        """M + by_damping D + by_stiffness R'KR; the values K of the points' stiffness are overwritten.
 
         Parameters
         ----------
@@ -449,7 +450,7 @@ def compile_scene(scene: Scene) -> System:
     )
     if scene.damping is None:
         return system
-    # a barrier is stiff only where it is touched: a damping by it would hold surfaces together
+    # a barrier is stiff only in contact; damping proportional to it would hold surfaces together
     tissue = replace(system, terms=tuple(t for t in terms if not isinstance(t, StopsMoves)))
     damping = scene.damping.compile(layout, lambda q, control: tissue.tangent(q, control)[1])
     return replace(system, _damping=damping)
@@ -467,7 +468,8 @@ def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> Rows | None:
 def _sparse(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:
     """Compile the scene with matrix-free products where possible.
 
-    Not with a barrier, which must not be searched twice, nor with conditions, which are solved whole.
+    Not with a barrier, which must not be searched twice, nor with constraints, which require the
+    assembled matrix.
     """
     alone = scene.constraints or any(isinstance(term, StopsMoves) for term in compiled)
     if alone or not any(isinstance(term, HasSparse) for term in scene.terms):

@@ -1,7 +1,7 @@
 """Sound of tubes such as the vocal tract: formants, waves in time, sources and wall pressure.
 
-Arrays in, arrays out, in SI units; nothing here knows a face. Waves are one-dimensional, which holds up
-to 4 to 5 kHz; side branches other than the nasal tract are absent.
+Arguments and results are arrays in SI units, independent of any face model. Waves are one-dimensional,
+which is valid up to 4 to 5 kHz; side branches other than the nasal tract are absent.
 """
 
 from sim.acoustics.matrix import formants, lossless_formants, transfer

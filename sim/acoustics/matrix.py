@@ -63,7 +63,7 @@ def _denominator(
     opening = v
     step = float(side.length[0]) / side.areas.shape[1]
     q, v = _towards_glottis(s, q, v, side.areas[0], step, medium)
-    lips, nose = lips * q, opening * p  # both branches have the pressure p q where they meet
+    lips, nose = lips * q, opening * p  # both branches have the same pressure p q at the junction
     return _towards_glottis(s, p * q, u * q + v * p, areas[:before], section, medium)[1], lips, nose
 
 
@@ -159,7 +159,7 @@ def formants(
     roots = middle + half * np.asarray(chebyshev.chebroots(series[: kept[-1] + 1]))
     near = (roots.real > 0.5 * LOWEST) & (roots.real < highest + 50.0)
     x = roots[near & (roots.imag > -20.0) & (roots.imag < 600.0)].astype(np.complex128)
-    with np.errstate(all="ignore"):  # an estimate that is no root may go anywhere
+    with np.errstate(all="ignore"):  # estimates that are not near a root may diverge
         before, a = x + 0.1, flow(x + 0.1)
         for _ in range(15):
             b = flow(x)

@@ -12,7 +12,7 @@ from sim.errors import AcousticsError
 
 
 class Source(Protocol):
-    """Source at the glottis: what it prescribes at the instants of the steps."""
+    """Source at the glottis, evaluated at the instants of the steps."""
 
     def flow(self, t: Floats) -> Floats:
         """Flow into the tract at the instants t [m^3/s]; 0 where folds determine it."""
@@ -218,4 +218,4 @@ class Turbulence:
 
 
 SILENT: Final = Turbulence(gain=0.0)
-"""Without turbulence."""
+"""No turbulence."""

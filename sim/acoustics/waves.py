@@ -2,8 +2,8 @@
 
 Linearised flow in a tube of rigid or yielding walls, after van den Doel and Ascher 2008 (IEEE TASL
 16:1163): rho du/dt = -dp/dx - loss, S/(rho c^2) dp/dt = -d(S u)/dx - C z, M dz/dt + B z + K y = p.
-Pressure and velocity, which stay finite where an area vanishes, lie on alternate points of space and
-time. Losses are implicit; losses that grow with sqrt(s) are sums of first-order terms.
+Pressure and velocity, which remain finite where an area vanishes, are defined at alternate points of
+space and time. Losses are implicit; losses that increase with sqrt(s) are sums of first-order terms.
 """
 
 from collections.abc import Callable
@@ -241,11 +241,11 @@ def simulate_tube(
     duration : float
         [s]
     rate : float
-        Samples per second of the sound wanted [Hz].
+        Samples per second of the sound [Hz].
     sections : int
         Cells of the grid.
     substeps : int, optional
-        Steps per sample; the fewest that meet the Courant limit with a margin of 2 % by default.
+        Steps per sample; by default the smallest number that satisfies the Courant limit by 2 %.
     medium : Medium, optional
         Air, walls and openings; with all losses by default.
     branch : Branch, optional
@@ -267,17 +267,17 @@ def simulate_tube(
     Raises
     ------
     CourantError
-        Sound would cross more than one cell within a step, c dt/dx > 1.
+        The Courant number c dt/dx exceeds 1.
     AcousticsError
         As `shapes`; the source, the branch or the sampling is not valid.
 
     Notes
     -----
-    Cells of the velocity have the area that gives the inertia of their part of the tube (mean of 1/S),
-    nodes of the pressure half the volume of both cells beside them. With this choice the limit is
+    The area of a velocity cell represents the inertia of its part of the tube (mean of 1/S), and the
+    volume of a pressure node is half that of both adjacent cells. With this choice the limit is
     c dt/dx <= 1 for any areas. Without losses the energy
-    sum of V p^2/(2 rho c^2) + sum of rho A h u- u+/2 is constant. The flow that moving walls displace,
-    dS/dt, is omitted: it is far below the audible range.
+    sum of V p^2/(2 rho c^2) + sum of rho A h u- u+/2 is constant. The flow dS/dt displaced by moving
+    walls is omitted, because it is far below the audible range.
     """
     medium = medium or Medium()
     tube = shapes(areas, length, times)

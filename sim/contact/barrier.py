@@ -40,10 +40,11 @@ class BarrierContact:
     distance : float
         Gap below which the barrier acts [m]. Bodies at rest on each other keep a smaller gap.
     stiffness : float
-        Scale of the pressure [Pa], which is about 0.2 of it at a gap of 0.9 distance, 4 times at
-        half, ``2 distance/d`` times at small gaps d, and up to three times that if the triangles
-        of both surfaces are equally small. Young's modulus of the softer body is a suitable value;
-        smaller values cause small gaps under load, larger ones slow convergence.
+        Scale of the pressure [Pa]. The pressure is 0.2 times this scale at a gap of 0.9 distance,
+        4 times at half the distance, ``2 distance/d`` times at small gaps d, and up to three times
+        as large if the triangles of both surfaces are equally small. Young's modulus of the softer
+        body is a suitable value; smaller values cause small gaps under load, larger ones slow
+        convergence.
     reach : float
         Largest distance at rest of triangles of two surfaces of the mesh whose coupling is stored
         in the matrix [m]. Larger values enlarge the matrix; contact beyond slows down the iteration
@@ -68,8 +69,8 @@ class BarrierContact:
 
     Friction is lagged: over a step it acts with the normal forces and in the tangent planes at the
     start of the step. Only iterative integrators support barriers, and friction requires L-stable
-    ones: with the trapezoidal rule tissue bounces on a barrier at every step, and a sliding block
-    had half of its friction.
+    ones: with the trapezoidal rule tissue bounces on a barrier at every step, and in a test a
+    sliding block was decelerated by half of its friction.
 
     Source: Li et al. 2020, Incremental potential contact, ACM Trans. Graph. 39(4), 49; weights by
     area: Li et al. 2023, Convergent incremental potential contact, arXiv:2307.15908. Computed with

@@ -34,16 +34,16 @@ class CompiledContact:
     reach, approach : float
         Of `ConstraintContact` [m].
     removal_speed : float
-        Speed at which what starts inside is moved out, 0 where it may stay [m/s].
+        Speed at which initial penetrations are removed; 0 if they may remain [m/s].
     layout : Layout
 
     Attributes
     ----------
     names : names of the pairings.
-    rubs : whether any has friction.
-    in_matrix : whether the pattern of the scene has places for the rows.
-    pairing_of_slot : (n_slots,) pairing that each row of the memory is of.
-    vertex_of_slot : (n_slots,) node that it is of, -1 for a vertex of a shell.
+    rubs : True if any pairing has friction.
+    in_matrix : True if the sparsity pattern of the scene contains the entries of the rows.
+    pairing_of_slot : (n_slots,) pairing of each row of the memory.
+    vertex_of_slot : (n_slots,) node of each row of the memory, -1 for a vertex of a shell.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class CompiledContact:
         self._removal_speed = removal_speed
         self._directions: list[Direction] = []
         self._n_slots = 0
-        # what is known of a surface's faces serves all who meet it
+        # all pairings that contain a surface share one object of its faces
         surfaces = {id(s): s for pairing in pairings for s in pairing.surfaces}
         faces = {key: SignedFaces(surface) for key, surface in surfaces.items()}
         for i, pairing in enumerate(pairings):
@@ -122,7 +122,7 @@ class CompiledContact:
         Parameters
         ----------
         memory : of the state.
-        q, t : its positions [m] and time [s]; where it has no memory, what lies inside now may stay.
+        q, t : its positions [m] and time [s]; without a memory, present penetrations may remain.
         """
         if MEMORY in memory:
             return memory[MEMORY]
@@ -134,7 +134,7 @@ class CompiledContact:
     def removed(self, allowed: Array, h: float) -> Array:
         """Decrease of the allowed depths (n_slots,) in a step of h [m].
 
-        Behind an open surface there is no inside to be moved out of.
+        An open surface has no inside, so that penetrations behind it are not removed.
         """
         out = np.minimum(allowed, self._removal_speed * h)
         for direction in self._directions:
@@ -152,7 +152,7 @@ class CompiledContact:
         return out
 
     def outward(self, q: Array, rows: Rows) -> Array:
-        """Mean normals (k, 3) of the surfaces that rows meet; see `Direction.outward`."""
+        """Mean normals (k, 3) of the surfaces opposite to rows; see `Direction.outward`."""
         out = np.zeros((len(rows), 3))
         for direction in self._directions:
             first, last = direction.slots[[0, -1]] if len(direction.slots) else (0, -1)

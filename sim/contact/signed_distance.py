@@ -226,8 +226,8 @@ class SignedFaces:
         x : (m, 3) positions of the vertices of the triangles [m].
         blur : float
             Distance from an edge or a vertex [m] below which the direction is the mean normal of
-            its faces, because that of the distance changes over a length equal to the distance; the
-            gap is then measured along it.
+            its faces, because the gradient of the distance changes over a length equal to the
+            distance; the gap is then measured along the mean normal.
         against : (n, 3), optional
             Outward normals of the points, which are included in this mean, so that the forces
             between two edges are not diagonal.

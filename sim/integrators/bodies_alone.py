@@ -1,4 +1,4 @@
-"""Fused steps of scenes that hold rigid bodies alone."""
+"""Fused steps of scenes of rigid bodies without tissue."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,14 +23,16 @@ class BodiesAlone:
 
     @classmethod
     def of(cls, system: System) -> "BodiesAlone | None":
-        """Memory for a system; None unless it is a scene of bodies alone."""
+        """Memory for a system; None unless it is a scene of rigid bodies without tissue."""
         tables = system.multibody
         return None if tables is None else cls(system, tables, tables.scratch())
 
     def advance(
         self, state: State, control: ControlAt, ends: Sequence[float], theta: float
     ) -> tuple[State, int]:
-        """State after as many of the linearly implicit steps as need no more than a Cholesky factor.
+        """Advance by linearly implicit steps up to the first that requires more than a Cholesky factor.
+
+        Returns the state and the number of steps.
 
         Parameters
         ----------

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 class PhaseClock:
     """Wall time and calls of every phase.
 
-    It is shared by a workspace and its solver, which otherwise would have to refer to its workspace
-    and keep it, with hundreds of megabytes of a scene, until garbage is collected.
+    A workspace and its solver share it. If the solver referred to its workspace instead, this cycle
+    would keep the hundreds of megabytes of a scene until the next garbage collection.
 
     Attributes
     ----------

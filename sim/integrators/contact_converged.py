@@ -50,10 +50,10 @@ class Settled:
         At the point, with the smallest det F of the positions.
     went : Iteration
     memory : arrays for the next step.
-    pushed : (n_nodes, 3) contact forces at the end, and those at the start of released vertices [N].
+    pushed : (n_nodes, 3) contact forces at the end, and for released vertices those at the start [N].
     active : Rows
-        Those that push.
-    step, touching, opened, work : the solver at the end.
+    With contact forces.
+    step, touching, opened, work : state of the solver at the end.
     """
 
     point: Point
@@ -69,11 +69,11 @@ class Settled:
     work: Workspace
 
     def held(self, rhs: Array, slots: Index) -> Array:
-        """Solution with the latest factor for a right-hand side (n,), active rows of slots closed."""
+        """Solve with the latest factor for a right-hand side (n,); active rows of slots stay closed."""
         return self.touching.held(rhs, slots, self.work)
 
     def kick(self, old: Index) -> Array:
-        """Motion (n,) by the present forces of the vertices that have come into contact.
+        """Displacement (n,) due to the present forces on vertices that are newly in contact.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class Settled:
         return self.touching.held(self.touching.scale * push, np.empty(0, np.int64), self.work)
 
     def outside(self, q: Array, after: float) -> Array:
-        """Positions (n_nodes, 3) a time [s] after the end, moved out of the active rows."""
+        """Positions (n_nodes, 3) a time [s] after the end, without penetration of the active rows."""
         return moved_out(q, self.step.q0, self.step.ahead(self.active, after), self.opened)
 
 
@@ -106,9 +106,9 @@ def minimise_in_contact(
 ) -> Settled:
     """Minimum of a potential with the rows of a contact.
 
-    The potential with augmentation is minimised, the multipliers take the forces, again until the gaps
-    are closed; then rows are searched again at the present positions, until there is no penetration. All
-    minima are of convex augmentations, so rows cannot come and go for ever.
+    The augmented potential is minimised and the multipliers are set to the resulting forces, repeatedly
+    until the gaps are closed; rows are then searched at the present positions, until there is no
+    penetration. Every augmentation is convex, so that the active set cannot alternate indefinitely.
 
     Parameters
     ----------
@@ -116,27 +116,27 @@ def minimise_in_contact(
     start : Point
         Of the potential, with det F > 0.
     step : ContactStep
-    way : (n_nodes,) how far nodes may come in the step [m].
+    way : (n_nodes,) upper bound of the displacement of each node in the step [m].
     key : (str, float)
-        Integrator and step that a factor belongs to.
+        Integrator and step of the factor.
     work : Workspace
     minimise : callable
         Minimum of a potential from a point.
     until : float
-        Time that the step leads to, for messages [s].
+        End of the step, for messages [s].
     most : float
-        Number of iterations, of all minima together, after which the step is given up.
+        Total number of iterations after which the step fails.
     grip : bool
-        Whether rows that touch push from the start, as equilibrium needs of a body that nothing else
-        holds.
+        True if rows without a gap are active from the start, which the equilibrium of a body that is
+        held only by contact requires.
 
     Raises
     ------
     InvertedElement
-        Moving out what lies inside inverts an element.
+        The removal of a penetration inverts an element.
     NotConverged
-        An iteration failed, the gaps did not close, or rows that were searched repeatedly still
-        leave a vertex inside.
+        An iteration failed, the gaps did not close, or a vertex still penetrates after the last
+        search of rows.
     SingularSystem
         A matrix could not be factorised.
     """
@@ -170,7 +170,7 @@ def minimise_in_contact(
         miss, bound = acting.miss(multipliers), multipliers.bound
         multipliers.update(acting)
         change = float(np.abs(multipliers.bound - bound).max(initial=0.0))
-        # forces are known no better than to the residual that the iteration leaves
+        # forces are accurate to the remaining residual of the iteration only
         known = 2.0 * float(multipliers.rows.friction.max(initial=0.0)) * more.residual
         if miss > SETTLED or change > FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + known:
             left = np.where(acting.force > 0.0, np.abs(acting.gap), 0.0)
@@ -213,7 +213,7 @@ def _stiffness_met(
     if known is None or not alike(known[0], *key):
         A = potential.matrix(start.d).to_factorise()
         diagonal = A[potential.system.pattern.diagonal] / potential.scale
-        # where a muscle makes the tangent negative its size still tells the stiffness
+        # an active muscle may make the tangent negative; its absolute value is of the right size
         known = work.contact_stiffness = (key, np.abs(diagonal))
     return known[1]
 
@@ -236,8 +236,8 @@ def _moved_upright(potential: Placed, point: Point, q: Array, until: float) -> E
 def _given_up(old: Rows, new: Rows, contested: Index) -> Rows:
     """Previous rows that are kept to prevent cycling.
 
-    A vertex in the valley between two faces, held off the one, comes to lie in the other, and the other
-    way round for ever; vertices that came to lie inside (`contested` slots) keep both rows.
+    A vertex in a groove between two faces may be separated from one and then penetrate the other, in
+    turn and without end. Vertices for which this has happened (`contested` slots) keep both rows.
     """
     lost = old.without(new)
     lost = lost.take(np.flatnonzero(np.isin(lost.slot, contested)))

@@ -34,7 +34,8 @@ class TimeIntegrator(Integrator, Protocol):
     order : int
         The error of the positions at a given time falls with h to this power.
     stability : str
-        "L-stable" (fast modes die), "A-stable" (fast modes may ring) or "conditional" (h bounded).
+        "L-stable" (fast modes decay), "A-stable" (fast modes may oscillate) or "conditional" (the
+        step is bounded).
     """
 
     order: ClassVar[int]

@@ -20,9 +20,9 @@ class ConvergedEuler(Converged):
 
     Notes
     -----
-    The activation is that of the end of the step where it runs straight through the step, else its
-    mean. First order, L-stable; estimated error of a step h/2 (v1 - v0), the leading term h^2/2 dv/dt,
-    freed of jumps of the load (`sim.integrators.estimate`).
+    The activation is that at the end of the step if it is linear over the step, otherwise its mean.
+    First order, L-stable. The estimated error of a step is h/2 (v1 - v0), the leading term
+    h^2/2 dv/dt, without the contribution of jumps of the load (`sim.integrators.estimate`).
 
     Source of the potential: the variational form of implicit Euler (Martin et al. 2011, Example-based
     elastic materials); the damping is lagged so that the step has a potential.
@@ -62,7 +62,7 @@ class ConvergedEuler(Converged):
         with work.timed("force"):
             f0 = system.force(state.q, line.at(0.0)).f
         if end.contact is not None:
-            # forces of rows that stay closed do not change the motion, so that those at the end serve
+            # forces of closed rows do not change the motion, so that those at the end are used
             f0 = f0 + end.contact.pushed
         Q0 = kinematics.generalised_force(f0, state.pose)
         u1 = kinematics.inertial(end.w, end.pose)

@@ -43,8 +43,8 @@ class SymplecticEuler:
     Notes
     -----
     First order; stable for h < 2/omega of the fastest mode, and h < 2/(alpha + beta omega^2) with
-    Rayleigh damping. Without damping it conserves a nearby energy. Source: Hairer, Lubich and
-    Wanner, Geometric Numerical Integration, I.1.
+    Rayleigh damping. Without damping it conserves an energy that differs from the exact one by a
+    term of the order of h. Source: Hairer, Lubich and Wanner, Geometric Numerical Integration, I.1.
     """
 
     order: ClassVar[int] = 1

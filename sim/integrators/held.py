@@ -14,7 +14,7 @@ LIMIT = 40
 """Refinements of a solution by an older factor."""
 
 BESIDE = 1e-5
-"""Time between the poses from which the turning of rows is differenced [s]."""
+"""Time between the poses of the finite difference of the directions of rows [s]."""
 
 
 def held_solution(
@@ -46,7 +46,7 @@ def held_solution(
     now, columns = rows.evaluate(pose), rows.columns
     found = work.solve_any(A, rhs, start, error)
     solve = found.roughly
-    assert solve is not None  # `solve_any` tells it
+    assert solve is not None  # set by `solve_any`
     X = work.columns(columns, solve)
     time = np.where(rows.unilateral, h, h + rows.damping_time)
     S = h * now.G @ X[:, columns] @ now.G.T
@@ -102,7 +102,7 @@ def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tup
     Raises
     ------
     SceneError
-        A row yields or is an inequality.
+        A row is compliant or an inequality.
     """
     if not rows.rigid.all():
         raise SceneError(
@@ -123,12 +123,12 @@ def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tup
 
 
 def forces_of_rows(system: System, state: State, control: Control) -> Array:
-    """Forces (m,) of rows: those of the step that led to a state, or of the motion at it.
+    """Forces (m,) of rows: those of the step that led to a state, otherwise of the motion at it.
 
-    NaN where no step tells them and a row yields or is an inequality.
+    Without such a step they are NaN if a row is compliant or an inequality.
     """
     rows = system.rows
-    assert rows is not None  # callers ask for it by them
+    assert rows is not None  # callers check that the scene has joints
     if REACTIONS in state.memory:
         return state.memory[REACTIONS]
     if not rows.rigid.all():

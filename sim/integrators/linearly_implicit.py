@@ -200,8 +200,8 @@ def _estimate(
     line, D, h = missed.line, missed.D, missed.line.h
     kinematics, pose = system.kinematics, state.pose
     w0, w1, at_start = kinematics.velocities(state), found.x, missed.here
-    error = 0.5 * h * (w1 - w0)  # the leading one, h^2/2 dv/dt
-    assert found.roughly is not None  # Every solution of a step has one.
+    error = 0.5 * h * (w1 - w0)  # the leading term, h^2/2 dv/dt
+    assert found.roughly is not None  # Set by every solution of a step.
     with work.timed("force"):
         if line.rise.any():
             at_start = system.force(state.q, line.at(0.0))

@@ -11,14 +11,14 @@ from sim.state import Array, ControlAt, Pose, State, StepReport
 from sim.system import System
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
-ERROR = abs(3.0 * GAMMA**2 - 2.0 * GAMMA**3 - 1.0 / 6.0)  # leads the error of dy/dt = lambda y
+ERROR = abs(3.0 * GAMMA**2 - 2.0 * GAMMA**3 - 1.0 / 6.0)  # leading error of dy/dt = lambda y
 
 
 def _error(h: float, y0: Array, y1: Array, y2: Array) -> Array:
     """ERROR h^3 d2y/dt2, from rates y (velocities, accelerations) at 0, gamma h and h.
 
-    The inner stage is itself wrong by (gamma h)^2/2 d2y/dt2, so that the second difference of the three
-    gives gamma d2y/dt2.
+    The error of the inner stage is (gamma h)^2/2 d2y/dt2, so that the second difference of the three
+    rates is gamma d2y/dt2.
     """
     return ERROR * h / GAMMA * ((y2 - y1) / (1.0 - GAMMA) - (y1 - y0) / GAMMA)
 
@@ -28,15 +28,17 @@ class Sdirk2(Converged):
     """Stages at t + gamma h and t + h, both of implicit length gamma h, gamma = 1 - 1/sqrt 2.
 
     The second stage starts from the base y0 + (1 - gamma) h k1, with k1 = (y1 - y0)/(gamma h) the slope
-    that the first has found, and is the end of the step. Both share one factor. D is taken at the
+    of the first stage; its result is that of the step. Both share one factor. D is evaluated at the
     predicted middle of the step. Attributes: as `Converged`.
 
     Notes
     -----
-    Second order, L-stable. The stages take their activation from the line with its mean and first moment
-    over the step, of which their weights give the mean exactly. The estimated error of a step costs one
-    evaluation of the forces and one solution (`sim.integrators.estimate`). Source: Alexander 1977,
-    Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s, SIAM J. Numer. Anal. 14, p. 1006.
+    Second order, L-stable. The activation of the stages is that of the line with the same mean and first
+    moment over the step; the weights of the stages integrate it exactly. The estimated error of a step
+    requires one evaluation of the forces and one solution (`sim.integrators.estimate`).
+
+    Source: Alexander 1977, Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s, SIAM J. Numer.
+    Anal. 14, p. 1006.
     """
 
     order: ClassVar[int] = 2
@@ -62,7 +64,7 @@ class Sdirk2(Converged):
         first = self._solve(
             part, Stage(state.t + s, state.pose, u0, s, inner, D), state, work, here
         )
-        further = (1.0 - GAMMA) / GAMMA  # the slope of the first stage over its share of the step
+        further = (1.0 - GAMMA) / GAMMA  # slope of the first stage
         u1 = kinematics.inertial(first.w, first.pose)
         base = kinematics.advance(state.pose, further * s * first.w, t1 - s)
         u = u0 + further * (u1 - u0)
@@ -93,17 +95,17 @@ class Sdirk2(Converged):
 def _stopped(system: System, end: Solved, ahead: Pose, after: float) -> tuple[Array, Pose]:
     """Velocities at the end of a stage and the pose to which they lead, both without penetration.
 
-    A vertex that has met a face in the stage still has the velocity of its way to the face; its impact
-    is inelastic.
+    A vertex that has reached a face within the stage still has its velocity towards the face, which an
+    inelastic impact removes.
 
     Parameters
     ----------
     system : System
     end : Solved
     ahead : Pose
-        Where the velocities lead.
+        Pose to which the velocities lead.
     after : float
-        Time until then [s].
+        Time until that pose [s].
     """
     if end.contact is None:
         return end.w, ahead

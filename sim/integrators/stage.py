@@ -27,7 +27,7 @@ class Stage:
     t : float
         Instant of the stage [s].
     base : Pose
-        Where the stage starts.
+        Pose at the start of the stage.
     u : inertial velocities there.
     s : float
         Implicit part of the step [s].
@@ -129,7 +129,8 @@ class Converged(Iterative):
 def middle_damping(system: System, state: State, control: Line, h: float) -> Matrix:
     """Damping at the predicted middle of a step, where the predictor does not invert.
 
-    Held over the step, it keeps the second order of a method: its change is odd about the middle.
+    It is constant over the step. The order of a method remains 2, because the change of the damping is
+    odd about the middle.
     """
     kinematics, middle = system.kinematics, control.at(0.5)
     pose = kinematics.advance(state.pose, 0.5 * h * kinematics.velocities(state), state.t + 0.5 * h)

@@ -28,8 +28,8 @@ PASSES = 6
 """Largest number of updates of the contact forces in one iteration."""
 
 ROUGH, SURE = (0.5, 1e-6), (0.02, 1e-9)
-"""Error of the answer to a change of forces, relative and [m], that is left to the next iteration: while
-moves are taken in full, and once one was cut short or refused."""
+"""Relative and absolute [m] tolerance of the displacement by a change of forces: while all steps were
+taken in full, and after a shortened or refused step."""
 
 CLOSED = 1e-6
 """Depth of an omitted row above which the contact forces are updated [m]."""
@@ -57,7 +57,7 @@ class InContact(Point):
     Attributes
     ----------
     alone : Point
-        The same of the potential without.
+        Point of the potential without contact.
     """
 
     alone: Point
@@ -94,7 +94,7 @@ class Touching:
         return self.system.kinematics.displacements(x, self.base)
 
     def point(self, d: Array) -> InContact:
-        """Evaluate both and their gradients."""
+        """Evaluate potential and augmentation, and their gradients."""
         return self.with_contact(self._potential.point(d))
 
     def with_contact(self, point: Point) -> InContact:
@@ -131,7 +131,7 @@ class TouchingInMatrix(BySecants, Touching):
         self._places = places
 
     def matrix(self, d: Array) -> Matrix:
-        """Scale times the second derivative of both."""
+        """Scale times the second derivative of potential and augmentation."""
         A = super().matrix(d)
         self._places.add(self.multipliers.stiffness(self.acting(d)), self.scale, A.values)
         return A
@@ -154,7 +154,7 @@ class TouchingInMatrix(BySecants, Touching):
 
         Parameters
         ----------
-        pushing : slots that push.
+        pushing : slots of active rows.
         diagonal : (n_free,) of the stiffness [N/m].
         """
         push = pressed(rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty)
@@ -164,8 +164,8 @@ class TouchingInMatrix(BySecants, Touching):
 class TouchingApart(Touching):
     """Contact by the Schur complement, without friction, with a factor of the potential alone.
 
-    Each iteration minimises a quadratic model of the potential under all rows: their forces in the space
-    of the rows, then the motion by them. Its multipliers become those forces at once.
+    Each iteration minimises a quadratic model of the potential under all rows. The contact forces follow
+    from the Schur complement, and the displacement from the forces, which become the multipliers.
     """
 
     penalty, patience, haste = APART, 2, HASTE
@@ -181,10 +181,10 @@ class TouchingApart(Touching):
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
         """Point for the present multipliers, and the direction to the minimum of the model.
 
-        The gradient of the model is that of the potential; its matrix is the one that was factorised,
-        with later moves.
+        The gradient of the model is that of the potential; its matrix is the factorised one with the
+        quasi-Newton updates of later steps.
         """
-        assert isinstance(point, InContact)  # made by this potential
+        assert isinstance(point, InContact)  # result of `point`
         alone, forces, secants = point.alone, self.multipliers.normal, work.inverse_secants
         rest = self._directions.T @ forces - alone.g
         by_factor = work.solve(self.scale * rest)
@@ -206,11 +206,11 @@ class TouchingApart(Touching):
     def _pushed(
         self, gap: Array, compliance: RowCompliance, work: Workspace
     ) -> tuple[Array, Array, Array]:
-        """Forces (m,) of the model, and motions (n,) by their change: by the factor, and in all.
+        """Forces (m,) of the model, and displacements (n,) by their change: by the factor, and in total.
 
         Parameters
         ----------
-        gap : (m,) after the motion without a change of the forces [m].
+        gap : (m,) after the displacement without a change of the forces [m].
         """
         forces, soft = self.multipliers.normal, 1.0 / self.multipliers.rho
         secants, D = work.inverse_secants, self._directions
@@ -242,7 +242,7 @@ class TouchingApart(Touching):
         if length < 1.0:
             self._left = SURE
         tried, self._tried = self._tried, None
-        assert tried is not None  # the direction of this move
+        assert tried is not None  # set by `direction`
         multipliers = self.multipliers
         multipliers.normal = multipliers.normal + length * (tried.forces - multipliers.normal)
         by_factor = tried.by_factor + length * tried.answer
@@ -262,8 +262,8 @@ class TouchingApart(Touching):
     def held(self, rhs: Array, slots: Index, work: Workspace) -> Array:
         """Solution x with the factor and D x = 0 for the active rows of some slots.
 
-        x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs, C the compliance s^2 A^-1; repeated,
-        because C may be of an earlier factor.
+        x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs, with the compliance C = s^2 A^-1. The
+        solution is repeated, because C may belong to an earlier factor.
         """
         multipliers = self.multipliers
         on = np.flatnonzero((multipliers.normal > 0.0) & np.isin(multipliers.rows.slot, slots))
@@ -294,9 +294,9 @@ class TouchingApart(Touching):
 
 @dataclass(frozen=True, eq=False)
 class _Tried:
-    """Direction with its forces (m,) and its displacement (n,) by the factor alone.
+    """Forces (m,) of a direction, and its displacements (n,) by the factor alone.
 
-    Those are to the minimum without a change of the forces, and by that change.
+    `by_factor` is the displacement with the previous forces, `answer` that by their change.
     """
 
     forces: Array

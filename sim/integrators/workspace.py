@@ -43,11 +43,11 @@ class Solution:
     ----------
     x : (n_free,)
     iterations, factorisations : int
-        Solutions with a factor, and factors made.
+        Numbers of solutions with a factor and of factorisations.
     definite : bool
-        Whether the latest matrix that was factorised is positive definite.
+        True if the latest factorised matrix is positive definite.
     roughly : callable or None
-        Solves with the same matrix, or with one near it.
+        Solver for the same matrix or an approximation of it.
     """
 
     x: Array
@@ -60,9 +60,9 @@ class Solution:
 class Workspace:
     """Solver memory of one simulation: the analysed linear solver, its latest factor, run times.
 
-    An older factor, secants and guesses leave their traces within the tolerance of an iteration. A
-    simulation therefore begins with what its initial state carries of them (`arrays`, `restore`), and
-    never with what another simulation left here.
+    An older factor, quasi-Newton updates and initial guesses change results within the tolerance of an
+    iteration. A simulation therefore starts with those stored in its initial state (`arrays`,
+    `restore`), and never with those of another simulation.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Joints: rows over the velocities of bodies and points, bilateral or unilateral, rigid or yielding."""
+"""Joints: rows over velocities of bodies and points, bilateral or unilateral, rigid or compliant."""
 
 from sim.joints.contract import Joint, Row
 from sim.joints.joints import (

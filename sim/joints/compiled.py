@@ -17,10 +17,10 @@ Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 REDUNDANT = 1e-9
-"""Share of its own mobility 1/m that a row must keep beside the rows before it."""
+"""Fraction of its mobility 1/m that a row must retain under the preceding rows."""
 
 PROJECTIONS, DRIFT = 5, 1e-13
-"""Most projections of positions after a step, and what they leave [m, rad]."""
+"""Largest number of projections of positions after a step, and their tolerance [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class RowValues:
     ----------
     c : (m,) values [m or rad].
     G : (m, k) derivatives by the velocities of `Rows.columns`.
-    drift : (m,) rates by what is prescribed.
+    drift : (m,) rates due to prescribed motions.
     """
 
     c: Array
@@ -52,17 +52,18 @@ class Rows:
     Attributes
     ----------
     names : of the rows.
-    joints : names of the joints that they belong to, in the order of the scene.
+    joints : names of the joints of the rows, in the order of the scene.
     table : RowTable
-    columns : (k,) velocities that any row acts on.
-    unilateral : (m,) whether a row is an inequality.
-    rigid : (m,) whether it is an equation without compliance.
+    columns : (k,) velocities on which any row depends.
+    unilateral : (m,) True if a row is an inequality.
+    rigid : (m,) True if it is an equation without compliance.
     compliance, damping_time : (m,)
 
     Raises
     ------
     SceneError
-        A body does not exist, a row acts on nothing that moves, or a rigid row repeats others.
+        A body does not exist, a row depends on fixed bodies only, or a rigid row depends linearly on
+        others.
     """
 
     def __init__(
@@ -119,12 +120,12 @@ class Rows:
     def reactions(self, pose: Pose, f: Array) -> tuple[Array, Array]:
         """Force [N] and moment [N m] (n_joints, 3) that each joint exerts on its body b, or its point.
 
-        The moment is about the place of the joint on b; body a carries the opposite force.
+        The moment is about the place of the joint on b; the opposite force acts on body a.
 
         Parameters
         ----------
         pose : Pose
-        f : (m,) forces of the rows, in the unit of the power of each row [N or N m].
+        f : (m,) forces or moments of the rows [N or N m].
         """
         m, table = len(self.names), self.table
         c, JA, JB, JP = np.empty(m), np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 3))
@@ -138,9 +139,9 @@ class Rows:
         return force, moment
 
     def forces(self, S: Array, r: Array, before: Array) -> Array:
-        """Forces (m,) with S f + r = 0, for inequalities 0 <= f and S f + r >= 0, one of them zero.
+        """Forces (m,) with S f + r = 0, and for inequalities 0 <= f, S f + r >= 0 and f (S f + r) = 0.
 
-        Bilateral rows are eliminated, which leaves a linear complementarity problem of the others.
+        Bilateral rows are eliminated; a linear complementarity problem of the others remains.
         """
         b, u = np.flatnonzero(~self.unilateral), np.flatnonzero(self.unilateral)
         f = np.zeros(len(r))
@@ -161,10 +162,10 @@ class Rows:
         return self._kinematics.solve_mass(unit, pose)
 
     def projected(self, pose: Pose, w: Array) -> tuple[Pose, Array, Array]:
-        """Pose and velocities brought back to the rows, by the least change in the norm of the mass.
+        """Project pose and velocities to the rows, with the smallest change in the norm of the mass.
 
-        Returned with the impulses (m,) of the rows on the velocities: rows of a step are held in their
-        direction at its start, so that these contain the forces by which they turn.
+        Also returns the impulses (m,) of the rows on the velocities. The rows of a step have the
+        directions at its start; the impulses therefore contain the forces due to their rotation.
         """
         X = self.inverse_mass(pose)
         for _ in range(PROJECTIONS):
@@ -202,7 +203,7 @@ class Rows:
 
 
 def _least(G: Array, X: Array, wanted: Array) -> Array:
-    """Impulses G'f (k,) that change the rows as wanted; of repeated rows the least ones."""
+    """Impulses G'f (k,) for given changes of the rows, the smallest ones if rows are redundant."""
     if not len(G):
         return np.zeros(len(X))
     return np.asarray(G.T @ np.linalg.lstsq(G @ X @ G.T, wanted, rcond=REDUNDANT)[0])

@@ -12,7 +12,7 @@ from sim.joints.contract import Array, Joint, Row, unit_axes
 
 _AXES = "xyz"
 _PAIRS = ((1, 2), (0, 2), (0, 1))
-"""Axes of A and B that stay perpendicular where the rotation about x, y, z is locked."""
+"""Axes of A and B that remain perpendicular if the rotation about x, y, z is locked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +25,16 @@ class _BodyJoint:
     a, b : str or None
         Bodies; None is space.
     origin : (3,) of the joint at rest [m].
-    axis : (3,) third axis of the joint; the axis or normal that its name tells.
+    axis : (3,) third axis of the joint: the axis of rotation or translation, or the normal.
     compliance : float
-        Yielding of every row [m/N, 1/(N m)]; 0 is rigid.
+    Compliance of every row [m/N, 1/(N m)]; 0 is rigid.
     damping_time : float
-        Time over which a yielding row relaxes [s].
+    Relaxation time of a compliant row [s].
 
     Raises
     ------
     SceneError
-        The axis is zero or a number negative.
+        The axis is zero, or a number is negative.
     """
 
     name: str
@@ -93,25 +93,25 @@ class Revolute(_BodyJoint):
 
 
 class Cylindrical(_BodyJoint):
-    """Sliding along and turning about the axis."""
+    """Translation along and rotation about the axis."""
 
     travels, turns = (0, 1), (0, 1)
 
 
 class Prismatic(_BodyJoint):
-    """Sliding along the axis without turning."""
+    """Translation along the axis without rotation."""
 
     travels, turns = (0, 1), (0, 1, 2)
 
 
 class Planar(_BodyJoint):
-    """Motion within the plane across the axis, turning about it."""
+    """Motion within the plane perpendicular to the axis, and rotation about the axis."""
 
     travels, turns = (2,), (0, 1)
 
 
 class Weld(_BodyJoint):
-    """No relative motion; its reactions are what a section would carry."""
+    """No relative motion; its reactions are the internal forces of a section."""
 
     travels, turns = (0, 1, 2), (0, 1, 2)
 
@@ -120,8 +120,8 @@ class Weld(_BodyJoint):
 class Bushing:
     """Springs and dampers along and about three axes, f = -k x - d dx/dt and m = -k theta - d dtheta/dt.
 
-    x is the travel of a point of b in the axes of a, theta the rotation vector of b in a, both since
-    rest. The force acts at the point of b.
+    x is the displacement of a point of b in the axes of a, theta the rotation vector of b in a, both
+    relative to rest. The force acts at the point of b.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class Bushing:
 
     Notes
     -----
-    The rows have the compliance 1/k and are implicit, so a stiff bushing does not bound the step.
+    The rows have the compliance 1/k and are implicit, so that a stiff bushing does not limit the step.
     """
 
     name: str
@@ -161,7 +161,7 @@ class Bushing:
         unit_axes(np.asarray(self.axis))
 
     def rows(self) -> tuple[Row, ...]:
-        """One yielding row per direction with stiffness."""
+        """One compliant row per direction with stiffness."""
         place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
         return tuple(
             Row(
@@ -181,7 +181,7 @@ class Bushing:
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """Smallest and largest angle about, or travel along, the axis of a joint.
+    """Smallest and largest angle about, or translation along, the axis of a joint.
 
     Attributes
     ----------
@@ -189,9 +189,9 @@ class Limit:
     a, b : str or None
     origin, axis : as of joints.
     lower, upper : float
-        Of the motion of b against a since rest [rad or m]; angles within pi.
-    travel : bool
-        Whether travel rather than the angle is limited.
+        Of the motion of b relative to a since rest [rad or m]; angles within pi.
+        travel : bool
+        True if the translation is limited, otherwise the angle.
 
     Raises
     ------
@@ -236,7 +236,7 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class PointOnPlane:
-    """A point stays in a plane of a body, or on the side that its normal points to.
+    """A point remains in a plane of a body, or on the side of its normal.
 
     Attributes
     ----------
@@ -280,7 +280,7 @@ class PointOnPlane:
 
 @dataclass(frozen=True, eq=False)
 class PointOnCurve:
-    """A point stays on a surface that a curve sweeps, or above it: z = f(x) in axes of a body.
+    """A point remains on the cylindrical surface z = f(x) in axes of a body, or above it.
 
     Attributes
     ----------
@@ -290,14 +290,15 @@ class PointOnCurve:
     origin : (3,) of the curve at rest [m].
     normal, forward : (3,) directions of z and x.
     coefficients : (4,) of f = sum_k coefficients_k x^k [m^(1 - k)].
-    reach : (2,) first and last x of the polynomial [m]; f goes straight on beyond.
+    reach : (2,) first and last x of the polynomial [m]; f is linear beyond.
     unilateral : bool
-        Whether the point may leave the surface to the side of z.
+    True if the point may leave the surface to the side of z.
 
     Notes
     -----
-    The value is the height above the curve, so that a force is per unit of height, not along the
-    normal. Source: condylar guidance as strips of a cubic, Hannam et al. 2008, J. Biomech. 41, 1069.
+    The value of the row is the height above the curve, not the distance along the normal; the force of
+    the row acts accordingly. Source: condylar guidance as strips of a cubic, Hannam et al. 2008,
+    J. Biomech. 41, 1069.
     """
 
     name: str
@@ -339,4 +340,4 @@ JOINTS: tuple[type[Joint], ...] = (
     PointOnPlane,
     PointOnCurve,
 )
-"""Every joint; the tests walk this tuple."""
+"""All joints, which the tests include."""

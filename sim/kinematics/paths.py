@@ -15,7 +15,7 @@ from sim.state import Array
 Index = NDArray[np.int64]
 
 APART = 1e-4
-"""Time between the instants that differences are taken of [s]: a motion of 10 Hz is off by 1e-12."""
+"""Time step of finite differences [s]; their relative error for a motion of 10 Hz is 1e-12."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Paths:
     Attributes
     ----------
     moved : (n_bodies,) of bool, bodies with a prescribed motion.
-    led : (k,) indices of those whose motion is not constant.
+    led : (k,) indices of those with a motion that is not constant.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Constitutive laws, one class per law; the closed forms live in `sim._kernels.laws`."""
+"""Constitutive laws, one class per law; the closed forms are in `sim._kernels.laws`."""
 
 from sim.laws.bulk import BULK_LAWS, BulkLaw, LogarithmicBulk, QuadraticBulk
 from sim.laws.fibre import FIBRE_LAWS, Blemker, Constant, FibreLaw, Generic

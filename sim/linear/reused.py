@@ -182,11 +182,11 @@ class ReusedFactor:
 
     def roughly(self, rhs: Array) -> Array:
         """Solve with the existing factor of a similar matrix."""
-        assert self._active is not None  # a solution has made one
+        assert self._active is not None  # computed by a solution
         return self._active.approximate(rhs)
 
     def _iterate(self, rhs: Array, x: Array, error: float | None, limit: int) -> Iterate:
-        assert self._active is not None  # callers have made a factor
+        assert self._active is not None  # callers have computed a factor
         factor = self._active
 
         def entries(x: Array) -> Array:

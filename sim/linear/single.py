@@ -69,7 +69,7 @@ class SinglePardiso:
             self._factorise_in_double()
 
     def _serves(self) -> bool:
-        """Test if a constant vector is recovered from its product with the matrix."""
+        """Test if the factor recovers a constant vector from its product with the matrix."""
         one = np.ones(self._pattern.n)
         x = self._factor.approximate(symmetric_product(self._pattern, self._values, one))
         return float(np.abs(x - one).max()) <= TRUSTED

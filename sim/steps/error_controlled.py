@@ -22,26 +22,27 @@ class ErrorControlledStep:
 
     A step of length h is accepted if its estimated error is at most sqrt(h/horizon) of the remaining
     tolerance: the tolerance less the errors of earlier steps, each reduced by e^(-time/horizon). The
-    horizon is the time over which the tissue forgets. In steady motion a step then makes about h/horizon
-    of the tolerance. A short transient, as after a jump of the load, may use what steady motion does not
-    need; its steps become shorter as the remainder falls, and do not use all of it at once. The smallest
-    step may use the whole remainder, so that the sum stays below the tolerance.
+    horizon is the time constant with which the tissue loses the effect of an error. In steady motion
+    the error of a step is then about h/horizon of the tolerance. A short transient, as after a jump of
+    the load, may use the part that steady motion does not need; its steps become shorter as the
+    remainder decreases. The smallest step may use the whole remainder, so that the sum stays below the
+    tolerance.
 
-    The estimate is that of the integrator. Without one, and where halving a step does not lower it by
-    the order of the method, as after a jump of the load that the estimate takes for an error, the step
-    is repeated in two halves and judged by the difference. Steps never cross the end of an interval.
+    The estimate is that of the integrator. Without one, or if halving a step does not reduce the
+    estimate according to the order of the method, the step is repeated in two halves and the error
+    estimated from the difference. Steps never cross the end of an interval.
 
     Attributes
     ----------
     tolerance : float
-        Error wanted at the watched nodes [m].
+        Largest error at the watched nodes [m].
     h : float
         Largest step [s].
     nodes : (k,) watched nodes, such as the lip markers; all if None.
     horizon : float
-        Time over which errors add up [s].
+        Time over which errors accumulate [s].
     max_halvings : int
-        Smallest step is h/2^max_halvings; a step that fails there passes its failure on.
+        The smallest step is h/2^max_halvings; its failure ends the simulation.
 
     Raises
     ------
@@ -86,7 +87,7 @@ class ErrorControlledStep:
         ToleranceMissed
             The smallest step misses the tolerance.
         SceneError
-            The integrator is not one of motion.
+            The integrator has no order in time, such as `Static`.
         """
         if not isinstance(integrator, TimeIntegrator):
             raise SceneError(

@@ -18,8 +18,8 @@ GONE = 1e-6
 class Crushable:
     """Force F = force_max (1 - d/diameter) along the normal on a point at the distance d from a plane.
 
-    It acts while 0 < d < diameter. Once d < 1 um the morsel is crushed and the force is zero until d has
-    exceeded the diameter, where a new one lies. At the start it is crushed.
+    It acts for 0 < d < diameter. If d falls below 1 um, the morsel is crushed, and the force is zero
+    until d exceeds the diameter, at which a new morsel is present. Initially it is crushed.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Crushable:
 
 
 class CompiledCrushable:
-    """Compiled morsel, outside a step without force."""
+    """Compiled morsel, without force outside a step."""
 
     def __init__(self, term: Crushable, target: Index, whole: bool = False) -> None:
         self._term, self._target, self._whole = term, target, whole
@@ -79,7 +79,7 @@ class CompiledCrushable:
         return float((q[self._term.node] - self._term.origin) @ self._term.normal)
 
     def during(self, q: Array, memory: Array | None, h: float) -> "CrushableInStep":
-        """Morsel over a step, whole or crushed as the positions before have left it."""
+        """Morsel over a step, intact or crushed according to the previous positions."""
         whole = memory is not None and bool(memory[0])
         return CrushableInStep(self._term, self._target, whole)
 
@@ -106,7 +106,7 @@ class CrushableInStep(CompiledCrushable):
     """Morsel over one step."""
 
     def remember(self, q: Array) -> Array:
-        """1 if it is whole after the step."""
+        """1 if it is intact after the step."""
         d = self._distance(q)
         whole = d > self._term.diameter or (self._whole and d >= GONE)
         return np.array([float(whole)])

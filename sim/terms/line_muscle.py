@@ -240,7 +240,7 @@ class CompiledLineMuscles:
         return energy, tension, slope
 
     def add_to(self, forces: PointForces) -> None:
-        """Add the fibres, which run between points where there is no mesh."""
+        """Add the fibres, whose points are not embedded in a mesh."""
         forces.lines.append((self.table, self._paths))
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
