@@ -145,7 +145,7 @@ def test_unusable_requests_are_refused(given, words):
         simulate_tube(**how)
 
 
-def test_silence_stays_silence_while_everything_moves():
+def test_a_silent_tube_stays_silent_while_its_shape_changes():
     times, areas = [0.0, 0.05, 0.1], np.stack([AH[0], np.zeros(16), EE[0][[*range(15), 14]]])
     sound = simulate_tube(
         areas,

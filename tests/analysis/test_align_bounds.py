@@ -24,7 +24,7 @@ def test_bound_on_the_shift() -> None:
 
 @pytest.mark.parametrize("sign", ["direction", "correlation"])
 @pytest.mark.parametrize("shift", [0.45, 0.6, 0.8])
-def test_shift_beyond_the_overlap_is_said(sign: str, shift: float) -> None:
+def test_a_shift_beyond_the_overlap_is_flagged(sign: str, shift: float) -> None:
     """The allowed shifts contain smaller peaks, of which that of the mirror image is -0.75."""
     for one in (shift, -shift):
         found = align(trajectory(there_and_back, shift=one), trajectory(there_and_back), sign=sign)
@@ -52,7 +52,7 @@ def test_noise_raises_no_flags(course) -> None:
         assert flags_of(found) == []
 
 
-def test_stretch_outside_the_range_is_said() -> None:
+def test_a_stretch_outside_the_range_is_flagged() -> None:
     """A quarter of a second is stretched by 6.4; a search ends at its bound."""
     short = trajectory(duration=0.25, count=26, scale=6.4)
     found = align(short, trajectory())
@@ -67,7 +67,9 @@ def test_stretch_outside_the_range_is_said() -> None:
 
 @pytest.mark.parametrize("lost", [slice(0, 20), slice(-20, None)])
 @pytest.mark.parametrize("shift", [0.0, 0.083, -0.06])
-def test_unseen_ends_are_left_out_and_stretch_nothing(lost: slice, shift: float) -> None:
+def test_invisible_ends_are_omitted_and_do_not_change_the_stretch(
+    lost: slice, shift: float
+) -> None:
     """One marker is not visible for an eighth of the trial; shift and scale are unaffected."""
     model, data = trajectory(), trajectory(shift=shift, dim="time_marker")
     data["position"].values[4, :, lost] = np.nan
@@ -86,7 +88,7 @@ def test_unseen_ends_are_left_out_and_stretch_nothing(lost: slice, shift: float)
     assert flags_of(found) == []
 
 
-def test_little_overlap_is_said() -> None:
+def test_a_small_overlap_is_flagged() -> None:
     data = trajectory()
     data["position"].values[:, :, 110:] = np.nan
     found = align(data, trajectory())

@@ -41,7 +41,7 @@ def test_a_baseline_is_scored_as_a_simulated_motion_is(form: str, course) -> Non
     assert np.isnan(rho[[3, 5]]).all() and ratio[3] == 0.0 and np.isfinite(rho[1:3]).all()
 
 
-def test_unseen_ends_are_held_in_a_prediction_and_left_out_of_a_measurement() -> None:
+def test_invisible_ends_are_constant_in_a_prediction_and_omitted_in_a_measurement() -> None:
     """A repetition without its first frames keeps its duration, so that it is not stretched."""
     whole, cut = trajectory(noise=1e-6), trajectory(noise=1e-6, seed=4)
     cut["position"].values[:, :, :6] = np.nan
@@ -50,7 +50,7 @@ def test_unseen_ends_are_held_in_a_prediction_and_left_out_of_a_measurement() ->
         assert (rho > 0.999).all()
 
 
-def test_what_cannot_be_aligned_has_no_rho() -> None:
+def test_motions_that_cannot_be_aligned_have_no_rho() -> None:
     rho, ratio = scored(trajectory(), trajectory(amplitude=0.0), OPTIONS)
     assert rho.shape == (10,) and np.isnan(rho).all() and np.isnan(ratio).all()
 
@@ -135,7 +135,7 @@ def filled(data: xr.Dataset, **values: float) -> dict[str, xr.DataArray]:
     }
 
 
-def test_cube_with_baselines_keeps_its_scores_and_says_why_there_is_no_skill() -> None:
+def test_a_cube_with_baselines_keeps_its_scores_and_gives_the_reason_of_missing_skill() -> None:
     data = cube()
     added = filled(data, template_rho=0.5, ceiling=0.9)
     added["template_rho"][0, 0, 0] = np.nan

@@ -50,7 +50,7 @@ def test_undefined_marker_keeps_its_reason() -> None:
     assert str(cell["status"].values) == "ok"
 
 
-def test_expected_labels_that_never_came_are_missing() -> None:
+def test_expected_labels_without_result_are_missing() -> None:
     found = build_cube(
         [Trial("v1", "A", 1, "act_3", scores(0))],
         volunteers=["v1", "v2", "v3"],

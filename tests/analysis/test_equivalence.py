@@ -24,7 +24,7 @@ def test_against_statsmodels(margin: float) -> None:
     assert inside == (p < 0.05) == ("b - a: equivalent within" in found.attrs["sentence"])
 
 
-def test_not_small_is_not_called_different() -> None:
+def test_no_equivalence_is_not_reported_as_a_difference() -> None:
     text = equivalence(compare(of_differences(VALUES)), margin=0.05).attrs["sentence"]
     assert "not significantly equivalent" in text
     assert "differ" not in text

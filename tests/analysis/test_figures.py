@@ -32,7 +32,7 @@ def test_box_plots_show_the_medians() -> None:
 
 
 @pytest.mark.parametrize("variable", ["rho", "amplitude_ratio", "rmse"])
-def test_box_plots_say_simulated(variable: str) -> None:
+def test_box_plots_are_labelled_simulated(variable: str) -> None:
     figure = box_plots(cube(), variable=variable)
     assert "simulated recordings" in figure.get_suptitle()
     assert [panel.get_xlabel() for panel in figure.axes] == ["volunteer", "instruction", "marker"]
@@ -49,7 +49,7 @@ def test_values_not_shown_are_counted() -> None:
     ]
 
 
-def test_group_without_values_is_left_empty() -> None:
+def test_a_group_without_values_is_empty() -> None:
     data = cube()
     data["rho"].loc[{"volunteer": "v2", "strategy": "act_all"}] = np.nan
     panel = box_plots(data, by=("volunteer",)).axes[0]
@@ -80,7 +80,7 @@ def test_saved_file_carries_its_title(tmp_path) -> None:
     assert save(synchronisation(align(trajectory(), trajectory())), tmp_path / "b.pdf").exists()
 
 
-def test_importing_draws_no_matplotlib() -> None:
+def test_importing_does_not_load_matplotlib() -> None:
     code = "import sys, analysis.figures; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

@@ -135,7 +135,7 @@ def test_settings_of_the_user_do_not_matter() -> None:
     assert plain == inside == 9.0
 
 
-def test_what_cannot_be_drawn() -> None:
+def test_impossible_figures_are_refused() -> None:
     raw, filtered, feature = signals()
     with pytest.raises(FigureError, match="variable 'activation'"):
         activation_heat_map(xr.Dataset({"rho": ("marker", [1.0])}))

@@ -26,7 +26,7 @@ def test_same_as_the_test_on_the_rest() -> None:
     assert list(found["n"].values) == [6, 5, 5]
 
 
-def test_one_volunteer_makes_the_effect() -> None:
+def test_an_effect_of_a_single_volunteer_is_found() -> None:
     found = leave_one_volunteer_out(compare(of_differences([-0.1, -0.1, -0.1, 1.5])))
     assert float(found["sign_changes"][0]) == 1
     assert (

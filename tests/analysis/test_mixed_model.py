@@ -175,7 +175,7 @@ def test_these_instructions_are_the_paired_t_test() -> None:
         np.testing.assert_allclose(found["interval"][index], peer.confidence_interval(), rtol=1e-4)
 
 
-def test_what_both_strategies_share_does_not_matter() -> None:
+def test_effects_common_to_both_strategies_cancel() -> None:
     """Any effect of volunteer, instruction, repetition and marker cancels."""
     cube = simulated_scores(4, instructions=5, centre=0.0, sd_error=0.1)
     shared = np.random.default_rng(0).normal(size=(6, 5, 2, 1, 3))
@@ -202,7 +202,7 @@ def test_incomplete_data_agree_with_statsmodels() -> None:
     np.testing.assert_allclose(fit.residuals, peer.resid, atol=1e-3)
 
 
-def test_a_variance_at_zero_is_said() -> None:
+def test_a_variance_of_zero_is_reported() -> None:
     found = mixed_model(
         compare(simulated_scores(0, instructions=6, sd_interaction=0.0, sd_error=1.0))
     )
@@ -215,7 +215,7 @@ def test_a_variance_at_zero_is_said() -> None:
         assert not there or verdict == "doubtful"
 
 
-def test_wald_is_called_too_small_for_few_only() -> None:
+def test_wald_is_called_too_small_only_for_few_volunteers() -> None:
     few, many = (
         mixed_model(compare(simulated_scores(1, instructions=4, volunteers=n))) for n in (6, 30)
     )
@@ -224,7 +224,7 @@ def test_wald_is_called_too_small_for_few_only() -> None:
     assert (few["p_wald"] < few["p"]).all()
 
 
-def test_each_scope_is_said_and_is_its_own() -> None:
+def test_each_scope_is_stated_with_its_own_estimate() -> None:
     cube = simulated_scores(1, instructions=6, sd_instruction_strategy=0.5)
     general, these = (
         mixed_model(compare(cube)),
@@ -264,7 +264,7 @@ def test_one_instruction_leaves_the_paired_t_test() -> None:
     assert float(found["p"][0]) == pytest.approx(peer.pvalue, rel=1e-6)
 
 
-def test_too_many_lost_pairs_are_said() -> None:
+def test_many_missing_pairs_are_reported() -> None:
     table = np.full((5, 5), np.nan)
     table[np.arange(5), np.arange(5)] = [0.1, 0.4, -0.2, 0.3, 0.5]
     assert "too many pairs are missing" in fit_differences(table, "instructions")

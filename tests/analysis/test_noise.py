@@ -23,7 +23,7 @@ def test_known_noise_of_a_moving_marker(sigma: float, course) -> None:
     assert np.std(found) == pytest.approx(0.07 * np.sqrt(3) * sigma, rel=0.25)
 
 
-def test_motion_leaves_nothing_and_leaps_count_little() -> None:
+def test_motion_and_jumps_hardly_affect_the_noise_estimate() -> None:
     still = marker_noise(trajectory()["position"])
     assert float(still.max()) < 5e-6
     rng = np.random.default_rng(0)
@@ -35,7 +35,7 @@ def test_motion_leaves_nothing_and_leaps_count_little() -> None:
     assert np.isnan(noise_level(values[:, :10]))
 
 
-def test_noise_that_is_left_between_frames() -> None:
+def test_noise_after_interpolation_between_frames() -> None:
     """Half-way, it is the mean squared frequency response of the cardinal cubic spline.
 
     The cubic B-spline is 23/48 and 1/48 at half-way points, 4/6 and 1/6 at frames.
@@ -134,7 +134,7 @@ def test_tiny_motion_above_the_noise_is_kept() -> None:
         assert float(one["rho"]) == pytest.approx(float(one["attenuation"]), abs=0.08)
 
 
-def test_trial_of_nothing_but_noise_is_refused() -> None:
+def test_a_trial_of_noise_only_is_refused() -> None:
     for seed in range(10):
         with pytest.raises(AlignmentError, match="does not move beyond its noise"):
             align(trajectory(amplitude=0.0, noise=1e-4, seed=seed), trajectory())
@@ -147,7 +147,7 @@ def test_small_motion_shared_by_all_markers_is_aligned() -> None:
     assert float(found["shift"]) == pytest.approx(0.05, abs=0.02)
 
 
-def test_noise_that_a_dataset_carries_is_taken() -> None:
+def test_the_noise_stated_in_a_dataset_is_used() -> None:
     data = trajectory(shift=0.05)
     data["noise"] = ("marker", np.linspace(1e-4, 1e-3, 10), {"units": "m"})
     shuffled = data.isel(marker=[3, 1, 2, 0, 4, 5, 9, 8, 7, 6])

@@ -68,7 +68,7 @@ def test_power_of_a_cube() -> None:
     assert "to detect a difference of +0.40 in z with power 0.8" in str(found["sentence"].values[0])
 
 
-def test_nothing_to_plan_with() -> None:
+def test_cubes_without_variance_are_refused() -> None:
     for values in ([0.4], [0.4, 0.4, 0.4]):
         found = power(compare(of_differences(values)), simulations=10)
         assert np.isnan(found["power"]).all()

@@ -51,7 +51,7 @@ def test_mean_of_one_motion_is_its_displacement() -> None:
     np.testing.assert_allclose(found.values, displacement(motion).values, atol=1e-15)
 
 
-def test_what_does_not_move_is_left_out_and_counted() -> None:
+def test_motions_without_movement_are_omitted_and_counted() -> None:
     still = trajectory(amplitude=0.0)
     mean = mean_motion([still, trajectory(), trajectory(shift=0.05)], OPTIONS)
     assert mean.attrs["contributors"] == 2
@@ -79,7 +79,7 @@ def test_retiming_repeats_an_alignment() -> None:
     np.testing.assert_array_equal(again.values[:, :, inside], fit["position"].values[:, :, inside])
 
 
-def test_registration_finds_a_course_wherever_it_begins() -> None:
+def test_registration_finds_a_time_course_at_any_start() -> None:
     course = [displacement(one) for one in (trajectory(once), trajectory(once, shift=0.15))]
     (found,) = registered(course[1:], course[0], OPTIONS)
     assert found is not None

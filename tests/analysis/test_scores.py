@@ -87,7 +87,7 @@ def test_trajectory_with_itself(n: int) -> None:
     assert float(correlation_3d(v, v, form="as_printed")) == pytest.approx((n - 1) / n, abs=1e-14)
 
 
-def test_far_from_the_origin_no_digits_are_lost() -> None:
+def test_precision_is_kept_far_from_the_origin() -> None:
     """A movement of micrometres at a distance of a kilometre; the printed form would return noise."""
     v, w = curve(1), curve(2)
     near = float(correlation_3d(v, w))
@@ -164,7 +164,7 @@ def test_reasons_of_undefined_markers() -> None:
     assert list(np.isfinite(ratio)) == [True, False, True, False, False, False, False]
 
 
-def test_motion_by_rounding_is_no_motion() -> None:
+def test_motion_due_to_rounding_is_not_scored() -> None:
     """A constant with rounding errors must not be scored as a movement."""
     rng = np.random.default_rng(0)
     v = array(0.1 + 1e-17 * rng.integers(-2, 3, size=(3, 50)))
@@ -250,7 +250,7 @@ def test_score_with_one_array_and_no_alignment() -> None:
         (lambda d: d.where(d["time"] > 9).assign_attrs(units="m"), "align them first"),
     ],
 )
-def test_pairs_that_do_not_fit(spoil, words: str) -> None:
+def test_pairs_that_do_not_match_are_refused(spoil, words: str) -> None:
     data = trajectory()["position"]
     with pytest.raises(TrajectoryError, match=words):
         score(spoil(data), data)

@@ -65,7 +65,7 @@ def test_planted_axis_is_found() -> None:
     assert found.attrs["reference"] == "mapping_stage = signal, phase = zero"
 
 
-def test_a_strategy_that_rises_in_everyone_is_not_lost_in_the_mean_of_all() -> None:
+def test_an_effect_on_one_strategy_is_found_although_the_mean_hardly_changes() -> None:
     cube = one_strategy_moved()
     found = sensitivity(cube)
     of = {
@@ -110,7 +110,7 @@ def test_too_few_volunteers_for_a_test_of_choices() -> None:
     assert found.attrs["summary"].startswith("No test is performed: 4 volunteers with pairs")
 
 
-def test_a_choice_without_any_effect_is_said_to_change_nothing() -> None:
+def test_a_choice_without_effect_is_reported_as_such() -> None:
     cube = one_strategy_moved()
     same = cube["rho"].sel(normalisation_reach="trial", strategy="act_3", drop=True)
     rho = xr.where(cube["strategy"] == "act_3", same, cube["rho"], keep_attrs=True)

@@ -135,7 +135,7 @@ def test_pairs_by_hand() -> None:
     }
 
 
-def test_missing_trials_are_told_from_failed_ones() -> None:
+def test_missing_and_failed_trials_are_distinguished() -> None:
     cube = simulated_scores(2)
     at = {"volunteer": "v1", "repetition": 2, "strategy": "act_rel"}
     cube["status"].loc[at] = "missing"

@@ -75,7 +75,7 @@ def test_interval_covers_the_true_gain() -> None:
     assert 87 <= inside <= 100
 
 
-def test_a_ceiling_without_room_gives_gain_but_no_skill() -> None:
+def test_a_ceiling_at_the_template_gives_gain_but_no_skill() -> None:
     found = against_baselines(study(ceiling=0.8005), draws=200)
     assert np.isnan(found["skill"]).all() and np.isfinite(found["gain_template"]).all()
 
@@ -118,7 +118,7 @@ def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: 
     assert "95 % interval" in text and "(6 volunteers)" in text
 
 
-def test_what_is_lacking_is_said() -> None:
+def test_missing_results_are_stated() -> None:
     told = " ".join(comparison(study(2))[0])
     assert "the motion of another volunteer" in told and "A template of one or two" in told
     assert "no interval, which requires" in told
@@ -129,7 +129,7 @@ def test_what_is_lacking_is_said() -> None:
     assert "no other volunteer" in " ".join(comparison(alone)[0])
 
 
-def test_tables_hold_what_they_name() -> None:
+def test_tables_contain_the_named_quantities() -> None:
     cube = study()
     _, tables = comparison(cube)
     row = dict(zip([c.name for c in tables["baselines"].columns], tables["baselines"].rows[0],

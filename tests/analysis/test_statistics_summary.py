@@ -59,7 +59,7 @@ CUBES = {
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("case", CUBES)
-def test_every_method_answers_every_cube(name: str, case: str) -> None:
+def test_every_method_gives_a_result_for_every_cube(name: str, case: str) -> None:
     cube = CUBES[case]
     found = METHODS[name](compare(cube))
     assert found.attrs["sentence"].endswith(".")
@@ -112,7 +112,7 @@ def test_no_interval_is_printed_of_fewer_than_five_volunteers(volunteers: int) -
     assert "no interval, which requires 5 or more volunteers" in planned.attrs["sentence"]
 
 
-def test_every_result_says_of_which_instructions_it_speaks() -> None:
+def test_every_result_states_its_instructions() -> None:
     found = study_statistics(simulated_scores(1, instructions=5), margin=0.3, draws=100)
     for name, each in found.items():
         general = name == "mixed_model"
@@ -123,7 +123,7 @@ def test_every_result_says_of_which_instructions_it_speaks() -> None:
     assert set(scopes.values()) == {"these"}
 
 
-def test_what_is_not_shown_comes_with_what_would_have_been() -> None:
+def test_a_difference_not_shown_is_given_with_the_detectable_one() -> None:
     """Six volunteers: all signs alike in four of five studies, 1.79 standard deviations."""
     found = study_statistics(simulated_scores(7), draws=100)
     text = conclusions(found)[0]
@@ -139,7 +139,7 @@ def test_holm_against_statsmodels() -> None:
     np.testing.assert_allclose(with_gap, [0.02, np.nan, 0.03])
 
 
-def test_a_planted_difference_is_found_and_none_is_invented() -> None:
+def test_planted_differences_are_found_and_only_these() -> None:
     planted = simulated_scores(7, effects=(0.0, 0.8, 0.8), sd_interaction=0.1, instructions=5)
     found = study_statistics(planted, margin=0.4, draws=200)
     told = conclusions(found)
@@ -156,7 +156,7 @@ def test_a_planted_difference_is_found_and_none_is_invented() -> None:
     assert all("no significant difference in rho" in text for text in none)
 
 
-def test_too_few_volunteers_are_said_to_be() -> None:
+def test_too_few_volunteers_are_reported() -> None:
     told = conclusions(study_statistics(simulated_scores(3, volunteers=4), draws=100))
     assert all("p cannot fall below 0.12" in text for text in told)
     one = conclusions(study_statistics(simulated_scores(3, volunteers=1), draws=100))

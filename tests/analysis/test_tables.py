@@ -40,7 +40,7 @@ def test_all_trials_are_listed() -> None:
     assert "no result was passed" in table.text()
 
 
-def test_every_table_says_simulated() -> None:
+def test_every_table_is_labelled_simulated() -> None:
     tables = report_tables(cube())
     assert set(tables) == {"strategy", "strategy_amplitude_ratio", "strategy_rmse", "instruction",
                            "volunteer", "marker", "trials"}  # fmt: skip
@@ -50,7 +50,7 @@ def test_every_table_says_simulated() -> None:
         assert all(line.startswith("simulated,") for line in table.csv().splitlines()[1:])
 
 
-def test_measured_tables_do_not_say_simulated() -> None:
+def test_measured_tables_are_not_labelled_simulated() -> None:
     data = cube().assign_attrs(origin="measured")
     assert "measured recordings" in descriptive_table(data).text()
     assert "simulated" not in descriptive_table(data).text()
@@ -124,7 +124,7 @@ def test_latex_escapes_and_aligns() -> None:
     assert r"\textbackslash{}" in Table("a\\b", (), (), "simulated").latex()
 
 
-def test_a_cube_with_the_least_it_may_hold_has_a_table_of_trials() -> None:
+def test_a_minimal_cube_has_a_table_of_trials() -> None:
     least = cube().drop_vars(["shift", "steps"])
     names = [column.name for column in trial_table(least).columns]
     assert "shift" not in names and "status" in names

@@ -109,7 +109,7 @@ def test_muscles_of_a_recording_of_some_channels(recording):
         part.emg.bandpass().emg.muscles()
 
 
-def test_what_is_no_signal_is_refused(recording):
+def test_variables_that_are_not_signals_are_refused(recording):
     with pytest.raises(SchemaError, match="expected emg"):
         xr.Dataset({"a": ("x", [1.0])}).emg.bandpass()
     with pytest.raises(SignalError, match="expected a feature over 'time'"):

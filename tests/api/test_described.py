@@ -60,7 +60,7 @@ def test_parameters_show_what_differs_from_the_defaults():
     assert "sigma_max" in table and "kappa" in table and "Pa" in table
 
 
-def test_study_result_tells_design_status_and_median(tmp_path):
+def test_study_result_shows_design_status_and_median(tmp_path):
     scores = xr.Dataset(
         {name: ("marker", [0.5, 0.7, 0.9]) for name in ("rho", "amplitude_ratio", "rmse")},
         coords={"marker": ["a", "b", "c"]},

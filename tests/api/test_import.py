@@ -32,7 +32,7 @@ def fresh():
     return json.loads(done.stdout)
 
 
-def test_import_brings_nothing_but_the_standard_library(fresh):
+def test_import_loads_only_the_standard_library(fresh):
     brought = fresh[0]
     assert len(brought) < 40
     foreign = {name.split(".")[0] for name in brought} - set(sys.stdlib_module_names)

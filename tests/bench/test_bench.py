@@ -58,7 +58,7 @@ def test_errors_fall_with_step_and_order_and_failures_are_named(measured):
     assert table["Pareto"][table["model"] == "element"].all(), "another model is no rival"
 
 
-def test_error_control_tells_requested_and_achieved_errors(measured):
+def test_error_control_reports_requested_and_achieved_errors(measured):
     controlled = measured.stepping.dropna(subset="requested mm")
     assert controlled["requested mm"].tolist() == [0.5]
     assert controlled["instruction"].tolist() == ["D"]
@@ -103,7 +103,7 @@ def test_errors_are_those_of_positions_and_of_scores():
     )
 
 
-def test_the_stand_in_for_a_measurement_is_another_motion():
+def test_the_substitute_of_a_measurement_is_another_motion():
     drive = other_person("D", ("ZYG_L", "RIS_L"), 0.4)
     own = gesture("D", ("ZYG_L", "RIS_L"), 0.4)
     np.testing.assert_array_equal(drive.values[:3], 0.0)
@@ -111,7 +111,7 @@ def test_the_stand_in_for_a_measurement_is_another_motion():
     np.testing.assert_allclose(drive.values[3:, 1], 0.7 * own.values[:-3, 1], atol=1e-15)
 
 
-def test_pareto_marks_what_no_other_beats():
+def test_pareto_marks_undominated_points():
     time, error = [1.0, 2.0, 2.0, 3.0, 0.5, 2.1], [4.0, 2.0, 3.0, 2.0, 0.1, 1.99]
     found = pd.DataFrame({TIME: time, "error max mm": error, "error rms mm": error})
     found = found.assign(
@@ -151,7 +151,7 @@ def test_the_battery_has_no_wrong_answers_and_converged_solvers_survive():
     assert table.loc["noise of the start [edges]", "Euler"] == "all"
 
 
-def test_a_sliver_has_the_scaled_jacobian_that_its_name_says():
+def test_a_sliver_has_the_scaled_jacobian_of_its_name():
     for wanted in (0.1, 0.007, 1e-5):
         X = Block(corner=wanted).mesh().X.reshape(4, 4, 4, 3)
         corner = X[1, 1, 1]
@@ -202,7 +202,7 @@ def test_tables_are_drawn_as_lines_or_as_bars():
     assert [bar.get_x() for bar in bars.patches[4:]] == [3.0, 4.0, 5.0, 0.0]
 
 
-def test_every_scene_of_the_cost_table_has_the_part_that_it_names(coarse):
+def test_every_scene_of_the_cost_table_contains_the_named_part(coarse):
     made = cost.scenes(coarse)
     counts = {name: len(scene.terms) for name, (scene, _) in made.items()}
     alone = counts["tissue alone"]
@@ -233,7 +233,7 @@ def test_the_command_lists_measurements_and_writes_files(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_a_fresh_process_tells_its_phases_and_its_memory():
+def test_a_new_process_reports_phases_and_memory():
     seconds, peak = start.first_result(None, "pointwise")
     assert list(seconds) == list(start.PHASES)
     assert min(seconds.values()) > 0.0

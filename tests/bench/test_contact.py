@@ -40,7 +40,7 @@ def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
     assert bare["gap"].isnull()
 
 
-def test_lips_that_are_held_do_not_tremble(coarse: xr.Dataset) -> None:
+def test_lips_at_rest_do_not_oscillate(coarse: xr.Dataset) -> None:
     """No node sways by a tenth of a millimetre in a quarter of a second; lips moved by millimetres."""
     parameters = SimulationParameters(
         gravity=False, sigma_max=100e3, **(accuracy_settings("study") | {"solver": "converged"})
@@ -51,7 +51,7 @@ def test_lips_that_are_held_do_not_tremble(coarse: xr.Dataset) -> None:
     assert found["chatter"] < 1e-4 and found["ripple"] < 1e-5
 
 
-def test_what_is_measured_is_tabled(closed: xr.Dataset) -> None:
+def test_measurements_are_tabulated(closed: xr.Dataset) -> None:
     table = contact_table(closed)
     assert list(table["contact"]) == list(METHODS)
     assert table["step over that without"][0] == 1.0
@@ -60,7 +60,7 @@ def test_what_is_measured_is_tabled(closed: xr.Dataset) -> None:
     np.testing.assert_allclose(line, 1e3 * closed["opening"].sel(case=CLOSING, contact="none"))
 
 
-def test_a_failed_run_is_told(coarse: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_run_is_reported(coarse: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """A step that cannot be made ends the run; its row tells so, over as much as there is."""
     made = []
 
@@ -79,7 +79,7 @@ def test_a_failed_run_is_told(coarse: xr.Dataset, monkeypatch: pytest.MonkeyPatc
     assert np.isnan(found["speed"].values[0, 0])
 
 
-def test_only_what_goes_back_on_itself_trembles() -> None:
+def test_only_reversals_count_as_oscillation() -> None:
     time = np.linspace(0.0, 1.0, 401)
     creeping, trembling = np.zeros((401, 2, 3)), np.zeros((401, 2, 3))
     creeping[:, 0, 2] = 1e-3 * time**2

@@ -43,7 +43,7 @@ def test_without_noise_and_cross_talk_the_truth_is_recovered(found) -> None:
     assert float(best["error"].sel(chain="trial").median()) > 0.15
 
 
-def test_noise_costs_order_and_cross_talk_activates_what_is_silent(found) -> None:
+def test_noise_lowers_the_correlation_and_cross_talk_activates_silent_muscles(found) -> None:
     median = found.median(["muscle", "trial"])
     order = median["rank_correlation"].sel(chain="reference").values
     assert order[1] < order[0] - 0.02

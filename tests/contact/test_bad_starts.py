@@ -38,7 +38,7 @@ def refused(method, mesh, pairing, *terms, reductions=()):
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("depth", [0.0, 1e-9, 1e-4, 4e-3])
 @pytest.mark.parametrize("shift", [0.005, 0.0037], ids=["node on node", "node on face"])
-def test_a_tangled_start_is_refused_or_goes_no_deeper(method, integrator, depth, shift):
+def test_an_overlapping_start_is_refused_or_does_not_deepen(method, integrator, depth, shift):
     """Without load the overlapping bodies stay at rest; under gravity depths do not increase."""
     mesh, a, b = two_bodies(
         grid((4, 4, 2), BLOCK), grid((2, 2, 2), (0.01, 0.01, 0.01)), [shift, shift, 0.01 - depth]
@@ -93,7 +93,7 @@ def test_blocks_whose_sides_and_nodes_coincide_are_refused_or_rest_on_each_other
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("height", [0.0, 1e-9, 1e-4, 3e-3])
-def test_a_shell_that_starts_in_the_tissue_is_felt_by_nothing_at_rest(method, integrator, height):
+def test_a_shell_that_starts_in_the_tissue_exerts_no_force_at_rest(method, integrator, height):
     mesh = grid((2, 2, 2), BLOCK)
     for shell in (square(height), box([-0.1, -0.1, -0.1], [0.1, 0.1, height])):
         pairing = sim.Pairing(sim.boundary_surface(mesh, "block"), shell)
@@ -153,7 +153,9 @@ def lips():
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("friction", [0.0, 0.2])
-def test_lips_that_share_a_corner_feel_nothing_at_rest_and_close(method, integrator, friction):
+def test_lips_that_share_a_corner_have_no_contact_force_at_rest_and_close(
+    method, integrator, friction
+):
     """Also if the forces, and the bounds of friction, are as small as iteration errors."""
     mesh, lower, upper = lips()
     X = mesh.X
@@ -220,7 +222,7 @@ def rising(speed, height):
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("speed", [1.0, 100.0])
-def test_a_shell_moved_too_far_in_one_step_is_followed_or_refused(method, integrator, speed):
+def test_a_shell_that_moves_far_in_one_step_is_followed_or_refused(method, integrator, speed):
     """Move it by a cell or a hundred blocks: the given state is unchanged, smaller steps succeed."""
     mesh = grid((2, 2, 2), BLOCK)
     pairing = sim.Pairing(sim.boundary_surface(mesh, "block"), rising(speed, -1e-3))
@@ -247,7 +249,7 @@ def test_a_shell_moved_too_far_in_one_step_is_followed_or_refused(method, integr
 
 @pytest.mark.parametrize(("method", "integrator"), [*CASES, *((m, sim.Static) for m in CONTACTS)])
 @pytest.mark.parametrize("part", ["q", "v"])
-def test_a_position_or_velocity_that_is_no_number_is_refused(method, integrator, part):
+def test_a_position_or_velocity_that_is_not_a_number_is_refused(method, integrator, part):
     mesh = grid((2, 2, 2), BLOCK)
     pairing = sim.Pairing(sim.boundary_surface(mesh, "block"), square(-1e-3))
     system = system_of(mesh, contact_of(method, (pairing,), friction=0.3))
@@ -263,7 +265,7 @@ def test_a_position_or_velocity_that_is_no_number_is_refused(method, integrator,
 
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
-def test_a_contact_without_a_free_vertex_pushes_nothing(method, integrator):
+def test_a_contact_without_a_free_vertex_exerts_no_force(method, integrator):
     """A fixed block overlapped by a plate, beside a falling one."""
     mesh, a, b = two_bodies(grid((1, 1, 1), BLOCK), grid((1, 1, 1), BLOCK), [0.1, 0, 0])
     for height in (-1e-3, 0.0, 2e-3):
@@ -276,7 +278,7 @@ def test_a_contact_without_a_free_vertex_pushes_nothing(method, integrator):
 
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
-def test_a_plate_that_moves_into_what_is_held_moves_nothing_or_is_refused(method, integrator):
+def test_a_plate_that_moves_into_fixed_tissue_is_refused_or_has_no_effect(method, integrator):
     mesh, a, _ = two_bodies(grid((1, 1, 1), BLOCK), grid((1, 1, 1), BLOCK), [0.1, 0, 0])
     contact = contact_of(method, (sim.Pairing(a, rising(0.3, -1e-3)),))
     system = system_of(mesh, contact, reductions=(sim.Fixed(a.nodes),))
@@ -289,7 +291,7 @@ def test_a_plate_that_moves_into_what_is_held_moves_nothing_or_is_refused(method
 
 
 @pytest.mark.parametrize("method", CONTACTS)
-def test_a_surface_that_crosses_itself_at_rest_is_refused_or_moves_nothing(method):
+def test_a_self_intersecting_surface_is_refused_or_has_no_effect_at_rest(method):
     """A strip bent into a ring whose ends pass through each other."""
     strip = grid((12, 1, 1), (0.06, 0.01, 0.004))
     X = strip.X.copy()

@@ -128,7 +128,7 @@ def brute_gaps(x, y, triangles):
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
-def test_a_step_is_stopped_before_every_pair_as_brute_force_finds_it():
+def test_a_step_is_limited_before_the_first_contact_found_by_brute_force():
     """1000 random displacements of two tetrahedra towards and past each other."""
     rng = np.random.default_rng(5)
     corners = np.vstack([np.zeros(3), np.eye(3)]) * 0.01
@@ -174,7 +174,7 @@ def test_a_body_thrown_through_a_thin_sheet_in_one_step_is_stopped(side):
         assert (side * state.q[:, 2]).min() > 0.0
 
 
-def test_moves_that_are_stopped_again_and_again_never_close_the_gap():
+def test_repeatedly_limited_steps_never_close_the_gap():
     """Each leaves a tenth of the gap, down to a nanometre, the limit of double precision."""
     system, _ = body_over(sheet(), 3e-4)
     q, control = system.scene.mesh.X.copy(), system.control(REST)
@@ -209,7 +209,7 @@ def test_friction_is_the_derivative_of_its_potential_and_opposes_the_slip():
             assert 0.0 < drag < 0.2 * normal
 
 
-def test_a_shell_takes_the_tissue_along_and_presses_it():
+def test_a_moving_shell_advects_and_compresses_the_tissue():
     """Two plates compress a block by 30 % in large steps; the block stays between them."""
     mesh = grid((3, 3, 3))
     lid = sheet(1, z=0.0201, name="lid", motion=lambda t: (np.eye(3), [0.0, 0.0, -0.06 * t]))
@@ -234,7 +234,7 @@ def test_a_shell_takes_the_tissue_along_and_presses_it():
 
 
 @pytest.mark.parametrize("integrator", [sim.Static, sim.Sdirk2, sim.Trapezoidal])
-def test_every_iterating_integrator_ends_in_the_same_equilibrium(integrator):
+def test_every_iterative_integrator_ends_in_the_same_equilibrium(integrator):
     """A block that hangs from its upper side is pressed from below."""
     mesh = grid((2, 2, 2))
     rising = sheet(2, z=-1e-4, motion=lambda t: (np.eye(3), [0.0, 0.0, min(0.02 * t, 2e-3)]))
@@ -259,7 +259,7 @@ def test_every_iterating_integrator_ends_in_the_same_equilibrium(integrator):
     np.testing.assert_allclose(ends[1].q, ends[0].q, atol=5e-6)
 
 
-def test_what_lies_beyond_reach_is_bounded_from_above_on_the_diagonal():
+def test_stiffness_beyond_reach_is_replaced_by_an_upper_bound_on_the_diagonal():
     """An upper block displaced by 15 mm; the scene with all couplings has the exact stiffness."""
     matrices = []
     for reach in (0.05, 1e-4):
@@ -280,7 +280,7 @@ def test_what_lies_beyond_reach_is_bounded_from_above_on_the_diagonal():
     assert values[0] > -1e-9 * values[-1]
 
 
-def test_tissue_that_starts_inside_a_shell_feels_nothing_and_stays():
+def test_tissue_that_starts_inside_a_shell_stays_at_rest():
     """A block that overlaps a tilted floor by up to 1.5 mm stays at rest under its weight."""
     floor = sheet(20, half=0.03)
     tilted = floor.vertices + [0.0, 0.0, 1.0] * (1e-3 + 0.03 * floor.vertices[:, :1])
@@ -300,7 +300,7 @@ def test_tissue_that_starts_inside_a_shell_feels_nothing_and_stays():
     assert -2.5e-4 < (end.q - mesh.X)[:, 2].min()
 
 
-def test_surfaces_that_share_nodes_feel_nothing_at_rest():
+def test_surfaces_that_share_nodes_exert_no_force_at_rest():
     """Two lips of one mesh that meet in a corner at a right angle."""
     mesh = grid((2, 2, 1), (0.02, 0.02, 0.01))
     whole = sim.boundary_surface(mesh).triangles
@@ -314,7 +314,7 @@ def test_surfaces_that_share_nodes_feel_nothing_at_rest():
     assert energy == 0.0 and not f.any()
 
 
-def test_tangled_starts_say_where():
+def test_errors_of_overlapping_starts_state_the_place():
     for gap, word in ((-5e-4, "cross"), (0.0, "touch|cross")):
         mesh, a, b = two_blocks(gap)
         scene = sim.Scene(mesh, (SOFT, sim.BarrierContact((sim.Pairing(a, b),))))
@@ -350,7 +350,7 @@ def test_numbers_out_of_range_are_refused(name):
         sim.RungeKutta4,
     ],
 )
-def test_an_integrator_that_does_not_iterate_refuses_a_barrier(integrator):
+def test_integrators_without_iteration_refuse_a_barrier(integrator):
     system, _ = body_over(sheet(), 1e-3)
     with pytest.raises(sim.SceneError, match="use an iterative integrator"):
         sim.simulate(system, sim.resting(0), duration=0.01, integrator=integrator())

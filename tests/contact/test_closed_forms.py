@@ -44,9 +44,7 @@ def run(system, duration, h, integrator, probes=(), initial=None):
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize(("friction", "degrees"), [(0.0, 30.0), (0.5, 20.0), (0.5, 35.0)])
-def test_a_block_on_an_incline_sticks_or_slides_as_coulomb_says(
-    method, integrator, friction, degrees
-):
+def test_a_block_on_an_incline_obeys_coulombs_law(method, integrator, friction, degrees):
     """Slides with a = g (sin - mu cos) above the friction angle, and stays below it."""
     angle = np.radians(degrees)
     g = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
@@ -68,7 +66,7 @@ def test_a_block_on_an_incline_sticks_or_slides_as_coulomb_says(
 
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
-def test_a_block_rests_on_its_weight_and_does_not_enter(method, integrator):
+def test_the_contact_force_of_a_resting_block_equals_its_weight(method, integrator):
     mesh = grid((2, 2, 2), (0.02, 0.02, 0.02))
     pairing = sim.Pairing(sim.boundary_surface(mesh), floor_under(method, -1e-3))
     system = system_of(mesh, sim.Gravity((0.0, 0.0, -9.81)), contact_of(method, (pairing,)))
@@ -186,7 +184,7 @@ def test_pressed_blocks_whose_meshes_do_not_match_transmit_the_mean_stress(metho
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("closed", [True, False], ids=["plate", "sheet"])
-def test_a_thin_sheet_crossed_in_one_step_is_caught(method, integrator, closed):
+def test_a_body_does_not_pass_a_thin_sheet_in_one_step(method, integrator, closed):
     """A block thrown at 3 m/s through a plate of 0.2 mm, 30 mm in a step of 10 ms."""
     mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
     thin = box([-0.1, -0.1, -0.0052], [0.1, 0.1, -0.005]) if closed else square(-0.005)
@@ -199,7 +197,7 @@ def test_a_thin_sheet_crossed_in_one_step_is_caught(method, integrator, closed):
 
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
-def test_a_plate_drags_a_block_until_both_are_equally_fast(method, integrator):
+def test_a_plate_drags_a_block_until_their_velocities_are_equal(method, integrator):
     """A plate that rises and runs at V: the block slides with v = mu g t, and sticks from V on."""
     mesh, speed, friction = grid((1, 1, 1), (0.01, 0.01, 0.01)), 0.2, 0.1
 
@@ -221,7 +219,7 @@ def test_a_plate_drags_a_block_until_both_are_equally_fast(method, integrator):
 
 
 @pytest.mark.parametrize("method", CONTACTS)
-def test_a_sphere_follows_hertz(method):
+def test_the_force_on_a_sphere_is_that_of_hertz(method):
     """Coarse meshes of `python -m benchmarks hertz`, where finer ones stay within 1.5 %."""
     if method is sim.BarrierContact:
         pytest.importorskip("ipctk")
@@ -234,7 +232,7 @@ def test_a_sphere_follows_hertz(method):
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("speed", [0.0, 0.002])
-def test_spikes_carry_a_block_between_its_nodes(method, integrator, speed):
+def test_vertices_of_a_shell_support_a_block_between_its_nodes(method, integrator, speed):
     """Four rigid spikes below the only face of a block, far from its nodes; they rest, or rise."""
     mesh, gap, t = grid((1, 1, 1), (0.01, 0.01, 0.01)), clearance_of(method), 0.3
     cone = np.array([[0, 0, 0], [1e-3, 0, -4e-3], [-1e-3, 1e-3, -4e-3], [-1e-3, -1e-3, -4e-3]])

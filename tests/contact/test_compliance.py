@@ -114,7 +114,7 @@ def test_compliance_is_found_once_per_unknown():
     assert len(asked) == before
 
 
-def test_rows_know_how_they_give_way_also_beside_others():
+def test_the_delassus_matrix_equals_the_dense_one_also_between_other_rows():
     mesh, system, _, whole = block()
     rng, inverse = np.random.default_rng(4), np.linalg.inv(whole)
     D = directions(system.pattern, rows_of(mesh, 12, rng))
@@ -132,7 +132,7 @@ def test_rows_know_how_they_give_way_also_beside_others():
 
 
 @pytest.mark.parametrize("answers", [3, 2 * LEARNT])
-def test_a_compliance_learns_that_the_body_became_stiffer(answers):
+def test_the_compliance_is_updated_when_the_body_becomes_stiffer(answers):
     """All later products agree; it remains symmetric and positive definite."""
     mesh, system, _, whole = block()
     rng = np.random.default_rng(5)
@@ -161,7 +161,7 @@ def test_a_compliance_learns_that_the_body_became_stiffer(answers):
     assert np.isfinite(compliance.between(more, more)).all()
 
 
-def test_what_is_known_teaches_nothing_and_no_motion_is_no_answer():
+def test_known_or_zero_displacements_do_not_change_the_compliance():
     mesh, system, _, whole = block()
     D = directions(system.pattern, rows_of(mesh, 5, np.random.default_rng(6)))
     rows, inverse = RowCompliance(D, compliance_of(whole)), np.linalg.inv(whole)
@@ -182,7 +182,7 @@ def positive(n, rng, condition=1e4):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_what_pushes_is_found_from_any_guess(seed):
+def test_active_contacts_are_found_from_any_initial_guess(seed):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 40))
     G, c = positive(n, rng), rng.normal(size=n)
@@ -194,7 +194,7 @@ def test_what_pushes_is_found_from_any_guess(seed):
         assert np.abs(f * gap).max() < 1e-8 * max(1.0, np.abs(f).max())
 
 
-def test_a_search_that_cycles_ends_all_the_same(monkeypatch):
+def test_a_cycling_active_set_ends_in_the_solution(monkeypatch):
     """Without any update of the active set, the least-squares method finds the solution."""
     rng = np.random.default_rng(1)
     G, c = positive(12, rng), rng.normal(size=12)
@@ -205,7 +205,7 @@ def test_a_search_that_cycles_ends_all_the_same(monkeypatch):
     np.testing.assert_allclose(expected, nnls(L.T, -np.linalg.solve(L, c))[0], atol=1e-8)
 
 
-def test_rows_that_repeat_each_other_share_what_pushes():
+def test_redundant_rows_share_the_contact_force():
     G = np.array([[1.0, 1.0], [1.0, 1.0]])
     for noise in (0.0, -1e-7):
         f = pushes(G + noise * np.eye(2), np.array([-2.0, -2.0]), np.array([True, True]))
@@ -238,7 +238,7 @@ def test_secants_of_an_inverse_are_those_of_the_recursion():
     assert not two.between(D).any()
 
 
-def test_rows_apart_and_rows_in_the_matrix_lead_to_the_same_motion(monkeypatch):
+def test_schur_complement_and_assembled_rows_give_the_same_motion(monkeypatch):
     """A block falls on a softer one on a floor."""
     mesh, *surfaces = two_bodies(
         grid((3, 3, 2), (0.03, 0.03, 0.02)),
@@ -257,7 +257,7 @@ def test_rows_apart_and_rows_in_the_matrix_lead_to_the_same_motion(monkeypatch):
 
 
 @pytest.mark.parametrize(("h", "seed"), [(0.02, 3), (0.02, 5), (0.01, 8)])
-def test_hard_landings_settle(h, seed):
+def test_hard_landings_converge(h, seed):
     """Blocks in contact with ten to a hundred times their weight, in few long steps."""
     rng = np.random.default_rng(seed)
     mesh, *surfaces = two_bodies(
@@ -285,7 +285,7 @@ def lying(friction=0.0, n=(2, 2, 2), *terms):
 
 
 @pytest.mark.parametrize("linear", ["auto", "superlu"])
-def test_a_step_may_change_from_the_one_to_the_other(monkeypatch, linear):
+def test_a_step_may_change_between_both_forms_of_contact(monkeypatch, linear):
     system = lying()
     work, state = sim.Workspace(system, linear), system.rest_state()
     control = system.control(np.zeros(0))
@@ -300,7 +300,7 @@ def test_a_step_may_change_from_the_one_to_the_other(monkeypatch, linear):
     assert abs(state.q[:, 2].min()) < 1e-5
 
 
-def test_rows_that_do_not_rub_have_no_places_in_the_matrix_of_a_step():
+def test_frictionless_rows_have_no_entries_in_the_matrix_of_a_step():
     """The matrix of two bodies is that without contact."""
     mesh, *surfaces = two_bodies(
         grid((2, 2, 2), (0.02, 0.02, 0.02)), grid((2, 2, 2), (0.02, 0.02, 0.02)), [0, 0, 0.0205]
@@ -319,7 +319,7 @@ def test_rows_that_do_not_rub_have_no_places_in_the_matrix_of_a_step():
     assert sim.Workspace(system).form(system) is system
 
 
-def test_conditions_keep_rows_in_the_matrix():
+def test_with_constraints_rows_are_assembled():
     system = lying()
     whole = sim.compile_scene(
         sim.Scene(system.scene.mesh, system.scene.terms, constraints=(sim.HardElementVolume(),))
@@ -329,7 +329,7 @@ def test_conditions_keep_rows_in_the_matrix():
 
 @pytest.mark.parametrize("learns", [True, False])
 @pytest.mark.parametrize("wrong", [1e3, 1e-3, -1.0])
-def test_a_compliance_that_misleads_is_corrected_or_found_anew(monkeypatch, wrong, learns):
+def test_an_inaccurate_compliance_is_corrected_or_recomputed(monkeypatch, wrong, learns):
     """With the compliance times 1e3 or 1e-3, or a random one, the motion is the same."""
     if not learns:
         monkeypatch.setattr(RowCompliance, "learn", lambda *_: (0.0, 0.0))

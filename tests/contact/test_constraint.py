@@ -12,7 +12,7 @@ IMPLICIT = (sim.LinearlyImplicitEuler, sim.ConvergedEuler, sim.Sdirk2)
 
 
 @pytest.mark.parametrize("integrator", IMPLICIT)
-def test_what_starts_inside_stays_as_deep_without_a_jump_and_never_goes_back(integrator):
+def test_an_initial_penetration_remains_without_a_jump_and_never_increases(integrator):
     mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
     floor = box([-0.1, -0.1, -0.1], [0.1, 0.1, 0.002], "bone")
     contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), floor),))
@@ -31,7 +31,7 @@ def test_what_starts_inside_stays_as_deep_without_a_jump_and_never_goes_back(int
 
 
 @pytest.mark.parametrize("integrator", IMPLICIT)
-def test_surfaces_that_share_nodes_and_touch_exactly_feel_nothing_at_rest(integrator):
+def test_surfaces_with_common_nodes_or_zero_gap_exert_no_force_at_rest(integrator):
     """A block cut in two: the halves share the cut; a third touches the second exactly."""
     mesh, first, last = two_bodies(
         grid((2, 1, 1), (0.02, 0.01, 0.01)), grid((1, 1, 1), (0.01, 0.01, 0.01)), [0.02, 0, 0]
@@ -88,7 +88,7 @@ def test_a_pair_beyond_reach_is_named():
     assert found.value.surface == "first on second"
 
 
-def test_declarations_that_cannot_work_are_refused():
+def test_invalid_parameters_are_refused():
     mesh = grid((1, 1, 1))
     pairing = sim.Pairing(sim.boundary_surface(mesh), square())
     for options, text in (
@@ -115,7 +115,7 @@ def test_declarations_that_cannot_work_are_refused():
             moved(system_of(mesh, contact), integrator(), 1)
 
 
-def test_a_restarted_simulation_goes_on_as_if_never_stopped():
+def test_a_restarted_simulation_equals_an_uninterrupted_one():
     mesh = grid((2, 2, 1), (0.02, 0.02, 0.01))
     pairing = sim.Pairing(sim.boundary_surface(mesh), square())
     contact = sim.ConstraintContact((pairing,), friction=0.4)
@@ -126,7 +126,7 @@ def test_a_restarted_simulation_goes_on_as_if_never_stopped():
     np.testing.assert_array_equal(again[-1].memory["contact"], whole[-1].memory["contact"])
 
 
-def test_turned_with_everything_it_does_the_same():
+def test_contact_is_frame_indifferent():
     """Frame indifference: block, sheet and gravity turned together."""
     R, mesh = rotation(5), grid((1, 1, 1), (0.01, 0.01, 0.01))
     ends = []
@@ -141,7 +141,7 @@ def test_turned_with_everything_it_does_the_same():
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-7)
 
 
-def test_what_starts_a_hair_inside_is_seen_to_enter_deep():
+def test_a_slightly_penetrating_vertex_that_enters_deeper_is_found():
     """5 micrometres, the rest of an earlier step, then 3 mm deeper than any search for near faces."""
     mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
     floor = box([-0.1, -0.1, -0.1], [0.1, 0.1, 0.0])
@@ -160,7 +160,7 @@ def test_what_starts_a_hair_inside_is_seen_to_enter_deep():
 
 
 @pytest.mark.parametrize("integrator", [sim.ConvergedEuler, sim.Sdirk2])
-def test_what_touches_moves_as_fast_as_its_face(integrator):
+def test_vertices_in_contact_have_the_normal_velocity_of_the_face(integrator):
     """A plate meets a hanging block, presses, stands still and retreats: n . v is its speed."""
     mesh = grid((2, 2, 1), (0.02, 0.02, 0.01))
     corners = np.array([0.0, 0.02, 0.04, 0.06]), 1e-3 * np.array([-0.5, 1.0, 1.0, 0.5])

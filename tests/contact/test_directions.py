@@ -20,7 +20,7 @@ def tilted(angle):
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
-def test_they_turn_with_a_plate():
+def test_normals_rotate_with_a_plate():
     """A plate that tilts at 1 rad/s with a sticking block: normals are perpendicular to the plate."""
     mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
     plate = box([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0], "plate", lambda t: (tilted(t), np.zeros(3)))
@@ -60,7 +60,7 @@ def upward(rows):
     return rows.take(np.flatnonzero(rows.normal @ UP > 0.5))
 
 
-def test_they_turn_with_a_face_of_the_mesh(stacked):
+def test_normals_rotate_with_a_face_of_the_mesh(stacked):
     mesh, system = stacked
     R = rotation(3)
     step = ContactStep(system.contact, started(system, mesh.X, 0.0), H)
@@ -76,7 +76,7 @@ def test_they_turn_with_a_face_of_the_mesh(stacked):
 @pytest.mark.parametrize(
     ("slide", "share"), [(0.0, H / TURN), (0.5, H / TURN + 0.5), (1.0, 1.0), (9.0, 1.0)]
 )
-def test_they_turn_in_time_at_rest_and_at_once_where_a_vertex_slides(stacked, slide, share):
+def test_normals_are_filtered_at_rest_and_follow_sliding_vertices(stacked, slide, share):
     mesh, system = stacked
     before = tilted(0.3) @ UP
     v = np.zeros_like(mesh.X)
@@ -89,14 +89,14 @@ def test_they_turn_in_time_at_rest_and_at_once_where_a_vertex_slides(stacked, sl
     )
 
 
-def test_another_wall_is_taken_as_it_is(stacked):
+def test_the_normal_of_another_wall_is_not_filtered(stacked):
     mesh, system = stacked
     rows = upward(first_rows(system, started(system, mesh.X, tilted(1.2) @ UP)))
     assert len(rows)
     np.testing.assert_allclose(rows.normal, np.tile(UP, (len(rows), 1)), atol=1e-12)
 
 
-def test_equilibrium_takes_all_directions_as_they_are(stacked):
+def test_normals_are_not_filtered_in_equilibrium(stacked):
     mesh, system = stacked
     state = started(system, mesh.X, tilted(0.3) @ UP)
     rows = upward(first_rows(system, state, equilibrium=True))

@@ -32,7 +32,7 @@ def lowest(states):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_kept_or_moved_out_at_the_speed_that_was_given(integrator):
+def test_initial_penetrations_are_kept_or_removed_at_the_given_speed(integrator):
     """Depth over time, and where it ends: d(t) = d0, or d0 - speed t until nothing is left."""
     steps = 40
     t = H * np.arange(steps + 1)
@@ -57,7 +57,7 @@ def test_kept_or_moved_out_at_the_speed_that_was_given(integrator):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_moving_out_does_the_work_of_a_plate_that_rises(integrator):
+def test_the_removal_does_the_work_of_a_rising_plate(integrator):
     """The same motion and velocities, hence momentum and energy, as on a plate of that speed."""
     steps = 16
 
@@ -85,14 +85,14 @@ def test_the_depth_does_not_depend_on_the_step_or_on_a_restart():
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_speed_that_outruns_the_search_takes_one_step(integrator):
+def test_a_removal_beyond_the_search_range_takes_one_step(integrator):
     """1 mm in a step of 5 ms, twice as deep as faces are looked for: out, and not lost."""
     _, system = inside(initial_penetration="removed", removal_speed=1.0)
     states = moved(system, integrator(), 3, h=H)
     assert lowest(states)[1:].min() > DEPTH - 5e-6
 
 
-def test_what_cannot_be_is_refused():
+def test_impossible_values_are_refused():
     with pytest.raises(sim.SceneError, match="initial_penetration"):
         inside(initial_penetration="gone")
     with pytest.raises(sim.SceneError, match="removal_speed"):

@@ -43,7 +43,7 @@ def flung(method, integrator, steps, mesh, pairing, v, drop=0.1):
 
 @pytest.mark.parametrize("steps", CONTROLS)
 @pytest.mark.parametrize(("method", "integrator"), CASES)
-def test_a_cube_flung_at_a_floor_is_above_it_in_every_output(method, integrator, steps):
+def test_a_cube_thrown_at_a_floor_is_above_it_in_every_output(method, integrator, steps):
     mesh = grid((2, 2, 2))
     mesh = sim.mesh_from_arrays(mesh.X + [0, 0, 0.004], hex8=mesh.blocks[0].nodes)
     pairing = sim.Pairing(sim.boundary_surface(mesh), square())
@@ -62,7 +62,7 @@ def test_a_cube_flung_at_a_floor_is_above_it_in_every_output(method, integrator,
 
 @pytest.mark.parametrize("speed", [0.1, 0.3])
 @pytest.mark.parametrize(("method", "integrator"), CASES)
-def test_bodies_flung_at_each_other_are_apart_in_every_output(method, integrator, speed):
+def test_bodies_thrown_at_each_other_do_not_overlap_in_any_output(method, integrator, speed):
     """Measured by winding numbers, independently of the search of contact."""
     one = grid((2, 2, 1), (0.02, 0.02, 0.01))
     mesh, lower, upper = two_bodies(one, one, [0.001, 0.0013, 0.013])

@@ -178,7 +178,7 @@ def test_entries_among_many_faces_are_those_of_each_face_alone():
     assert 20 < len(found.point) < 160
 
 
-def test_a_search_ends_where_positions_are_no_numbers():
+def test_a_search_ends_if_positions_are_not_numbers():
     x, triangles = bumpy_sheet(np.random.default_rng(9))
     p = np.array([[np.nan, 0.0, 0.0], [0.1, 0.1, 0.0]])
     assert 0 not in nearest_faces(p, 1.0, x, triangles).point

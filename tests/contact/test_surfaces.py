@@ -27,7 +27,7 @@ def test_boundary_of_a_box_encloses_its_volume(mesh):
     np.testing.assert_allclose(enclosed(mesh.X, surface.triangles), 8e-6, rtol=1e-12)
 
 
-def test_shells_follow_their_motion_and_refuse_what_is_none():
+def test_shells_follow_their_motion_and_refuse_an_invalid_one():
     R, s = rotation(3), np.array([0.1, -0.2, 0.3])
     shell = sim.RigidShell(CORNERS, TETRAHEDRON, motion=lambda t: (R, t * s))
     np.testing.assert_allclose(shell.at(2.0)[1], R @ CORNERS[1] + 2 * s, rtol=1e-14)
@@ -54,7 +54,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("text", BAD)
-def test_unusable_triangles_are_refused_with_their_place(text):
+def test_invalid_triangles_are_refused_with_their_place(text):
     mesh = sim.mesh_from_arrays(CORNERS, tet4=[[0, 1, 2, 3]])
     with pytest.raises(sim.ContactFailure, match=text) as found:
         sim.NodeSurface(BAD[text], "lip").check(mesh)
@@ -63,7 +63,7 @@ def test_unusable_triangles_are_refused_with_their_place(text):
         sim.RigidShell(CORNERS, BAD[text], "jaw")
 
 
-def test_a_triangle_without_area_and_a_vertex_without_place_are_refused():
+def test_a_triangle_without_area_and_a_vertex_that_is_not_finite_are_refused():
     flat = CORNERS.copy()
     flat[3] = 0.5 * (flat[1] + flat[2])
     with pytest.raises(sim.ContactFailure, match="triangle 2 .* has no area") as found:
@@ -74,14 +74,14 @@ def test_a_triangle_without_area_and_a_vertex_without_place_are_refused():
         sim.RigidShell(flat, TETRAHEDRON)
 
 
-def test_an_open_surface_knows_its_free_edges():
+def test_free_edges_of_an_open_surface_are_found():
     surface = sim.NodeSurface(TETRAHEDRON[:3], "patch")
     assert not surface.closed
     assert surface.open_edges.tolist() == [[0, 2], [0, 3], [2, 3]]
     assert sim.NodeSurface(TETRAHEDRON).closed
 
 
-def test_pairings_know_shared_nodes_and_refuse_what_cannot_move():
+def test_pairings_find_common_nodes_and_refuse_two_rigid_surfaces():
     mesh = grid((2, 1, 1))
     whole = sim.boundary_surface(mesh).triangles
     left = sim.NodeSurface(whole[(mesh.X[whole, 0] < 0.011).all(axis=1)], "left")

@@ -79,7 +79,7 @@ def test_mirrored_blocks_move_as_mirror_images(method, integrator, shape):
 
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
-def test_numbers_of_nodes_elements_and_surfaces_change_nothing(method, integrator):
+def test_results_do_not_depend_on_the_numbering(method, integrator):
     """Nodes, elements and triangles in another order, and the surfaces of the pairing exchanged."""
     mesh, surfaces = blocks(SHAPES["keel in groove"], clearance_of(method) + 1e-5)
     rng = np.random.default_rng(3)
@@ -143,7 +143,7 @@ def test_a_symmetric_face_purses_symmetrically(coarse, method, integrator):
     assert np.abs(end.q[mirror] * MIRROR - end.q).max() < 1e-9
 
 
-def test_a_place_that_faces_share_is_met_once_and_faces_equally_near_all():
+def test_common_features_of_faces_give_one_row_and_equally_close_faces_one_each():
     """Over an edge, over a corner and in the middle of a groove of a folded sheet."""
     x = np.array([[0.0, 0, 0], [0, 1, 0], [-1, 0.5, 0.3], [1, 0.5, 0.3]])
     sheet = sim.NodeSurface(np.array([[0, 1, 2], [1, 0, 3]]), "groove")

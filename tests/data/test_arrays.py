@@ -104,7 +104,7 @@ def test_arrays_of_matlab_are_read(tmp_path: Path, save: Callable[[Path], None])
         ('columns_variable = "names"', 'columns_variable = "rec.emg"', "contains no text|labels"),
     ],
 )
-def test_a_sidecar_that_does_not_fit_is_refused(
+def test_a_sidecar_that_does_not_match_is_refused(
     tmp_path: Path, save: Callable[[Path], None], old: str, new: str, text: str
 ) -> None:
     save(tmp_path / "a.mat")
@@ -125,7 +125,7 @@ def test_truncated_files_are_refused(tmp_path: Path, save: Callable[[Path], None
             read_recording(path)
 
 
-def test_arrays_and_tables_are_told_apart(tmp_path: Path) -> None:
+def test_arrays_and_tables_are_distinguished(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="a.mat requires variable"):
         read_recording(sidecar(tmp_path, 'file = "a.mat"\nrate = 5\nunit = "V"'))
     with pytest.raises(
@@ -137,7 +137,7 @@ def test_arrays_and_tables_are_told_apart(tmp_path: Path) -> None:
         read_recording(sidecar(tmp_path, bad))
 
 
-def test_a_file_that_needs_a_sidecar_says_so(tmp_path: Path) -> None:
+def test_a_file_without_its_required_sidecar_is_refused(tmp_path: Path) -> None:
     save_v5(tmp_path / "a.mat")
     with pytest.raises(DataError, match="a.mat does not specify its contents.*write one inst"):
         read_recording(tmp_path / "a.mat")

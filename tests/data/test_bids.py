@@ -41,7 +41,9 @@ def test_a_trial_is_read_back(trial: xr.Dataset, tmp_path: Path) -> None:
         assert back.attrs[name] == trial.attrs[name]
 
 
-def test_what_was_read_is_written_the_same(trial: xr.Dataset, tmp_path: Path) -> None:
+def test_a_recording_read_from_bids_is_written_identically(
+    trial: xr.Dataset, tmp_path: Path
+) -> None:
     first = read_recording(write_bids(trial, tmp_path / "a")[0])
     path = write_bids(first, tmp_path / "b")[0]
     xr.testing.assert_identical(read_recording(path), first)
@@ -133,7 +135,7 @@ BREAKS = [
 
 
 @pytest.mark.parametrize(("file", "old", "new", "text"), BREAKS)
-def test_each_rule_that_is_broken_is_told(
+def test_each_violated_rule_is_reported(
     trial: xr.Dataset, tmp_path: Path, file: str, old: str, new: str, text: str
 ) -> None:
     write_bids(trial, tmp_path)
@@ -172,7 +174,7 @@ def test_names_places_and_headers_are_examined(trial: xr.Dataset, tmp_path: Path
         (MOTION + "motion.tsv", "n/a", "missing", "cannot be read as numbers"),
     ],
 )
-def test_tables_that_do_not_fit_are_refused(
+def test_tables_that_do_not_match_are_refused(
     trial: xr.Dataset, tmp_path: Path, file: str, old: str, new: str, text: str
 ) -> None:
     path = write_bids(trial, tmp_path)[0]
@@ -213,7 +215,9 @@ def test_a_motion_file_cut_within_a_row_is_refused(trial: xr.Dataset, tmp_path: 
     assert held == "contains 0.24 s of the 0.25 s that it declares"
 
 
-def test_what_bids_cannot_hold_is_refused(trial: xr.Dataset, tmp_path: Path) -> None:
+def test_recordings_that_bids_cannot_represent_are_refused(
+    trial: xr.Dataset, tmp_path: Path
+) -> None:
     gap = trial.copy(deep=True)
     gap["emg"].values[3, 5] = np.nan
     with pytest.raises(SignalError, match="channel ZYG_L has a gap"):

@@ -95,7 +95,7 @@ def test_it_is_one_recording_of_a_folder_whose_digest_covers_the_samples(tmp_pat
         ({"order": "SIDEWAYS"}, "SIDEWAYS; expected BINARY"),
     ],
 )
-def test_what_is_not_one_run_of_samples_is_refused(
+def test_recordings_that_are_not_continuous_are_refused(
     tmp_path: Path, changes: dict[str, str], match: str
 ) -> None:
     with pytest.raises(DataError, match=match):

@@ -83,7 +83,7 @@ def test_a_mapped_file_is_a_study_recording(tmp_path: Path) -> None:
     assert [trial.attrs[n] for n in named] == ["V07", "D", 3, "measured", "trial.c3d"]
 
 
-def test_the_provenance_tells_what_became_of_each_label(tmp_path: Path) -> None:
+def test_the_provenance_states_the_use_of_each_label(tmp_path: Path) -> None:
     make_c3d(tmp_path / "trial.c3d")
     trial = read_recording(tmp_path / "trial.c3d", mapping=study_mapping())
     assert note(trial, "original_names")["OOS_L"] == "E1"
@@ -127,7 +127,7 @@ def test_a_mapping_may_be_a_toml_file(tmp_path: Path) -> None:
         ({"channels": {"Force.Fz": "OOS_L"}}, "'Force.Fz' was omitted .in 'N', not a voltage"),
     ],
 )
-def test_a_mapping_that_does_not_fit_is_refused(
+def test_a_mapping_that_does_not_match_is_refused(
     tmp_path: Path, mapping: dict[str, Any], text: str
 ) -> None:
     make_c3d(tmp_path / "trial.c3d")
@@ -170,14 +170,14 @@ def test_each_channel_is_converted_from_its_own_unit(tmp_path: Path) -> None:
     np.testing.assert_allclose(emg, analogs / divisor, rtol=2**-23, atol=0)
 
 
-def test_points_that_are_no_positions_are_left_out(tmp_path: Path) -> None:
+def test_points_that_are_not_positions_are_omitted(tmp_path: Path) -> None:
     make_c3d(tmp_path / "trial.c3d", point_extra={"ANGLES": ["P2"]})
     trial = read_recording(tmp_path / "trial.c3d")
     assert "P2" not in trial["marker"].values and trial.sizes["marker"] == 15
     assert note(trial, "dropped")["P2"] == "POINT:ANGLES lists it, so it is not a position"
 
 
-def test_a_point_with_negative_residual_was_not_seen(tmp_path: Path) -> None:
+def test_a_point_with_negative_residual_is_missing(tmp_path: Path) -> None:
     residuals = np.zeros((1, 16, FRAMES))
     residuals[0, 8, 11] = -1.0
     make_c3d(tmp_path / "trial.c3d", residuals=residuals)

@@ -70,7 +70,7 @@ def test_a_constant_channel_is_an_error(clean: xr.Dataset, value: float) -> None
     assert not row(table, "OOS_L")["constant"]
 
 
-def test_a_channel_of_nothing_but_nan_is_an_error(clean: xr.Dataset) -> None:
+def test_a_channel_of_nan_only_is_an_error(clean: xr.Dataset) -> None:
     clean["emg"].values[1] = np.nan
     clean["position"].values[0] = np.nan
     table = check_recording(clean)
@@ -106,13 +106,13 @@ def test_an_irregular_clock_is_an_error(clean: xr.Dataset) -> None:
     assert "intervals differ by over 10%" in problems(table)[0]
 
 
-def test_one_sample_is_no_signal(clean: xr.Dataset) -> None:
+def test_a_single_sample_is_an_error(clean: xr.Dataset) -> None:
     table = check_recording(clean.isel(time_emg=[0]))
     assert len(problems(table)) == 14 and "has 1 samples" in problems(table)[0]
 
 
 @pytest.mark.parametrize(("factor", "text"), [(1e3, "far above EMG"), (1e-4, "only: check electr")])
-def test_a_level_that_is_no_surface_emg_is_a_warning(
+def test_an_amplitude_unlike_surface_emg_is_a_warning(
     clean: xr.Dataset, factor: float, text: str
 ) -> None:
     clean["emg"].values[2] *= factor
@@ -122,7 +122,7 @@ def test_a_level_that_is_no_surface_emg_is_a_warning(
     assert sentence.startswith("channel RIS_L: varies by") and text in sentence
 
 
-def test_an_offset_is_no_fault(clean: xr.Dataset) -> None:
+def test_an_offset_is_accepted(clean: xr.Dataset) -> None:
     clean["emg"].values[2] += 0.05
     assert set(check_recording(clean)["verdict"]) == {"ok"}
 

@@ -146,7 +146,9 @@ def test_the_row_named_counts_lines_of_the_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "utf-16", "utf-16-le", "cp1252", "utf-8-sig"])
-def test_encodings_are_named_or_told_by_a_mark(tmp_path: Path, encoding: str) -> None:
+def test_encodings_are_specified_or_detected_by_a_byte_order_mark(
+    tmp_path: Path, encoding: str
+) -> None:
     (tmp_path / "emg.csv").write_bytes("Größe µV\n1.5\n2.5\n".encode(encoding))
     plain = {"channels": "", "position": "", "position_clock": ""}
     marked = encoding in ("utf-16", "utf-8-sig")  # Python writes a byte order mark for these
@@ -167,7 +169,7 @@ def test_encodings_are_named_or_told_by_a_mark(tmp_path: Path, encoding: str) ->
         ('encoding = "klingon"', "encoding = 'klingon' is unknown"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(tmp_path: Path, line: str, match: str) -> None:
+def test_impossible_settings_are_refused(tmp_path: Path, line: str, match: str) -> None:
     make_tables(tmp_path)
     with pytest.raises(ConfigurationError, match=match):
         read_recording(sidecar(tmp_path, emg_clock=f"rate = 2048\n{line}"))
@@ -217,7 +219,7 @@ def test_a_faulty_sidecar_is_explained(
     assert "trial.toml" in str(caught.value)
 
 
-def test_a_cell_that_is_no_number_is_located(tmp_path: Path) -> None:
+def test_a_cell_that_is_not_a_number_is_located(tmp_path: Path) -> None:
     emg, _ = make_tables(tmp_path)
     spoilt = emg.astype(object)
     spoilt.loc[6, "EMG 2"] = "bad"

@@ -64,9 +64,7 @@ def test_a_general_recording_becomes_one_of_a_study(trial: xr.Dataset, tmp_path:
     assert note(back, "original_names")["OOS_L"] == "lead OOS_L"
 
 
-def test_a_constant_channel_is_flagged_as_long_as_it_is_there(
-    trial: xr.Dataset, tmp_path: Path
-) -> None:
+def test_a_constant_channel_is_flagged_while_present(trial: xr.Dataset, tmp_path: Path) -> None:
     trial["emg"].values[4] = 2e-6
     trial["emg"].values[4, :7] = np.nan
     path = write_recording(trial, tmp_path / "trial.nc")
@@ -98,7 +96,7 @@ def test_suffixes_are_read_whatever_their_case(trial: xr.Dataset, tmp_path: Path
     assert read_recording(path).sizes["channel"] == 14
 
 
-def test_a_folder_gives_its_recordings_and_its_failures(
+def test_a_folder_returns_its_recordings_and_failures(
     valid: Make, trial: xr.Dataset, tmp_path: Path
 ) -> None:
     good = write_recording(trial, tmp_path / "V01" / "A_1.nc")

@@ -56,7 +56,7 @@ def table(case: str) -> tuple[str, bytes]:
     ["decimal commas", "no labels", "preamble and units", "latin-1, last delimiter", "utf-16",
      "blanks", "same label twice, compressed", "volts and samples"],
 )  # fmt: skip
-def test_a_confirmed_draft_gives_the_signals_back(tmp_path: Path, case: str) -> None:
+def test_a_confirmed_draft_reads_the_original_signals(tmp_path: Path, case: str) -> None:
     name, content = table(case)
     (tmp_path / name).write_bytes(content)
     draft = describe(tmp_path / name)
@@ -84,7 +84,7 @@ def test_a_confirmed_draft_gives_the_signals_back(tmp_path: Path, case: str) -> 
         ("utf-16", ["emg.unit"]),
     ],
 )
-def test_only_what_the_file_does_not_tell_is_a_guess(
+def test_only_values_missing_in_the_file_are_guesses(
     tmp_path: Path, case: str, guesses: list[str]
 ) -> None:
     name, content = table(case)
@@ -92,7 +92,7 @@ def test_only_what_the_file_does_not_tell_is_a_guess(
     assert tomllib.loads(describe(tmp_path / name)).get("unconfirmed", []) == guesses
 
 
-def test_what_is_known_is_no_guess(tmp_path: Path) -> None:
+def test_given_values_are_not_guesses(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("\n".join(rows(1e3 * EMG, "\t")))
     draft = describe(tmp_path / "a.txt", rate=500.0, unit="uV", columns=["left", "right"])
     assert "UNCONFIRMED" not in draft
@@ -157,7 +157,9 @@ def test_arrays_are_described(tmp_path: Path) -> None:
         ("a.csv", b"", "no rows of numbers"),
     ],
 )
-def test_what_is_no_table_is_refused(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+def test_files_that_are_not_tables_are_refused(
+    tmp_path: Path, name: str, content: bytes, said: str
+) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(DataError, match=said):
         describe(tmp_path / name)

@@ -118,7 +118,9 @@ def test_a_header_that_contradicts_the_file_is_refused(
         read_recording(tmp_path / "a.edf")
 
 
-def test_a_recorder_stopped_hard_leaves_whole_records(tmp_path: Path, counts: np.ndarray) -> None:
+def test_an_interrupted_recording_keeps_its_whole_records(
+    tmp_path: Path, counts: np.ndarray
+) -> None:
     (tmp_path / "a.edf").write_bytes(packed(counts))
     expected = read_recording(tmp_path / "a.edf")["emg"].values
     (tmp_path / "a.edf").write_bytes(packed(counts, records="-1"))
@@ -149,7 +151,7 @@ def test_channels_need_a_unit(tmp_path: Path, counts: np.ndarray) -> None:
     np.testing.assert_allclose(trial["emg"], expected, rtol=1e-12, atol=1e-15)
 
 
-def test_eeg_of_a_dataset_is_no_recording(tmp_path: Path, counts: np.ndarray) -> None:
+def test_eeg_of_a_dataset_is_not_a_recording(tmp_path: Path, counts: np.ndarray) -> None:
     for name in ("sub-1_task-A_eeg.edf", "sub-1_task-A_emg.edf"):
         (tmp_path / name).write_bytes(packed(counts))
     assert [path.name for path in find_recordings(tmp_path)] == ["sub-1_task-A_emg.edf"]

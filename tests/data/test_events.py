@@ -78,7 +78,7 @@ def test_trials_are_cut_by_events(tmp_path: Path) -> None:
         list(cut_trials(long(), late))
 
 
-def test_events_that_are_none_are_refused(tmp_path: Path) -> None:
+def test_invalid_events_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "events.tsv"
     for text, match in (
         ("time\tduration\n1\t2\n", "expected onset and duration"),
@@ -135,7 +135,7 @@ def test_repetitions_are_found_in_motion() -> None:
     assert centres.to_list() == pytest.approx([2.0, 6.0, 10.0, 13.0], abs=0.1)
 
 
-def test_what_holds_no_bursts_is_refused() -> None:
+def test_recordings_without_bursts_are_refused() -> None:
     signal, _ = bursts(0.02)
     with pytest.raises(SignalError, match="expected rest between bursts"):
         find_repetitions(signal.isel(channel=[2]))

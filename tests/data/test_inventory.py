@@ -39,13 +39,13 @@ def test_slow_recordings_are_examined(tmp_path: Path, rate: float, seconds: floa
 
 
 @pytest.mark.parametrize(("rate", "verdict"), [(1000.0, "warning"), (2048.0, "ok")])
-def test_the_check_tells_of_a_narrowed_band(tmp_path: Path, rate: float, verdict: str) -> None:
+def test_the_check_reports_a_narrowed_band(tmp_path: Path, rate: float, verdict: str) -> None:
     table = check_recording(read_recording(table_of(tmp_path, "a", rate, 2.0)))
     told = table["reason"].str.contains("pass-band ends at 450 Hz, not 500 Hz")
     assert told.tolist() == [verdict == "warning"] * 2
 
 
-def test_a_slow_file_does_not_end_an_inventory(tmp_path: Path, trial: xr.Dataset) -> None:
+def test_an_inventory_continues_after_a_slow_file(tmp_path: Path, trial: xr.Dataset) -> None:
     write_recording(trial, tmp_path / "a.nc")
     table_of(tmp_path, "b", 20.0)
     write_recording(trial, tmp_path / "c.nc")
@@ -55,7 +55,7 @@ def test_a_slow_file_does_not_end_an_inventory(tmp_path: Path, trial: xr.Dataset
 
 
 @pytest.mark.parametrize("failure", [RuntimeError("two\nlines"), RecursionError(), MemoryError()])
-def test_whatever_a_reader_raises_is_a_sentence(
+def test_any_error_of_a_reader_becomes_a_sentence(
     tmp_path: Path, trial: xr.Dataset, monkeypatch: pytest.MonkeyPatch, failure: Exception
 ) -> None:
     write_recording(trial, tmp_path / "a.nc")
@@ -75,7 +75,7 @@ def test_whatever_a_reader_raises_is_a_sentence(
     assert inventory_table(tmp_path)["refusal"].notna().tolist() == [False, True, False]
 
 
-def test_whatever_a_check_raises_is_a_sentence(
+def test_any_error_of_a_check_becomes_a_sentence(
     tmp_path: Path, trial: xr.Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_recording(trial, tmp_path / "a.nc")
@@ -89,7 +89,7 @@ def test_whatever_a_check_raises_is_a_sentence(
 
 
 @pytest.mark.parametrize("text", ["no toml", "emg = 5", "[emg]\nfile = 3", "\ufffe"])
-def test_a_bad_sidecar_does_not_end_an_inventory(
+def test_an_inventory_continues_after_an_invalid_sidecar(
     tmp_path: Path, trial: xr.Dataset, text: str
 ) -> None:
     data, sidecars = tmp_path / "data", tmp_path / "sidecars"
@@ -103,9 +103,7 @@ def test_a_bad_sidecar_does_not_end_an_inventory(
     assert table.loc[["a.nc"], "refusal"].isna().all()
 
 
-def test_a_bad_file_among_arguments_does_not_end_the_check(
-    tmp_path: Path, trial: xr.Dataset
-) -> None:
+def test_a_check_continues_after_an_invalid_file(tmp_path: Path, trial: xr.Dataset) -> None:
     first = write_recording(trial, tmp_path / "a.nc")
     bad = tmp_path / "b.c3d"
     bad.write_bytes(b"no C3D")

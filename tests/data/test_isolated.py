@@ -41,20 +41,20 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_result_comes_back_whatever_the_parser_prints(file: Path) -> None:
+def test_the_result_is_returned_whatever_the_parser_prints(file: Path) -> None:
     value = {"a": np.arange(3), "b": "text"}
     found = isolated(file, echo, value)
     assert isinstance(found, dict) and found["b"] == "text"
     np.testing.assert_array_equal(found["a"], value["a"])
 
 
-def test_an_error_of_the_parser_comes_back(file: Path) -> None:
+def test_an_error_of_the_parser_is_raised_again(file: Path) -> None:
     with pytest.raises(ZeroDivisionError):
         isolated(file, divmod, 1, 0)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
-def test_a_crash_is_a_sentence_and_the_next_call_works(file: Path) -> None:
+def test_a_crash_becomes_an_error_and_the_next_call_works(file: Path) -> None:
     with pytest.raises(DataError, match=r"a\.bin cannot be read: its parser crashed \(SIG"):
         isolated(file, crash)
     with pytest.raises(DataError, match="ended with the exit code 7"):
@@ -72,13 +72,13 @@ def test_a_parser_that_hangs_is_ended(file: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited where /proc tells its use")
-def test_a_parser_that_asks_for_all_memory_is_refused(file: Path) -> None:
+def test_a_parser_that_requests_all_memory_is_stopped(file: Path) -> None:
     with pytest.raises(MemoryError):
         isolated(file, fill, 1 << 32)
     assert isolated(file, fill, 1000) == 1000
 
 
-def test_a_damaged_nested_tag_of_matlab_is_a_sentence(tmp_path: Path) -> None:
+def test_a_damaged_nested_tag_of_matlab_becomes_an_error(tmp_path: Path) -> None:
     """With an invalid type of an element in a structure, scipy's parser reads outside the data."""
     rng = np.random.default_rng(1)
     content = {

@@ -32,14 +32,14 @@ SLOW = np.sin(2 * np.pi * 0.7 * TIME)
         (np.abs(np.convolve(np.abs(EMG), np.ones(50) / 50, "same") - 1e-6), "rectified EMG"),
     ],
 )
-def test_values_and_spectrum_tell_the_kind(values: np.ndarray, kind: str) -> None:
+def test_the_kind_follows_from_values_and_spectrum(values: np.ndarray, kind: str) -> None:
     found = signal_of("channel 3", values, RATE)
     assert found.kind == kind and bool(found.reason) == (kind != "EMG")
     if kind != "unused":
         assert signal_of("ZYG_L", values, RATE).kind == "EMG"  # a mapped channel is judged as EMG
 
 
-def test_names_and_units_tell_the_kind() -> None:
+def test_the_kind_follows_from_names_and_units() -> None:
     kinds = {"Fx1": "force plate", "Force.Fz": "force plate", "SG1 gonio": "goniometer",
              "Trigger": "switch or event marker", "L ZYG: Acc 1.X (IM)": "accelerometer",
              "GyroY": "gyroscope", "SCR": "skin conductance", "EKG": "electrocardiogram"}  # fmt: skip

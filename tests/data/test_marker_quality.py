@@ -52,7 +52,7 @@ def test_names_exchanged_throughout_are_found(first: str, second: str) -> None:
     assert found["time"].isna().all()
 
 
-def test_a_mirrored_face_is_told() -> None:
+def test_a_mirrored_face_is_reported() -> None:
     values = face(20)
     values[:, 0] *= -1
     (row,) = swapped_markers(positions(values)).to_dict("records")
@@ -94,7 +94,7 @@ def test_exchanged_sides_are_found_in_movements_to_one_side() -> None:
     assert sum("check whether left and right are exchanged" in sentence for sentence in text) == 4
 
 
-def test_equal_sides_tell_nothing() -> None:
+def test_equal_sides_raise_no_suspicion() -> None:
     assert not swapped_sides(recording(noise(), face(800)))["swapped"].any()
     assert swapped_sides(recording(noise())).empty
 

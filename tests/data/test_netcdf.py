@@ -44,7 +44,7 @@ def test_files_are_compressed_and_describe_themselves(trial: xr.Dataset, tmp_pat
         assert opened["time_marker"].units == "s"
 
 
-def test_attributes_that_netcdf_cannot_hold_are_given_back(valid: Make, tmp_path: Path) -> None:
+def test_attributes_that_netcdf_cannot_store_are_restored(valid: Make, tmp_path: Path) -> None:
     attrs = {
         "converged": True,
         "options": {"tolerance": 1e-6},
@@ -94,7 +94,7 @@ def test_a_foreign_file_is_refused(tmp_path: Path, content: bytes) -> None:
         read_netcdf(path, "recording")
 
 
-def test_a_netcdf_of_someone_else_is_refused(tmp_path: Path) -> None:
+def test_a_netcdf_file_of_another_program_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "climate.nc"
     xr.Dataset({"temperature": ("time", np.zeros(3), {"units": "K"})}).to_netcdf(path)
     with pytest.raises(SchemaError, match=r"^climate.nc: The recording has \d problems:"):
@@ -106,7 +106,7 @@ def test_an_absent_file_is_refused(tmp_path: Path) -> None:
         read_netcdf(tmp_path / "trial.nc", "recording")
 
 
-def test_a_faulty_dataset_leaves_the_old_file_alone(trial: xr.Dataset, tmp_path: Path) -> None:
+def test_a_faulty_dataset_does_not_change_the_old_file(trial: xr.Dataset, tmp_path: Path) -> None:
     path = write_netcdf(trial, tmp_path / "trial.nc", "recording")
     before = path.read_bytes()
     trial["emg"].attrs["units"] = "mV"
@@ -116,7 +116,7 @@ def test_a_faulty_dataset_leaves_the_old_file_alone(trial: xr.Dataset, tmp_path:
     assert os.listdir(tmp_path) == ["trial.nc"]
 
 
-def test_an_interrupted_write_leaves_the_old_file_alone(
+def test_an_interrupted_write_does_not_change_the_old_file(
     trial: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_netcdf(trial, tmp_path / "trial.nc", "recording")
@@ -139,7 +139,7 @@ def test_a_folder_that_cannot_be_made_is_named(trial: xr.Dataset, tmp_path: Path
         write_netcdf(trial, tmp_path / "file" / "trial.nc", "recording")
 
 
-def test_the_written_dataset_is_left_as_it_was(trial: xr.Dataset, tmp_path: Path) -> None:
+def test_writing_does_not_change_the_dataset(trial: xr.Dataset, tmp_path: Path) -> None:
     before = trial.copy(deep=True)
     write_netcdf(trial, tmp_path / "trial.nc", "recording")
     xr.testing.assert_identical(trial, before)

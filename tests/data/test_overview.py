@@ -52,7 +52,7 @@ def test_the_page_names_trial_rows_and_findings() -> None:
     figure.canvas.draw()
 
 
-def test_either_part_may_be_absent_and_nothing_may_stand_out() -> None:
+def test_a_page_needs_neither_both_parts_nor_findings() -> None:
     trial = recording(noise(), face(800))
     for part in (trial[["emg"]], trial[["position"]]):
         figure = overview_figure(part.assign_attrs(origin="measured", source="a.c3d"))

@@ -168,7 +168,7 @@ def test_markers_without_names_are_proposed_by_their_places(seed: int) -> None:
     assert not with_places(few, placed(list(LAYOUT)[6:], turn, seed))["name"].any()
 
 
-def test_known_markers_carry_the_layout_to_the_others() -> None:
+def test_known_markers_determine_the_names_of_the_others() -> None:
     names = ["nasion", "corner_left", "corner_right", "lower_lateral_right", "temple_left"]
     labels = propose_mapping([*names[:3], "*101", "*102"], "marker")
     table = with_places(labels, placed(names, Rotation.random(random_state=3), 3, noise=5e-4))

@@ -41,7 +41,7 @@ def test_hum_is_measured_as_it_was_added(mains: float, amplitude: float) -> None
     assert found.share == pytest.approx(added / (added + plain), abs=0.06)
 
 
-def test_much_hum_is_told_and_removed() -> None:
+def test_strong_hum_is_reported_and_removed() -> None:
     time = np.arange(int(8 * RATE)) / RATE
     values = noise()
     hum = 100e-6 * (np.sin(2 * np.pi * 50 * time) + 0.2 * np.sin(2 * np.pi * 250 * time))
@@ -61,7 +61,7 @@ def test_much_hum_is_told_and_removed() -> None:
     assert one.attrs["notch_lines"] == 1
 
 
-def test_a_notch_that_does_not_fit_is_refused() -> None:
+def test_an_impossible_notch_is_refused() -> None:
     with pytest.raises(SignalError, match="notch of 2 Hz at 1100 Hz does not fit"):
         remove_hum(emg(noise(1)), 1100.0)
 
@@ -83,7 +83,7 @@ def faults() -> dict[str, tuple[np.ndarray, str]]:
 
 
 @pytest.mark.parametrize("fault", ["artefact", "drift", "stuck", "saturated", "baseline"])
-def test_each_fault_of_a_channel_is_told(fault: str) -> None:
+def test_each_fault_of_a_channel_is_reported(fault: str) -> None:
     values = noise()
     values[6], text = faults()[fault]
     table = check_recording(recording(values))
@@ -93,7 +93,7 @@ def test_each_fault_of_a_channel_is_told(fault: str) -> None:
     assert table.set_index("name").loc["MEN_L", fault] > 4 * max(before, 0)
 
 
-def test_measures_of_what_cannot_be_judged_are_absent() -> None:
+def test_measures_without_sufficient_data_are_absent() -> None:
     values = noise(3)
     values[0, 5], values[1] = np.nan, 1e-3
     table = emg_quality(emg(values))
@@ -155,7 +155,7 @@ def test_lines_of_a_short_burst_are_no_hum() -> None:
     assert mains_hum(muscle + hum, RATE).chance < 1e-6
 
 
-def test_rows_far_from_the_usual_strength_have_a_scale_of_their_own() -> None:
+def test_channels_of_unusual_amplitude_have_their_own_scale() -> None:
     assert scale_factor(1.0, 1.0) == scale_factor(0.3, 1.0) == scale_factor(0.0, 1.0) == 1.0
     assert scale_factor(float("nan"), 1.0) == 1.0
     for strength in np.logspace(-9, 9, 400):

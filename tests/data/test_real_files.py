@@ -34,7 +34,7 @@ def folder(shared: Path) -> Path:
     return recordings
 
 
-def test_no_file_gives_anything_but_a_recording_or_a_sentence(shared: Path) -> None:
+def test_every_file_gives_a_recording_or_an_error_in_one_sentence(shared: Path) -> None:
     recordings = folder(shared)
     seen = 0
     for path in sorted(recordings.rglob("*")):
@@ -79,7 +79,7 @@ def test_one_command_lists_every_file(shared: Path, root: Path) -> None:
     assert "19 channels" in table.loc["pyomeca/markers_analogs.c3d", "findings"]
 
 
-def test_landmarks_of_one_camera_are_no_positions(shared: Path, tmp_path: Path) -> None:
+def test_landmarks_of_one_camera_are_not_positions(shared: Path, tmp_path: Path) -> None:
     source = folder(shared) / "face-landmarks" / "subject1_smile_1_landmarks.csv"
     if not source.is_file():
         pytest.skip("the landmarks are not there")

@@ -87,14 +87,14 @@ def test_a_valid_dataset_passes_unchanged_in_value(valid: Make, kind: str, study
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_required_variable_is_missed(valid: Make, kind: str) -> None:
+def test_a_missing_required_variable_is_reported(valid: Make, kind: str) -> None:
     required = [name for name, a in declaration(kind).arrays().items() if a.required]
     for name in required:
         assert re.search(rf"'{name}' is missing", complaint(valid(kind).drop_vars(name), kind))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_unit_is_demanded(valid: Make, kind: str) -> None:
+def test_each_unit_is_required(valid: Make, kind: str) -> None:
     measured = [name for name, a in declaration(kind).arrays().items() if a.units]
     for name in measured:
         for wrong, phrase in (({}, "has no unit"), ({"units": "inch"}, "is in 'inch'")):
@@ -164,7 +164,7 @@ def test_missing_markers_are_listed(trial: xr.Dataset) -> None:
 
 
 @pytest.mark.parametrize("name", ["channel", "time_emg", "marker", "axis", "time_marker"])
-def test_a_part_that_is_there_has_its_coordinates(trial: xr.Dataset, name: str) -> None:
+def test_a_part_that_is_present_has_its_coordinates(trial: xr.Dataset, name: str) -> None:
     text = complaint(trial.drop_vars(name), "recording")
     assert text.startswith(f"The coordinate {name!r} is missing, found emg, position")
 
@@ -197,7 +197,7 @@ def test_time_must_increase_and_names_be_unique(trial: xr.Dataset) -> None:
     assert "channel contains 'OOS_L' more than once" in complaint(double, "recording")
 
 
-def test_single_precision_and_text_are_no_values(trial: xr.Dataset) -> None:
+def test_single_precision_and_text_are_refused(trial: xr.Dataset) -> None:
     single = trial.assign(emg=trial["emg"].astype("float32").assign_attrs(units="V"))
     assert complaint(single, "recording").startswith("emg contains float32; expected 64-bit floats")
     text = trial.assign(emg=trial["emg"].astype(str).assign_attrs(units="V"))
@@ -230,7 +230,7 @@ def test_another_kind_or_version_is_refused(valid: Make) -> None:
     assert "did you mean 'recording'?" in complaint(face, "recordings")
 
 
-def test_all_faults_are_told_at_once(trial: xr.Dataset) -> None:
+def test_all_faults_are_reported_at_once(trial: xr.Dataset) -> None:
     trial["position"].attrs["units"] = "mm"
     text = complaint(trial.assign_attrs(origin="x").assign_coords(axis=list("abc")), "recording")
     assert text.startswith("The recording has 3 problems:\n- ")

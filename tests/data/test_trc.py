@@ -59,7 +59,7 @@ def test_both_dialects_are_read(tmp_path: Path, mark: str) -> None:
         ("PathFileType", "Path", "begins with 'Path"),
     ],
 )
-def test_what_does_not_agree_is_refused(tmp_path: Path, old: str, new: str, text: str) -> None:
+def test_contradictory_files_are_refused(tmp_path: Path, old: str, new: str, text: str) -> None:
     whole = content()
     assert old in whole
     (tmp_path / "a.trc").write_text(whole.replace(old, new))
@@ -86,7 +86,7 @@ def test_the_unit_is_a_length(tmp_path: Path) -> None:
     assert trial["position"].values[0, 0, 0] == 0.0025
 
 
-def test_the_real_file_was_cut_and_says_so(shared: Path, tmp_path: Path) -> None:
+def test_the_truncated_real_file_is_reported(shared: Path, tmp_path: Path) -> None:
     path = shared / "recordings" / "pyomeca" / "markers.trc"
     if not path.is_file():
         pytest.skip("the TRC file is not there")

@@ -69,5 +69,5 @@ def test_integers_are_converted_too() -> None:
     np.testing.assert_array_equal(to_si(raw, "length").values, [0.001, 1.5])
 
 
-def test_spelling_keeps_what_it_does_not_know() -> None:
+def test_unknown_units_are_not_changed() -> None:
     assert spelling(" Nm ") == "Nm"

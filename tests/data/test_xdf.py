@@ -105,7 +105,7 @@ def test_a_stream_of_another_type_with_channels_of_emg(tmp_path: Path) -> None:
         (lambda: [], "complete chunks"),
     ],
 )  # fmt: skip
-def test_what_is_not_a_whole_recording_is_refused(tmp_path: Path, make_streams, match: str) -> None:
+def test_incomplete_recordings_are_refused(tmp_path: Path, make_streams, match: str) -> None:
     with pytest.raises(DataError, match=match):
         read_recording(make(tmp_path, *make_streams()))
 

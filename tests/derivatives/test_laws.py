@@ -68,7 +68,7 @@ def test_energy_and_force_are_continuous_where_branches_meet(cls, kink):
     assert below[1] == pytest.approx(above[1], abs=1e-4)
 
 
-def test_an_unknown_code_gives_nan_rather_than_some_other_law():
+def test_an_unknown_code_gives_nan():
     assert np.isnan(isochoric(99, np.zeros(2), 3.1)).all()
     assert np.isnan(bulk(99, 1.0, 1.1)).all()
     assert np.isnan(fibre(99, np.zeros(5), 1.1, 0.5)).all()

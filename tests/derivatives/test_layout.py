@@ -12,7 +12,7 @@ MESH = grid((9, 8, 6), (0.09, 0.08, 0.06), wedges=(3, 4, 20), distort=0.1)
 
 
 @pytest.mark.parametrize("apart", [False, True])
-def test_chunks_of_a_colour_have_no_node_in_common_and_hold_every_element_once(apart):
+def test_chunks_of_a_colour_have_no_common_node_and_contain_every_element_once(apart):
     mesh = MESH
     if apart:  # two bodies
         X = np.concatenate([mesh.X, mesh.X + 1.0])
@@ -34,7 +34,7 @@ def test_chunks_of_a_colour_have_no_node_in_common_and_hold_every_element_once(a
 
 
 @pytest.mark.parametrize("volume", [None, sim.ElementVolume, sim.NodalVolume])
-def test_nodes_that_are_free_in_some_directions_get_the_rows_of_the_free_body(volume):
+def test_partly_free_nodes_have_the_rows_of_the_free_body(volume):
     mesh, terms = grid((3, 2, 2), wedges=(1,)), () if volume is None else (volume(),)
     control = sim.Control(np.zeros(0))
     body = solid_system(mesh, terms=terms)
@@ -65,7 +65,7 @@ def test_energy_of_large_changes_of_volume(J):
 
 
 @pytest.mark.parametrize("law", [sim.MooneyRivlin(), sim.FiveTermMooneyRivlin()])
-def test_muscles_that_rest_change_nothing_and_one_that_works_does(law):
+def test_resting_muscles_have_no_effect_and_active_ones_do(law):
     mesh = grid((2, 1, 1))
     bulk = sim.QuadraticBulk()
     muscles = crossed_muscles(mesh, sim.Blemker(40e3))
@@ -79,7 +79,7 @@ def test_muscles_that_rest_change_nothing_and_one_that_works_does(law):
     assert np.abs(moved).max() > 1e-3 * np.abs(resting.f).max()
 
 
-def test_an_inverted_element_adds_nothing_and_is_named():
+def test_an_inverted_element_does_not_contribute_and_is_reported():
     mesh = grid((2, 1, 1))
     system = solid_system(mesh)
     q = mesh.X.copy()

@@ -127,7 +127,7 @@ def test_tetrahedra_with_every_volume_term(volume):
 
 
 @pytest.mark.parametrize("volume", [sim.ElementVolume, sim.NodalVolume])
-def test_every_element_may_have_a_bulk_modulus_of_its_own(volume):
+def test_every_element_may_have_its_own_bulk_modulus(volume):
     kappa = np.linspace(1e4, 4e4, MESH.n_elements)
     kappa[0] = 0.0
     both = sim.compile_scene(sim.Scene(MESH, (Weightless(), volume(kappa))))
@@ -242,7 +242,7 @@ def test_rayleigh_damping_is_alpha_M_plus_beta_K(law):
     np.testing.assert_allclose(dense(system, at_hand), expected, rtol=1e-14, atol=0)
 
 
-def test_damping_at_rest_takes_energy_from_every_motion_but_rigid_ones():
+def test_damping_at_rest_dissipates_energy_of_all_motions_except_rigid_ones():
     system = system_of(*LAWS[0], damping=sim.RestRayleigh(alpha=0.0))
     eigenvalues = np.linalg.eigvalsh(dense(system, system.damping(deformed(), None)))
     assert (np.abs(eigenvalues[:6]) < 1e-10 * eigenvalues[-1]).all()

@@ -38,7 +38,7 @@ def test_lips_and_teeth_are_paired_as_asked(face: xr.Dataset, method: str) -> No
         contact_pairings(without, method)
 
 
-def test_contact_is_on_where_the_face_has_something_to_touch(face: xr.Dataset) -> None:
+def test_contact_is_on_by_default_for_all_surfaces_of_the_face(face: xr.Dataset) -> None:
     """By default of all that is there; walls in place of the teeth leave the teeth out."""
     default = SimulationParameters()
     assert default.contact.method == "constraint" and default.solver == "sdirk2"
@@ -81,7 +81,9 @@ def test_a_scene_has_contact_only_where_it_is_declared(face: xr.Dataset) -> None
         ({"contact": {"between": ["teeth"]}, "support": 10.0}, "represents the teeth"),
     ],
 )
-def test_what_does_not_go_together_is_said(values: dict[str, object], message: str) -> None:
+def test_incompatible_settings_are_refused_with_a_reason(
+    values: dict[str, object], message: str
+) -> None:
     with pytest.raises(ConfigurationError, match=message):
         configure(SimulationParameters, values)
 

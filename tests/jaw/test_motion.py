@@ -36,7 +36,7 @@ def test_cubic_series_pass_their_rows_with_the_slope_of_the_chord(tmp_path):
     np.testing.assert_allclose(read_probe(path, np.array([0.05, 2.0])), [0.0, 0.1], atol=1e-15)
 
 
-def test_series_of_another_program_are_read_as_it_reads_them(shared, recorded):
+def test_series_of_another_program_are_interpolated_as_by_that_program(shared, recorded):
     """Excitations of a recorded chewing cycle; those of groups are negative there, and zero here."""
     case, arrays = recorded("larynx_rightchew_probes")
     folder = shared / "artisynth_models" / "jaw_larynx" / "probes" / "rightchew"
@@ -48,7 +48,7 @@ def test_series_of_another_program_are_read_as_it_reads_them(shared, recorded):
         np.testing.assert_allclose(ours[where], theirs[where], atol=1e-8)
 
 
-def test_negative_excitations_are_clipped_and_told(tmp_path):
+def test_negative_excitations_are_clipped_and_reported(tmp_path):
     table = pd.DataFrame({"time": [0.0, 0.1], "bi_all": [-0.02, 0.4], "close_L": [0.3, 0.9]})
     table.to_csv(tmp_path / "drive.csv", index=False)
     a, negative = read_excitation(tmp_path / "drive.csv").activation(small_jaw())
@@ -118,7 +118,7 @@ def test_command_moves_a_jaw_by_a_table(tmp_path):
     assert float(motion["time"][-1]) == pytest.approx(0.02)
 
 
-def test_what_cannot_be_run_is_named(tmp_path):
+def test_invalid_tasks_are_refused_with_a_reason(tmp_path):
     jaw = small_jaw()
     with pytest.raises(JawError, match="no exciter is called 'open', expected one of"):
         simulate_jaw(jaw, ramps({"open": [(0.0, 1.0)]}), duration=0.01)

@@ -115,7 +115,7 @@ def test_values_of_the_text_keep_masses_and_take_inertia_from_the_surfaces(publi
     assert inertia[1, 2] == pytest.approx(45.0, abs=0.06)  # y points forward here
 
 
-def test_left_is_left_and_both_sides_are_mirror_images(published):
+def test_sides_are_those_of_the_subject_and_mirror_images(published):
     jaw = published("larynx")
     names = [str(n) for n in jaw["muscle"].values]
     position = jaw["muscle_position"].values

@@ -31,7 +31,7 @@ def height_after(system, duration):
     return end.frames[0, 2]
 
 
-def test_morsel_carries_a_weight_and_a_crushed_one_none():
+def test_an_intact_morsel_carries_a_weight_and_a_crushed_one_does_not():
     """F (1 - d/D) = m g at rest, once the body came from above D; started below, it finds none."""
     weight, force = 0.1 * 9.8, 4.0
     carried = height_after(falling(0.0101, diameter=0.01, force_max=force), 0.6)
@@ -40,7 +40,7 @@ def test_morsel_carries_a_weight_and_a_crushed_one_none():
     assert height_after(falling(0.0101, diameter=0.01, force_max=0.5 * weight), 0.8) < -1e-3
 
 
-def test_impossible_morsels_are_refused():
+def test_invalid_morsels_are_refused():
     with pytest.raises(sim.SceneError, match="Crushable: diameter = 0"):
         sim.Crushable(0, np.zeros(3), UP, diameter=0.0)
     with pytest.raises(sim.SceneError, match="has no unit length"):

@@ -145,7 +145,7 @@ def test_rows_by_the_schur_complement_equal_the_full_saddle_system():
     np.testing.assert_allclose(f, expected[n:], atol=1e-9 * np.abs(expected[n:]).max())
 
 
-def test_limits_stop_and_let_go():
+def test_limits_stop_and_release_a_motion():
     """A pendulum at its upper limit stays there until gravity accelerates it back."""
     hinge = Revolute("hinge", None, "bob", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     system = pendulum(

@@ -51,7 +51,7 @@ def test_velocities_of_points_are_the_rate_of_their_positions():
     assert np.abs(MAPS.drift(pose, pose.t)).max() > 0.1  # The prescribed body moves.
 
 
-def test_generalised_matrix_is_the_congruence_less_the_turning_of_arms():
+def test_generalised_matrix_is_the_congruence_less_the_rotation_of_lever_arms():
     """R'KR on its fixed pattern; the difference is the second derivative of the energy of dead loads."""
     pose, _ = random_pose(SYSTEM)
     rng, R = np.random.default_rng(2), dense_rows(SYSTEM, pose)

@@ -119,7 +119,7 @@ def test_tissue_on_a_body_equals_tissue_on_the_prescribed_motion():
 
 
 @pytest.mark.parametrize("cls", [sim.ConvergedEuler, sim.Trapezoidal, sim.Sdirk2])
-def test_momentum_of_a_free_compound_is_kept(cls):
+def test_momentum_of_a_free_compound_is_conserved(cls):
     """Tissue and a body without external forces: the sum of m v over all points."""
     mesh = grid((2, 1, 1), (0.02, 0.01, 0.01))
     left = np.flatnonzero(mesh.X[:, 0] == 0.0)
@@ -155,7 +155,7 @@ def test_body_on_a_line_muscle_swings_as_on_a_damped_spring(damping):
     assert end.q[1, 0] - 0.1 == pytest.approx(expected, rel=1e-6)
 
 
-def test_states_with_bodies_go_on_from_a_file_bit_for_bit(tmp_path):
+def test_states_with_bodies_continue_from_a_file_bit_for_bit(tmp_path):
     system = mixed_system()
     start = moving(system, 0.1, 0.05, -0.1, 3.0, 20.0, -10.0)
     whole = run(system, start, 0.02, 4, sim.ConvergedEuler())
@@ -207,7 +207,7 @@ def test_body_of_a_closed_surface():
         sim.Body("jaw", -1.0, INERTIA)
 
 
-def test_what_is_prescribed_must_be_finite():
+def test_prescribed_motions_must_be_finite():
     system = solid_system(
         grid((1, 1, 1)),
         reductions=(sim.PrescribedNodes(np.array([0]), lambda t: np.array([[np.nan, 0, 0]])),),

@@ -139,7 +139,7 @@ def test_steps_continue_bit_for_bit_and_single_steps_are_the_same():
     np.testing.assert_array_equal(end.twists, whole.twists)
 
 
-def test_the_scene_decides():
+def test_fused_steps_are_chosen_by_the_scene():
     """Damping of an assembled matrix, or a point that is held by other points, is general."""
     assert sim.compile_scene(scene()).multibody is not None
     assert sim.compile_scene(scene(damping=sim.RestRayleigh())).multibody is None
@@ -168,7 +168,7 @@ def test_an_indefinite_step_is_left_to_the_general_path():
     assert np.isfinite(end.q).all()
 
 
-def test_a_chain_of_bodies_stays_together_for_a_hundred_seconds():
+def test_joints_of_a_chain_do_not_drift_over_a_hundred_seconds():
     """Largest violation of two hinges at 100 outputs of 1 ms steps; 1e-9 m is allowed."""
     bodies = tuple(
         sim.Body(n, 0.2, 10.0 * INERTIA, (0.0, y, 0.0)) for n, y in (("a", 0.1), ("b", 0.3))
@@ -205,7 +205,7 @@ def test_a_chain_of_bodies_stays_together_for_a_hundred_seconds():
 
 
 @pytest.mark.parametrize("integrator", STEPPED)
-def test_a_free_compound_with_a_joint_keeps_its_momentum(integrator):
+def test_a_free_compound_with_a_joint_conserves_its_momentum(integrator):
     bodies = tuple(
         sim.Body(n, 0.2, 10.0 * INERTIA, (0.0, y, 0.0)) for n, y in (("a", 0.1), ("b", 0.3))
     )

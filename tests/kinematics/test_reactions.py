@@ -64,7 +64,7 @@ def test_a_hinge_carries_weight_and_centripetal_force_of_a_pendulum():
         assert abs(float(found.joint_moment[0, 1, k])) < 1e-9
 
 
-def test_a_point_on_an_incline_pushes_along_its_normal():
+def test_a_point_on_an_incline_exerts_a_normal_force():
     """The mean force of a sliding point: m g cos(angle) of a body held at its centre."""
     normal = np.array([0.6, 0.0, 0.8])
     plane = PointOnPlane("incline", 0, None, (0.0, 0.0, 0.0), normal, unilateral=True)
@@ -77,7 +77,7 @@ def test_a_point_on_an_incline_pushes_along_its_normal():
     assert np.isnan(found.joint_force[..., 0]).all()  # no step has told it yet
 
 
-def test_a_bushing_yields_by_its_stiffness():
+def test_a_bushing_deforms_according_to_its_stiffness():
     """Sinks by m g/k and turns by theta with k theta = m g a cos(theta)."""
     k, turn = 500.0, 0.5
     bushing = Bushing(

@@ -63,7 +63,7 @@ def test_mp4_needs_ffmpeg(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the stand-in is a shell script")
-def test_mp4_hands_frames_to_the_program(
+def test_mp4_frames_are_passed_to_ffmpeg(
     short: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One substitute for ffmpeg stores its input; another one fails like ffmpeg."""

@@ -62,7 +62,7 @@ def test_shading_is_that_of_the_normals(sphere) -> None:
     assert np.corrcoef(bright, n[:, 1])[0, 1] > 0.5, "light from above"
 
 
-def test_cameras_look_from_where_they_are_called() -> None:
+def test_cameras_look_from_the_named_side() -> None:
     left, up, front = np.array([-1.0, 0, 0]), np.array([0, 0, 1.0]), np.array([0, 1.0, 0])
     frame = axes_of(VIEWS["front"])
     np.testing.assert_allclose(frame @ left, [1, 0, 0], atol=1e-12)  # on the right of the picture

@@ -65,7 +65,9 @@ def test_faces_and_motions_have_turning_pages(face: xr.Dataset, motion: xr.Datas
     assert "sigma_max 100 kPa" in moving
 
 
-def test_files_by_what_they_hold(face: xr.Dataset, motion: xr.Dataset, tmp_path: Path) -> None:
+def test_files_are_drawn_by_their_contents(
+    face: xr.Dataset, motion: xr.Dataset, tmp_path: Path
+) -> None:
     save_face(face, tmp_path / "face.nc")
     write_netcdf(motion, tmp_path / "motion.nc", "trajectory")
     write_netcdf(activation(), tmp_path / "drive.nc", "activation")

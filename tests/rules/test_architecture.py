@@ -26,7 +26,7 @@ def imported(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_imports_go_one_way(root, package):
+def test_imports_have_one_direction(root, package):
     found = modules(root, package)
     assert found
     for path in found:
@@ -34,7 +34,7 @@ def test_imports_go_one_way(root, package):
         assert not foreign, f"{path.relative_to(root)} imports {sorted(foreign)}"
 
 
-def test_numba_lives_in_kernel_files_alone(root):
+def test_numba_is_used_in_kernel_files_only(root):
     for package in PACKAGES:
         for path in modules(root, package):
             if "numba" in imported(path):
@@ -50,13 +50,13 @@ def test_kernels_are_compiled_by_one_set_of_options_and_never_in_parallel_by_num
                     assert node.arg not in ("fastmath", "parallel"), path
 
 
-def test_kernels_assume_nothing_about_values():
+def test_kernels_do_not_assume_finite_values():
     """All flags of `fastmath` would assume that no number is NaN or infinite."""
     for options in (inner, kernel, kernel_and_inner):
         flags = options(lambda x: x).targetoptions["fastmath"]
         assert set(flags) == {"contract", "reassoc", "nsz", "arcp"}
 
 
-def test_there_is_no_drawer_for_everything(root):
+def test_there_is_no_module_for_miscellaneous_functions(root):
     names = {path.stem for package in PACKAGES for path in modules(root, package)}
     assert not names & {"utils", "util", "helpers", "misc", "common"}

@@ -20,7 +20,7 @@ def brought_by(what: str) -> set[str]:
     return set(json.loads(done.stdout))
 
 
-def test_mechanics_bring_no_plotting_no_command_line_and_no_data_library():
+def test_mechanics_import_no_plotting_command_line_or_data_library():
     found = brought_by("sim")
     assert {"sim", "numba", "numpy", "scipy", "xarray"} <= found
     assert not found & (PLOTTING_AND_CLI | DATA | {"emgface", "analysis"})
@@ -31,11 +31,11 @@ def test_a_face_is_simulated_without_plotting_and_command_line():
     assert not brought_by(together) & PLOTTING_AND_CLI
 
 
-def test_analysis_brings_neither_the_mechanics_nor_plotting():
+def test_analysis_imports_neither_mechanics_nor_plotting():
     assert not brought_by("analysis") & (PLOTTING_AND_CLI | {"sim", "numba", "emgface"})
 
 
-def test_threads_wait_passively_unless_told_otherwise():
+def test_threads_wait_passively_unless_configured_otherwise():
     code = "import os, {what}; print(os.environ['OPENBLAS_THREAD_TIMEOUT'], os.environ['KMP_BLOCKTIME'])"
     inherited = {k: v for k, v in os.environ.items() if not k.startswith(("KMP", "OPENBLAS"))}
     for what in ("emgface", "sim.waiting"):
@@ -51,7 +51,7 @@ def test_threads_wait_passively_unless_told_otherwise():
 
 
 @pytest.mark.parametrize("given", [["demo", "--help"], ["demo", "--seedd", "3"], ["demoo"]])
-def test_help_and_typing_errors_bring_no_mechanics(given):
+def test_help_and_typing_errors_do_not_import_the_mechanics(given):
     code = (
         "import json, sys\nfrom emgface.cli import main\n"
         f"sys.argv = ['emgface', *{given!r}]\n"

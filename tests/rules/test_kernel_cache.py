@@ -43,7 +43,7 @@ def run(folder: Path, code: str = MAIN, **env: str) -> str:
     return done.stdout + done.stderr
 
 
-def test_an_edited_law_is_never_served_from_the_cache_of_another_file(tmp_path):
+def test_an_edited_law_is_not_loaded_from_the_cache_of_another_file(tmp_path):
     package = tmp_path / "cached"
     package.mkdir()
     (package / "__init__.py").write_text("")
@@ -89,7 +89,7 @@ def test_digest_changes_with_any_source(tmp_path):
     assert cache.source_digest(tmp_path) != before
 
 
-def test_a_cache_that_cannot_be_written_is_said_and_survived(tmp_path):
+def test_a_cache_that_cannot_be_written_gives_a_warning(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     package = tmp_path / "cached"

@@ -22,7 +22,7 @@ HEAD = "| case | error |\n|---|---|\n"
         ("< 1e-09", "2.0e-06", False),
     ],
 )
-def test_figures_differ_beyond_one_unit_of_their_last_digit(printed, made, agrees):
+def test_numbers_differ_beyond_one_unit_of_their_last_digit(printed, made, agrees):
     found = differences(HEAD + f"| a | {printed} |\n", HEAD + f"| a | {made} |\n")
     assert (found == []) is agrees
 

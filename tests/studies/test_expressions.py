@@ -29,7 +29,7 @@ def test_the_mouth_corner_moves_most_in_every_expression(table: pd.DataFrame) ->
     assert (found["corners (mm)"] > 2.0).all()
 
 
-def test_expressions_are_what_they_are_called(table: pd.DataFrame) -> None:
+def test_expressions_move_landmarks_as_named(table: pd.DataFrame) -> None:
     own = table[table.skin == SKINS[0].name].set_index(["expression", "landmark"])
     corner = own.xs("corner_left", level="landmark")
     for smile in ("closed-mouth smile", "open-mouth smile"):

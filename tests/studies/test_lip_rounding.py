@@ -41,7 +41,7 @@ def test_teeth_support_protrusion(rounding: Rounding) -> None:
         assert with_walls > 1.2 * full.loc[(factor, False), "protrusion (mm)"] > 0
 
 
-def test_what_cannot_be_held_is_refused(coarse: xr.Dataset) -> None:
+def test_impossible_equilibria_are_refused(coarse: xr.Dataset) -> None:
     p = SimulationParameters(gravity=False)
     with pytest.raises(ActivationError, match="unknown muscle 'NOSE_L'"):
         equilibria(coarse, {"NOSE_L": 1.0}, p)

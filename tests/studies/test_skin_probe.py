@@ -9,7 +9,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from studies.mechanics.skin_probe import probe_skin
 
 
-def test_tension_raises_the_stiffness_that_a_probe_feels_along_the_lines(
+def test_tension_raises_the_measured_stiffness_along_the_lines(
     coarse: xr.Dataset,
 ) -> None:
     def along(**prestress: object) -> np.ndarray:

@@ -156,7 +156,7 @@ def test_reference_that_is_too_weak():
     assert 0 < result.attrs["clipped_fraction"] < 1
 
 
-def test_ranges_that_do_not_fit():
+def test_ranges_that_do_not_match_are_refused():
     chain = chain_of(normalisation={"reach": "session"})
     with pytest.raises(ConfigurationError, match="requires its minimum and maximum, found none"):
         activation_of(recording_of(), chain)
@@ -203,7 +203,7 @@ def test_threshold_in_millivolts_warns_and_then_fails_on_0_over_0():
             activation_of(recording_of(), chain)
 
 
-def test_muscle_at_rest_is_no_failure_unless_it_is_to_be():
+def test_a_muscle_at_rest_fails_only_on_request():
     recording = recording_of()
     recording["emg"].loc["LLSAN_L"] *= 0.01  # an intact electrode with two microvolts
     with pytest.warns(FeatureWarning, match="LAO_L is zero"):

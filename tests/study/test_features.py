@@ -113,7 +113,7 @@ def test_running_sum_equals_direct_sum(values, data):
     np.testing.assert_allclose(out, expected, rtol=2 * n * np.finfo(float).eps, atol=0)
 
 
-def test_quiet_after_a_burst_keeps_its_digits():
+def test_a_quiet_signal_after_a_burst_keeps_its_precision():
     """A running sum that subtracts old samples would have an error of about 1e-16 x 1e12 here."""
     x = np.full(3000, 1e-8)
     x[500:600] = 1e4

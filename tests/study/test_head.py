@@ -111,7 +111,7 @@ def test_rotation_equals_an_independent_least_squares_fit():
 
 
 @pytest.mark.parametrize("lost", range(6))
-def test_a_dropout_moves_nothing_where_head_and_reference_differ_in_shape(lost):
+def test_a_dropout_causes_no_jump_if_head_and_reference_differ_in_shape(lost):
     """With a difference in shape of six millimetres, the lips of a head at rest must not jump."""
     truth = still_face_moving_lips()
     truth[:, :6] += 6e-3 * np.random.default_rng(8).standard_normal((6, 3))
@@ -199,7 +199,7 @@ def test_dropout_at_an_end_stays_and_the_rest_is_kept(frames):
     np.testing.assert_allclose(result[:, kept], truth[:, kept], atol=1e-14)
 
 
-def test_marker_that_is_never_seen():
+def test_a_marker_that_is_never_visible():
     moved = head_motion(still_face_moving_lips())
     moved[:, 7] = np.nan
     with pytest.raises(MarkerError, match="upper_lateral_left is never visible"):

@@ -68,7 +68,7 @@ def test_zero_estimates_mixtures_and_leave_out_does_not(stage):
     assert out.attrs["selected"] == "ZYG" and zero.attrs["selected"] == "ZYG BUC"
 
 
-def test_a_strategy_fails_only_where_it_needs_what_is_absent():
+def test_a_strategy_fails_only_if_it_requires_a_missing_muscle():
     # Only LLSAN raises the upper lip (Table 1), so that no other muscle need be recorded.
     recording = of(["LLSAN_L", "LLSAN_R"], instruction="B")
     found = activation(recording, "act_rel")
@@ -80,7 +80,7 @@ def test_a_strategy_fails_only_where_it_needs_what_is_absent():
         activation(of(["LLSAN_L"], instruction="B"), "act_rel")
 
 
-def test_strategies_choose_among_what_is_there():
+def test_strategies_select_among_the_recorded_muscles():
     recording = of(["ZYG_L", "MEN_L", "DAO_R", "DAO_L"], instruction="C")
     choices = {"missing_side": "leave_out", "missing_muscle": "leave_out"}
     assert set(activation(recording, "act_3", **choices).attrs["selected"].split()) <= {

@@ -31,7 +31,7 @@ def activation(face, duration=0.08):
     return xr.DataArray(values, dims=("muscle", "time"), coords=coords)
 
 
-def test_a_preset_sets_what_is_not_given():
+def test_a_preset_sets_parameters_that_are_not_given():
     chosen = configure(SimulationParameters, FREE | {"accuracy": "reference"})
     assert (chosen.solver, chosen.step) == ("sdirk2", PRESETS["reference"]["step"])
     assert configure(SimulationParameters, {"accuracy": "draft", "step": 0.005}).step == 0.005
@@ -50,7 +50,7 @@ def test_the_accuracy_of_given_parameters_is_changed():
     assert given.as_accurate("1 mm").error_tolerance == 1e-3
 
 
-def test_what_is_not_asked_for_is_solved_as_a_study():
+def test_accuracy_is_that_of_a_study_by_default():
     plain = SimulationParameters(**FREE)
     values = plain.model_dump()
     assert {name: values[name] for name in PRESETS["study"]} == PRESETS["study"]
@@ -69,7 +69,7 @@ def test_contact_changes_neither_solver_nor_step(method):
     assert SimulationParameters.model_validate(given.model_dump()) == given
 
 
-def test_a_solver_of_ones_own_has_no_error_control_unless_asked():
+def test_a_specified_solver_has_no_error_control_by_default():
     assert SimulationParameters(**FREE, solver="sdirk2", step=0.005).error_tolerance is None
     assert SimulationParameters(step=0.005).error_tolerance == 1e-4
     own = configure(SimulationParameters, {"accuracy": "study", "solver": "linearly_implicit"})
@@ -90,12 +90,12 @@ def test_outputs_do_not_depend_on_the_accuracy(face):
         np.testing.assert_allclose(found, 0.01 * np.arange(8), atol=1e-15)
 
 
-def test_steps_and_outputs_must_fit():
+def test_steps_and_outputs_must_be_compatible():
     with pytest.raises(ConfigurationError, match="step = 0.004 s and output = 0.01 s"):
         configure(SimulationParameters, {"step": 0.004})
 
 
-def test_an_error_wanted_is_read_with_its_unit():
+def test_a_requested_error_is_read_with_its_unit():
     assert configure(SimulationParameters, {"accuracy": "0.1 mm"}).error_tolerance == 1e-4
     assert configure(SimulationParameters, {"accuracy": "50 um"}).error_tolerance == 5e-5
 
@@ -106,13 +106,13 @@ def test_other_accuracies_are_refused(wrong):
         configure(SimulationParameters, {"accuracy": wrong})
 
 
-def test_error_control_of_a_scheme_of_one_solution_is_refused():
+def test_error_control_of_a_linearly_implicit_scheme_is_refused():
     with pytest.raises(ConfigurationError, match="error control"):
         configure(SimulationParameters, {"solver": "linearly_implicit", "error_tolerance": 1e-4})
 
 
 @pytest.mark.slow
-def test_every_solver_moves_the_face_alike(face):
+def test_every_solver_gives_a_similar_motion_of_the_face(face):
     base = FREE | {"gravity": False, "sigma_max": 100e3}
 
     def corner(values):

@@ -165,7 +165,7 @@ def test_table_of_choices() -> None:
     xr.testing.assert_identical(reference_cube(cube)["rho"], base["rho"])
 
 
-def test_cubes_that_do_not_fit() -> None:
+def test_cubes_with_invalid_axes_are_refused() -> None:
     from analysis.statistics.simulated import simulated_scores
 
     base = simulated_scores(3)

@@ -77,7 +77,7 @@ def test_every_baseline_is_in_the_cube(three) -> None:
     assert reasons == {"no other repetition"}
 
 
-def test_nothing_is_simulated_for_baselines_and_all_is_kept(three) -> None:
+def test_baselines_require_no_simulation_and_are_stored(three) -> None:
     study, result, out = three
     motions = [event for event in result.computed() if event.stage == "motion"]
     assert len(motions) <= 7  # one for each trial at most
@@ -97,7 +97,7 @@ def test_a_changed_alignment_computes_baselines_again(three) -> None:
     assert stages == {"aligned", "scores", "typical", "baselines"}
 
 
-def test_templates_and_nulls_are_what_the_analysis_gives(three) -> None:
+def test_templates_and_nulls_are_those_of_the_analysis(three) -> None:
     """Of S02: the mean of S01 (of its two repetitions first) and S03, and its own motion of E."""
     study, result, out = three
     results = open_results(out)

@@ -116,7 +116,7 @@ def test_a_wrong_match_has_a_large_reprojection_error() -> None:
     assert float(error[0, 3]) > 5.0 and float(error.max()) == float(error[0, 3])
 
 
-def test_tracks_that_fit_no_cameras_are_refused() -> None:
+def test_tracks_that_match_no_cameras_are_refused() -> None:
     with pytest.raises(MarkerError, match="found 2 cameras for 3 tracks"):
         triangulate(images(bent(), markers()), bent()[:2])
     with pytest.raises(MarkerError, match="expected camera, marker, image_axis, time_marker"):

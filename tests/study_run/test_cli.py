@@ -105,7 +105,7 @@ def test_a_face_is_generated_checked_and_drawn(tmp_path: Path) -> None:
     assert "generated face" in (tmp_path / "face.html").read_text(encoding="utf-8")
 
 
-def test_a_recording_becomes_something_that_moves(laboratory, tmp_path, monkeypatch) -> None:
+def test_one_command_from_a_recording_to_a_moving_face(laboratory, tmp_path, monkeypatch) -> None:
     """One command from a recording to trajectory, page, movie and files for ParaView."""
     monkeypatch.setattr("emgface.pictures.movie.PANEL", 40)
     study = study_file(laboratory, tmp_path)
@@ -279,7 +279,7 @@ def test_markers_missing(laboratory, recording, tmp_path) -> None:
     assert "nasion" in sentences[0] and "corner_left" in sentences[0]
 
 
-def test_a_file_that_is_not_there(tmp_path) -> None:
+def test_an_absent_file(tmp_path) -> None:
     one_sentence(run("data", "check", tmp_path / "no.nc"), "DataError", r"no\.nc")
     one_sentence(run("face", "check", tmp_path / "no.nc"), "FaceError", r"no\.nc")
     for folder in (tmp_path, tmp_path / "absent"):
@@ -364,7 +364,7 @@ def test_a_partial_study_exits_1_and_names_each_failure_once(
     assert sum("failed:SignalError: " in line for line in result.stderr.splitlines()) == 1
 
 
-def test_an_interruption_is_said_and_exits_130(laboratory, tmp_path, monkeypatch) -> None:
+def test_an_interruption_is_reported_and_exits_130(laboratory, tmp_path, monkeypatch) -> None:
     from emgface.study import run as run_module
 
     def interrupted(*_: object, **__: object) -> None:

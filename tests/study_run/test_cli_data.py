@@ -103,7 +103,7 @@ def test_a_recording_of_emg_alone_is_mapped(foreign: Path, tmp_path: Path) -> No
     assert list(tomllib.loads((tmp_path / "m.toml").read_text())) == ["channels"]
 
 
-def test_a_unit_that_the_file_has_wrong_is_given_and_written(tmp_path: Path) -> None:
+def test_a_wrong_unit_of_a_file_is_replaced_and_written(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,Left Zygo\n" + "".join(f"{i},{i % 7}\n" for i in range(99)))
     sidecar = tmp_path / "a.toml"
     sidecar.write_text(
@@ -124,7 +124,7 @@ def test_a_unit_that_the_file_has_wrong_is_given_and_written(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("setting", "said"), [("emg=mm", "'mm'.*uV"), ("force=N", "'force=N'.*emg"), ("emg", "''.*uV")]
 )
-def test_a_unit_that_is_none_is_named(foreign: Path, setting: str, said: str) -> None:
+def test_an_unknown_unit_is_named(foreign: Path, setting: str, said: str) -> None:
     one_sentence(run("data", "map", foreign, "--unit", setting), "UnitsError", said)
 
 
@@ -135,7 +135,7 @@ def test_the_help_lists_every_format_that_is_read() -> None:
         assert ".poly5" in run("data", command, "--help").stdout
 
 
-def test_a_folder_is_no_recording(tmp_path: Path) -> None:
+def test_a_folder_is_not_a_recording(tmp_path: Path) -> None:
     one_sentence(run("data", "map", tmp_path), "DataError", "is a folder")
 
 
@@ -211,7 +211,7 @@ def test_a_check_into_a_pipe_is_one_csv_table(foreign: Path, laboratory: Path) -
     assert whole.groupby("file")["kind"].value_counts().tolist() == [16, 14, 16, 14]
 
 
-def test_a_check_says_which_later_step_would_refuse(foreign: Path, tmp_path: Path) -> None:
+def test_a_check_states_which_later_step_would_refuse(foreign: Path, tmp_path: Path) -> None:
     result = run("data", "check", foreign)
     assert (
         "'emgface activate' would refuse it: missing channels ZYG_L, MEN_L, RIS_R" in result.stderr

@@ -97,7 +97,7 @@ def test_the_template_writes_the_values_of_a_study() -> None:
         ("name = 'a'\nseed 3\n", "not valid TOML.*line 2"),
     ],
 )
-def test_what_is_wrong_is_named_in_one_sentence(tmp_path: Path, text: str, said: str) -> None:
+def test_errors_are_reported_in_one_sentence(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigurationError, match=said) as caught:
         load_study(written(tmp_path, text))
     assert "study.toml" in str(caught.value) and "\n" not in str(caught.value)
@@ -116,7 +116,7 @@ def test_paths_are_relative_to_the_file_and_not_to_the_shell(tmp_path: Path, mon
     assert study.face.path == tmp_path / "face.nc"
 
 
-def test_a_source_of_the_face_is_chosen_by_taking_away_the_comment_signs() -> None:
+def test_a_source_of_the_face_is_chosen_by_removing_the_comment_signs() -> None:
     text = study_template()
     start = text.index("# [face.template]")
     end = text.index("\n\n\n", start)
@@ -143,7 +143,7 @@ def test_a_study_cannot_be_changed_after_it_was_read() -> None:
         StudyConfiguration().seed = 3
 
 
-def test_true_activations_are_one_strategy_of_their_own() -> None:
+def test_true_activations_are_a_strategy() -> None:
     assert StudyConfiguration(activation_source="true").strategy_names == ("true",)
 
 

@@ -73,7 +73,7 @@ def test_a_study_is_repeated_from_its_store(plan, result):
     assert again.computed() == []
 
 
-def test_a_strategy_named_true_takes_the_true_activation(file):
+def test_the_strategy_true_uses_the_true_activation(file):
     truth = ef.activate(file, strategy="true", resampling={"steps": 40})
     assert truth.attrs["strategy"] == "true" and truth.sizes["time"] == 41
     low = ef.activate(file, band=(30, 400), **SIGNALS)
@@ -87,7 +87,7 @@ def test_a_generated_face_takes_measures_with_or_without_units():
     assert told.attrs["measure_mouth_width"] == 0.052
 
 
-def test_changes_leave_what_a_study_sets():
+def test_changes_keep_the_other_settings_of_a_study():
     """Tables are combined with those of the study; an accuracy replaces its solver."""
     plan = study_of({"signals": {"filter": {"low": 30.0}}, "simulation": {"accuracy": "draft"}})
     chain = changed(plan.signals, {"filter": {"high": 400.0}}, "signals")
@@ -100,7 +100,7 @@ def test_changes_leave_what_a_study_sets():
     assert published.error_tolerance is None
 
 
-def test_what_is_wrong_is_said(file, laboratory, tmp_path, slab):
+def test_errors_are_reported(file, laboratory, tmp_path, slab):
     with pytest.raises(ConfigurationError, match="folder for its results"):
         ef.study()
     with pytest.raises(ConfigurationError, match="did you mean 'sigma_max'"):
@@ -137,7 +137,7 @@ def test_a_moving_face_is_a_page_in_a_frame_with_a_still_picture(moving, tmp_pat
     assert view.save(tmp_path / "face.png").stat().st_size > 1000
 
 
-def test_what_does_not_move_is_a_figure(moving, result, tmp_path):
+def test_datasets_without_motion_are_drawn_as_figures(moving, result, tmp_path):
     for shown in (moving[1], result.path):
         bundle = ef.show(shown)._repr_mimebundle_()
         assert set(bundle) == {"text/plain", "image/png"}

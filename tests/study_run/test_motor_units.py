@@ -58,7 +58,7 @@ def test_units_are_recruited_by_size_and_fire_as_published(pool) -> None:
     assert (np.diff(rate[:, 200][rate[:, 200] > 0]) <= 0).all()
 
 
-def test_discharges_follow_a_changing_rate_and_never_fall_in_silence() -> None:
+def test_discharges_follow_a_changing_rate_and_are_absent_in_silence() -> None:
     rate = np.zeros((200, 8 * 2048))
     rate[:, 2048:6144] = np.linspace(10.0, 40.0, 4096)
     rate[:, 12288:] = 20.0
@@ -117,7 +117,7 @@ def test_the_potential_of_a_unit_is_the_integral_of_its_source() -> None:
         assert found[sample] == pytest.approx(total, rel=2e-3, abs=1e-3 * np.abs(found).max())
 
 
-def test_the_spectrum_lies_where_facial_emg_has_its_power(pool) -> None:
+def test_the_spectrum_is_that_of_facial_emg(pool) -> None:
     signal = pool_signal(pool, np.full(30 * 2048, 0.4), np.random.default_rng(2))
     frequency, density = welch(signal, RATE, nperseg=2048)
     share = density[(frequency >= 15) & (frequency <= 500)].sum() / density.sum()
@@ -126,7 +126,7 @@ def test_the_spectrum_lies_where_facial_emg_has_its_power(pool) -> None:
     assert 80.0 < median < 200.0
 
 
-def test_channels_hear_their_muscles_with_the_stated_gain() -> None:
+def test_channels_record_their_muscles_with_the_stated_gain() -> None:
     activation = true_activation("B", duration=8.0)
     activation[:] = 0.0
     activation.loc["MEN_L"] = 1.0

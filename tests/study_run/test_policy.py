@@ -35,13 +35,13 @@ def test_sigma_max_falls_by_ten_per_cent_until_the_trial_succeeds() -> None:
     assert lowered.attrs == {"sigma_max": tried[-1], "attempts": 4}
 
 
-def test_a_trial_that_runs_at_once_is_not_touched() -> None:
+def test_a_successful_trial_is_not_changed() -> None:
     tried: list[float] = []
     assert lower_sigma_max(fails_above(1e9, tried), PARAMETERS).attrs["attempts"] == 1
     assert tried == [300e3]
 
 
-def test_below_the_minimum_the_last_failure_is_raised_with_what_was_tried() -> None:
+def test_below_the_minimum_the_last_failure_is_raised_with_the_attempts() -> None:
     tried: list[float] = []
     parameters = SimulationParameters(sigma_max_policy=SigmaMaxPolicy(minimum=200e3))
     with pytest.raises(InvertedElement) as caught:
@@ -71,7 +71,7 @@ def test_a_step_that_does_not_converge_also_lowers_but_a_singular_matrix_does_no
         lower_sigma_max(singular, PARAMETERS)
 
 
-def test_a_loss_of_stability_before_a_lowering_is_told_with_the_motion() -> None:
+def test_a_loss_of_stability_before_a_lowering_is_reported_with_the_motion() -> None:
     def snapping(parameters: SimulationParameters) -> xr.Dataset:
         if parameters.sigma_max > 280e3:
             error = InvertedElement(3, -0.1, 0.2)
@@ -86,7 +86,7 @@ def test_a_loss_of_stability_before_a_lowering_is_told_with_the_motion() -> None
     assert stability_warning(lower_sigma_max(fails_above(280e3, []), PARAMETERS)) == ""
 
 
-def test_a_missed_accuracy_weakens_no_muscle() -> None:
+def test_a_missed_accuracy_does_not_weaken_muscles() -> None:
     calls: list[float] = []
 
     def inaccurate(parameters: SimulationParameters) -> xr.Dataset:

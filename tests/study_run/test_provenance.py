@@ -36,7 +36,7 @@ def another_version(monkeypatch, **changes) -> None:
     monkeypatch.setattr(store, "environment", lambda: json.dumps(other))
 
 
-def test_cube_names_what_computed_it(made) -> None:
+def test_the_cube_states_its_computing_environment(made) -> None:
     cube = read_netcdf(made.path, "cube")
     listed = json.loads(cube.attrs["environments"])
     (name,) = set(cube["computed_with"].values.flat)
@@ -50,7 +50,7 @@ def test_cube_names_what_computed_it(made) -> None:
     assert cube.attrs["date_created"] == max(dates)
 
 
-def test_cube_names_recordings_face_and_conventions(made, laboratory: Path) -> None:
+def test_the_cube_states_recordings_face_and_conventions(made, laboratory: Path) -> None:
     cube = made.cube
     for recording in take_in(configured(laboratory).recordings).recordings:
         volunteer, instruction, repetition = recording.place
@@ -65,7 +65,9 @@ def test_cube_names_recordings_face_and_conventions(made, laboratory: Path) -> N
     assert all(name.isidentifier() for name in cube.attrs)
 
 
-def test_digests_and_values_know_no_date(made, laboratory: Path, tmp_path, monkeypatch) -> None:
+def test_digests_and_values_do_not_depend_on_the_date(
+    made, laboratory: Path, tmp_path, monkeypatch
+) -> None:
     """Computation at another time by another version gives the same stages and bits."""
     another_version(monkeypatch)
     monkeypatch.setattr(store, "now", lambda: "2031-01-01T00:00:00Z")
@@ -77,7 +79,7 @@ def test_digests_and_values_know_no_date(made, laboratory: Path, tmp_path, monke
     assert set(again.cube["computed"].values.flat) == {"2031-01-01T00:00:00Z"}
 
 
-def test_resumed_by_another_version_is_said_per_trial(
+def test_the_version_is_stored_per_trial_of_a_resumed_study(
     made, laboratory: Path, tmp_path: Path, monkeypatch, without_figures
 ) -> None:
     """The scores of one trial are deleted and computed by a later version."""
@@ -100,7 +102,7 @@ def test_resumed_by_another_version_is_said_per_trial(
     assert "Trials by computing environment".lower() in page.lower()
 
 
-def test_report_tells_what_computed_the_cube_and_what_wrote_the_page(
+def test_the_report_states_the_versions_of_cube_and_page(
     made, tmp_path: Path, monkeypatch, without_figures
 ) -> None:
     """A report by a later version states both versions."""
@@ -117,7 +119,7 @@ def test_report_tells_what_computed_the_cube_and_what_wrote_the_page(
     assert "not recorded" in shown.warning(old) and shown.mixture(old) is None
 
 
-def test_store_says_when_and_by_what(made) -> None:
+def test_the_store_states_date_and_version(made) -> None:
     index = next((made.path.parent / "store" / "motion").glob("*.json"))
     known = json.loads(index.read_text())
     assert known["environment"] == json.loads(provenance.environment())

@@ -30,7 +30,7 @@ def settled(slab: xr.Dataset) -> xr.Dataset:
     return settle_face(slab, PARAMETERS)
 
 
-def test_the_scene_weighs_what_the_volume_says_and_holds_the_fixed_nodes(slab) -> None:
+def test_the_mass_of_a_scene_is_that_of_its_volume_and_fixed_nodes_are_fixed(slab) -> None:
     system = compile_scene(compose_scene(slab, PARAMETERS))
     assert system.node_mass.sum() == pytest.approx(1040.0 * 0.06 * 0.01 * 0.036, rel=1e-12)
     assert system.pattern.n == 3 * int((slab["fixed"] == 0).sum())
@@ -53,7 +53,7 @@ def test_the_settled_face_stays_where_it_is_and_hangs_down(slab, settled) -> Non
     np.testing.assert_array_equal(sag[slab["fixed"].values > 0], 0.0)
 
 
-def test_without_gravity_the_face_is_at_rest_as_it_is(slab) -> None:
+def test_without_gravity_the_geometry_is_the_rest_state(slab) -> None:
     weightless = PARAMETERS.model_copy(update={"gravity": False})
     settled = settle_face(slab, weightless)
     np.testing.assert_array_equal(settled["node_position"].values, slab["position"].values)
@@ -165,7 +165,7 @@ def test_an_inverted_element_is_named_by_its_id_in_the_face(slab, settled) -> No
     assert 1001 <= caught.value.element <= 1120 and caught.value.det_F <= 0.0
 
 
-def test_a_face_that_cannot_settle_is_said(slab) -> None:
+def test_a_face_without_equilibrium_is_reported(slab) -> None:
     soft = PARAMETERS.model_copy(update={"C10": 1e-3, "C20": 0.0, "kappa": 1e-3, "P1": 0.0})
     with pytest.raises((NotConverged, InvertedElement)):
         settle_face(slab, soft)
@@ -211,7 +211,7 @@ def test_a_face_with_tense_skin_settles_in_tension(slab) -> None:
         assert settled.attrs["largest_speed"] < 1e-5
 
 
-def test_what_prestress_needs_is_said() -> None:
+def test_missing_requirements_of_prestress_are_reported() -> None:
     nodal = {"incompressibility": "nodal", "bulk_potential": "quadratic"}
     with pytest.raises(ValueError, match=r"skin.kappa cannot be combined with .* = 'hard'"):
         SimulationParameters(**nodal | {"incompressibility": "hard"}, skin={"kappa": 1e5})

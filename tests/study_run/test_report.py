@@ -74,7 +74,7 @@ def test_page_has_every_part(page: Path) -> None:
     assert str(page.parent) not in page.read_text(encoding="utf-8")
 
 
-def test_page_stands_alone(page: Path) -> None:
+def test_the_page_requests_no_other_file(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert page.stat().st_size < 15e6
     inside = re.findall(
@@ -90,7 +90,7 @@ def test_page_stands_alone(page: Path) -> None:
     assert len(ids) == len(set(ids))
 
 
-def test_figures_say_what_they_show(page: Path) -> None:
+def test_figures_have_captions(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     pictures = re.findall(r"<svg[^>]*>", text)
     assert len(pictures) == 9
@@ -143,7 +143,7 @@ def test_the_skin_is_kept_when_trials_run_and_not_simulated_again(page: Path) ->
     assert "surface_position" not in trial.motion
 
 
-def test_whole_numbers_keep_what_is_absent() -> None:
+def test_integers_keep_missing_values() -> None:
     values = np.array([[[0.001, 0.0, -0.001]], [[np.nan] * 3]])
     found = whole(values, np.zeros(3))
     assert found.tolist() == [[[50, 0, -50]], [[ABSENT] * 3]]
@@ -151,7 +151,7 @@ def test_whole_numbers_keep_what_is_absent() -> None:
     assert len(raw) == 2 * found.size
 
 
-def test_library_is_the_one_that_was_pinned() -> None:
+def test_the_library_has_the_pinned_digest() -> None:
     assert hashlib.sha256(resource(THREE).encode()).hexdigest() == THREE_DIGEST
     assert "MIT License" in resource("three/LICENSE")
 
@@ -172,7 +172,7 @@ def test_thinned_skin_keeps_shape_and_lips(laboratory: Path) -> None:
     assert len(set(kept.tolist())) == 5 and ((kept >= 3) == (np.arange(6) >= 3)).all()
 
 
-def test_planted_difference_is_found_and_none_is_claimed_without() -> None:
+def test_a_planted_difference_is_found_and_no_other_is_claimed() -> None:
     moved = contents.inference(scores(effects=(0.0, 0.9, 0.9), sd_interaction=0.05))
     assert any("rho is higher with the first" in one for one in moved.conclusions)
     still = contents.inference(scores())
@@ -218,7 +218,7 @@ def test_one_strategy_and_one_volunteer(tmp_path: Path) -> None:
     ]
 
 
-def test_simulated_worlds_are_named_and_their_limits_said(tmp_path: Path, without_figures) -> None:
+def test_simulated_worlds_are_named_with_their_limits(tmp_path: Path, without_figures) -> None:
     matched = scores().assign_attrs(world="matched world")
     matched = matched.assign_coords(strategy=["act_all", "act_3", "act_rel"])
     text = alone(matched, tmp_path)
@@ -246,7 +246,7 @@ def test_rho_identical_everywhere(tmp_path: Path, without_figures) -> None:
     assert "is higher" not in text and "is lower" not in text
 
 
-def test_what_cannot_be_read_any_more_is_said(page: Path, tmp_path: Path) -> None:
+def test_unreadable_recordings_are_reported(page: Path, tmp_path: Path) -> None:
     cube = xr.load_dataset(page.parent / "study" / "cube.nc")
     configuration = json.loads(cube.attrs["configuration"])
     configuration["recordings"]["folder"] = str(tmp_path / "gone")
@@ -273,7 +273,7 @@ def test_representative_trial_is_in_the_middle() -> None:
     assert representative(cube)["i1"][0] in {"v1", "v2"}
 
 
-def test_error_that_was_not_estimated_is_called_so() -> None:
+def test_an_error_without_estimate_is_reported_as_such() -> None:
     cube = scores(volunteers=2)
     table = contents.cost(Results(Path(), cube))
     assert table is not None and {row[-1] for row in table.rows} == {"not estimated"}
@@ -304,7 +304,7 @@ def chosen(**simulation) -> str:
     return methods(study, scores().assign_attrs(face="slab", face_origin="generated"))
 
 
-def test_methods_know_every_choice_of_the_mechanics() -> None:
+def test_methods_state_every_choice_of_the_mechanics() -> None:
     fields = SimulationParameters.model_fields
     told: dict[str, set[str]] = {}
     for name in ("solver", "incompressibility", "fibre_law", "muscle_form", "damping_tangent"):
@@ -323,7 +323,7 @@ def test_methods_know_every_choice_of_the_mechanics() -> None:
     assert "contact" not in chosen(contact={"method": "none"})
 
 
-def test_methods_know_every_choice_of_the_signals() -> None:
+def test_methods_state_every_choice_of_the_signals() -> None:
     for table, name in (
         ("feature", "kind"),
         ("mapping", "mapping_stage"),
@@ -350,7 +350,7 @@ def test_command_writes_page_and_tables(page: Path, tmp_path: Path, without_figu
     assert {"strategy.csv", "strategy.md", "strategy.tex", "trials.csv"} <= written
 
 
-def test_the_error_of_the_time_steps_is_told_beside_the_motion() -> None:
+def test_the_error_of_the_time_steps_is_stated_beside_the_motion() -> None:
     labels = {"volunteer": ["V1", "V2", "V3"], "instruction": ["A"], "repetition": [1]}
     dims = (*labels, "strategy")
     shape = (3, 1, 1, 1)
@@ -394,13 +394,13 @@ def test_the_first_motion_is_shown_and_found_by_the_study(laboratory: Path, tmp_
     assert isinstance(told[1], DataError) and not (tmp_path / "b.html").exists()
 
 
-def test_a_folder_with_a_study_inside_is_taken_for_it(page: Path, tmp_path: Path) -> None:
+def test_a_study_inside_a_folder_is_found(page: Path, tmp_path: Path) -> None:
     assert study_folder(page.parent) == page.parent / "study"
     assert study_folder(page.parent / "study") == page.parent / "study"
     assert study_folder(tmp_path) == tmp_path
 
 
-def test_a_page_is_rendered_again_only_where_something_changed(
+def test_a_page_is_rendered_again_only_after_a_change(
     page: Path, tmp_path: Path, monkeypatch
 ) -> None:
     drawn: list[bool] = []

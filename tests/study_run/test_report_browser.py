@@ -165,7 +165,7 @@ def test_the_page_draws_as_pictures_do(browser, page: Path, slab: xr.Dataset) ->
         assert inside.mean() > 0.04 and np.percentile(difference, 98) <= 8, name
 
 
-def test_nothing_is_wrong_and_nothing_leaves(browser, page: Path) -> None:
+def test_the_page_has_no_errors_and_no_requests(browser, page: Path) -> None:
     opened(browser, page)
     slide(browser, 0.5)
     severe = [one for one in browser.get_log("browser") if one["level"] in ("SEVERE", "WARNING")]

@@ -70,7 +70,7 @@ def test_every_trial_has_a_status_and_scores(finished) -> None:
     assert json.loads(cube.attrs["configuration"])["simulation"]["step"] == STEP
 
 
-def test_true_activations_on_the_same_face_lose_nothing(
+def test_true_activations_on_the_same_face_have_a_perfect_score(
     laboratory: Path, slab: xr.Dataset, tmp_path: Path
 ) -> None:
     """The chain behind the activation: head frame, timing, alignment, score.
@@ -131,7 +131,7 @@ def test_a_changed_score_leaves_the_simulations_alone(laboratory, finished) -> N
     assert ((ratio > 60 / 61) & (ratio <= 80 / 81 + 1e-12)).all()
 
 
-def test_a_damaged_result_is_said_and_computed_again(laboratory, finished, tmp_path) -> None:
+def test_a_damaged_result_is_reported_and_computed_again(laboratory, finished, tmp_path) -> None:
     out = tmp_path / "study"
     shutil.copytree(laboratory / "study", out)
     victim = stored(finished, "aligned", out)
@@ -147,9 +147,7 @@ def test_a_damaged_result_is_said_and_computed_again(laboratory, finished, tmp_p
     assert [victim.name in text for text in said].count(True) == 1
 
 
-def test_an_interrupted_study_goes_on_where_it_stopped(
-    laboratory, finished, tmp_path, monkeypatch
-) -> None:
+def test_an_interrupted_study_is_resumed(laboratory, finished, tmp_path, monkeypatch) -> None:
     out, calls = tmp_path / "study", []
     simulate = run_module.Laboratory._move
 
@@ -225,7 +223,7 @@ def with_a_lost_marker(recording: xr.Dataset) -> xr.Dataset:
         (with_a_lost_marker, "failed:MarkerError", "corner_left"),
     ],
 )
-def test_a_bad_recording_fails_alone_with_its_reason(
+def test_an_invalid_recording_fails_without_affecting_others(
     laboratory, finished, tmp_path, change, status: str, said: str
 ) -> None:
     study = spoiled(laboratory, tmp_path, change)
@@ -241,7 +239,7 @@ def test_a_bad_recording_fails_alone_with_its_reason(
     )
 
 
-def test_a_montage_of_one_side_is_scored_and_said(laboratory, finished, tmp_path) -> None:
+def test_a_montage_of_one_side_is_scored_and_reported(laboratory, finished, tmp_path) -> None:
     left = [f"{name}_L" for name in MEASURED]
     study = spoiled(laboratory, tmp_path, lambda recording: recording.sel(channel=left))
     signals = {**study.signals.model_dump(), "montage": {"missing_side": "mirror"}}
@@ -258,7 +256,7 @@ def test_a_montage_of_one_side_is_scored_and_said(laboratory, finished, tmp_path
     assert "montage" not in " ".join(verdict(finished.cube))
 
 
-def test_a_marker_unseen_at_an_end_is_scored_on_the_rest(laboratory, finished, tmp_path) -> None:
+def test_a_marker_invisible_at_an_end_is_scored_on_the_rest(laboratory, finished, tmp_path) -> None:
     """0.15 s at the beginning, of which the simulation uses 0.05 s, and 0.05 s at the end, unused."""
 
     def cut(recording: xr.Dataset) -> xr.Dataset:
@@ -314,7 +312,7 @@ def test_a_cell_without_a_recording_is_missing(laboratory, finished, tmp_path) -
     assert (cube["status"].sel(instruction="E") == "ok").all()
 
 
-def test_an_unreadable_file_is_left_out_and_listed(laboratory, finished, tmp_path) -> None:
+def test_an_unreadable_file_is_omitted_and_listed(laboratory, finished, tmp_path) -> None:
     folder = tmp_path / "recordings"
     shutil.copytree(laboratory / "recordings", folder)
     broken = folder / "S01_F_1.nc"

@@ -145,7 +145,7 @@ def test_a_failed_electrode_is_found_by_the_check(kind, said) -> None:
     assert (others["verdict"] == "ok").all(), others["reason"].tolist()
 
 
-def test_failures_are_drawn_and_told() -> None:
+def test_failures_are_random_and_reported() -> None:
     told = json.loads(session(electrode_failure=0.9).attrs["electrode_failures"])
     assert 9 <= len(told) <= 14 and set(told) <= set(CHANNELS)
     assert {one["kind"] for one in told.values()} <= {"lost", "hum", "railed"}

@@ -69,6 +69,6 @@ def test_the_code_version_covers_everything_a_stage_imports(stage) -> None:
     assert not uncovered
 
 
-def test_the_check_sees_an_import_that_is_not_listed() -> None:
+def test_an_import_that_is_not_listed_is_found() -> None:
     assert "emgface.signals.filters" in imported("emgface.signals.resampling")
     assert "emgface.face.simulation_parameters" in imported("emgface.face.recipe")

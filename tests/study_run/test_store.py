@@ -114,7 +114,7 @@ def index_of_another_result(path: Path) -> None:
         (index_of_another_result, "computed from other inputs"),
     ],
 )
-def test_a_damaged_result_is_said_and_computed_anew(tmp_path: Path, harm, said: str) -> None:
+def test_a_damaged_result_is_reported_and_recomputed(tmp_path: Path, harm, said: str) -> None:
     messages: list[str] = []
     store, compute = Store(tmp_path, report=messages.append), Doubling()
     first = store.get_or_compute(STAGE, {}, {}, compute)
@@ -126,7 +126,7 @@ def test_a_damaged_result_is_said_and_computed_anew(tmp_path: Path, harm, said: 
     assert store.get_or_compute(STAGE, {}, {}, compute).outcome == "reused"
 
 
-def test_an_interrupted_write_leaves_nothing(tmp_path: Path, monkeypatch) -> None:
+def test_an_interrupted_write_leaves_no_file(tmp_path: Path, monkeypatch) -> None:
     store, compute = Store(tmp_path), Doubling()
 
     def half_then_stop(self: xr.Dataset, path: Path, **options: object) -> None:
@@ -151,7 +151,7 @@ def test_a_failed_computation_stores_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.rglob("*.nc")) == [] and store.events == []
 
 
-def test_the_index_says_what_a_result_came_from(tmp_path: Path) -> None:
+def test_the_index_states_the_inputs_of_a_result(tmp_path: Path) -> None:
     result = Store(tmp_path).get_or_compute(
         STAGE, {"face": "f0"}, {"h": 0.01}, Doubling(), label="S1 A 1"
     )
@@ -168,7 +168,7 @@ def test_parameters_without_a_canonical_text_are_refused() -> None:
     assert canonical_json({"b": 1, "a": [True]}) == '{"a":[true],"b":1}'
 
 
-def test_dataset_digest_sees_values_names_and_units() -> None:
+def test_the_dataset_digest_depends_on_values_names_and_units() -> None:
     base = Doubling()()
     assert dataset_digest(base) == dataset_digest(base.copy(deep=True))
     moved = base.copy(deep=True)

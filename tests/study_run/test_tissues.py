@@ -90,7 +90,7 @@ def test_skin_of_fung_is_stiffest_along_its_tension_line(slab) -> None:
     assert energy[0] > 1.5 * energy[1] > 0.0
 
 
-def test_conditions_meet_and_later_tissues_win(slab) -> None:
+def test_conditions_are_combined_and_later_tissues_have_priority(slab) -> None:
     ids = slab["element_id"].values
     p = SimulationParameters(
         tissues=(
@@ -116,7 +116,7 @@ def test_conditions_meet_and_later_tissues_win(slab) -> None:
     assert stiff == (of["OOP_L"] & deep | of["OOP_R"] - (of["OOP_L"] - deep)) - {3, 5}
 
 
-def test_a_face_without_tissues_is_the_same_as_ever(slab) -> None:
+def test_a_face_without_tissues_is_unchanged(slab) -> None:
     solid = solid_of(slab, SimulationParameters())
     assert len(solid.materials) == 1 and solid.region is None and solid.axes is None
 
@@ -169,7 +169,7 @@ def test_relaxing_tissue_moves_more_than_elastic_and_less_than_relaxed_tissue(sl
     assert float(settle_face(slab, p)["node_position"].isnull().sum()) == 0
 
 
-def test_the_study_file_holds_tissues_and_reads_them_back() -> None:
+def test_tissues_of_a_study_file_are_written_and_read_back() -> None:
     study = StudyConfiguration(simulation=parameters(FLYNN))
     values = tomllib.loads(study_template(study))
     assert configure(StudyConfiguration, values).simulation == study.simulation
@@ -177,7 +177,7 @@ def test_the_study_file_holds_tissues_and_reads_them_back() -> None:
     assert tomllib.loads(study_template())["simulation"].get("tissues", []) == []
 
 
-def test_the_methods_of_a_report_tell_of_every_tissue() -> None:
+def test_the_methods_of_a_report_state_every_tissue() -> None:
     slow = parameters(FLYNN + "relaxing = [0.3, 0.2]\ntimes = [0.2, 1.5]\n")
     dims = ("volunteer", "instruction", "repetition")
     cube = xr.Dataset({"status": (dims, [[["ok"]]])}, attrs={"origin": "simulated"})
@@ -208,7 +208,7 @@ def test_the_methods_of_a_report_tell_of_every_tissue() -> None:
         ("stiffening = 3.0\n[[tissues]]\nrelaxing = [0.6]\ntimes = [1.0]", "cannot stiffen"),
     ],
 )  # fmt: skip
-def test_impossible_tissues_are_refused(text, said) -> None:
+def test_invalid_tissues_are_refused(text, said) -> None:
     with pytest.raises(ConfigurationError, match=said):
         parameters(text)
 

@@ -23,7 +23,7 @@ def made(laboratory: Path) -> list[Path]:
     return sorted((laboratory / "recordings").glob("*.nc"))
 
 
-def test_a_recording_follows_the_schema_of_a_study_and_says_it_is_simulated(made) -> None:
+def test_a_recording_follows_the_schema_and_is_labelled_simulated(made) -> None:
     for path, instruction in zip(made, "BE", strict=True):
         recording = read_recording(path, study=True)
         assert recording.attrs["origin"] == "simulated"

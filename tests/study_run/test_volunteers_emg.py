@@ -53,7 +53,7 @@ def quiet(activation: xr.DataArray, gain: float = 100e-6, **options: float) -> x
 
 
 @pytest.mark.parametrize("instruction", INSTRUCTIONS)
-def test_table_1_muscles_lead_and_all_stay_within_0_and_1(instruction: str) -> None:
+def test_muscles_of_table_1_dominate_and_all_stay_within_0_and_1(instruction: str) -> None:
     activation = true_activation(instruction, co_contraction=0.02, timing=Timing(effort=1.1))
     assert float(activation.min()) == 0.0 and float(activation.max()) <= 1.0
     peak = activation.max("time_true")
@@ -156,7 +156,7 @@ def test_amplitude_follows_a_burst() -> None:
     assert rms.max() == pytest.approx(0.6 * 100e-6, rel=0.4)
 
 
-def test_without_cross_talk_only_the_electrodes_over_a_muscle_hear_it() -> None:
+def test_without_cross_talk_a_muscle_is_recorded_by_its_electrodes_only() -> None:
     rms = quiet(constant_activation("LAO_R", 0.5)).std("time_emg")
     heard = [str(c) for c in rms["channel"].values if float(rms.sel(channel=c)) > 0.0]
     assert heard == ["LLSAN_R"]

@@ -125,7 +125,7 @@ def test_mesh_mirrors_bit_by_bit(medium: xr.Dataset) -> None:
     np.testing.assert_array_equal(grid.layer[grid.mirror_element], grid.layer)
 
 
-def test_it_is_a_face(fine: xr.Dataset) -> None:
+def test_landmarks_are_in_anatomical_order(fine: xr.Dataset) -> None:
     """Order of the landmarks of a profile from the front and from the side."""
     skin = sheets(fine)[:, :, 3]
     upper, lower = skin[0], skin[len(skin) // 2]
@@ -224,7 +224,7 @@ def test_file_round_trip(coarse: xr.Dataset, tmp_path) -> None:
 
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("resolution", ["coarse", "fine"])
-def test_presets_have_sound_elements(preset: str, resolution: str) -> None:
+def test_presets_have_valid_elements(preset: str, resolution: str) -> None:
     grid = make_grid(resolution)
     position = node_positions(calibrated_surfaces(preset_measures(preset)), grid)
     quality = element_quality(position, grid.connectivity)
@@ -233,7 +233,7 @@ def test_presets_have_sound_elements(preset: str, resolution: str) -> None:
 
 
 @pytest.mark.parametrize(("resolution", "n"), [("coarse", 21), ("fine", 7)])
-def test_volunteers_have_sound_elements(resolution: str, n: int) -> None:
+def test_volunteers_have_valid_elements(resolution: str, n: int) -> None:
     """A sample of the thousand faces of `docs/template/make.py volunteers`."""
     grid = make_grid(resolution)
     worst = np.empty(n)

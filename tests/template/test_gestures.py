@@ -102,7 +102,7 @@ def test_a_purse_looks_like_a_purse(coarse: xr.Dataset, positions: dict[str, np.
         assert mouth.moved(purse, f"{lip}_paramedian_left")[1] > 2.0
 
 
-def test_the_other_gestures_are_what_they_are_called(coarse: xr.Dataset) -> None:
+def test_the_other_gestures_move_as_instructed(coarse: xr.Dataset) -> None:
     """With walls instead of teeth, which is faster."""
     parameters = SimulationParameters(
         sigma_max=SIGMA_MAX, gravity=False, support=WALL, contact=NO_CONTACT

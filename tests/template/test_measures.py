@@ -69,7 +69,7 @@ def test_a_measure_out_of_reach_is_refused_by_name() -> None:
         calibrated_surfaces(Measures(chin_protrusion=5e-3, lower_lip_protrusion=-4e-3))
 
 
-def test_measures_that_make_no_sound_face_are_refused_by_name(
+def test_measures_without_a_valid_mesh_are_refused_by_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """If the mesh is invalid, the message contains the measure furthest from its norm."""
@@ -83,7 +83,7 @@ def test_measures_that_make_no_sound_face_are_refused_by_name(
 
 
 @pytest.mark.slow
-def test_any_measures_make_a_face_or_are_refused_by_name() -> None:
+def test_any_measures_give_a_valid_face_or_are_refused_by_name() -> None:
     """Half of the measures have any value within their bounds."""
     rng, built = np.random.default_rng(3), 0
     for _ in range(8):

@@ -50,7 +50,7 @@ def check_actions(face: xr.Dataset, muscles: tuple[str, ...] = MODELLED) -> None
         assert sign * table.loc[muscle, column] > 1.0, (muscle, column)
 
 
-def test_lips_that_pass_through_each_other_do_not_agree(coarse: xr.Dataset) -> None:
+def test_an_action_is_not_found_if_the_lips_pass_through_each_other(coarse: xr.Dataset) -> None:
     """OOM closes the lips; without contact they pass through each other."""
     through = muscle_actions(coarse, muscles=("OOM",), parameters=FREE).loc["OOM"]
     upper, lower = coarse["position"].values[coarse["lip_opening_node"].values]

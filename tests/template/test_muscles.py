@@ -153,7 +153,7 @@ def test_ring_directions_follow_the_ring(fine: xr.Dataset) -> None:
     assert np.quantile(match, 0.02) > 0.97 and match.min() > 0.85
 
 
-def test_points_are_found_again() -> None:
+def test_the_chart_inverts_the_surface() -> None:
     """Inverse of the chart: a point at the position of a node is this node."""
     surfaces = calibrated_surfaces(Measures())
     q, lip, s = np.array([0.0, 0.3, 0.9, 0.55]), np.array([1, -1, 1, -1.0]), [0.2, 0.5, 0.9, 0.99]

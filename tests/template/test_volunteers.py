@@ -61,7 +61,7 @@ def test_volunteers_of_a_set() -> None:
     assert even not in others
 
 
-def test_a_seed_is_a_person() -> None:
+def test_a_seed_determines_a_person() -> None:
     assert random_measures(7) == random_measures(7)
     assert random_measures(7) != random_measures(8)
     assert random_measures(7, preset="man", spread=0.0) == preset_measures("man")

@@ -53,7 +53,7 @@ def integral(activation, t0, t1, power=0):
 
 @pytest.mark.parametrize("h", [0.005, 0.01, 0.02])
 @pytest.mark.parametrize("milliseconds", [1, 2, 5, 10, 20])
-def test_all_of_a_burst_arrives_wherever_it_lies(milliseconds, h):
+def test_the_whole_impulse_of_a_burst_is_applied_at_any_position(milliseconds, h):
     half = 0.5e-3 * milliseconds
     for phase in np.arange(0.0, 1.0, 0.05):
         drive = Driven(SYSTEM, burst(0.1 + phase * h, half))
@@ -72,7 +72,7 @@ def test_all_of_a_burst_arrives_wherever_it_lies(milliseconds, h):
             np.testing.assert_allclose(given, exact, rtol=1e-9)
 
 
-def test_what_a_step_is_given_stays_an_activation_and_keeps_its_mean():
+def test_the_line_of_a_step_stays_in_the_range_and_keeps_the_mean():
     activation = rough()
     drive = Driven(SYSTEM, activation)
     turned = 0
@@ -97,7 +97,7 @@ def test_what_a_step_is_given_stays_an_activation_and_keeps_its_mean():
     assert turned > 3
 
 
-def test_a_straight_line_is_given_as_it_is():
+def test_a_linear_activation_is_reproduced():
     activation = sim.Activation(
         np.array([0.0, 0.1, 0.2]), np.array([[0, 0.9], [0.7, 0.1], [0.7, 0]])
     )

@@ -42,7 +42,7 @@ def test_free_fall(integrator):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_momentum_of_a_free_body_is_kept(integrator):
+def test_momentum_of_a_free_body_is_conserved(integrator):
     mesh = grid((2, 1, 1))
     system = solid_system(mesh, muscles=crossed_muscles(mesh))
     rng = np.random.default_rng(0)
@@ -180,7 +180,7 @@ def test_linearly_implicit_step_is_one_linear_solution():
     np.testing.assert_allclose(free_components(system, end.v), expected, rtol=1e-8, atol=1e-12)
 
 
-def test_energy_never_grows_when_nothing_drives():
+def test_energy_does_not_increase_without_drive():
     system = contracting_block()
     start = system.rest_state()
     trajectory, _ = sim.simulate(

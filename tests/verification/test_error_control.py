@@ -57,7 +57,7 @@ def solver(cls):
 
 
 @pytest.mark.parametrize("name", DRIVES)
-def test_the_achieved_error_stays_within_the_tolerance(name):
+def test_the_error_stays_within_the_tolerance(name):
     system = block()
     fine = motion(system, name, solver(sim.Sdirk2), sim.FixedStep(H / 32)).node_position
     fine = fine.isel(time=slice(None, None, 32)).values
@@ -79,7 +79,7 @@ def test_the_achieved_error_stays_within_the_tolerance(name):
         assert sorted(counts) == counts
 
 
-def test_the_tolerance_is_held_where_tissue_meets_a_wall():
+def test_the_tolerance_is_met_in_contact_with_a_wall():
     """Impact, sliding and release by jumps of the load, with both integrators that hold a contact."""
     system, tolerance = block(0.021), 2e-4
     time = np.array([0.0, 0.01, 0.012, 0.03, 0.032])
@@ -146,7 +146,7 @@ def test_estimated_errors_fall_with_the_order_of_the_method_and_have_the_right_s
     assert np.log2(estimates[0] / estimates[1]) == pytest.approx(cls.order + 1, abs=0.25)
 
 
-def test_a_rejected_step_leaves_no_trace():
+def test_a_rejected_step_changes_nothing():
     """Attempts that fail after they did their work change neither the state nor the result."""
     sizes = []
 
@@ -216,7 +216,7 @@ def resolved_jump(name):
 
 
 @pytest.mark.parametrize("cls", [sim.ConvergedEuler, sim.Sdirk2, sim.Trapezoidal])
-def test_a_jump_of_the_load_is_taken_in_steps_of_bounded_size(cls):
+def test_steps_after_a_jump_of_the_load_are_bounded_below(cls):
     """Steps after a jump, at the start or within, are no smaller than the new motion needs."""
     system, tolerance = block(), 1e-4 if cls is sim.ConvergedEuler else 3e-5
     for name in JUMPS:
@@ -229,7 +229,7 @@ def test_a_jump_of_the_load_is_taken_in_steps_of_bounded_size(cls):
         assert found.steps.max() < 100, name
 
 
-def test_what_steps_have_spent_is_part_of_the_state():
+def test_accumulated_errors_are_part_of_the_state():
     """A run in two parts takes the steps of one: their sizes go on from where they were."""
     system, control = block(), sim.ErrorControlledStep(3e-5, H)
     whole = motion(system, "burst", solver(sim.Sdirk2), control)

@@ -74,7 +74,7 @@ def test_embedding_finds_the_point_that_the_map_gives(kind):
     assert (found.weights[:, kind.n_nodes :] == 0.0).all() and (found.element == 0).all()
 
 
-def test_a_via_point_carries_the_tension_round_the_corner():
+def test_the_force_on_a_via_point_is_along_the_bisector():
     """At a right angle the force on the via point is along the bisector, for any lengths of the legs."""
     mesh = grid((2, 2, 1), (0.02, 0.04, 0.01))
     corner, along, across = 0, 12, 2
@@ -84,7 +84,7 @@ def test_a_via_point_carries_the_tension_round_the_corner():
     np.testing.assert_allclose(f[across], [0.0, -2.0, 0.0], atol=1e-15)
 
 
-def test_tension_stiffens_a_line_across_itself():
+def test_tension_stiffens_a_line_in_the_perpendicular_direction():
     """A taut string of two segments of length l has the perpendicular stiffness 2 F/l and no other."""
     mesh = grid((2, 1, 1), (0.02, 0.01, 0.01))
     with_them, without = with_lines(mesh, (sim.LineFibre(0, np.array([0, 4, 8])),))
@@ -102,7 +102,7 @@ def test_peck_follows_its_formula():
     np.testing.assert_allclose(F, 10.0 * (0.6 * 0.5 + 0.015 * 0.4), rtol=1e-14)
 
 
-def test_a_line_draws_a_block_together_as_far_as_the_static_solver_says():
+def test_a_line_contracts_a_block_to_the_static_equilibrium():
     """In equilibrium the virtual work of the line equals that of the tissue."""
     mesh = grid((2, 2, 2))
     held = sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0))
@@ -123,7 +123,7 @@ def test_a_line_draws_a_block_together_as_far_as_the_static_solver_says():
     assert (state.q - mesh.X)[far, 0].mean() < -3e-4
 
 
-def test_lines_that_cannot_act_are_refused_by_name():
+def test_invalid_lines_are_refused_by_name():
     mesh = grid()
     line = sim.LineFibre(0, np.array([0, 1]))
     with pytest.raises(sim.MeshError, match="point 1 at .* lies in no element"):

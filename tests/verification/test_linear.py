@@ -76,7 +76,7 @@ def test_a_factor_in_single_precision_is_refined_to_double():
 
 
 @needs_pardiso
-def test_what_single_precision_cannot_hold_is_factorised_in_double():
+def test_matrices_too_ill_conditioned_for_single_precision_are_factorised_in_double():
     system = body()
     A = np.zeros(system.pattern.nnz)
     A[system.pattern.diagonal] = 1.0
@@ -113,7 +113,7 @@ def test_gmres_solves_an_indefinite_system_by_a_definite_preconditioner():
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_an_older_factor_serves_until_renewing_it_pays(name):
+def test_an_older_factor_is_used_until_a_new_one_costs_less(name):
     system = body()
     solver, rhs = linear_solver(name), np.random.default_rng(0).normal(size=system.pattern.n)
     solver.analyse(system.pattern)
@@ -140,7 +140,7 @@ def test_an_older_factor_serves_until_renewing_it_pays(name):
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_a_matrix_that_is_not_definite_is_solved_as_it_stands(name):
+def test_an_indefinite_matrix_is_solved_without_a_shift(name):
     system = body()
     A = step_matrix(system)
     A[system.pattern.diagonal[:2]] *= -1.0
@@ -192,7 +192,7 @@ def test_linearly_implicit_steps_by_an_older_factor_are_those_of_a_direct_soluti
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_converged_steps_by_a_system_nearby_are_those_of_the_system(name):
+def test_converged_steps_with_matrix_free_products_equal_assembled_ones(name):
     system = body(sim.NodalVolume(25e3))
     assert system.sparse is not None
     assert system.sparse.pattern.nnz < system.pattern.nnz
@@ -203,7 +203,7 @@ def test_converged_steps_by_a_system_nearby_are_those_of_the_system(name):
     assert trajectory.factorisations.sum() < trajectory.iterations.sum() / 5
 
 
-def test_only_what_couples_many_nodes_has_a_system_nearby():
+def test_only_terms_that_couple_many_nodes_have_matrix_free_products():
     assert body().sparse is None
     assert body(sim.ElementVolume(25e3)).sparse is None
     hard = replace(body(sim.NodalVolume(25e3)).scene, constraints=(sim.HardElementVolume(),))
@@ -211,7 +211,7 @@ def test_only_what_couples_many_nodes_has_a_system_nearby():
 
 
 @pytest.mark.parametrize("name", ["gmres_superlu", "superlu"])
-def test_a_workspace_that_nobody_holds_is_freed_at_once(name):
+def test_an_unreferenced_workspace_is_freed_at_once(name):
     """In a reference cycle, factors of hundreds of megabytes would wait for garbage collection."""
     system = body()
     work = sim.Workspace(system, name)
@@ -238,7 +238,7 @@ def softened(system, share):
 @pytest.mark.parametrize(
     "name", ["superlu", pytest.param("pardiso", marks=needs_pardiso), *FAMILIES]
 )
-def test_every_solver_knows_whether_a_matrix_is_positive_definite(name):
+def test_every_solver_detects_whether_a_matrix_is_positive_definite(name):
     """The smallest eigenvalue is zero between the factors 0.99 and 1.01."""
     system = body()
     rhs = np.random.default_rng(0).normal(size=system.pattern.n)

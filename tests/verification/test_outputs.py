@@ -39,7 +39,7 @@ def motion(system, steps, every=None, duration=DURATION, integrator=None):
     )[0]
 
 
-def test_a_cubic_motion_is_met_at_every_instant():
+def test_a_cubic_motion_is_interpolated_exactly():
     a, b, c, d = np.random.default_rng(1).normal(size=(4, 5, 3))
 
     def state(t):
@@ -133,7 +133,7 @@ def jerked(sigma_max, integrator, steps, probes, every=0.005):
 @pytest.mark.parametrize(
     "control", [sim.FixedStep(0.02), sim.HalvingStep(0.02), sim.ErrorControlledStep(1.0, 0.02)]
 )
-def test_no_output_is_inverted_where_the_cubic_of_its_step_is(name, control):
+def test_no_output_is_inverted_if_the_interpolating_cubic_is(name, control):
     """An element is inverted only between the ends of a step; a step then ends at the output."""
     if name == "Trapezoidal" and isinstance(control, sim.ErrorControlledStep):
         pytest.skip("without an estimate every step is taken in two halves, whose ends are upright")
@@ -162,7 +162,7 @@ def test_no_output_is_inverted_where_the_cubic_of_its_step_is(name, control):
 @pytest.mark.parametrize("kind", sim.integrators.INTEGRATORS)
 @pytest.mark.parametrize("control", [sim.FixedStep, sim.HalvingStep, sim.ErrorControlledStep])
 @pytest.mark.parametrize(("h", "every"), [(0.004, 0.001), (0.001, 0.002)])
-def test_probes_tell_the_state_that_is_written(block, kind, control, h, every):
+def test_probes_record_the_stored_state(block, kind, control, h, every):
     """Values at all outputs are those of the recorded positions."""
     if kind.stability == "conditional":
         h, every = 0.01 * h, 0.01 * every
@@ -194,7 +194,7 @@ def test_probes_tell_the_state_that_is_written(block, kind, control, h, every):
     assert np.ptp(found["smallest_J"].values) > 0.0
 
 
-def test_conditions_hold_in_every_output():
+def test_constraints_hold_in_every_output():
     """Volumes of elements are constant also at outputs within the requested steps."""
     mesh = grid((2, 2, 2))
     system = solid_system(

@@ -25,7 +25,7 @@ def test_distorted_patch_is_in_equilibrium_under_affine_motion(mesh):
 
 
 @pytest.mark.parametrize("shape", ["hex", "mixed", "tet"])
-def test_free_nodes_find_the_affine_field(shape):
+def test_free_nodes_converge_to_the_affine_field(shape):
     """The boundary has the affine field; inner nodes start elsewhere and are simulated to rest."""
     mesh = PATCHES[shape]
     F = np.array([[1.1, 0.1, 0.0], [0.0, 0.95, 0.05], [0.0, 0.0, 1.05]])

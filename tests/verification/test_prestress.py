@@ -81,7 +81,7 @@ def test_tension_raises_the_stiffness_along_itself(size):
     assert tense[0] > 2.0 * slack[0] and tense[0] > 2.0 * tense[1]
 
 
-def test_a_prestretch_without_stretch_is_no_prestretch():
+def test_a_prestretch_of_one_has_no_effect():
     none = solid_system(MESH, muscles=crossed_muscles(MESH))
     unit = sim.Solid(muscles=crossed_muscles(MESH), prestretch=np.tile(np.eye(3), (N, 1, 1)))
     same = sim.compile_scene(sim.Scene(MESH, (unit,)))
@@ -166,7 +166,7 @@ def test_stiffening_multiplies_all_passive_moduli_and_no_active_stress():
     assert np.abs(change).max() > 0 and (change[others] == 0.0).all()
 
 
-def test_what_cannot_be_prestressed_or_stiffened_is_refused():
+def test_impossible_prestress_and_stiffening_are_refused():
     bad = np.tile(np.eye(3), (N, 1, 1))
     bad[4, 0, 0] = -1.0
     with pytest.raises(sim.SceneError, match="prestretch of element 4"):

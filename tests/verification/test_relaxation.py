@@ -203,7 +203,7 @@ def reference_motion():
 
 
 @pytest.mark.parametrize("cls", INTEGRATORS)
-def test_every_integrator_carries_the_memory(cls):
+def test_every_integrator_updates_the_memory(cls):
     """All converge to the same motion."""
     h = EXPLICIT.get(cls, 0.005)
     ends = [end_of_motion(MOVING, cls(), size) for size in (2 * h, h)]
@@ -214,7 +214,7 @@ def test_every_integrator_carries_the_memory(cls):
 
 
 @pytest.mark.parametrize("fraction", [1.0, PRONY.relaxed], ids=["elastic", "relaxed"])
-def test_that_motion_is_neither_elastic_nor_relaxed(fraction):
+def test_the_reference_motion_is_neither_elastic_nor_relaxed(fraction):
     law = sim.MooneyRivlin(2500.0 * fraction, 1175.0 * fraction)
     system = driven(100.0, 2e-3, 0.0, law=law)
     other = end_of_motion(system, sim.Trapezoidal(), 0.005).q
@@ -241,7 +241,7 @@ def test_a_static_equilibrium_is_relaxed():
 
 
 @pytest.mark.parametrize("cls", INTEGRATORS)
-def test_a_rejected_step_leaves_no_trace(cls):
+def test_a_rejected_step_changes_nothing(cls):
     """A failed step, followed by its half, gives the same numbers as the half alone."""
     system, h = MOVING, 2 * EXPLICIT.get(cls, 0.005)
     control = system.control(np.full(2, 0.3))
@@ -265,7 +265,7 @@ def test_a_rejected_step_leaves_no_trace(cls):
     np.testing.assert_array_equal(again.memory["Solid[0]"], alone.memory["Solid[0]"])
 
 
-def test_steps_rejected_by_their_error_leave_the_motion_right():
+def test_rejected_steps_do_not_change_the_motion():
     activation = sim.Activation(np.array([0.0, 0.1]), np.array([[0.0, 0.0], [0.3, 0.3]]))
     trajectory, end = sim.simulate(
         MOVING,
@@ -279,7 +279,7 @@ def test_steps_rejected_by_their_error_leave_the_motion_right():
     assert np.abs(end.q - reference_motion()).max() < 1e-5
 
 
-def test_memory_goes_on_where_it_stopped():
+def test_a_saved_memory_continues_the_motion():
     """A single run equals one that was saved and continued."""
     system = driven(relaxation=PRONY)
     activation = sim.Activation(np.array([0.0, 0.1]), np.array([[0.0, 0.0], [0.3, 0.2]]))
@@ -291,7 +291,7 @@ def test_memory_goes_on_where_it_stopped():
     np.testing.assert_allclose(rest.q, whole.q, atol=1e-15)
 
 
-def test_a_scene_without_it_remembers_nothing():
+def test_a_scene_without_relaxation_has_no_memory():
     system = driven()
     assert system.during(system.rest_state(), 0.01) is system
     control = system.control(np.full(2, 0.3))

@@ -25,7 +25,7 @@ def full_at_once(system):
 
 
 @pytest.mark.parametrize("sigma_max", [100e3, 300e3, 1000e3])
-def test_all_muscles_from_zero_to_one_in_a_single_step(sigma_max):
+def test_full_activation_within_one_step(sigma_max):
     system = strong_block(sigma_max)
     trajectory, end = sim.simulate(
         system,
@@ -39,7 +39,7 @@ def test_all_muscles_from_zero_to_one_in_a_single_step(sigma_max):
     assert (trajectory.residual[1:] <= 2e-5).all()
 
 
-def test_the_linearly_implicit_solver_says_where_it_inverted():
+def test_the_linearly_implicit_solver_reports_the_inverted_element():
     system = strong_block(3000e3)
     with pytest.raises(sim.InvertedElement, match="try a smaller step") as caught:
         sim.simulate(
@@ -53,7 +53,7 @@ def test_the_linearly_implicit_solver_says_where_it_inverted():
     assert not caught.value.det_F > 0.0
 
 
-def test_too_few_iterations_are_an_error_not_a_result():
+def test_too_few_iterations_raise_an_error():
     system = strong_block()
     with pytest.raises(sim.NotConverged, match="limit of 2 iterations") as caught:
         sim.simulate(
@@ -94,7 +94,7 @@ def test_halving_covers_the_interval_exactly_and_a_rejected_step_leaves_no_trace
     assert len({s[2] for s in again}) == 1
 
 
-def test_halving_gives_up_with_the_failure_itself():
+def test_halving_finally_raises_the_failure_of_the_step():
     system = strong_block()
     with pytest.raises(sim.NotConverged, match="refused"):
         sim.HalvingStep(0.01, max_halvings=2).advance(
@@ -117,7 +117,7 @@ def test_a_start_that_is_inverted_is_refused():
         sim.simulate(system, sim.resting(2), duration=0.01, initial=start)
 
 
-def test_not_a_number_is_never_taken_for_a_result():
+def test_nan_is_never_accepted_as_a_result():
     system = strong_block()
     q = system.scene.mesh.X.copy()
     q[-1] = np.nan
@@ -130,7 +130,7 @@ def test_not_a_number_is_never_taken_for_a_result():
             )
 
 
-def test_broken_meshes_and_scenes_are_refused_by_name():
+def test_invalid_meshes_and_scenes_are_refused_with_a_reason():
     cube = grid((1, 1, 1))
     nodes = cube.blocks[0].nodes
     with pytest.raises(sim.MeshError, match="element 0 .*inverted"):

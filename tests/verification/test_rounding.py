@@ -110,7 +110,7 @@ def buckled(system, integrator, linear, seed=None, *probes):
 @pytest.mark.parametrize(
     "kind", [sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal, sim.Sdirk2]
 )
-def test_a_motion_that_rounding_decides_says_so(kind, stress, linear):
+def test_a_motion_that_depends_on_rounding_is_reported(kind, stress, linear):
     """The direction in which a symmetric column buckles depends on rounding and is reported."""
     system, found, told = column(stress), [], []
     for seed in (None, 1):
@@ -127,7 +127,7 @@ def test_a_motion_that_rounding_decides_says_so(kind, stress, linear):
         assert not any(told)
 
 
-def test_the_column_buckles_by_rounding_alone():
+def test_the_direction_of_buckling_depends_on_rounding():
     """Two motions of the column differ by millimetres."""
     system = column(5e4)
     one, other = (buckled(system, sim.Sdirk2(), "superlu", seed) for seed in (1, 2))

@@ -178,7 +178,7 @@ def test_a_restart_changes_no_bit_with_contact(method, friction, integrator, tmp
 
 
 @pytest.mark.parametrize("integrator", [sim.LinearlyImplicitEuler(), CONVERGED], ids=["one", "all"])
-def test_what_a_workspace_solved_before_has_no_influence(integrator):
+def test_earlier_use_of_a_workspace_has_no_influence(integrator):
     system = block("nodal")
     used = sim.Workspace(system, "gmres_superlu")
 
@@ -195,7 +195,7 @@ def test_what_a_workspace_solved_before_has_no_influence(integrator):
     np.testing.assert_array_equal(run(used, 1.0).q, first.q)
 
 
-def test_a_state_of_another_scene_or_solver_brings_no_solver_memory():
+def test_solver_memory_of_another_scene_or_solver_is_ignored():
     system, other = block(), block("nodal")
     _, state = sim.simulate(system, drive(system, 0.05), duration=0.02, integrator=CONVERGED)
     bare = sim.State(state.t, state.q, state.v)
@@ -206,7 +206,7 @@ def test_a_state_of_another_scene_or_solver_brings_no_solver_memory():
     np.testing.assert_array_equal(*ends)
 
 
-def test_a_file_that_is_no_state_is_refused(tmp_path):
+def test_a_file_that_is_not_a_state_is_refused(tmp_path):
     with pytest.raises(sim.SceneError, match=r"none\.nc is not a file"):
         sim.read_state(tmp_path / "none.nc")
     path = tmp_path / "text.nc"

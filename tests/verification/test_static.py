@@ -24,7 +24,7 @@ def ramp(system, peak):
     return sim.Activation(np.array([0.0, 1.0]), np.array([0.0 * top, top]))
 
 
-def test_equilibrium_is_where_the_dynamics_come_to_rest():
+def test_the_static_equilibrium_is_the_end_of_the_dynamics():
     system = muscle_block()
     activation = ramp(system, 0.5)
     _, static = sim.simulate(
@@ -54,7 +54,7 @@ def test_a_load_too_large_for_one_step_is_applied_in_several():
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.49, 0.4999, 0.49999])
-def test_locking_of_a_beam_is_shown_and_cured(poisson):
+def test_locking_of_a_beam_is_shown_and_avoided(poisson):
     # Linear hexahedra of this mesh are too stiff in bending because of shear locking. Without
     # volumetric locking the deflection is that of the compressible beam.
     reference = beam(4, 0.3, "pointwise")
@@ -64,13 +64,13 @@ def test_locking_of_a_beam_is_shown_and_cured(poisson):
         assert beam(4, poisson, "pointwise") < 0.5 * reference
 
 
-def test_refinement_of_the_cured_beam_approaches_beam_theory():
+def test_refinement_of_the_unlocked_beam_approaches_beam_theory():
     coarse, fine = (beam(cells, 0.4999, "element") for cells in (2, 6))
     assert coarse < fine < 1.05
     assert fine > 0.85
 
 
-def test_locking_of_cooks_membrane_is_shown_and_cured():
+def test_locking_of_cooks_membrane_is_shown_and_avoided():
     """Element, nodal and hard volumes converge to one displacement; the pointwise law does not."""
     found = {part: [cook(n, 0.4999, part) for n in (4, 8, 16)] for part in PARTS}
     coarse, middle, hard = found["hard"]
@@ -82,7 +82,7 @@ def test_locking_of_cooks_membrane_is_shown_and_cured():
     assert found["pointwise"][-1] < 0.35 * limit
 
 
-def test_hard_volumes_stay_and_agree_with_the_soft_limit():
+def test_hard_volumes_are_constant_and_agree_with_the_soft_limit():
     """Dynamics of a contracting block: every element has a constant volume."""
     mesh = grid((2, 2, 2), wedges=(1,))
     base = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))

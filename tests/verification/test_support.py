@@ -7,7 +7,7 @@ import sim
 from tests.bodies import grid
 
 
-def test_a_wall_holds_a_block_that_is_pressed_on_it_and_lets_it_go():
+def test_a_wall_supports_compression_and_not_tension():
     """Weightless block under pressure on walls: k depth = load; under tension: no force."""
     mesh = grid((1, 1, 1))
     bottom = np.flatnonzero(mesh.X[:, 2] == 0.0)

@@ -228,7 +228,7 @@ def test_co_rotational_tetrahedron_is_stiffness_warping():
     np.testing.assert_allclose(f, expected, atol=1e-12 * np.abs(expected).max())
 
 
-def test_families_mix_in_one_solid():
+def test_laws_of_both_families_may_be_combined_in_one_solid():
     """The force of every element is that in a solid of its own material."""
     mesh = grid((3, 2, 1), (0.03, 0.02, 0.01), wedges=(1, 4))
     n = mesh.n_elements
@@ -275,7 +275,7 @@ def test_families_mix_in_one_solid():
         (np.tile(1.1 * np.eye(3), (MESH.n_elements, 1, 1)), "orthonormal"),
     ],
 )
-def test_unusable_axes_are_refused(axes, said):
+def test_invalid_axes_are_refused(axes, said):
     solid = sim.Solid((sim.Material(sim.Fung()),), axes=axes)
     with pytest.raises(sim.SceneError, match=said):
         sim.compile_scene(sim.Scene(MESH, (solid,)))
