@@ -1,4 +1,4 @@
-"""Area functions for tests: those of other people where their files are found."""
+"""Area functions for tests, including published ones if their files are available."""
 
 import csv
 from pathlib import Path

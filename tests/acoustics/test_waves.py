@@ -54,7 +54,7 @@ def test_a_nasal_branch_agrees_with_the_matrix_method():
     branch = Branch(np.array([1.0, 2.0, 4.0, 2.0, 1.0]) * 1e-4, 0.11, 0.085)
     expected, width = formants(*AH, branch=branch)
     sharp = expected[(width < 250.0) & (expected < 3500.0)]
-    assert len(sharp) > 3  # more than the mouth has
+    assert len(sharp) > 3  # more formants than without the branch
     found, _ = response(*AH, Medium(), branch=branch)
     assert nearest(found, sharp) == pytest.approx(sharp, rel=0.012)
 
@@ -66,7 +66,7 @@ def test_energy_of_the_lossless_tube_is_constant():
     medium = LOSSLESS
 
     def energy(duration):
-        # so weak that the jet, whose loss grows with the amplitude, dissipates nothing
+        # so weak that the loss of the jet, which increases with the amplitude, is negligible
         weak = Flow(1e-12 * CLICK.values, CLICK.rate)
         y = simulate_tube(areas, L, weak, duration=duration, medium=medium, sections=N)
         p, u, h, dt = y.node_pressure, y.cell_velocity, L / N, 1.0 / y.rate
@@ -84,7 +84,7 @@ def test_the_scheme_is_of_second_order():
     areas = (1.0 + 0.8 * np.sin(np.linspace(0, 4, 16))) * 3e-4
     exact = lossless_formants(areas, 0.16)[:3]
     errors = []
-    for sections in (16, 32, 64):  # the step follows the cell
+    for sections in (16, 32, 64):  # the step is proportional to the cell length
         found, _ = response(
             areas,
             0.16,

@@ -49,7 +49,7 @@ def test_features_are_those_of_the_chain(recording, kind, choices, phase):
 
 @pytest.mark.parametrize("stage", ["signal", "feature", "activation"])
 def test_chained_steps_give_the_activation(recording, stage):
-    """In the order of each `mapping_stage`; envelope and shape for one of them."""
+    """For each `mapping_stage`; with envelope and shape for one of them."""
     steps = ["bandpass", "wamp", "normalise", "resample"]
     steps.insert(1 + ["signal", "feature", "activation"].index(stage), "muscles")
     chain = chain_of(mapping={"mapping_stage": stage}, resampling={"steps": 100})

@@ -97,7 +97,7 @@ def test_errors_are_those_of_positions_and_of_scores():
         0.0, abs=1e-9
     )  # rho does not depend on the position of a marker
     late = errors(motion(np.roll(wave, 1, axis=2)), motion(wave), other)
-    # of the angle between two waves: one step later is one step nearer to the other
+    # the phase difference of two waves decreases by one step per step
     assert late["change of rho"] == pytest.approx(
         np.cos(3 * 2 * np.pi / 41) - np.cos(4 * 2 * np.pi / 41), abs=0.02
     )
@@ -139,7 +139,7 @@ def test_the_battery_has_no_wrong_answers_and_converged_solvers_survive():
     assert jumps.sum() == 12
     assert (outcome[jumps] == "ok").all()
     single = ~converged & (found["row"].values == 4)
-    assert (outcome[single] == "refused: InvertedElement").any()  # as the published scheme did
+    assert (outcome[single] == "refused: InvertedElement").any()  # as in the published scheme
     assert (found["smallest_J"].values[outcome == "ok"] > 0.0).all()
     table = limits(found).set_index("parameter")
     jump = table.loc["sigma_max [kPa], block"]
@@ -158,7 +158,7 @@ def test_a_sliver_has_the_scaled_jacobian_of_its_name():
         edges = np.stack([X[1, 1, 0], X[1, 0, 1], X[0, 1, 1]]) - corner
         unit = edges / np.linalg.norm(edges, axis=1)[:, None]
         assert abs(np.linalg.det(unit)) == pytest.approx(wanted, rel=1e-6)
-        assert corner.sum() > 2.0 * SIZE / 3.0  # still on its own side
+        assert corner.sum() > 2.0 * SIZE / 3.0  # the node remains on its side
 
 
 def test_a_measurement_is_printed_and_stored_with_its_figure(coarse, tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""The measurement of contact on the coarse template: lips that close, and what stands still."""
+"""Measurement of contact on the coarse template: closing of the lips, and oscillation at rest."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def closed(coarse: xr.Dataset) -> xr.Dataset:
 
 
 def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
-    """Without contact they pass by millimetres; with it they meet, and go into nothing."""
+    """Without contact the lips pass each other by millimetres; with contact they do not penetrate."""
     assert METHODS[0] == "none" and len(METHODS) > 1
     assert (closed["status"] == "ok").all()
     assert closed["opening_rest"].values == pytest.approx(2.85e-3, abs=1e-5)
@@ -41,7 +41,7 @@ def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
 
 
 def test_lips_at_rest_do_not_oscillate(coarse: xr.Dataset) -> None:
-    """No node sways by a tenth of a millimetre in a quarter of a second; lips moved by millimetres."""
+    """No node oscillates by 0.1 mm within 0.25 s, after motions of the lips of millimetres."""
     parameters = SimulationParameters(
         gravity=False, sigma_max=100e3, **(accuracy_settings("study") | {"solver": "converged"})
     )
@@ -61,7 +61,7 @@ def test_measurements_are_tabulated(closed: xr.Dataset) -> None:
 
 
 def test_a_failed_run_is_reported(coarse: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A step that cannot be made ends the run; its row tells so, over as much as there is."""
+    """A failed step ends the run; its row contains the failure and the results before it."""
     made = []
 
     def simulate(*args, **options):
@@ -86,7 +86,7 @@ def test_only_reversals_count_as_oscillation() -> None:
     trembling[:, 1, 0] = 1e-3 * time + 2e-5 * np.sign(np.sin(20 * np.pi * time + 0.1))
     assert to_and_fro(creeping) == 0.0
     assert to_and_fro(1e-6 * np.cos(20 * np.pi * time)[:, None, None]) == pytest.approx(2e-5)
-    # ten jumps down by 40 micrometres, each less the way that is crept meanwhile
+    # ten jumps down by 40 micrometres, each reduced by the slow motion between them
     assert to_and_fro(trembling) == pytest.approx(10 * (4e-5 - 2.5e-6))
 
 

@@ -10,7 +10,7 @@ from sim.contact import CONTACTS
 from tests.bodies import grid
 
 DISTANCE = 2e-5
-"""Gap that a method with a `distance` keeps at most [m]."""
+"""Distance of barriers, the largest gap under load [m]."""
 
 ALSO_HELD_BY = {
     sim.ConstraintContact: (
@@ -20,7 +20,7 @@ ALSO_HELD_BY = {
     ),
     sim.BarrierContact: (sim.Sdirk2,),
 }
-"""Integrators that hold a method, beside `ConvergedEuler`, which holds every one."""
+"""Integrators that support a method, in addition to `ConvergedEuler`, which supports all."""
 
 CASES = [
     pytest.param(method, integrator, id=f"{method.__name__}-{integrator.__name__}")
@@ -42,7 +42,7 @@ def contact_of(method, pairings, friction=0.0):
 
 
 def clearance_of(method) -> float:
-    """How far apart bodies start: what keeps a gap cannot start touching."""
+    """Initial gap of bodies, which a barrier requires to be positive [m]."""
     return DISTANCE if keeps_gap(method) else 0.0
 
 
@@ -58,7 +58,7 @@ def square(height=0.0, half=0.1, motion=None, name="square") -> sim.RigidShell:
 
 
 def two_bodies(first, second, shift):
-    """One mesh of two, and the surface of each."""
+    """Combine two meshes; return the mesh and the surface of each body."""
     n, X = len(first.X), np.vstack([first.X, second.X + shift])
     cells = np.vstack([first.blocks[0].nodes, second.blocks[0].nodes + n])
     mesh = sim.mesh_from_arrays(X, hex8=cells)
@@ -76,7 +76,7 @@ def system_of(mesh, *terms, reductions=(), damping=DAMPING, solid=None) -> sim.S
 
 
 def moved(system, integrator, steps, h=0.01, v=None, initial=None):
-    """States of some steps."""
+    """States at the ends of several steps."""
     state = initial or system.rest_state()
     if v is not None:
         state = sim.State(0.0, state.q, v)

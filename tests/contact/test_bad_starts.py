@@ -63,7 +63,7 @@ def test_an_overlapping_start_is_refused_or_does_not_deepen(method, integrator, 
     for state in states:
         gap = sim.Contacts().record(system, state, system.control(np.zeros(0)), None)[1]
         assert not gap[0] < -1e-5
-        # the middle of the bottom of the upper block, over what is below it
+        # height of the middle of the lower side of the upper block above the lower block
         under = bottom[4]
         away = np.linalg.norm(state.q[top, :2] - state.q[under, :2], axis=1)
         apart = state.q[under, 2] - state.q[top[np.argmin(away)], 2]

@@ -18,7 +18,7 @@ REST = np.zeros(0)
 
 
 def sheet(n=1, half=0.05, z=0.0, name="sheet", motion=None):
-    """Open square of triangles, seen from above, whose edges run along none of a block."""
+    """Open square of triangles, seen from above, with no edge parallel to those of a block."""
     side = np.linspace(-half, half, n + 1)
     x, y = np.meshgrid(side, side, indexing="ij")
     corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
@@ -175,7 +175,7 @@ def test_a_body_thrown_through_a_thin_sheet_in_one_step_is_stopped(side):
 
 
 def test_repeatedly_limited_steps_never_close_the_gap():
-    """Each leaves a tenth of the gap, down to a nanometre, the limit of double precision."""
+    """A tenth of the gap remains after each step, down to a nanometre, the limit of double precision."""
     system, _ = body_over(sheet(), 3e-4)
     q, control = system.scene.mesh.X.copy(), system.control(REST)
     for _ in range(14):

@@ -1,4 +1,4 @@
-"""Every method of contact, with every integrator that holds it, against closed forms."""
+"""Every contact method with every integrator that supports it, compared with closed forms."""
 
 from dataclasses import fields
 from functools import partial
@@ -76,14 +76,14 @@ def test_the_contact_force_of_a_resting_block_equals_its_weight(method, integrat
     assert lowest[-1] <= -1e-3 + 2e-6
     weight = 9.81 * system.node_mass.sum()
     assert record.contact_force.values[0, -1] == pytest.approx(weight, rel=2e-3)
-    # no chatter; fast modes of the trapezoidal rule ring
+    # no chatter; fast modes of the trapezoidal rule oscillate
     rings = integrator.stability == "A-stable"
     assert np.abs(end.v[:, 2]).max() < (1e-4 if rings else 1e-5)
 
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 def test_a_frictionless_impact_keeps_momentum(method, integrator):
-    """Two blocks that hit each other off centre, without anything else."""
+    """Two free blocks collide off centre."""
     mesh, a, b = two_bodies(
         grid((2, 2, 2), (0.02, 0.02, 0.02)),
         grid((2, 1, 2), (0.018, 0.015, 0.018)),
@@ -98,7 +98,7 @@ def test_a_frictionless_impact_keeps_momentum(method, integrator):
     mean = [
         system.node_mass[s.nodes] @ end.v[s.nodes] / system.node_mass[s.nodes].sum() for s in (a, b)
     ]
-    assert mean[0][0] < 0.2 and mean[1][0] > 0.1  # they have hit, and part
+    assert mean[0][0] < 0.2 and mean[1][0] > 0.1  # after the impact
     # an iteration leaves a residual force of 2e-5 N for 30 steps
     iterates = issubclass(integrator, Converged)
     tolerance = 30 * 0.001 * 2e-5 if iterates else 1e-15
@@ -151,9 +151,9 @@ EXPECTED = np.diag([0.0, 0.0, -1.0])
 def test_two_pressed_blocks_transmit_the_stress_of_the_patch_test(method):
     """On matching meshes in every cell: the pressure along z and nothing else.
 
-    A barrier presses by stiffness * 24 e^2 where it is closed by the small share e of its distance. It
-    counts some places up to three times, which close less, so that neither surface is flat to better
-    than that closing, and the cells between them are strained by as much over their height.
+    The pressure of a barrier is stiffness * 24 e^2 if a small fraction e of its distance is closed. It
+    counts some points up to three times, at which e is smaller. Neither surface is therefore flat to
+    better than e times the distance, and the cells are strained by this amount over their height.
     """
     _, stress = pressed_blocks(method, (2, 2, 1), (2, 2, 1))
     tolerance = 1e-5
@@ -169,7 +169,7 @@ def test_two_pressed_blocks_transmit_the_stress_of_the_patch_test(method):
 def test_pressed_blocks_whose_meshes_do_not_match_transmit_the_mean_stress(method):
     """4 and 5 cells along a side. The pressure acts at vertices, and cannot be uniform at the contact.
 
-    But every layer carries the whole load, and the unevenness stays near the contact.
+    Every layer carries the whole load, and the non-uniformity remains near the contact.
     """
     mesh, stress = pressed_blocks(method, (4, 4, 4), (5, 5, 4))
     height = mesh.X[mesh.blocks[0].nodes, 2].mean(axis=1)
@@ -198,7 +198,7 @@ def test_a_body_does_not_pass_a_thin_sheet_in_one_step(method, integrator, close
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 def test_a_plate_drags_a_block_until_their_velocities_are_equal(method, integrator):
-    """A plate that rises and runs at V: the block slides with v = mu g t, and sticks from V on."""
+    """On a plate that rises and moves sideways at V, a block slides with v = mu g t and sticks at V."""
     mesh, speed, friction = grid((1, 1, 1), (0.01, 0.01, 0.01)), 0.2, 0.1
 
     def motion(t):
@@ -233,7 +233,7 @@ def test_the_force_on_a_sphere_is_that_of_hertz(method):
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 @pytest.mark.parametrize("speed", [0.0, 0.002])
 def test_vertices_of_a_shell_support_a_block_between_its_nodes(method, integrator, speed):
-    """Four rigid spikes below the only face of a block, far from its nodes; they rest, or rise."""
+    """Four rigid spikes, at rest or rising, below the only face of a block, far from its nodes."""
     mesh, gap, t = grid((1, 1, 1), (0.01, 0.01, 0.01)), clearance_of(method), 0.3
     cone = np.array([[0, 0, 0], [1e-3, 0, -4e-3], [-1e-3, 1e-3, -4e-3], [-1e-3, -1e-3, -4e-3]])
     sides = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])

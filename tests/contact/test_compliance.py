@@ -56,7 +56,7 @@ def rows_of(mesh, k, rng):
 
 
 def spread(rows, n_nodes):
-    """Motion of every row (3 k, 3 n_nodes) by nodal displacements."""
+    """Relative displacement of every row (3 k, 3 n_nodes) by nodal displacements."""
     units = np.eye(3 * n_nodes).reshape(-1, n_nodes, 3)
     return np.stack([rows.displacement(u).ravel() for u in units], axis=1)
 
@@ -276,7 +276,7 @@ def test_hard_landings_converge(h, seed):
 
 
 def lying(friction=0.0, n=(2, 2, 2), *terms):
-    """A block on a floor that is drawn down."""
+    """A block that is drawn down onto a floor."""
     mesh = grid(n, (0.02, 0.02, 0.02))
     floor = box([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0])
     pairing = sim.Pairing(sim.boundary_surface(mesh), floor)

@@ -1,4 +1,4 @@
-"""Contact by constraints: what it must catch, tolerate and refuse."""
+"""Contact by constraints: detection of contacts, initial penetrations, and errors."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def test_an_initial_penetration_remains_without_a_jump_and_never_increases(integ
     resting = system_of(mesh, contact, sim.Gravity((0.0, 0.0, -9.81)))
     states = moved(resting, integrator(), 20)
     assert min(state.q[:, 2].min() for state in states) > -1e-5
-    # lifted by 1 mm and dropped it comes to rest where it last was deepest on its way out
+    # lifted by 1 mm and dropped, it comes to rest at the depth that remained after lifting
     lifting = np.zeros_like(mesh.X)
     lifting[:, 2] = 0.15
     states = moved(resting, integrator(), 40, v=lifting)
@@ -32,7 +32,7 @@ def test_an_initial_penetration_remains_without_a_jump_and_never_increases(integ
 
 @pytest.mark.parametrize("integrator", IMPLICIT)
 def test_surfaces_with_common_nodes_or_zero_gap_exert_no_force_at_rest(integrator):
-    """A block cut in two: the halves share the cut; a third touches the second exactly."""
+    """Two halves of a block have common nodes at the cut; a third body touches the second."""
     mesh, first, last = two_bodies(
         grid((2, 1, 1), (0.02, 0.01, 0.01)), grid((1, 1, 1), (0.01, 0.01, 0.01)), [0.02, 0, 0]
     )
@@ -67,7 +67,7 @@ def test_a_strip_folded_on_itself_does_not_pass_through_itself(integrator):
     for terms in ((load,), (load, contact)):
         system = system_of(mesh, *terms, reductions=(crown,))
         end = moved(system, integrator(), 30)[-1]
-        # the longer arm is straight from 0.002 to 0.012 m at its inner side, and on to its tip
+        # the inner side of the longer arm is straight from 0.002 to 0.012 m and to its tip
         inner = np.flatnonzero((s > 0.0) & (out == 0.0))
         line = inner[np.argsort(end.q[inner, 0])]
         height = np.interp(end.q[tip, 0], end.q[line, 0], end.q[line, 2])
@@ -127,7 +127,7 @@ def test_a_restarted_simulation_equals_an_uninterrupted_one():
 
 
 def test_contact_is_frame_indifferent():
-    """Frame indifference: block, sheet and gravity turned together."""
+    """Block, sheet and gravity are rotated together."""
     R, mesh = rotation(5), grid((1, 1, 1), (0.01, 0.01, 0.01))
     ends = []
     for Q in (np.eye(3), R):
@@ -142,7 +142,7 @@ def test_contact_is_frame_indifferent():
 
 
 def test_a_slightly_penetrating_vertex_that_enters_deeper_is_found():
-    """5 micrometres, the rest of an earlier step, then 3 mm deeper than any search for near faces."""
+    """Inside by 5 micrometres, as after an earlier step, then 3 mm beyond the search range."""
     mesh = grid((1, 1, 1), (0.01, 0.01, 0.01))
     floor = box([-0.1, -0.1, -0.1], [0.1, 0.1, 0.0])
     contact = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), floor),))
@@ -155,13 +155,13 @@ def test_a_slightly_penetrating_vertex_that_enters_deeper_is_found():
     assert sorted(compiled.vertex_of_slot[rows.slot]) == sorted(bottom)
     np.testing.assert_allclose(rows.gaps(q - q0), -3e-3, rtol=1e-9)
     np.testing.assert_allclose(rows.normal, np.tile([0.0, 0.0, 1.0], (len(bottom), 1)), atol=1e-12)
-    # what may be inside from the start does not enter
+    # vertices with an allowed initial depth are not reported as entering
     assert not len(compiled.entered(Move(q0, q, 0.0, 0.01), none + 5e-6))
 
 
 @pytest.mark.parametrize("integrator", [sim.ConvergedEuler, sim.Sdirk2])
 def test_vertices_in_contact_have_the_normal_velocity_of_the_face(integrator):
-    """A plate meets a hanging block, presses, stands still and retreats: n . v is its speed."""
+    """A plate touches a hanging block, presses, stops and retreats; n . v equals its velocity."""
     mesh = grid((2, 2, 1), (0.02, 0.02, 0.01))
     corners = np.array([0.0, 0.02, 0.04, 0.06]), 1e-3 * np.array([-0.5, 1.0, 1.0, 0.5])
 

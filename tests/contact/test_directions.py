@@ -36,7 +36,7 @@ def test_normals_rotate_with_a_plate():
 
 @pytest.fixture
 def stacked():
-    """A smaller block on another one, and their contact."""
+    """A small block on a larger one, and their contact."""
     low, high = grid((2, 2, 1), (0.02, 0.02, 0.01)), grid((1, 1, 1), (0.01, 0.01, 0.01))
     mesh, *surfaces = two_bodies(low, high, [0.004, 0.003, 0.01])
     return mesh, system_of(mesh, sim.ConstraintContact((sim.Pairing(*surfaces),)))

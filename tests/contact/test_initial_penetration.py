@@ -1,4 +1,4 @@
-"""What starts inside: kept as deep as it is, or moved out at a given speed."""
+"""Initial penetrations, which are kept or removed at a given speed."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def lowest(states):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_initial_penetrations_are_kept_or_removed_at_the_given_speed(integrator):
-    """Depth over time, and where it ends: d(t) = d0, or d0 - speed t until nothing is left."""
+    """Depth over time, d(t) = d0 or max(0, d0 - speed t), and its final value."""
     steps = 40
     t = H * np.arange(steps + 1)
     mesh, system = inside()
@@ -43,22 +43,22 @@ def test_initial_penetrations_are_kept_or_removed_at_the_given_speed(integrator)
     states = moved(system, integrator(), steps, h=H)
     expected = np.minimum(SPEED * t, DEPTH)
     above = lowest(states) - expected
-    # the trapezoidal rule takes half of the velocity of its end into the step after
+    # in the trapezoidal rule half of the final velocity acts in the next step
     assert above.min() > -5e-6 and above.max() < 5e-6 + 0.5 * SPEED * H
-    # it comes to rest on the plate, and the plate carries its weight
+    # the block comes to rest on the plate, which carries its weight
     end = states[-1]
     assert np.abs(end.v).max() < 1e-3
     weight = 9.81 * system.node_mass.sum()
     assert system.contact is not None
     _, _, force = system.contact.measure(end, system.control(np.zeros(0)))
     assert force.sum() == pytest.approx(weight, rel=0.05)
-    # no faster than what moves it out, but for its own swing
+    # no faster than the removal, except for its own oscillation
     assert max(state.v[:, 2].mean() for state in states) < 1.2 * SPEED
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_the_removal_does_the_work_of_a_rising_plate(integrator):
-    """The same motion and velocities, hence momentum and energy, as on a plate of that speed."""
+    """Positions and velocities equal those on a plate that rises at this speed."""
     steps = 16
 
     def rising(t):
@@ -86,7 +86,7 @@ def test_the_depth_does_not_depend_on_the_step_or_on_a_restart():
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_removal_beyond_the_search_range_takes_one_step(integrator):
-    """1 mm in a step of 5 ms, twice as deep as faces are looked for: out, and not lost."""
+    """A depth of 1 mm, twice the search range, is removed within a step of 5 ms."""
     _, system = inside(initial_penetration="removed", removal_speed=1.0)
     states = moved(system, integrator(), 3, h=H)
     assert lowest(states)[1:].min() > DEPTH - 5e-6

@@ -17,7 +17,7 @@ from tests.contact.scenes import (
 
 STEP, OUTPUT = 0.02, 0.005
 FREE = AT_ALL
-"""Depth from which a step is solved again rather than corrected [m]."""
+"""Depth above which a step is solved again instead of corrected [m]."""
 
 CONTROLS = [
     pytest.param(sim.FixedStep(STEP), id="fixed"),
@@ -53,7 +53,7 @@ def test_a_cube_thrown_at_a_floor_is_above_it_in_every_output(method, integrator
     lowest = found["node_position"].sel(axis="z").min("node").values
     assert found.sizes["time"] == round(0.1 / OUTPUT) + 1
     assert lowest.min() > -FREE
-    assert lowest.min() < 1e-3  # it has come down
+    assert lowest.min() < 1e-3  # it has reached the floor
     gap = found["contact_gap"].values[0]
     near = np.isfinite(gap)
     assert near.any()

@@ -84,7 +84,7 @@ def test_nearest_faces_are_those_of_brute_force_on_1000_configurations():
             )
             at = np.flatnonzero(found.point == i)
             if d.min() < radius**2:
-                # Of faces with a common nearest point any may be found.
+                # Any of several faces with a common nearest point is valid.
                 assert d[found.face[at[0]]] == pytest.approx(d.min(), rel=1e-12), case
                 assert found.value[at[0]] ** 2 == pytest.approx(d.min(), rel=1e-12)
             else:
@@ -188,7 +188,7 @@ def test_a_search_ends_if_positions_are_not_numbers():
             bad[node, node % 3] = nothing
             found = nearest_faces(p, 1.0, bad, triangles).point
             assert 0 not in found
-            assert 1 in found or np.isinf(nothing)  # others are found where one is NaN
+            assert 1 in found or np.isinf(nothing)  # despite the NaN
             entered_faces(p, p + 1.0, x, bad, triangles)
     entered_faces(p, p + 1.0, x, x + 0.1, triangles)
     assert len(nearest_faces(p, 1.0, x * np.nan, triangles).point) == 0
@@ -238,7 +238,7 @@ def test_a_thin_sheet_crossed_in_one_step_is_entered_once():
         p0, p1 = np.array([[x, y, 0.005]]), np.array([[x, y, -0.005]])
         found = entered_faces(p0, p1, plate.X, plate.X, sheet.triangles)
         assert found.value == pytest.approx([0.49], rel=1e-9)
-        # the sheet passes the point just as well
+        # equivalently, the sheet passes the point
         R = rotation(2)
         found = entered_faces(
             p0 @ R, p0 @ R, plate.X @ R, plate.X @ R + np.array([0, 0, 0.01]) @ R, sheet.triangles

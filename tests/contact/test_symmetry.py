@@ -17,8 +17,8 @@ from tests.contact.scenes import CASES, clearance_of, contact_of, moved, system_
 MIRROR = np.array([-1.0, 1.0, 1.0])
 CELLS, BLOCK = (4, 2, 2), (0.02, 0.01, 0.01)
 TWO_MINIMA = (sim.BarrierContact, sim.ConvergedEuler, "keel on plate")
-"""A keel that lands on a plate in one implicit step tips within that step, to the side that rounding
-chooses, whatever the tolerance of the iteration; the difference decays afterwards."""
+"""A keel that lands on a plate in one implicit step tips within that step. Rounding determines the side
+for any tolerance of the iteration; the difference decays afterwards."""
 SHAPES = {"keel in groove": (0.3, 0.4), "flat on flat": (0.0, 0.0), "keel on plate": (0.4, 0.0)}
 """Slopes of the lower side of the upper block and of the upper side of the lower one, along |x|."""
 
@@ -33,7 +33,7 @@ def mirrored_surface(surface, X):
 def blocks(slopes, clearance):
     """Two blocks, each the mirror image of itself in x = 0, and their surfaces.
 
-    The upper one is a little smaller, lest edges lie on edges, which pass each other by themselves.
+    The upper one is slightly smaller, so that no edges coincide, which may pass each other.
     """
     above, below = slopes
     mesh = grid(CELLS, BLOCK)
@@ -51,7 +51,7 @@ def blocks(slopes, clearance):
 def thrown(method, mesh, surfaces, integrator, steps=8):
     """Positions (steps, nodes, 3): blocks held at their far ends, thrown at each other.
 
-    Free ones would tip over, which grows from rounding.
+    Free blocks would tip over, an instability that starts from rounding.
     """
     z = mesh.X[:, 2]
     held = sim.Fixed(np.flatnonzero((z < 1e-9) | (z > z.max() - 1e-9)))
@@ -129,7 +129,7 @@ def test_a_symmetric_face_purses_symmetrically(coarse, method, integrator):
     X = system.scene.mesh.X
     mirror = KDTree(X).query(X * MIRROR)[1]
     np.testing.assert_array_equal(X[mirror] * MIRROR, X)
-    # At 0.5 the deep ring snaps and, under the barrier, would multiply what rounding leaves.
+    # At 0.5 the deep ring snaps, which with the barrier would amplify rounding errors.
     peak = np.array([0.4 if name[:3] in ("OOP", "OOM") else 0.0 for name in system.muscles])
     activation = sim.Activation(np.array([0.0, 0.1]), np.stack([0.0 * peak, peak]))
     _, end = sim.simulate(
@@ -144,7 +144,7 @@ def test_a_symmetric_face_purses_symmetrically(coarse, method, integrator):
 
 
 def test_common_features_of_faces_give_one_row_and_equally_close_faces_one_each():
-    """Over an edge, over a corner and in the middle of a groove of a folded sheet."""
+    """A point above an edge, above a corner, and in the middle of a groove of a folded sheet."""
     x = np.array([[0.0, 0, 0], [0, 1, 0], [-1, 0.5, 0.3], [1, 0.5, 0.3]])
     sheet = sim.NodeSurface(np.array([[0, 1, 2], [1, 0, 3]]), "groove")
     faces = SignedFaces(sheet)

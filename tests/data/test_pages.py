@@ -1,4 +1,4 @@
-"""Pages of the docs on own data: every key is in them, and their commands run."""
+"""Documentation of own data: all keys are documented, and the commands run."""
 
 import re
 import shlex

@@ -49,7 +49,7 @@ def test_strong_hum_is_reported_and_removed() -> None:
     (sentence,) = problems(check_recording(dirty), "warning")
     assert sentence.startswith("channel ZYG_L: ") and "mains hum of 50 Hz" in sentence
     clean = remove_hum(dirty["emg"], 50.0)
-    # The remaining power of the lines is that of the EMG, not of hum.
+    # The remaining power at these frequencies is that of the EMG, not of hum.
     never = emg_quality(remove_hum(emg(values), 50.0)).loc["ZYG_L", "hum"]
     assert emg_quality(clean).loc["ZYG_L", "hum"] == pytest.approx(never, abs=0.005)
     inner = slice(2048, -2048)

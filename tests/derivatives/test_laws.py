@@ -53,7 +53,7 @@ def test_fibre(cls, activation, stretch):
     law = cls()
     p = parameters(law, 5)
     if "P1" in cls.__annotations__:
-        p[3] = max(p[3], 0.05 * p[0] if cls.__name__ == "Generic" else 0.0)  # make it count
+        p[3] = max(p[3], 0.05 * p[0] if cls.__name__ == "Generic" else 0.0)  # not negligible
     derivatives_agree(lambda x: fibre(law.code, p, x, activation), stretch)
 
 

@@ -10,7 +10,7 @@ from sim._kernels.tensor_point import project
 from sim.laws import ISOCHORIC_LAWS, TENSOR_LAWS
 from tests.bodies import rotation
 
-WEIGHT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # how often a component stands in the tensor
+WEIGHT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # multiplicity of a component in the tensor
 AXES = rotation(4)
 WORK = np.empty((4, 6, 6))
 
@@ -21,7 +21,7 @@ EXAMPLES = {
     sim.LinearElastic: sim.LinearElastic(15e3, 0.4),
     sim.CoRotational: sim.CoRotational(15e3, 0.4),
 }
-"""One of each with no parameter at a special value; a law without one fails below."""
+"""One law of each class with generic parameters; a registered class without one fails below."""
 
 
 def six(A):

@@ -58,7 +58,7 @@ EXAMPLES = {
     ),
     sim.NodeLoad: lambda: sim.NodeLoad(np.array([1, 4, 1]), np.arange(9.0).reshape(3, 3)),
 }
-"""One of each term; a term that is registered without one fails below."""
+"""One term of each class; a registered class without one fails below."""
 
 
 class Weightless:
@@ -81,7 +81,7 @@ class Weightless:
 
 
 class Driven(Weightless):
-    """The same with muscles, for terms that are driven by the muscles of others."""
+    """Mass with muscles, for terms that are driven by the muscles of other terms."""
 
     def muscle_names(self):
         return "driven", "other"
@@ -102,7 +102,7 @@ def derivatives_agree(system, activation):
         stiffness[i] = -(above.f - below.f).ravel() / (2 * h)
     assert np.abs(at_q.f.ravel() + slope).max() < 1e-7 * np.abs(slope).max()
     assert np.abs(dense(system, K) - stiffness).max() <= 1e-7 * np.abs(stiffness).max()
-    alone = system.force(q, control).f  # the same sums, perhaps vectorised in another order
+    alone = system.force(q, control).f  # the same sums, possibly in another order
     np.testing.assert_allclose(alone, at_q.f, atol=1e-14 * np.abs(at_q.f).max())
 
 

@@ -1,4 +1,4 @@
-"""Contact on a face: what is paired, what the scene holds, and lips that close against each other."""
+"""Contact of a face: pairings, terms of the scene, and closing of the lips."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_lips_and_teeth_are_paired_as_asked(face: xr.Dataset, method: str) -> No
 
 
 def test_contact_is_on_by_default_for_all_surfaces_of_the_face(face: xr.Dataset) -> None:
-    """By default of all that is there; walls in place of the teeth leave the teeth out."""
+    """By default all surfaces of the face are in contact, without the teeth if walls represent them."""
     default = SimulationParameters()
     assert default.contact.method == "constraint" and default.solver == "sdirk2"
     assert touching(face, default) == ("lips", "teeth")
@@ -99,7 +99,7 @@ def test_depth_in_a_cube() -> None:
 
 
 def test_depth_of_a_face_starts_at_rest(face: xr.Dataset) -> None:
-    """The template touches nothing at rest; moved back by 3 mm it stands in its teeth by so much."""
+    """The template has no penetration at rest; moved back by 3 mm it penetrates the teeth by as much."""
     penetration, X = Penetration(face), face["position"].values
     assert penetration.at_rest() == {"maxilla": (0, 0.0), "mandible": (0, 0.0)}
     assert penetration.lips(X) == penetration.teeth(X) == 0.0

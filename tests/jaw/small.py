@@ -1,4 +1,4 @@
-"""A jaw of one body that needs no published files: a bar below a plane, with a muscle on each side."""
+"""A jaw of one body without published files: a bar below a plane, with a muscle on each side."""
 
 import numpy as np
 

@@ -32,7 +32,7 @@ def test_cubic_series_pass_their_rows_with_the_slope_of_the_chord(tmp_path):
     below, above = read_probe(path, np.array([0.2 - h, 0.2 + h]))
     assert (above - below) / (2 * h) == pytest.approx(
         0.1 / 0.4, abs=100 * h
-    )  # the bend jumps there
+    )  # the second derivative jumps there
     np.testing.assert_allclose(read_probe(path, np.array([0.05, 2.0])), [0.0, 0.1], atol=1e-15)
 
 

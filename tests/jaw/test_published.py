@@ -1,4 +1,4 @@
-"""The imported model against the one that another program built, and against its tables."""
+"""The imported model compared with that of another program and with published tables."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""A morsel between a body and a plane."""
+"""Force of a morsel between a body and a plane."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def height_after(system, duration):
 
 
 def test_an_intact_morsel_carries_a_weight_and_a_crushed_one_does_not():
-    """F (1 - d/D) = m g at rest, once the body came from above D; started below, it finds none."""
+    """F (1 - d/D) = m g at rest for a body that starts above D; there is no morsel for one below D."""
     weight, force = 0.1 * 9.8, 4.0
     carried = height_after(falling(0.0101, diameter=0.01, force_max=force), 0.6)
     assert carried == pytest.approx(0.01 * (1.0 - weight / force), abs=1e-6)

@@ -114,7 +114,7 @@ def test_order_and_drift_with_a_joint(integrator, steps):
     start = swung(system, 6.0)
     ends = [run(system, start, 0.2, n, integrator)[1] for n in steps]
     d = [np.abs(b.frames - a.frames).max() for a, b in zip(ends, ends[1:], strict=False)]
-    # Runge-Kutta's errors still fall faster than in the limit: 4.6, then 4.4
+    # errors of the Runge-Kutta method still decrease faster than asymptotically: 4.6, then 4.4
     assert np.log2(d[0] / d[1]) > integrator.order - 0.1
     for end in ends:
         now = system.rows.evaluate(end.pose)
@@ -123,7 +123,7 @@ def test_order_and_drift_with_a_joint(integrator, steps):
 
 
 def test_rows_by_the_schur_complement_equal_the_full_saddle_system():
-    """[A -h G'; G 0] of tissue, bodies and a rigid and a yielding joint, solved densely."""
+    """Dense solution of [A -h G'; G 0] for tissue, bodies, and a rigid and a compliant joint."""
     ball = Spherical("ball", "jaw", None, (0.0, 0.0, 0.0))
     bond = Weld("bond", "skull", "jaw", (0.01, 0.0, 0.0), compliance=1e-3, damping_time=0.02)
     system = mixed_system(prescribed=False, joints=(ball, bond))

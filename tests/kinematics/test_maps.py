@@ -104,7 +104,7 @@ def test_node_in_an_element_loads_its_nodes_by_the_shape_functions():
     """Virtual work: a force on the attached node acts on its holders, also through the body."""
     pose, _ = random_pose(SYSTEM)
     f = np.zeros_like(pose.q)
-    node = 12  # the first of the second box, held in an element at the jaw
+    node = 12  # the first node of the second box, attached to an element
     f[node] = 1.0, 2.0, 3.0
     rng = np.random.default_rng(6)
     d = rng.normal(size=SYSTEM.pattern.n)

@@ -105,7 +105,7 @@ def test_fused_steps_equal_the_general_path(integrator, joints):
             there = general[name].values[..., 1:]
             allowed = 1e-7 * np.abs(there).max()
             np.testing.assert_allclose(fused[name].values[..., 1:], there, atol=allowed)
-        # the inequalities have acted
+        # the inequalities were active
         loose = ended(sim.compile_scene(scene(*HELD[:4])), integrator, False)[1]
         assert np.abs(loose.q - a.q).max() > 1e-5
 
@@ -140,7 +140,7 @@ def test_steps_continue_bit_for_bit_and_single_steps_are_the_same():
 
 
 def test_fused_steps_are_chosen_by_the_scene():
-    """Damping of an assembled matrix, or a point that is held by other points, is general."""
+    """Rayleigh damping, or a point attached to other points, requires the general path."""
     assert sim.compile_scene(scene()).multibody is not None
     assert sim.compile_scene(scene(damping=sim.RestRayleigh())).multibody is None
     system = mixed_system()
@@ -149,7 +149,7 @@ def test_fused_steps_are_chosen_by_the_scene():
 
 
 def test_an_indefinite_step_is_left_to_the_general_path():
-    """A pushing spring: far too long a step for its negative stiffness has an indefinite matrix."""
+    """The matrix of a step is indefinite if the step is too long for a spring of negative stiffness."""
     points = np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.0]])
     law = sim.Peck(500.0, passive_fraction=0.0)
     lines = sim.LineMuscles(("m",), (sim.LineFibre(0, np.array([0, 1])),), law)

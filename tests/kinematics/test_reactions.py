@@ -45,7 +45,7 @@ def test_a_held_lever_carries_its_weight_and_its_moment(integrator):
     for k in (0, -1):
         np.testing.assert_allclose(found.joint_force[0, :, k], [0.0, 0.0, MASS * G], atol=1e-9)
         np.testing.assert_allclose(found.joint_moment[0, :, k], [0, -ARM * MASS * G, 0], atol=1e-9)
-    # of a joint that names the bodies the other way round: what it exerts on space
+    # with the bodies exchanged, the reaction is that on space
     found, _ = run(held(Weld("wall", "bob", None, (0.0, 0.0, 0.0))), integrator, 1e-3, 10)
     np.testing.assert_allclose(found.joint_force[0, :, -1], [0.0, 0.0, -MASS * G], atol=1e-9)
 
@@ -74,11 +74,11 @@ def test_a_point_on_an_incline_exerts_a_normal_force():
     np.testing.assert_allclose(found.joint_force[0, :, -1], MASS * G * 0.8 * normal, atol=1e-9)
     slide = np.array([0.8, 0.0, -0.6])
     assert end.twists[0, :3] @ slide == pytest.approx(G * 0.6 * 0.1, rel=1e-9)
-    assert np.isnan(found.joint_force[..., 0]).all()  # no step has told it yet
+    assert np.isnan(found.joint_force[..., 0]).all()  # there was no step yet
 
 
 def test_a_bushing_deforms_according_to_its_stiffness():
-    """Sinks by m g/k and turns by theta with k theta = m g a cos(theta)."""
+    """The body sinks by m g/k and rotates by theta with k theta = m g a cos(theta)."""
     k, turn = 500.0, 0.5
     bushing = Bushing(
         "band",

@@ -1,4 +1,4 @@
-"""What an import does not bring with it, seen in a fresh process."""
+"""Modules that an import must not load, checked in a new process."""
 
 import json
 import os

@@ -78,7 +78,7 @@ def test_a_lock_lets_one_compile_at_a_time_and_needs_no_writable_folder(tmp_path
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     with pytest.raises(ZeroDivisionError), cache.in_one_process(blocked / "kernel.lock"):
-        raise ZeroDivisionError  # the block runs, and its error is its own
+        raise ZeroDivisionError  # the block runs, and its error is raised unchanged
 
 
 def test_digest_changes_with_any_source(tmp_path):

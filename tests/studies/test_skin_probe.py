@@ -1,4 +1,4 @@
-"""Stiffness measured by a small probe along and across the tension lines."""
+"""Stiffness measured by a small probe along and perpendicular to the tension lines."""
 
 import numpy as np
 import pytest

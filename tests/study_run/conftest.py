@@ -31,7 +31,7 @@ MECHANICS = {
     "output": STEP,
     "contact": {"method": "none"},
 }
-"""One solution per step: what a study does with motions does not depend on how they are solved."""
+"""One solution per step, because tests of studies do not depend on the solver."""
 
 STEPS = (10, 2, 6)
 LOW, HIGH = np.array([-0.03, 0.05, -0.10]), np.array([0.03, 0.06, -0.064])

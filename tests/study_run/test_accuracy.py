@@ -1,4 +1,4 @@
-"""Accuracy by the name of a preset or by the error wanted; every solver moves a face."""
+"""Accuracy specified by a preset or by an error; motions with every solver."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from emgface.study.policy import lower_sigma_max
 from sim import Sdirk2
 
 FREE = {"contact": {"method": "none"}}
-"""Without contact every solver may be chosen, and it is cheap."""
+"""Parameters without contact, for which every solver may be chosen."""
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +169,7 @@ FINE = {"solver": "sdirk2", "step": 1e-3, "iteration_tolerance": 1e-6}
 
 
 def test_muscles_that_are_active_from_the_start_keep_their_strength(face):
-    """A jump of the load at the first instant is no failure of the mechanics."""
+    """A jump of the load at the first instant does not lower sigma_max."""
     time = np.linspace(0.0, 0.06, 7)
     drive, base = drive_of(face, time, np.full(7, 0.3), ""), FREE | {"gravity": False}
 
@@ -186,7 +186,7 @@ def test_muscles_that_are_active_from_the_start_keep_their_strength(face):
 
 @pytest.mark.parametrize("at", [0.023, 0.025])
 def test_a_burst_between_two_steps_moves_the_face(face, at):
-    """One sample of 5 ms; steps that look at their instants only would see nothing of it."""
+    """One sample of 5 ms, which is not at the instants of the steps."""
     time = np.array([0.0, at - 0.005, at, at + 0.005, 0.05])
     drive = drive_of(face, time, np.array([0.0, 0.0, 1.0, 0.0, 0.0]), "OOP")
 
@@ -209,7 +209,7 @@ def test_a_burst_between_two_steps_moves_the_face(face, at):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["jump", "burst"])
 def test_contact_lowers_neither_accuracy_nor_strength(face, name):
-    """All muscles from the start, or one burst of 5 ms, in the default: lips and teeth meet."""
+    """All muscles from the start, or one burst of 5 ms, with the default contact of lips and teeth."""
     group, values = {"jump": ("", [0.3] * 7), "burst": ("OOP", [0.0, 0, 1, 0, 0, 0, 0])}[name]
     drive = drive_of(face, 0.005 * np.arange(7.0), np.array(values), group)
 

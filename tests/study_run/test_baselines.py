@@ -1,4 +1,4 @@
-"""Baselines of a study on a slab of tissue: who is in them, and that nothing is simulated for them."""
+"""Baselines of a study on a slab of tissue: contributing volunteers, and stored results."""
 
 import shutil
 from pathlib import Path
@@ -39,7 +39,7 @@ def three(slab: xr.Dataset, laboratory: Path, tmp_path_factory):
     for volunteer, factor in (("S02", 1.5), ("S03", 0.8)):
         for instruction in "BE":
             one = read_recording(laboratory / "recordings" / f"S01_{instruction}_1.nc")
-            # A head of another size: the same for all markers, so that it still moves as one body.
+            # All markers are scaled by the same factor, so that the head remains a rigid body.
             middle = one["position"].mean(["time_marker", "marker"])
             larger = (middle + factor * (one["position"] - middle)).transpose(*one["position"].dims)
             one["position"] = larger.assign_attrs(one["position"].attrs)

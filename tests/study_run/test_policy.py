@@ -127,6 +127,4 @@ def test_a_value_lowered_for_one_trial_holds_for_its_volunteer(
     assert sorted(motion.attrs["sigma_max"] for motion in shown) == used
     calls = len(first)
     again = run_study(study, tmp_path / "out")
-    assert (
-        not again.computed() and len(first) == calls
-    )  # what is stored serves the second round too
+    assert not again.computed() and len(first) == calls  # the second run uses the stored results

@@ -1,4 +1,4 @@
-"""A whole study on a slab of tissue: complete cube, failures in their place, resumption."""
+"""A complete study on a slab of tissue: cube, failed trials, and resumption."""
 
 import json
 import shutil
@@ -60,7 +60,7 @@ def test_every_trial_has_a_status_and_scores(finished) -> None:
     }  # fmt: skip
     assert (cube["status"] == "ok").all()
     assert np.isfinite(cube["rho"]).all() and (abs(cube["rho"]) <= 1).all()
-    # left-right-left among them: the direction of the components settles their sign
+    # including left-right-left: the direction of the components determines their sign
     assert (cube["sign_by_direction"] == 1).all() and (cube["direction_cosine"] > 0.75).all()
     assert (cube["sign_disagrees"] == 0).all()
     assert (cube["noise"] > 1e-5).all() and (cube["noise"] < 2e-4).all()
@@ -75,7 +75,7 @@ def test_true_activations_on_the_same_face_have_a_perfect_score(
 ) -> None:
     """The chain behind the activation: head frame, timing, alignment, score.
 
-    In the matched world, where nothing but the size of the face and its stiffness differs.
+    In the matched world only the size and the stiffness of the face differ.
     """
     make_volunteers(
         slab, tmp_path, n=1, instructions=("B",), seed=2,
@@ -183,7 +183,7 @@ def test_two_processes_give_the_cube_of_one(laboratory, finished, tmp_path: Path
     assert stages(run_study(configured(laboratory), tmp_path)) == []  # one process reuses it all
 
 
-# failures that keep their place
+# failed trials remain in the cube
 
 
 def spoiled(laboratory: Path, folder: Path, change) -> StudyConfiguration:
@@ -373,5 +373,5 @@ def test_normalisation_over_the_session_uses_all_trials_of_the_volunteer(
         xr.load_dataset(path)["activation"].max("time")
         for path in (tmp_path / "store" / "activation").glob("*.nc")
     ]
-    # over the session each selected muscle reaches 1 in one of the trials, not in every one
+    # with session extremes each selected muscle reaches 1 in one trial, not in every trial
     assert any(float(peak.where(peak > 0).min()) < 0.9 for peak in peaks)

@@ -14,7 +14,7 @@ PASSIVE = {
     "emgface.errors",  # names of failures, which are not stored
     "analysis.errors",
     "emgface.muscles",  # names that stand in the datasets themselves
-    "emgface.choices",  # values, which are in the digest as parameters
+    "emgface.choices",  # values, which enter the digest as parameters
     "emgface.signals.parameters",
     "emgface.face.simulation_parameters",
     "emgface.face.accuracy",

@@ -1,4 +1,4 @@
-"""Synthesised activations, sEMG and marker tracks compared with their sources."""
+"""Synthesised activations, sEMG and marker tracks compared with closed forms and their sources."""
 
 import numpy as np
 import pytest

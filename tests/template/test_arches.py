@@ -43,7 +43,7 @@ def test_arch(bone: int) -> None:
     assert widest[0] - widest[1] > 1e-3, "to the cheeks"
     rows = {tuple(point) for point in arch.points.tolist()}
     assert rows == {(-x if x else x, y, z) for x, y, z in arch.points.tolist()}
-    # triangles too, so that sliding is symmetric
+    # triangles are also mirrored, so that sliding is symmetric
     corners = arch.points[arch.triangles] + 0.0
     faces, images = (
         {frozenset(map(tuple, face)) for face in (each + 0.0).tolist()}
@@ -104,8 +104,8 @@ def test_arches_touch_nothing_at_rest(seed: int | None) -> None:
 def test_lips_and_corners_rest_on_the_teeth(asymmetry: float) -> None:
     """Their lining is within 2 mm of an arch, and not inside it."""
     face = template_face(resolution="coarse", measures=random_measures(2, asymmetry=asymmetry))
-    inner = sheets(face)[:, : 1 + 1, 0]  # the two rings of the red of the lips
-    inner = inner[np.abs(inner[..., 2]) > 1e-3]  # beside the slit the margins curve away
+    inner = sheets(face)[:, : 1 + 1, 0]  # the two rings of the vermilion
+    inner = inner[np.abs(inner[..., 2]) > 1e-3]  # margins are curved away
     points = np.concatenate([a.points[a.triangles].mean(axis=1) for a in arches_of(face)])
     points = np.concatenate([points, *(a.points for a in arches_of(face))])
     gap = np.linalg.norm(inner[:, None] - points[None], axis=2).min(axis=1)
@@ -138,7 +138,7 @@ def facet_normals(face: xr.Dataset, surface: str) -> tuple[np.ndarray, np.ndarra
 
 
 def test_lip_surfaces(medium: xr.Dataset) -> None:
-    """Orientation of margins, linings and red of the lips, and symmetry."""
+    """Orientation of margins, linings and vermilion of the lips, and symmetry."""
     rays = medium.attrs["rays"]
     for lip, sign in (("upper", 1), ("lower", -1)):
         normal, middle = facet_normals(medium, f"{lip}_lip_margin")

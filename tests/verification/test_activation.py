@@ -1,4 +1,4 @@
-"""Steps see the activation between their instants: its integral and, to second order, its moment."""
+"""Effect of the activation within steps: its integral and, to second order, its first moment."""
 
 import functools
 
@@ -32,7 +32,7 @@ SYSTEM = block()
 
 
 def burst(centre, half, height=1.0):
-    """One sample above zero: a triangle, of which the first muscle feels all and the other a part."""
+    """One sample above zero: a triangular burst, fully of the first muscle and partly of the other."""
     time = np.array([0.0, centre - half, centre, centre + half, 1.0])
     a = height * np.array([0.0, 0.0, 1.0, 0.0, 0.0])
     return sim.Activation(time, np.stack([a, 0.4 * a], axis=1))
@@ -45,7 +45,7 @@ def rough(seed=0, n=200):
 
 
 def integral(activation, t0, t1, power=0):
-    """Of what lies between two instants, times (t - t0)^power, by a fine rule."""
+    """Integral between two instants times (t - t0)^power, by a fine rule."""
     t = np.linspace(t0, t1, 20001)
     values = np.stack([np.interp(t, activation.time, column) for column in activation.values.T])
     return np.trapezoid(values * (t - t0) ** power, t, axis=1)
@@ -67,7 +67,7 @@ def test_the_whole_impulse_of_a_burst_is_applied_at_any_position(milliseconds, h
                 for c, w in zip(places, weights, strict=True)
             )
             np.testing.assert_allclose(given, exact, rtol=1e-9)
-        if half < h:  # a burst that the steps see as one rises and falls over several of them
+        if half < h:  # a burst is represented by lines over several steps
             given = sum(h * drive.chord(t, h).at(1.0).activation for t in steps)
             np.testing.assert_allclose(given, exact, rtol=1e-9)
 
@@ -154,8 +154,8 @@ def test_a_burst_between_steps_moves_the_body_under_every_integrator(cls):
     made = cls(**TIGHT) if issubclass(cls, Converged) else cls()
     for phase in (0.0, 0.3, 0.5, 0.8):
         system, h, exact = resolved_burst(cls.stability == "conditional", phase)
-        # Methods of first order place the burst within the step only, and smear it. The trapezoidal
-        # rule does not damp what it leaves (0.22, 0.08, 0.01 for h, h/2, h/4 at the last phase).
+        # Methods of first order locate the burst only to within the step. The trapezoidal rule does not
+        # damp the remaining error (0.22, 0.08, 0.01 for h, h/2, h/4 at the last phase).
         for step, allowed in ((h, 0.5), (h / 2, 0.15)):
             found = after_burst(system, made, step, h, phase)
             gap = np.linalg.norm(found - exact) / np.linalg.norm(exact)

@@ -1,4 +1,4 @@
-"""Steps under error control hold the tolerance that was asked for, and leave no trace when rejected."""
+"""Error control meets the requested tolerance, and rejected steps have no effect."""
 
 import functools
 
@@ -19,7 +19,7 @@ DRIVES = {
 
 
 def block(wall=None):
-    """Held at its lower side; `wall` [m] is a rigid one that the muscles press it against."""
+    """Block fixed at its lower side; the muscles press it against a rigid surface at `wall` [m]."""
     mesh = grid((2, 2, 2), wedges=(1,))
     contact = ()
     if wall is not None:
@@ -74,13 +74,13 @@ def test_the_error_stays_within_the_tolerance(name):
             errors.append(np.linalg.norm(run.node_position.values - fine, axis=axis).max())
             counts.append(int(run.steps.sum()))
             assert errors[-1] <= tolerance, (cls.__name__, tolerance)
-        # it does not buy the tolerance with needless steps: what it makes is worth a tenth of it
+        # steps are not needlessly short: the error is at least a tenth of the tolerance
         assert errors[0] > 0.02 * tolerances[0]
         assert sorted(counts) == counts
 
 
 def test_the_tolerance_is_met_in_contact_with_a_wall():
-    """Impact, sliding and release by jumps of the load, with both integrators that hold a contact."""
+    """Impact, sliding and release by jumps of the load, with both integrators that support contact."""
     system, tolerance = block(0.021), 2e-4
     time = np.array([0.0, 0.01, 0.012, 0.03, 0.032])
     load = np.array([0.0, 0.0, 0.6, 0.6, 0.0])
@@ -152,7 +152,7 @@ def test_a_rejected_step_changes_nothing():
 
     class Faltering(sim.ConvergedEuler):
         def step(self, system, state, control, h, work):
-            end = super().step(system, state, control, h, work)  # marks the workspace in any case
+            end = super().step(system, state, control, h, work)  # changes the workspace in any case
             if h > 0.004 and state.t > 0.015:
                 raise sim.NotConverged((1.0,), state.t + h, "made to fail")
             sizes.append(h)
@@ -183,7 +183,7 @@ def test_error_control_of_a_static_solver_is_refused():
 
 
 def test_a_tolerance_beyond_the_smallest_step_is_reported():
-    """It is no failure of the mechanics: weaker muscles would not be the same motion."""
+    """The error differs from a failure of the mechanics, after which sigma_max would be lowered."""
     with pytest.raises(sim.ToleranceMissed, match="smallest step") as caught:
         motion(
             block(), "jump", sim.ConvergedEuler(), sim.ErrorControlledStep(1e-9, H, max_halvings=2)
@@ -230,7 +230,7 @@ def test_steps_after_a_jump_of_the_load_are_bounded_below(cls):
 
 
 def test_accumulated_errors_are_part_of_the_state():
-    """A run in two parts takes the steps of one: their sizes go on from where they were."""
+    """A run in two parts has the same steps as an uninterrupted one."""
     system, control = block(), sim.ErrorControlledStep(3e-5, H)
     whole = motion(system, "burst", solver(sim.Sdirk2), control)
     state, steps = None, []

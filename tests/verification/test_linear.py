@@ -184,7 +184,7 @@ def test_linearly_implicit_steps_by_an_older_factor_are_those_of_a_direct_soluti
     size = np.abs(exact.q - MESH.X).max()
     for tolerance in (1e-6, 1e-9):
         state, trajectory = end_of(system, cls(tolerance=tolerance), name)
-        # the errors of a few steps add up
+        # the sum of the errors of a few steps
         assert np.abs(state.q - exact.q).max() < 5.0 * tolerance < size
     assert trajectory.factorisations.sum() < 8
     again, _ = end_of(system, cls(tolerance=tolerance), name)

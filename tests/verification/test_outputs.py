@@ -54,7 +54,7 @@ def test_a_cubic_motion_is_interpolated_exactly():
 def test_outputs_inside_steps_are_as_accurate_as_their_ends(block, monkeypatch):
     monkeypatch.setattr(
         sim.outputs, "STRAIGHT", np.inf
-    )  # the cubic also for a varying acceleration
+    )  # the cubic is also exact for a varying acceleration
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
     errors = []
     for h in (0.02, 0.01):

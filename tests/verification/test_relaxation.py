@@ -204,7 +204,7 @@ def reference_motion():
 
 @pytest.mark.parametrize("cls", INTEGRATORS)
 def test_every_integrator_updates_the_memory(cls):
-    """All converge to the same motion."""
+    """All integrators converge to the same motion."""
     h = EXPLICIT.get(cls, 0.005)
     ends = [end_of_motion(MOVING, cls(), size) for size in (2 * h, h)]
     errors = [np.abs(end.q - reference_motion()).max() for end in ends]

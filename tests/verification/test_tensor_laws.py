@@ -289,8 +289,8 @@ def test_two_laws_for_one_volume_are_refused():
 
 
 def test_axes_follow_the_rotation_of_a_prestretch():
-    """Fung tissue turned by R into the mesh, given with the axes that it has there, is free of stress;
-    stretched along an axis before that, its stress is that of the unturned body, turned."""
+    """Fung tissue rotated by R into the mesh, with axes rotated accordingly, is free of stress; with an
+    additional stretch along an axis, its stress is the rotated stress of the body without rotation."""
     n, R, axes = MESH.n_elements, rotation(3), rotation(8)
     material = sim.Material(sim.Fung())
 
