@@ -3,6 +3,7 @@
 from sim import waiting as _waiting  # noqa: F401  # before NumPy is loaded  # pyright: ignore[reportUnusedImport]
 from sim.activation import Activation, resting
 from sim.bodies import Body, body_of_surface
+from sim.compile import compile_scene
 from sim.constraints import HardElementVolume
 from sim.contact import (
     BarrierContact,
@@ -75,7 +76,7 @@ from sim.scene import NO_TISSUE, Scene
 from sim.simulate import simulate
 from sim.state import Control, ControlAt, Line, State, StepReport
 from sim.steps import ErrorControlledStep, FixedStep, HalvingStep
-from sim.system import System, compile_scene
+from sim.system import System
 from sim.terms import (
     AxialSprings,
     Crushable,

@@ -6,9 +6,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from sim._kernels.body_tables import BodyTable, RowKinds, Scratch
 from sim._kernels.joints import RowTable
 from sim._kernels.lines import PARAMETERS, LineTable
-from sim._kernels.multibody import BodyTable, RowKinds, Scratch
 from sim.bodies import Body
 from sim.joints.compiled import Rows, row_table
 from sim.kinematics import Kinematics

@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from sim.compile import compile_scene
 from sim.elements import HEX8
 from sim.errors import SceneError
 from sim.mesh import mesh_from_arrays
 from sim.scene import Scene
 from sim.state import Array
-from sim.system import System, compile_scene
+from sim.system import System
 from sim.terms.solid import Material, Solid
 
 IN_VIVO: tuple[float, float] = (15.9e3, 89.4e3)

@@ -14,7 +14,11 @@ from sim._kernels.cache import kernel_cache
 with kernel_cache(Path(__file__).parent):
     from sim._kernels import (
         barrier,
+        body_forces,
+        body_rows,
+        body_tables,
         crossing,
+        dense,
         element,
         frames,
         grid,
@@ -42,7 +46,11 @@ with kernel_cache(Path(__file__).parent):
 
 __all__ = [
     "barrier",
+    "body_forces",
+    "body_rows",
+    "body_tables",
     "crossing",
+    "dense",
     "element",
     "frames",
     "grid",

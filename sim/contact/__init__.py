@@ -1,10 +1,9 @@
 """Contact: surfaces, search, distance, and constraints or a potential."""
 
 from sim.contact.barrier import BarrierContact
-from sim.contact.boundary import boundary_surface
 from sim.contact.constraint import ConstraintContact
 from sim.contact.pairing import Pairing
-from sim.contact.surfaces import NodeSurface, RigidShell
+from sim.contact.surfaces import NodeSurface, RigidShell, boundary_surface
 
 CONTACTS: tuple[type[ConstraintContact] | type[BarrierContact], ...] = (
     ConstraintContact,

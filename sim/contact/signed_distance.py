@@ -1,6 +1,9 @@
 """Closest faces of a surface, signed distances and their directions."""
 
+from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -8,7 +11,6 @@ from sim._kernels.grid import Grid, grid_of
 from sim._kernels.signed import places, signed, walls
 from sim._kernels.triangles import normals
 from sim.contact.connectivity import sides_of
-from sim.contact.recent import Recent
 from sim.contact.search import (
     NO_NORMALS,
     Found,
@@ -20,6 +22,37 @@ from sim.contact.search import (
 from sim.contact.surfaces import Surface
 from sim.scene import Index
 from sim.state import Array
+
+Result = TypeVar("Result")
+
+
+class Recent(Generic[Result]):
+    """Function of positions with a cache of its latest results.
+
+    A step evaluates the same positions several times, alternately at its start and its end; those
+    of a shell at rest are always the same.
+
+    Parameters
+    ----------
+    make : callable
+        Result for one or several arrays of positions.
+    size : int
+        Number of cached results.
+    """
+
+    def __init__(self, make: Callable[..., Result], size: int = 2) -> None:
+        self._make = make
+        self._kept: deque[tuple[tuple[Array, ...], Result]] = deque(maxlen=size)
+
+    def __call__(self, *x: Array) -> Result:
+        """Result for positions x, the same object while it is cached."""
+        for known, result in self._kept:
+            if len(known) == len(x) and all(map(np.array_equal, known, x)):
+                return result
+        result = self._make(*x)
+        self._kept.append((tuple(a.copy() for a in x), result))
+        return result
+
 
 GRIDS = 3
 """Number of cached grids: at the start, at the end and over a step."""

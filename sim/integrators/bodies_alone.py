@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim._kernels.multibody import Led, Scratch, advance_bodies
+from sim._kernels.body_tables import Led, Scratch
+from sim._kernels.multibody import advance_bodies
 from sim.joints.compiled import DRIFT, PROJECTIONS
 from sim.joints.contract import REACTIONS
 from sim.multibody import Multibody

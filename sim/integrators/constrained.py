@@ -54,7 +54,11 @@ def minimise_constrained(
     conditions = potential.system.constraints
     assert conditions is not None  # Callers check that the scene has constraints.
     c, slopes = conditions.evaluate(potential.positions(point.d))
-    multiplier = work.multipliers if work.multipliers is not None else np.zeros(conditions.n)
+    multiplier = (
+        work.constraints.multipliers
+        if work.constraints.multipliers is not None
+        else np.zeros(conditions.n)
+    )
     residuals: list[float] = []
     rho, shortest, factorisations, shifts, last = 0.0, 1.0, 0, 0, np.inf
     for iteration in range(1, tolerances.max_iterations + 1):
@@ -76,7 +80,7 @@ def minimise_constrained(
         moved = length * float(np.abs(step).max())
         left, last = error_left(moved, last), moved
         if tolerances.met(left, residuals[-1]) and violation <= tolerances.position:
-            work.multipliers = multiplier
+            work.constraints.multipliers = multiplier
             went = Iteration(iteration, factorisations, residuals[-1], left, shortest, shifts)
             return point, went
     raise NotConverged(tuple(residuals), until, f"limit of {tolerances.max_iterations} iterations")
@@ -99,8 +103,8 @@ def _newton_step(
     scale, shifted, tau = potential.scale, A, 1.0
     diagonal = potential.system.pattern.diagonal
     for shifts in range(MAX_SHIFTS + 1):
-        step, y = work.solve_constrained(shifted, G, -scale * point.g, -c)
-        negative = work.saddle.negative_pivots
+        step, y = work.constraints.solve(shifted, G, -scale * point.g, -c)
+        negative = work.constraints.saddle.negative_pivots
         # Without a count of negative pivots, the curvature along the step is tested.
         convex = (
             negative == len(c) if negative is not None else dot(step, point.g) <= dot(y, c) / scale

@@ -6,16 +6,24 @@ from functools import partial
 
 import numpy as np
 
-from sim.contact.correction import AT_ALL, Opened, considerable, moved_out
-from sim.contact.multipliers import Multipliers
-from sim.contact.rows import GIVEN_UP, Rows
-from sim.contact.step import TOUCH, ContactStep, carried_over, penalties
+from sim.contact.rows import GIVEN_UP, Multipliers, Rows
+from sim.contact.step import (
+    AT_ALL,
+    TOUCH,
+    ContactStep,
+    Opened,
+    carried_over,
+    considerable,
+    moved_out,
+    penalties,
+)
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
 from sim.integrators.contract import require_upright
 from sim.integrators.newton import Iteration, Point
+from sim.integrators.newton_factor import alike
 from sim.integrators.touching import InContact, TouchingApart, TouchingInMatrix
-from sim.integrators.workspace import Workspace, alike
+from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, Evaluation
 
@@ -209,12 +217,12 @@ def _stiffness_met(
     potential: Placed, start: Point, key: tuple[str, float], work: Workspace
 ) -> Array:
     """Diagonal (n_free,) of the stiffness [N/m], once per integrator and step."""
-    known = work.contact_stiffness
-    if known is None or not alike(known[0], *key):
+    known = work.contact.stiffness
+    if known is None or not alike(known[0], key):
         A = potential.matrix(start.d).to_factorise()
         diagonal = A[potential.system.pattern.diagonal] / potential.scale
         # an active muscle may make the tangent negative; its absolute value is of the right size
-        known = work.contact_stiffness = (key, np.abs(diagonal))
+        known = work.contact.stiffness = (key, np.abs(diagonal))
     return known[1]
 
 

@@ -6,8 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim.contact.multipliers import Acting, Multipliers
-from sim.contact.rows import Flags, RowPlaces, Rows
+from sim.contact.rows import Acting, Flags, Multipliers, RowPlaces, Rows
 from sim.contact.step import TOUCH, ContactStep
 from sim.errors import NotConverged
 from sim.integrators.workspace import Workspace
@@ -231,17 +230,17 @@ class ContactEquation:
         if system.constraints is not None:
             _, G = system.constraints.evaluate(self._state.q)
             none = np.zeros(system.constraints.n)
-            work.factorise_constrained(A.values, G)
+            work.constraints.factorise(A.values, G)
             self.factorisations += 1
-            return lambda r, _: self._counted(work.saddle.solve(r, none)[0])
+            return lambda r, _: self._counted(work.constraints.saddle.solve(r, none)[0])
         if not isinstance(work.linear, ReusedFactor):
-            direct, definite = work.solver_of(A.values)
+            direct, definite = work.steps.factorised(A.values)
             self.factorisations += 1
             self.definite &= definite
             return lambda r, _: self._counted(direct(r))
 
         def solve(r: Array, error: float) -> Array:
-            found = work.solve_any(A, r, np.zeros(len(r)), error)
+            found = work.steps.solve(A, r, np.zeros(len(r)), error)
             self.factorisations += found.factorisations
             self.definite &= found.definite
             return self._counted(found.x, found.iterations)

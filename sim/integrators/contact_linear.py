@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.correction import considerable, moved_out, pressed
-from sim.contact.multipliers import Acting, Multipliers
-from sim.contact.rows import Rows
-from sim.contact.step import TOUCH, ContactStep, penalties
+from sim.contact.rows import Acting, Multipliers, Rows
+from sim.contact.step import TOUCH, ContactStep, considerable, moved_out, penalties, pressed
 from sim.errors import NotConverged
 from sim.integrators.contact_equation import LINEAR_ERROR, ContactEquation, Equation
 from sim.integrators.workspace import Workspace

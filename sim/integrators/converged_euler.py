@@ -7,6 +7,7 @@ from sim.integrators.contract import require_upright
 from sim.integrators.stage import Converged, Stage, report_of
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
+from sim.step_matrices import damping_matrix
 from sim.system import System
 
 
@@ -52,7 +53,7 @@ class ConvergedEuler(Converged):
             here = system.force(state.q, at_end)
         require_upright(here.element, here.smallest_J, state.t)
         with work.timed("tangent"):
-            D = system.damping_matrix(state.pose, at_end)
+            D = damping_matrix(system, state.pose, at_end)
         kinematics = system.kinematics
         w0 = kinematics.velocities(state)
         u0 = kinematics.inertial(w0, state.pose)

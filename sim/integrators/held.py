@@ -3,11 +3,13 @@
 import numpy as np
 
 from sim.errors import NotConverged, SceneError
-from sim.integrators.workspace import Solution, Workspace
+from sim.integrators.step_solver import Solution
+from sim.integrators.workspace import Workspace
 from sim.joints.compiled import REDUNDANT, Rows
 from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
 from sim.state import Array, Control, Pose, State
+from sim.step_matrices import damping_matrix
 from sim.system import System
 
 LIMIT = 40
@@ -44,10 +46,10 @@ def held_solution(
         The matrix could not be factorised.
     """
     now, columns = rows.evaluate(pose), rows.columns
-    found = work.solve_any(A, rhs, start, error)
+    found = work.steps.solve(A, rhs, start, error)
     solve = found.roughly
-    assert solve is not None  # set by `solve_any`
-    X = work.columns(columns, solve)
+    assert solve is not None  # set by `solve`
+    X = work.steps.columns(columns, solve)
     time = np.where(rows.unilateral, h, h + rows.damping_time)
     S = h * now.G @ X[:, columns] @ now.G.T
     S[np.diag_indices_from(S)] += rows.compliance / time
@@ -91,7 +93,7 @@ def free_acceleration(system: System, state: State, control: Control) -> Array:
     kinematics = system.kinematics
     f = kinematics.generalised_force(system.force(state.q, control).f, state.pose)
     if system.is_damped:
-        D = system.damping_matrix(state.pose, control)
+        D = damping_matrix(system, state.pose, control)
         f = f - D.force(kinematics.velocities(state))
     return kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
 

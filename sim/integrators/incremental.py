@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.integrators.by_secants import BySecants
-from sim.integrators.newton import Point
+from sim.integrators.newton import BySecants, Point
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Control, Evaluation, Pose
+from sim.step_matrices import implicit_matrix
 from sim.system import System
 from sim.vectors import dot
 
@@ -113,7 +113,7 @@ class IncrementalPotential(PotentialOfMoves):
         """s^2 times the second derivative at d, M + s D + s^2 K."""
         pose = self.pose(d)
         here, K = self.system.tangent(pose.q, self._control)
-        return self.system.implicit_matrix(pose, here, K, self._D, self._s, self.scale)
+        return implicit_matrix(self.system, pose, here, K, self._D, self._s, self.scale)
 
     def inertial_guess(self) -> Array:
         """Motion d = s v of the stage without forces."""

@@ -10,7 +10,8 @@ from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_upright
 from sim.integrators.estimate import relaxed
 from sim.integrators.held import held_solution
-from sim.integrators.workspace import Solution, Workspace
+from sim.integrators.step_solver import Solution
+from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.linear import NotReached
 from sim.matrix import Matrix
@@ -128,24 +129,26 @@ def linear_step(
         counts = touched.solutions, touched.factorisations
         found = Solution(v1, *counts, touched.definite, touched.roughly)
     elif system.rows is not None:
-        start, now = work.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
+        start, now = work.steps.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
         limit = error / (moves * h)
         found, forces = held_solution(system, system.rows, A, rhs, start, now, h, limit, work)
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * found.x), t1)
         pose, v1, impulse = system.rows.projected(pose, found.x)
         forces = forces + impulse / h
     elif conditions is None:
-        start = work.extrapolated(state.t, h, v0)
-        found = work.solve_any(A, rhs, start, error / (moves * h))
+        start = work.steps.extrapolated(state.t, h, v0)
+        found = work.steps.solve(A, rhs, start, error / (moves * h))
         v1 = found.x
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
     else:
         _, G = conditions.evaluate(state.q)
-        v1, _ = work.solve_constrained(A.values, G, rhs, np.zeros(conditions.n))
+        v1, _ = work.constraints.solve(A.values, G, rhs, np.zeros(conditions.n))
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
-        negative, held = work.saddle.negative_pivots, np.zeros(conditions.n)
+        negative, held = work.constraints.saddle.negative_pivots, np.zeros(conditions.n)
         definite = negative is None or negative == conditions.n
-        found = Solution(v1, definite=definite, roughly=lambda rhs: work.saddle.solve(rhs, held)[0])
+        found = Solution(
+            v1, definite=definite, roughly=lambda rhs: work.constraints.saddle.solve(rhs, held)[0]
+        )
     with work.timed("force"):
         least, element = system.smallest_J(pose.q)
     local_error = None
@@ -221,5 +224,5 @@ def _projected(system: System, state: State, pose: Pose, work: Workspace) -> Pos
     c, _ = conditions.evaluate(pose.q)
     mass = np.zeros(system.pattern.nnz)
     system.kinematics.add_mass(mass, pose)
-    back, _ = work.solve_constrained(mass, G, np.zeros(system.pattern.n), -c)
+    back, _ = work.constraints.solve(mass, G, np.zeros(system.pattern.n), -c)
     return system.kinematics.advance(pose, back, pose.t)

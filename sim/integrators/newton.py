@@ -86,6 +86,28 @@ class Potential(Protocol):
         ...
 
 
+class BySecants:
+    """Choice of directions of a `Potential` whose stiffness is factorised completely."""
+
+    scale: float
+    patience, haste = 1, 1.0
+
+    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
+        """Current iterate, and direction -H g with the quasi-Newton inverse H."""
+        return point, work.newton.secants.direction(
+            point.g, lambda r: work.newton.solve(self.scale * r)
+        )
+
+    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
+        """End of a step, which updates the quasi-Newton history."""
+        work.newton.secants.learn(end.d - start.d, end.g - start.g)
+        return end
+
+    def refused(self, work: Workspace) -> bool:
+        """False: a new factor is required."""
+        return False
+
+
 @dataclass(frozen=True)
 class Tolerances:
     """Tolerances of the iteration, and criteria for a new factor; see `Iterative`."""
@@ -204,11 +226,10 @@ def minimise(
         with work.timed("tangent"):
             A = potential.matrix(point.d)
         try:
-            more = work.factorise(A, potential.shift)
+            more = work.newton.factorise(A, potential.shift, key)
         except NotPositiveDefinite as error:
             reason = "the matrix remains indefinite for any shift"
             raise NotConverged(tuple(residuals), until, reason) from error
-        work.factor_of = key
         factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0
 
     def account(iteration: int, left: float) -> Iteration:
@@ -216,7 +237,7 @@ def minimise(
 
     negligible = tolerances.position * tolerances.residual
     residuals, last, shortest = [point.residual], np.inf, 1.0
-    made_here = not work.has_factor_for(*key)
+    made_here = not work.newton.belongs_to(key)
     if made_here:
         renew()
     for iteration in range(1, tolerances.max_iterations + 1):

@@ -1,21 +1,70 @@
-"""Solution of one implicit stage, common to the converged integrators."""
+"""Solution of one implicit stage by Newton's method to a tolerance."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import reduce
 
 import numpy as np
 
 from sim.contact.step import ContactStep
+from sim.errors import SceneError
+from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import Settled, minimise_in_contact
 from sim.integrators.estimate import relaxed
 from sim.integrators.incremental import IncrementalPotential, VaryingInertia
-from sim.integrators.iterative import Iterative
-from sim.integrators.newton import Iteration
+from sim.integrators.newton import Iteration, Point, Tolerances, minimise
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Control, Evaluation, Line, Pose, State, StepReport
+from sim.step_matrices import damping_matrix
 from sim.system import System
+
+
+@dataclass(frozen=True)
+class Iterative:
+    """Newton's method to a tolerance, on a potential.
+
+    The line search requires det F > 0 at every Gauss point and a decrease of the potential. A
+    factor is reused, with quasi-Newton updates, over many steps as long as the iteration converges;
+    a matrix that is not positive definite is shifted.
+
+    Attributes
+    ----------
+    tolerance : float
+        Largest estimated remaining error of a nodal position [m].
+    residual_tolerance : float
+        Largest nodal residual force [N].
+    max_iterations : int
+    keep_factor : float
+        The factor is renewed if an iteration reduces the residual by a smaller factor.
+    """
+
+    tolerance: float = 1e-6
+    residual_tolerance: float = 2e-5
+    max_iterations: int = 80
+    keep_factor: float = 0.6
+
+    def _minimiser(
+        self, system: System, work: Workspace, s: float, until: float
+    ) -> Callable[[Placed, Point], tuple[Point, Iteration]]:
+        """Return the iteration for a system, with its constraints if it has any.
+
+        Factors belong to this integrator and s, its implicit part of a step [s].
+        """
+        if system.rows is not None:
+            raise SceneError(
+                f"{type(self).__name__} does not hold joints: use LinearlyImplicitEuler or RungeKutta4"
+            )
+        tolerances = Tolerances(
+            self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
+        )
+
+        def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
+            if system.constraints is None:
+                return minimise(potential, point, work, (type(self).__name__, s), tolerances, until)
+            return minimise_constrained(potential, point, work, tolerances, until)
+
+        return settle
 
 
 @dataclass(frozen=True)
@@ -120,8 +169,8 @@ class Converged(Iterative):
             if end.contact is not None and system.contact is not None:
                 return end.contact.held(rhs, system.contact.pushing(state))
             if conditions is None:
-                return work.solve(rhs)
-            return work.saddle.solve(rhs, np.zeros(conditions.n))[0]
+                return work.newton.solve(rhs)
+            return work.constraints.saddle.solve(rhs, np.zeros(conditions.n))[0]
 
         return relaxed(system, error, momentum, D, s, solve, end.pose)
 
@@ -135,7 +184,7 @@ def middle_damping(system: System, state: State, control: Line, h: float) -> Mat
     kinematics, middle = system.kinematics, control.at(0.5)
     pose = kinematics.advance(state.pose, 0.5 * h * kinematics.velocities(state), state.t + 0.5 * h)
     upright = system.smallest_J(pose.q)[0] > 0.0
-    return system.damping_matrix(pose if upright else state.pose, middle)
+    return damping_matrix(system, pose if upright else state.pose, middle)
 
 
 def report_of(h: float, stages: list[Solved], local_error: Array | None = None) -> StepReport:

@@ -9,11 +9,12 @@ from sim.contact.step import ContactStep
 from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.contract import require_upright
 from sim.integrators.incremental import PotentialOfMoves
-from sim.integrators.iterative import Iterative
 from sim.integrators.newton import Point
+from sim.integrators.stage import Iterative
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Control, ControlAt, State, StepReport
+from sim.step_matrices import stiffness_matrix
 from sim.system import System
 
 
@@ -97,7 +98,7 @@ class _Energy(PotentialOfMoves):
         """Second derivative K at d."""
         pose = self.pose(d)
         here, K = self.system.tangent(pose.q, self._control)
-        A = self.system.stiffness_matrix(pose, K, here.f)
+        A = stiffness_matrix(self.system, pose, K, here.f)
         # A shift of 1 % of the typical stiffness is effective without dominating the matrix.
         self.shift = np.full(len(d), 0.01 * np.abs(A.values[A.pattern.diagonal]).mean())
         return A

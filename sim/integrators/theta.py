@@ -15,6 +15,7 @@ from sim.integrators.linearly_implicit import (
 )
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, Line, State, StepReport
+from sim.step_matrices import damping_matrix, implicit_matrix
 from sim.system import System
 
 
@@ -81,10 +82,10 @@ class _Linearised:
         with work.timed("tangent"):
             pose = kinematics.at(state.pose, at_end.t)
             here, K = system.tangent(pose.q, at_end)
-            D = system.damping_matrix(pose, at_end, K)
+            D = damping_matrix(system, pose, at_end, K)
             predicted = predicted_pose(system, state, h)
             by_damping, by_stiffness = theta * h, (theta * h) * (theta * h)
-            A = system.implicit_matrix(pose, here, K, D, by_damping, by_stiffness, predicted)
+            A = implicit_matrix(system, pose, here, K, D, by_damping, by_stiffness, predicted)
         require_upright(here.element, here.smallest_J, state.t)
         force = kinematics.generalised_force(here.f, pose)
         if D.offset is not None:

@@ -1,6 +1,6 @@
 """Potentials with contact forces, by the Schur complement or by assembly.
 
-Both are augmented Lagrangians of the rows' gaps g >= 0 (`sim.contact.multipliers`).
+Both are augmented Lagrangians of the rows' gaps g >= 0 (`sim.contact.rows`).
 """
 
 from dataclasses import dataclass, replace
@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.contact.compliance import RowCompliance, directions
-from sim.contact.correction import pressed
-from sim.contact.multipliers import Acting, Multipliers
 from sim.contact.pushes import pushes
-from sim.contact.rows import RowPlaces, Rows
-from sim.integrators.by_secants import BySecants
+from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows
+from sim.contact.step import pressed
 from sim.integrators.constrained import Placed
-from sim.integrators.newton import Point
+from sim.integrators.newton import BySecants, Point
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.scene import Index
@@ -144,8 +142,8 @@ class TouchingInMatrix(BySecants, Touching):
         """Solution with the factor, whose matrix contains the active rows."""
         conditions = self.system.constraints
         if conditions is None:
-            return work.solve(rhs)
-        return work.saddle.solve(rhs, np.zeros(conditions.n))[0]
+            return work.newton.solve(rhs)
+        return work.constraints.saddle.solve(rhs, np.zeros(conditions.n))[0]
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
@@ -158,7 +156,7 @@ class TouchingInMatrix(BySecants, Touching):
         diagonal : (n_free,) of the stiffness [N/m].
         """
         push = pressed(rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty)
-        return self.opening(work.solve(self.scale * self.generalised(push)))
+        return self.opening(work.newton.solve(self.scale * self.generalised(push)))
 
 
 class TouchingApart(Touching):
@@ -185,11 +183,11 @@ class TouchingApart(Touching):
         quasi-Newton updates of later steps.
         """
         assert isinstance(point, InContact)  # result of `point`
-        alone, forces, secants = point.alone, self.multipliers.normal, work.inverse_secants
+        alone, forces, secants = point.alone, self.multipliers.normal, work.newton.inverse_secants
         rest = self._directions.T @ forces - alone.g
-        by_factor = work.solve(self.scale * rest)
+        by_factor = work.newton.solve(self.scale * rest)
         moved, self._moved = self._moved, None
-        if moved is not None and moved.factor == work.factor_number:
+        if moved is not None and moved.factor == work.newton.number:
             answer = moved.by_factor - by_factor
             secants.learn(alone.d - moved.start.d, alone.g - moved.start.g, answer)
         free = by_factor + secants.added(rest)
@@ -200,7 +198,7 @@ class TouchingApart(Touching):
 
     def _rows(self, work: Workspace) -> RowCompliance:
         if self._compliance is None:
-            self._compliance = RowCompliance(self._directions, work.compliance(self.scale))
+            self._compliance = RowCompliance(self._directions, work.contact.compliance(self.scale))
         return self._compliance
 
     def _pushed(
@@ -213,7 +211,7 @@ class TouchingApart(Touching):
         gap : (m,) after the displacement without a change of the forces [m].
         """
         forces, soft = self.multipliers.normal, 1.0 / self.multipliers.rho
-        secants, D = work.inverse_secants, self._directions
+        secants, D = work.newton.inverse_secants, self._directions
         share, least = self._left
         new, answer = forces, np.zeros(D.shape[1])
         pushed, on = answer, (forces > 0.0) | (gap < 0.0)
@@ -227,7 +225,7 @@ class TouchingApart(Touching):
             new = np.zeros_like(forces)
             new[rows] = pushes(G, gap[rows] - G @ forces[rows], forces[rows] > 0.0)
             change = D.T @ (new - forces)
-            answer = work.solve(self.scale * change)
+            answer = work.newton.solve(self.scale * change)
             pushed = answer + secants.added(change)
             missed, size = compliance.learn(new - forces, answer)
             more = ~on & (gap + D @ pushed < -CLOSED)
@@ -246,14 +244,14 @@ class TouchingApart(Touching):
         multipliers = self.multipliers
         multipliers.normal = multipliers.normal + length * (tried.forces - multipliers.normal)
         by_factor = tried.by_factor + length * tried.answer
-        self._moved = _Moved(start.alone, by_factor, work.factor_number)
+        self._moved = _Moved(start.alone, by_factor, work.newton.number)
         return replace(end, g=end.alone.g - self._directions.T @ multipliers.normal)
 
     def refused(self, work: Workspace) -> bool:
         """Test if the compliance may be inaccurate; if so, it is computed again."""
         self._left = SURE
         self._compliance = None
-        return work.forget_compliance()
+        return work.contact.forget_compliance()
 
     def settled(self, d: Array) -> Acting:
         """Contact forces at the end of the iteration: the multipliers."""
@@ -267,13 +265,13 @@ class TouchingApart(Touching):
         """
         multipliers = self.multipliers
         on = np.flatnonzero((multipliers.normal > 0.0) & np.isin(multipliers.rows.slot, slots))
-        x = work.solve(rhs)
+        x = work.newton.solve(rhs)
         if not len(on):
             return x
         D, G = self._directions[on], self._rows(work).among(on)
         G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[on]
         for _ in range(HELD):
-            x = x - work.solve(self.scale * (D.T @ np.linalg.solve(G, D @ x)))
+            x = x - work.newton.solve(self.scale * (D.T @ np.linalg.solve(G, D @ x)))
         return x
 
     def opened(
@@ -288,7 +286,7 @@ class TouchingApart(Touching):
         gap = np.r_[-wanted, np.zeros(len(elsewhere))]
         force = pushes(G, gap, gap < 0.0)
         push = D.T @ force[: len(rows)] + self._directions[elsewhere].T @ force[len(rows) :]
-        x = work.solve(self.scale * push)
+        x = work.newton.solve(self.scale * push)
         return self.opening(x)
 
 

@@ -98,7 +98,7 @@ def probe_skin(
         control = system.control(np.zeros(len(system.muscles)))
         work = Workspace(system, parameters.linear_solver)
         state, _ = Static().step(system, system.rest_state(), control, 1.0, work)
-        solve, _ = work.solver_of(system.tangent(state.q, control)[1])
+        solve, _ = work.steps.factorised(system.tangent(state.q, control)[1])
         found: dict[str, float] = {"element": int(own[k])}
         for name, axis in (("along (N/m)", 0), ("across (N/m)", 1)):
             load = np.zeros_like(position)

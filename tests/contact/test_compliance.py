@@ -10,9 +10,9 @@ from sim.contact.compiled import FORCE, MEMORY
 from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, RowCompliance, directions
 from sim.contact.pushes import pushes
 from sim.contact.rows import Rows
-from sim.integrators import workspace
-from sim.integrators.inverse_secants import InverseSecants
-from sim.integrators.secant import SecantMemory
+from sim.integrators import analysed
+from sim.integrators.contact_memory import ContactMemory
+from sim.integrators.quasi_newton import InverseSecants, SecantMemory
 from sim.linear import FACTORS, linear_solver, pardiso_is_available, symmetric_product
 from tests.bodies import grid
 from tests.contact.scenes import box, moved, system_of, two_bodies
@@ -249,8 +249,8 @@ def test_schur_complement_and_assembled_rows_give_the_same_motion(monkeypatch):
     contact = sim.ConstraintContact((sim.Pairing(*surfaces), floor))
     system = system_of(mesh, contact, sim.Gravity((0.5, 0.0, -9.81)))
     ends = []
-    for most in (workspace.MOST, -1):
-        monkeypatch.setattr(workspace, "MOST", most)
+    for most in (analysed.MOST, -1):
+        monkeypatch.setattr(analysed, "MOST", most)
         ends.append(moved(system, sim.ConvergedEuler(), 12, h=0.005)[-1].q)
     assert np.abs(ends[0] - mesh.X).max() > 5e-4
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-5)
@@ -290,7 +290,7 @@ def test_a_step_may_change_between_both_forms_of_contact(monkeypatch, linear):
     work, state = sim.Workspace(system, linear), system.rest_state()
     control = system.control(np.zeros(0))
     for most, apart in ((800, True), (-1, False), (800, True)):
-        monkeypatch.setattr(workspace, "MOST", most)
+        monkeypatch.setattr(analysed, "MOST", most)
         assert (work.form(system, state) is system.apart) is apart
         state, report = sim.ConvergedEuler().step(system, state, control, 0.01, work)
         assert report.factorisations >= 1
@@ -335,18 +335,18 @@ def test_an_inaccurate_compliance_is_corrected_or_recomputed(monkeypatch, wrong,
         monkeypatch.setattr(RowCompliance, "learn", lambda *_: (0.0, 0.0))
     system = lying()
     control, ends, forgotten = system.control(np.zeros(0)), [], []
-    forget = sim.Workspace.forget_compliance
+    forget = ContactMemory.forget_compliance
 
     def noted(work):
         forgotten.append(1)
         return forget(work)
 
-    monkeypatch.setattr(sim.Workspace, "forget_compliance", noted)
+    monkeypatch.setattr(ContactMemory, "forget_compliance", noted)
     for factor in (1.0, wrong):
         work, state = sim.Workspace(system), system.rest_state()
         for _ in range(4):
             state, _ = sim.ConvergedEuler().step(system, state, control, 0.005, work)
-            known = work.compliance(1.0)
+            known = work.contact.compliance(1.0)
             known._found = factor * known._found
         ends.append(state.q)
     np.testing.assert_allclose(*ends, rtol=0, atol=2e-6)

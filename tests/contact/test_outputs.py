@@ -5,7 +5,7 @@ import pytest
 
 import sim
 from emgface.face.penetration import depths
-from sim.contact.correction import AT_ALL
+from sim.contact.step import AT_ALL
 from tests.bodies import grid
 from tests.contact.scenes import (
     CASES,

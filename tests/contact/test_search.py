@@ -8,9 +8,8 @@ from scipy.spatial import ConvexHull
 import sim
 from sim._kernels import triangles as kernel
 from sim.contact.distance import edge_edge, point_triangle
-from sim.contact.recent import Recent
 from sim.contact.search import entered_faces, nearest_faces
-from sim.contact.signed_distance import SignedFaces
+from sim.contact.signed_distance import Recent, SignedFaces
 from tests.bodies import grid, rotation
 
 

@@ -15,6 +15,7 @@ from sim.joints import (
     Spherical,
     Weld,
 )
+from sim.step_matrices import damping_matrix, implicit_matrix
 from tests.kinematics.scenes import INERTIA, dense, mixed_system, random_pose
 
 ARM, MASS, G = 0.1, 0.2, 9.8
@@ -130,8 +131,8 @@ def test_rows_by_the_schur_complement_equal_the_full_saddle_system():
     pose, _ = random_pose(system, size=0.3)
     control, h, rows = system.control(np.full(len(system.muscles), 0.2)), 2e-3, system.rows
     here, K = system.tangent(pose.q, control)
-    D = system.damping_matrix(pose, control, K)
-    A = system.implicit_matrix(pose, here, K, D, h, h * h)
+    D = damping_matrix(system, pose, control, K)
+    A = implicit_matrix(system, pose, here, K, D, h, h * h)
     rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-6
     work, start = sim.Workspace(system), np.zeros(system.pattern.n)
     found, f = held_solution(system, rows, A, rhs, start, pose, h, 1e-12, work)

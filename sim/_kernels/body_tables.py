@@ -1,0 +1,83 @@
+"""Tables and memory of the fused step of rigid bodies."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+class BodyTable(NamedTuple):
+    """Bodies, points on them, and paths of fibres.
+
+    column : (n_bodies,) first velocity of every body, -1 where it is not free.
+    mass, inertia, inverse, damping : (n_bodies,), (n_bodies, 3, 3) in the axes of the body, its inverse,
+        and (n_bodies, 2).
+    body, arm : body of every point, -1 for space, and its place in the axes of the body [m].
+    load : (n_points, 3) constant forces [N].
+    start, point : points start[k]..start[k + 1] of fibre k, entries of `point`.
+    """
+
+    column: Index
+    mass: Array
+    inertia: Array
+    inverse: Array
+    damping: Array
+    body: Index
+    arm: Array
+    load: Array
+    start: Index
+    point: Index
+
+
+class RowKinds(NamedTuple):
+    """Kinds of rows, as of `sim.joints.compiled.Rows`."""
+
+    unilateral: Flags
+    rigid: Flags
+    compliance: Array
+    damping_time: Array
+
+
+class Led(NamedTuple):
+    """Prescribed bodies (k,), with frames (n, k, 7) and twists (n, k, 6) at the ends of steps."""
+
+    body: Index
+    frames: Array
+    twists: Array
+
+
+class Scratch(NamedTuple):
+    """Memory of a step for n velocities, m rows, p points and k bodies."""
+
+    frames: Array
+    ahead: Array
+    q: Array
+    arm: Array
+    force: Array
+    carried: Array
+    A: Array
+    w0: Array
+    w1: Array
+    p: Array
+    r: Array
+    g: Array
+    I: Array  # noqa: E741
+    inverse: Array
+    G: Array
+    Y: Array
+    S: Array
+    T: Array
+    c: Array
+    drift: Array
+    target: Array
+    f: Array
+    held: Array
+    JA: Array
+    JB: Array
+    JP: Array
+    on: Flags
+    index: Index

@@ -1,0 +1,104 @@
+"""Compilation of a scene: masses, free unknowns, sparsity, muscles."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sim.constraints.union import unite
+from sim.contact.constraint import ConstraintContact
+from sim.errors import SceneError
+from sim.joints.compiled import Rows
+from sim.kinematics import Kinematics, lay_out_kinematics
+from sim.mesh import Mesh
+from sim.scene import (
+    CompiledTerm,
+    HasMass,
+    HasMuscles,
+    HasSparse,
+    Layout,
+    MeasuresContact,
+    Scene,
+    StopsMoves,
+)
+from sim.state import Pose
+from sim.system import System
+
+
+def compile_scene(scene: Scene) -> System:
+    """Combine the parts of a scene: masses, free unknowns, sparsity, muscles.
+
+    Raises
+    ------
+    SceneError
+        A free node has no mass, two muscles share a name, no node is free, or contact is declared twice.
+    """
+    mesh = scene.whole
+    mass = np.zeros(mesh.n_nodes)
+    mass[scene.first_centre :] = [body.mass for body in scene.bodies]
+    names: list[str] = []
+    for term in scene.terms:
+        if isinstance(term, HasMass):
+            mass += term.node_mass(mesh)
+        if isinstance(term, HasMuscles):
+            names.extend(term.muscle_names())
+    if sum(isinstance(term, ConstraintContact) for term in scene.terms) > 1:
+        raise SceneError("a scene has two ConstraintContact, expected one with all pairings")
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise SceneError(f"muscle name {sorted(repeated)[0]!r} occurs twice, expected unique names")
+    empty = [np.empty(0, dtype=np.int64)]
+    keys = np.concatenate(
+        empty + [part.pair_keys(mesh) for part in (*scene.terms, *scene.constraints)]
+    )
+    pattern, kinematics = lay_out_kinematics(mesh, mass, keys, scene.bodies, scene.reductions)
+    layout = Layout(mesh, mass, pattern, tuple(names))
+    terms = tuple(term.compile(layout) for term in scene.terms)
+    apart = scene.constraints or any(isinstance(term, MeasuresContact) for term in terms)
+    if (kinematics.matrix_varies or scene.joints) and apart:
+        raise SceneError(
+            "contact and hard volumes are not implemented for scenes with bodies, joints or "
+            "attachments: leave one of the two out"
+        )
+    conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
+    sparse = _sparse(scene, terms)
+    system = System(
+        scene,
+        mesh,
+        mass,
+        pattern,
+        kinematics,
+        terms,
+        layout.muscles,
+        conditions,
+        _rows(scene, kinematics, mesh),
+        sparse,
+        recompiled=compile_scene,
+    )
+    if scene.damping is None:
+        return system
+    # a barrier is stiff only in contact; damping proportional to it would hold surfaces together
+    tissue = replace(system, terms=tuple(t for t in terms if not isinstance(t, StopsMoves)))
+    damping = scene.damping.compile(layout, lambda q, control: tissue.tangent(q, control)[1])
+    return replace(system, damping_law=damping)
+
+
+def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> Rows | None:
+    if not scene.joints:
+        return None
+    start = Pose(mesh.X, kinematics.rest_frames, 0.0)
+    rest = kinematics.advance(start, np.zeros(kinematics.pattern.n), 0.0)
+    numbers = {body.name: b for b, body in enumerate(scene.bodies)}
+    return Rows(scene.joints, numbers, kinematics, rest)
+
+
+def _sparse(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:
+    """Compile the scene with matrix-free products where possible.
+
+    Not with a barrier, which must not be searched twice, nor with constraints, which require the
+    assembled matrix.
+    """
+    alone = scene.constraints or any(isinstance(term, StopsMoves) for term in compiled)
+    if alone or not any(isinstance(term, HasSparse) for term in scene.terms):
+        return None
+    terms = tuple(t.sparse() if isinstance(t, HasSparse) else t for t in scene.terms)
+    return compile_scene(replace(scene, terms=terms))

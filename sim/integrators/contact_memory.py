@@ -1,0 +1,73 @@
+"""Compliance and stiffness of the tissue that contact forces use over many steps."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sim.contact.compliance import Compliance
+from sim.integrators.kept import codes, named, part_of, text
+from sim.integrators.newton_factor import Key, NewtonFactor
+from sim.state import Array
+
+
+class ContactMemory:
+    """Memory of converged steps with contact, for n unknowns.
+
+    Attributes
+    ----------
+    stiffness : (Key, (n,)) or None
+        Integrator and step, and the diagonal of their stiffness that penalties follow [N/m].
+    """
+
+    def __init__(self, newton: NewtonFactor, n: int) -> None:
+        self._newton, self._n = newton, n
+        self._compliance: Compliance | None = None
+        self._made_by: int | None = None
+        self.stiffness: tuple[Key, Array] | None = None
+
+    def compliance(self, scale: float) -> Compliance:
+        """Compliance of the tissue of the latest factor, or of earlier ones.
+
+        Without products; new parts come from the latest factor, of `scale` times the stiffness, in its
+        own precision.
+        """
+
+        def solve_many(rhs: Array) -> Array:
+            return scale * self._newton.solve_many(rhs)
+
+        if self._compliance is None:
+            self._compliance = Compliance(self._n, solve_many)
+            self._made_by = self._newton.number
+        self._compliance.solve_many = solve_many
+        return self._compliance
+
+    def forget_compliance(self) -> bool:
+        """Discard the compliance if it is not of the latest factor; return True if discarded."""
+        if self._made_by == self._newton.number:
+            return False
+        self._compliance, self._made_by = None, None
+        return True
+
+    def arrays(self) -> dict[str, Array]:
+        """Compliance and stiffness."""
+        arrays: dict[str, Array] = {}
+        if self._compliance is not None:
+            of_factor = np.array([float(self._made_by == self._newton.number)])
+            arrays |= named("compliance", self._compliance.arrays() | {"of_factor": of_factor})
+        if self.stiffness is not None:
+            (by, h), diagonal = self.stiffness
+            own = {"by": codes(by), "h": np.array([h]), "diagonal": diagonal}
+            arrays |= named("stiffness", own)
+        return arrays
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Restore the memory from `arrays`, for a factor that has been restored."""
+        self._compliance, self._made_by, self.stiffness = None, None, None
+        if compliance := part_of(arrays, "compliance"):
+            self._compliance = Compliance(self._n, self._newton.solve_many)
+            self._compliance.restore(compliance)
+            if compliance["of_factor"][0]:
+                self._made_by = self._newton.number
+        if stiffness := part_of(arrays, "stiffness"):
+            key = text(stiffness["by"]), float(stiffness["h"][0])
+            self.stiffness = key, stiffness["diagonal"]

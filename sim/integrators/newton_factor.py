@@ -1,0 +1,148 @@
+"""Latest factor of Newton's method, and the quasi-Newton updates that belong to it."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from sim.integrators.analysed import AnalysedSolver
+from sim.integrators.clock import PhaseClock
+from sim.integrators.kept import codes, named, part_of, text
+from sim.integrators.quasi_newton import InverseSecants, SecantMemory
+from sim.linear import NotPositiveDefinite, ReusedFactor
+from sim.linear.conjugate_gradients import conjugate_gradients
+from sim.matrix import Matrix
+from sim.state import Array
+
+DIRECTION_SHARE, DIRECTION_SOLUTIONS = 0.1, 12
+"""Tolerance of a direction, and largest number of solutions."""
+
+Key = tuple[str, float]
+"""Integrator, and implicit part of its step [s]."""
+
+
+class NewtonFactor:
+    """Factor that serves the iterations of many steps.
+
+    Attributes
+    ----------
+    key : Key or None
+        Integrator and step of the latest factor; None if it is of another matrix.
+    number : int
+        Counter of factors.
+    secants, inverse_secants
+        Updates of the factor.
+    """
+
+    def __init__(self, solver: AnalysedSolver, clock: PhaseClock) -> None:
+        self._solver, self._timed = solver, clock.timed
+        self.key: Key | None = None
+        self.number = 0
+        self.secants, self.inverse_secants = SecantMemory(), InverseSecants()
+        self._made_of: Array | None = None
+        self._beside: Matrix | None = None
+
+    def belongs_to(self, key: Key) -> bool:
+        """Test if the latest factor is of this integrator and step, up to rounding of the step."""
+        return alike(self.key, key)
+
+    def factorise(self, A: Matrix, shift: Array, key: Key, max_shifts: int = 12) -> int:
+        """Factorise; while the matrix is not positive definite, add growing multiples of a diagonal.
+
+        Added to the matrix of a time step, multiples of the mass act as a shorter step would. Returns
+        the number of shifts.
+
+        Raises
+        ------
+        NotPositiveDefinite
+            Not even the largest shift helped.
+        """
+        self._solver.analyse(A.pattern)
+        values, tau = A.to_factorise(), 0.0
+        shifted = values
+        self.forget()
+        self._made_of = None
+        for shifts in range(max_shifts + 1):
+            try:
+                with self._timed("factorisation"):
+                    self._solver.factor.factorise(shifted)
+            except NotPositiveDefinite:
+                if shifts == max_shifts:
+                    raise
+                tau = 4.0**shifts
+                shifted = values.copy()
+                shifted[A.pattern.diagonal] += tau * shift
+                continue
+            self._made_of, self.key = shifted, key
+            if A.products:
+                own = A.values.copy()
+                own[A.pattern.diagonal] += tau * shift
+                self._beside = replace(A, values=own)
+            return shifts
+        raise AssertionError("unreachable: the loop returns or raises")
+
+    def solve(self, rhs: Array) -> Array:
+        """Solve with the latest factor, in its own precision; with products roughly.
+
+        A direction for Newton's method needs no more.
+        """
+        factor = self._solver.factor
+        with self._timed("solution"):
+            if self._beside is None:
+                return factor.approximate(rhs)
+            times = self._beside.times
+            return conjugate_gradients(
+                times, factor.approximate, rhs, DIRECTION_SHARE, DIRECTION_SOLUTIONS
+            )
+
+    def solve_many(self, rhs: Array) -> Array:
+        """Solutions (k, n) without products for many right-hand sides (k, n)."""
+        with self._timed("solution"):
+            return self._solver.factor.approximate_many(rhs)
+
+    def superseded(self) -> None:
+        """Discard the updates and the key, because the solver has factorised another matrix."""
+        self.key = None
+        self.number += 1
+        self.secants.clear()
+        self.inverse_secants.clear()
+        self._beside = None
+
+    def forget(self) -> None:
+        """Discard the factor, also that of an iterative solver."""
+        self.superseded()
+        if isinstance(self._solver.linear, ReusedFactor):
+            self._solver.linear.forget()
+
+    def arrays(self) -> dict[str, Array]:
+        """Matrix of the factor, which the same solver factorises again, and the updates."""
+        if self.key is None or self._made_of is None:
+            return {}
+        by, h = self.key
+        own = {"by": codes(by), "h": np.array([h]), "values": self._made_of}
+        return (
+            named("factor", own)
+            | named("secants", self.secants.arrays())
+            | named("inverse_secants", self.inverse_secants.arrays())
+            | named("beside", self._beside.arrays() if self._beside is not None else {})
+        )
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Restore the memory from `arrays`, for a solver that has been restored."""
+        self._made_of = None
+        factor, beside = part_of(arrays, "factor"), part_of(arrays, "beside")
+        if factor:
+            self._made_of = factor["values"]
+            self._solver.factor.factorise(self._made_of)
+            self.key = text(factor["by"]), float(factor["h"][0])
+            if beside:
+                assert self._solver.analysed is not None  # a factor was made for it
+                self._beside = Matrix.of_arrays(self._solver.analysed, beside)
+        self.secants.restore(part_of(arrays, "secants"))
+        self.inverse_secants.restore(part_of(arrays, "inverse_secants"))
+
+
+def alike(made: Key | None, key: Key) -> bool:
+    """Test if an object belongs to this integrator and step, up to rounding of the step."""
+    return made is not None and made[0] == key[0] and math.isclose(made[1], key[1], rel_tol=1e-9)

@@ -1,0 +1,159 @@
+"""Solutions with the matrices of linearly implicit steps, and their initial guesses."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sim.integrators.analysed import AnalysedSolver
+from sim.integrators.clock import PhaseClock
+from sim.integrators.kept import named, part_of
+from sim.integrators.newton_factor import NewtonFactor
+from sim.linear import LinearSolver, NotPositiveDefinite, ReusedFactor, linear_solver
+from sim.matrix import Matrix
+from sim.pattern import Index
+from sim.state import Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Solution of a linear system.
+
+    Attributes
+    ----------
+    x : (n_free,)
+    iterations, factorisations : int
+        Numbers of solutions with a factor and of factorisations.
+    definite : bool
+        True if the latest factorised matrix is positive definite.
+    roughly : callable or None
+        Solver for the same matrix or an approximation of it.
+    """
+
+    x: Array
+    iterations: int = 1
+    factorisations: int = 1
+    definite: bool = True
+    roughly: Callable[[Array], Array] | None = None
+
+
+class StepSolver:
+    """Solver of systems with matrices that need not be positive definite.
+
+    It shares its factor with Newton's method, whose updates are then discarded.
+    """
+
+    def __init__(self, solver: AnalysedSolver, newton: NewtonFactor, clock: PhaseClock) -> None:
+        self._solver, self._newton, self._timed = solver, newton, clock.timed
+        self._indefinite: LinearSolver | None = None
+        self._columns: tuple[Array | None, Array] | None = None
+        self._before: tuple[float, float, Array] | None = None
+
+    def solve(self, A: Matrix, rhs: Array, start: Array, error: float) -> Solution:
+        """Solve A x = rhs.
+
+        Parameters
+        ----------
+        A : Matrix
+            Of the system, or of its `form`.
+        rhs : (n_free,)
+        start : (n_free,) where an iterative solver begins.
+        error : float
+            Largest error that it leaves, in the units of the solution.
+
+        Raises
+        ------
+        NotReached
+            The iteration failed; A is of a form with products.
+        SingularSystem
+            The matrix is singular or holds NaN.
+        """
+        linear = self._solver.linear
+        if not isinstance(linear, ReusedFactor) or A.pattern is not self._solver.form_pattern:
+            solve, definite = self.factorised(A.values)
+            return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve)
+        self._solver.analyse(A.pattern)
+        linear = self._solver.linear
+        assert isinstance(linear, ReusedFactor)  # of the same name and number of unknowns
+        self._newton.superseded()
+        if A.products:
+            linear.factorise(A.values, A.times, A.to_factorise)
+        else:
+            linear.factorise(A.values)
+        x = linear.solve(rhs, start, error)
+        counts = linear.iterations, linear.factorisations
+        return Solution(x, *counts, linear.definite, linear.roughly)
+
+    def factorised(self, values: Array) -> tuple[Callable[[Array], Array], bool]:
+        """Solver for several right-hand sides, and whether the matrix is positive definite.
+
+        Raises as `solve`.
+        """
+        self._newton.forget()
+        solver = whole = self._whole
+        try:
+            with self._timed("factorisation"):
+                solver.factorise(values)
+        except NotPositiveDefinite:
+            if self._indefinite is None:
+                self._indefinite = linear_solver(indefinite=True)
+                self._indefinite.analyse(self._solver.pattern)
+            solver = self._indefinite
+            with self._timed("factorisation"):
+                solver.factorise(values)
+
+        def solve(rhs: Array) -> Array:
+            with self._timed("solution"):
+                return solver.solve(rhs)
+
+        return solve, solver is whole
+
+    @property
+    def _whole(self) -> LinearSolver:
+        """Direct solver of the system's own matrix, analysed when it is first needed."""
+        if self._solver.form_pattern is self._solver.pattern:
+            self._solver.analyse(self._solver.pattern)
+            return self._solver.factor
+        return self._beside_products
+
+    @cached_property
+    def _beside_products(self) -> LinearSolver:
+        whole = linear_solver()
+        whole.analyse(self._solver.pattern)
+        return whole
+
+    def columns(self, of: Index, solve: Callable[[Array], Array]) -> Array:
+        """Solutions (k, n) for unit vectors as `Solution.roughly` gives them, kept with a factor."""
+        linear = self._solver.linear
+        made_of = linear.factored if isinstance(linear, ReusedFactor) else None
+        if self._columns is None or made_of is None or self._columns[0] is not made_of:
+            unit = np.zeros((len(of), self._solver.pattern.n))
+            unit[np.arange(len(of)), of] = 1.0
+            self._columns = made_of, np.array([solve(e) for e in unit])
+        return self._columns[1]
+
+    def extrapolated(self, t: float, h: float, v: Array) -> Array:
+        """Initial guess of the velocities at t + h from those at t.
+
+        Remembers them for the next step.
+        """
+        before, self._before = self._before, (t, t + h, v)
+        if before is None or not math.isclose(before[1], t, rel_tol=1e-12, abs_tol=1e-12):
+            return v
+        return v + h / (before[1] - before[0]) * (v - before[2])
+
+    def arrays(self) -> dict[str, Array]:
+        """Start and end of the latest step, and the velocities at its start."""
+        if self._before is None:
+            return {}
+        t0, t1, v = self._before
+        return named("step", {"velocity_times": np.array([t0, t1]), "velocities": v})
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Restore the memory from `arrays`."""
+        step, self._before = part_of(arrays, "step"), None
+        if "velocities" in step:
+            t0, t1 = step["velocity_times"].tolist()
+            self._before = t0, t1, step["velocities"]

@@ -1,0 +1,106 @@
+"""Matrices of a step over independent velocities: stiffness, damping, and their sum with the mass."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sim.linear.contract import symmetric_product
+from sim.matrix import Matrix, Product, merged
+from sim.scene import HasProduct
+from sim.state import Array, Control, Evaluation, Pose
+from sim.system import System
+
+
+def products(system: System, pose: Pose) -> tuple[Product, ...]:
+    """Matrix-free products of the generalised stiffness, in addition to `System.tangent`."""
+    parts = system.products_of_points(pose.q)
+    return tuple(system.kinematics.product(part, pose) for part in parts)
+
+
+def stand_in(system: System, pose: Pose) -> Array:
+    """Approximation of the products, for the preconditioner."""
+    K = np.zeros(system.point_pattern.nnz)
+    for term in system.terms:
+        if isinstance(term, HasProduct):
+            term.add_stand_in(pose.q, K)
+    return system.kinematics.generalised_matrix(K, None, pose)
+
+
+def damping_matrix(system: System, pose: Pose, control: Control, K: Array | None = None) -> Matrix:
+    """The generalised damping matrix with its products; K is that of the points, if computed."""
+    law, kinematics = system.damping_law, system.kinematics
+    of_points = system.damping(pose.q, control, K)
+    values = kinematics.generalised_matrix(of_points, None, pose)
+    kinematics.add_damping(values)
+    scaled: tuple[Product, ...] = ()
+    if law is not None:
+        moves = law.rest is None
+        of_terms = system.products_of_points(pose.q) if moves else system.products_at_rest
+        parts = (kinematics.product(part, pose) for part in of_terms)
+        scaled = tuple(part.scaled(law.beta) for part in parts)
+    offset, drift = None, kinematics.drift(pose, control.t)
+    if drift is not None:
+        offset = _damped(system, of_points, scaled, drift, pose)
+    return Matrix(system.pattern, values, scaled, offset=offset)
+
+
+def _damped(
+    system: System, of_points: Array, products: tuple[Product, ...], drift: Array, pose: Pose
+) -> Array:
+    """Generalised damping force (n,) of velocities of the points (n_points, 3)."""
+    f, v = np.zeros(drift.size), drift.reshape(-1)[system.free]
+    f[system.free] = symmetric_product(system.point_pattern, of_points, v)
+    for part in products:
+        f[system.free] += replace(part, R=None).times(v)
+    return system.kinematics.generalised_force(f.reshape(-1, 3), pose)
+
+
+def stiffness_matrix(system: System, pose: Pose, K: Array, f: Array) -> Matrix:
+    """The generalised stiffness with its products, from forces and stiffness of the points."""
+    values = system.kinematics.generalised_matrix(K, f, pose)
+    parts = products(system, pose)
+    approximation = (lambda: stand_in(system, pose)) if parts else None
+    return Matrix(system.pattern, values, parts, approximation)
+
+
+def implicit_matrix(
+    system: System,
+    pose: Pose,
+    here: Evaluation,
+    K: Array,
+    D: Matrix,
+    by_damping: float,
+    by_stiffness: float,
+    inertia: Pose | None = None,
+) -> Matrix:
+    """M + by_damping D + by_stiffness R'KR; the values K of the points' stiffness are overwritten.
+
+    Parameters
+    ----------
+    pose : Pose
+        Of forces `here` and stiffness K.
+    inertia : Pose, optional
+        Of the mass, by default the same.
+    """
+    kinematics = system.kinematics
+    values = by_damping * D.values
+    stiffness = kinematics.generalised_matrix(K, here.f, pose)
+    np.multiply(stiffness, by_stiffness, out=stiffness)
+    np.add(values, stiffness, out=values)
+    kinematics.add_mass(values, pose if inertia is None else inertia)
+    parts = products(system, pose)
+    if not parts:
+        return Matrix(system.pattern, values)
+    beta = 0.0 if system.damping_law is None else system.damping_law.beta
+    share = by_damping * beta + by_stiffness
+    return Matrix(
+        system.pattern,
+        values,
+        merged(
+            [
+                *(part.scaled(by_stiffness) for part in parts),
+                *(part.scaled(by_damping) for part in D.products),
+            ]
+        ),
+        lambda: share * stand_in(system, pose),
+    )
