@@ -6,11 +6,17 @@ import xarray as xr
 
 from emgface.errors import ActivationError
 from emgface.face.contact_parameters import NO_CONTACT
+from emgface.face.lip_shape import lip_opening
 from emgface.face.motion import simulate_face
 from emgface.face.penetration import Penetration
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
-from emgface.face.template.actions import ACTIONS, muscle_actions, steady_positions
+from emgface.face.template.actions import (
+    ACTIONS,
+    moves_as_described,
+    muscle_actions,
+    steady_positions,
+)
 from emgface.face.template.grid import make_grid, refined_grid
 from emgface.muscles import LIP_MARKERS, MODELLED
 from sim import ConvergedEuler, Positions
@@ -26,6 +32,49 @@ def test_every_muscle_has_an_action_with_source() -> None:
         for marker, axis, sign in action.signs:
             assert marker in LIP_MARKERS and marker.endswith("left")
             assert axis in "xyz" and sign in (-1, 1)
+
+
+@pytest.mark.parametrize("muscle", MODELLED)
+def test_each_criterion_of_an_action_is_required(coarse: xr.Dataset, muscle: str) -> None:
+    """Displacements of 1 mm as described, of which one is reversed or zero."""
+    rest, action = coarse["position"].values, ACTIONS[muscle]
+    node = dict(zip(coarse["marker"].values.tolist(), coarse["marker_node"].values, strict=True))
+    moves = [(node[marker], "xyz".index(axis), sign) for marker, axis, sign in action.signs]
+    if action.closes:
+        upper, lower = coarse["lip_opening_node"].values
+        moves += [(upper, 2, -1), (lower, 2, 1)]
+
+    def described(factors: list[float]) -> bool:
+        q = rest.copy()
+        for factor, (place, axis, sign) in zip(factors, moves, strict=True):
+            q[place, axis] += 1e-3 * factor * sign
+        return moves_as_described(coarse, muscle, q)
+
+    assert described([1.0] * len(moves))
+    for factor in (-1.0, 0.0, 0.05):
+        assert not described([factor] * len(moves))
+        for k in range(len(moves)):
+            assert not described([factor if i == k else 1.0 for i in range(len(moves))])
+
+
+def test_lips_that_are_half_open_are_not_closed(coarse: xr.Dataset) -> None:
+    q, node = coarse["position"].values.copy(), coarse["marker_node"].values
+    upper, lower = coarse["lip_opening_node"].values
+    q[node[LIP_MARKERS.index("corner_left")], 0] += 1e-3
+    gap = q[upper, 2] - q[lower, 2]
+    for share, closed in ((0.2, False), (0.3, True)):
+        moved = q.copy()
+        moved[upper, 2] -= share * gap
+        moved[lower, 2] += share * gap
+        assert moves_as_described(coarse, "OOM", moved) is closed
+
+
+def test_a_face_without_activation_shows_no_action(coarse: xr.Dataset) -> None:
+    """With contact of lips and teeth, which must not move the face by itself."""
+    parameters = SimulationParameters(sigma_max=100e3, gravity=False)
+    (q,), _ = steady_positions(coarse, [{}], parameters=parameters, duration=0.2, step=0.1)
+    assert np.abs(q - coarse["position"].values).max() < 1e-9
+    assert not any(moves_as_described(coarse, muscle, q) for muscle in MODELLED)
 
 
 def check_actions(face: xr.Dataset, muscles: tuple[str, ...] = MODELLED) -> None:
@@ -111,17 +160,23 @@ def test_the_motion_converges_with_the_mesh() -> None:
 
 
 def test_a_mirrored_activation_gives_the_mirrored_motion(coarse: xr.Dataset) -> None:
-    """A smile to the left is the mirror image of one to the right, to a nanometre."""
-    left = {"ZYG_L": 0.5, "RIS_L": 0.3, "OOP_R": 0.2, "DAO_R": 0.4}
+    """A smile to the left is the mirror image of one to the right, to a nanometre.
+
+    The lips close on each other and on the teeth.
+    """
+    left = {"ZYG_L": 0.5, "RIS_L": 0.3, "OOP_R": 0.2, "DAO_R": 0.4, "OOM_L": 0.5, "OOM_R": 0.5}
     other = {"L": "R", "R": "L"}
     right = {name[:-1] + other[name[-1]]: value for name, value in left.items()}
     (one, two), _ = steady_positions(
         coarse,
         [left, right],
-        parameters=FREE,
-        duration=0.3,
+        parameters=SimulationParameters(sigma_max=100e3, gravity=False),
+        rise=0.15,
+        duration=0.15,
         integrator=ConvergedEuler(tolerance=1e-12, residual_tolerance=1e-9),
     )
+    opening = lip_opening(coarse, coarse["position"].values)
+    assert lip_opening(coarse, one) < 0.5 * opening
     moved = np.linalg.norm(one - coarse["position"].values, axis=1)
     assert moved.max() > 2e-3
     image = make_grid("coarse").mirror_node

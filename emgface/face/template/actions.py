@@ -41,9 +41,8 @@ GRAY: Final = "Standring (ed.), Gray's Anatomy, Face and scalp"
 class Action:
     """Anatomical action of one muscle pair, with its source.
 
-    Each of `signs` is a marker of the left side, an axis and the sign of its displacement; a
-    comparison of signs requires no threshold. `closes` is True if the opening between the lips
-    decreases.
+    Each of `signs` is a marker of the left side, an axis and the sign of its displacement. `closes`
+    is True if the opening between the lips decreases.
     """
 
     text: str
@@ -54,6 +53,9 @@ class Action:
 
 PASSED: Final = 1e-4
 """Depth above which lips are regarded as penetrating each other [m]."""
+
+MOVED: Final = 1e-4
+"""Displacement below which a marker is regarded as not moved [m]."""
 
 ACTIONS: Final[Mapping[str, Action]] = {
     "ZYG": Action(
@@ -193,6 +195,24 @@ def steady_positions(
     return np.stack(positions), np.array(smallest)
 
 
+def moves_as_described(face: xr.Dataset, muscle: str, position: Floats) -> bool:
+    """Test if node positions (nodes, 3) [m] show the anatomical action of a muscle.
+
+    Every displacement of `ACTIONS` must have its sign and exceed `MOVED`. For a muscle that closes
+    the lips, the margin of the upper lip must move down and that of the lower lip up in the midline
+    by more than `MOVED`, and at least half of the opening must be closed.
+    """
+    rest, action = face["position"].values, ACTIONS[muscle]
+    node = dict(zip(face["marker"].values.tolist(), face["marker_node"].values, strict=True))
+    moves = [(node[name], "xyz".index(axis), sign) for name, axis, sign in action.signs]
+    if action.closes:
+        upper, lower = face["lip_opening_node"].values
+        moves += [(upper, 2, -1), (lower, 2, 1)]
+        if lip_opening(face, position) > 0.5 * lip_opening(face, rest):
+            return False
+    return all(sign * (position - rest)[place, axis] > MOVED for place, axis, sign in moves)
+
+
 def muscle_actions(
     face: xr.Dataset,
     *,
@@ -207,7 +227,7 @@ def muscle_actions(
     [mm] of the left corner and the left upper and lower paramedian marker along x (positive:
     medially), y (anterior) and z (up); the `opening` of the lips, negative if the upper margin is
     below the lower one in the midline, and the depth of the lips in each other [mm]; smallest det
-    F, the action, its source, and `agrees`, True if all its signs are found and the lips penetrate
+    F, the action, its source, and `agrees`, True if `moves_as_described` and the lips penetrate
     each other by at most `PASSED`. Errors as of `steady_positions`.
     """
     runs = [{f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles]
@@ -226,21 +246,12 @@ def muscle_actions(
         for name in ("corner_left", "upper_paramedian_left", "lower_paramedian_left"):
             for axis, value in zip("xyz", moved[k, marker[name]], strict=True):
                 row[f"{name.removesuffix('_left')} {axis}"] = float(value)
-        opening = lip_opening(face, position[k])
-        row["opening"] = 1e3 * opening
+        row["opening"] = 1e3 * lip_opening(face, position[k])
         depth = penetration.lips(position[k])
         row["lips in lips"] = 1e3 * depth
         row["smallest det F"] = float(smallest[k])
         action = ACTIONS[muscle]
         row["action"], row["source"] = action.text, action.source
-        closed = opening < lip_opening(face, face["position"].values)
-        row["agrees"] = (
-            depth <= PASSED
-            and (closed or not action.closes)
-            and all(
-                sign * moved[k, marker[name], "xyz".index(axis)] > 0.0
-                for name, axis, sign in action.signs
-            )
-        )
+        row["agrees"] = depth <= PASSED and moves_as_described(face, muscle, position[k])
         rows[muscle] = row
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("muscle")

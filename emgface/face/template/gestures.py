@@ -14,22 +14,28 @@ from emgface.face.template.actions import steady_positions
 
 Floats = NDArray[np.float64]
 
-_SMILE: Final = {"ZYG": 0.5, "RIS": 0.3, "LAO": 0.3, "LLSAN": 0.2}
+_SMILE: Final = {"ZYG": 0.7, "RIS": 0.1, "LAO": 0.6, "LLSAN": 0.5}
 GESTURES: Final[Mapping[str, tuple[str, Mapping[str, float], Mapping[str, float]]]] = {
     # Name; activation of the left and of the right muscles.
     "A": ("purse lips", {"OOP": 0.5, "OOM": 0.4, "BUC": 0.05}, {}),
     "B": ("raise upper lip", {"LLSAN": 0.5}, {}),
     "C": ("depress mouth corners", {"DAO": 0.5, "MEN": 0.2}, {}),
-    "D": ("voluntary smile", {**_SMILE, "DLI": 0.1, "DAO": 0.05}, {}),
+    "D": ("voluntary smile", {**_SMILE, "DLI": 0.15}, {}),
     "E": (
         "to the left with closed mouth",
         {"ZYG": 0.4, "RIS": 0.4, "BUC": 0.2, "OOP": 0.1, "OOM": 0.05},
         {"OOP": 0.2, "OOM": 0.05},
     ),
-    "F": ("closed mouth smile", {**_SMILE, "LLSAN": 0.05, "OOP": 0.1, "OOM": 0.3, "BUC": 0.1}, {}),
+    "F": (
+        "closed mouth smile",
+        {**_SMILE, "LAO": 0.4, "LLSAN": 0.15, "OOP": 0.1, "OOM": 0.35, "BUC": 0.05},
+        {},
+    ),
 }
 """One held gesture of every instruction, by muscles of Table 1 of Eskes et al. 2017. A level without
-value for the right side is that of the left. The levels are chosen."""
+value for the right side is that of the left. The levels are chosen, those of the smiles so that the
+corners of the medium face move in the direction measured by Tarantili et al. 2005 (Am J Orthod
+Dentofacial Orthop 128:8-15)."""
 
 
 def gesture_activation(instruction: str) -> dict[str, float]:
