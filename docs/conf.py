@@ -48,8 +48,8 @@ napoleon_preprocess_types = False
 default_role = "code"
 python_use_unqualified_type_names = True
 
-# Classes are documented where they are defined and re-exported by their packages: a bare name has
-# several targets, all of the same thing.
+# Classes are documented where they are defined and re-exported by their packages, so that a bare
+# name has several equivalent targets.
 suppress_warnings = ["ref.python"]
 
 html_theme = "furo"
@@ -65,7 +65,7 @@ html_theme_options = {
 
 
 def _plain_bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Let ``|x|`` stay the size of x: docstrings are written to be read in the source as well."""
+    """Escape vertical bars, so that ``|x|`` in a docstring is shown as an absolute value."""
     for k, line in enumerate(lines):
         parts = line.split("`")
         parts[::2] = [part.replace("|", r"\|") for part in parts[::2]]

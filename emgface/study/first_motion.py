@@ -25,7 +25,7 @@ class FirstMotion:
     study : StudyConfiguration
         All choices.
     out : Path
-        Folder that the study will be run in; it will find what is computed here in its store.
+        Folder of the study, which will reuse the results that are computed here.
     page : Path
         Page to write.
     ready : callable
@@ -89,7 +89,7 @@ class FirstMotion:
             moved = moved.assign_attrs(attrs | named | {"output": float(time[1] - time[0])})
             drawn = with_surface(moved, laboratory.face, skin_of(laboratory.face))
             write_text(self._page, motion_page(drawn, activation))
-        except Exception as error:  # the study tells of the failure of the trial itself
+        except Exception as error:  # the study reports the failure of the trial
             self._ready(error)
         else:
             self._ready(self._page)

@@ -151,7 +151,7 @@ def with_lips(
     total = L + protrusion
     n = max(len(given), round(L / 0.0025))
     edge = np.linspace(0.0, 1.0, n + 1)[None] * total[:, None]
-    # the integral of 1/S is continuous in time, unlike areas picked at the middle of a section
+    # the integral of 1/S is continuous in time, unlike areas at the middle of a section
     own = np.linspace(0.0, L, len(given) + 1)
     inertia = np.append(0.0, np.cumsum(L / len(given) / np.maximum(given, SMALLEST)))
     front = np.maximum(edge - (L - lips), 0.0) / np.maximum(area, SMALLEST)[:, None]

@@ -22,7 +22,7 @@ class Sections:
     centre, tangent : ndarray, shape (n, 3)
         Centre line [m] and unit normals of the planes, from the glottis to the lips.
     area : ndarray, shape (n,)
-        Of the closed curve round the centre line [m^2]; 0 where there is none, as in a closure.
+        Area of the closed curve around the centre line [m^2]; 0 without such a curve, as in a closure.
     length : float
         Of the centre line [m].
     """

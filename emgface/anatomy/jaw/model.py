@@ -76,7 +76,7 @@ class JawJoint:
         Body of the plane or curve, or first body of a hinge.
     origin, normal : (3,) [m], [1]; the normal of a hinge is its axis.
     point : str
-        Point that is guided; of a hinge the name of the second body.
+        Guided point; for a hinge, the name of the second body.
     one_sided : bool
         Whether the point may leave to the side of the normal.
     forward : (3,) direction along the curve.

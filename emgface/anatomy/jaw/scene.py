@@ -183,7 +183,7 @@ def _body(row: xr.Dataset) -> sim.Body:
 def _dampers(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
     """Damping of the translation of bodies, at the point whose velocity is damped.
 
-    Three dampers to points so far away that their directions stay those of the axes.
+    Three dampers to points at such distances that their directions remain those of the axes.
     """
     found = list[Term]()
     for name in parts.bodies:
