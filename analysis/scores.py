@@ -80,7 +80,9 @@ def correlation_3d(
     # The product of the two sums could underflow for very small motions.
     norm = size_v**0.5 * size_w**0.5
     defined = undefined_reason(measured, simulated, dim=dim, smallest_motion=smallest_motion) == ""
-    rho = (product / norm.where(defined)).clip(-1.0, 1.0)  # Cauchy-Schwarz, but for rounding
+    rho = (product / norm.where(defined)).clip(
+        -1.0, 1.0
+    )  # rounding may violate the Cauchy-Schwarz inequality
     n = v.sizes[dim]
     if form == "as_printed":
         rho = rho * ((n - 1) / n)

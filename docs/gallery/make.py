@@ -21,7 +21,7 @@ ORDER = (
 
 
 def make(notebooks: Path = HERE.parents[1] / "notebooks", out: Path = HERE / "generated") -> None:
-    """Write the pages of all notebooks and their pictures; what has not changed is not written."""
+    """Write the pages of all notebooks and their pictures; unchanged files are not written."""
     names = sorted((path.stem for path in notebooks.glob("*.ipynb")), key=_place)
     cards = []
     for name in names:
@@ -89,7 +89,7 @@ def page(name: str, cells: list[dict[str, Any]]) -> tuple[str, dict[str, bytes],
 
 
 def picture_text(data: dict[str, Any]) -> str:
-    """Words for those who do not see the picture."""
+    """Alternative text of a picture."""
     told = "".join(data.get("text/plain", ""))
     return (
         "Figure" if told.startswith("<") or not told else told.replace("]", ")").replace("[", "(")

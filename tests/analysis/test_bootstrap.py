@@ -55,7 +55,7 @@ def test_expanded_tails() -> None:
     assert tails(6, 0.95, "percentile") == pytest.approx((0.025, 0.975))
 
 
-def test_draws_without_pairs_are_left_out() -> None:
+def test_draws_without_pairs_are_omitted() -> None:
     found = hierarchical_bootstrap(
         compare(of_differences([0.1, 0.2, 0.4, 0.3, 0.2, np.nan]), scale="raw"), draws=500
     )

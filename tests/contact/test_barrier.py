@@ -107,7 +107,7 @@ def test_tangent_is_positive_semidefinite():
 
 
 def test_pressure_has_the_stated_size():
-    """Area times stiffness times the stated multiples, at a plane sheet."""
+    """On a plane sheet the force is area times stiffness times the stated multiple."""
     for fine in (1, 8, 20):
         system, term = body_over(sheet(fine), 1e-4, n=(4, 4, 1), stiffness=1e4)
         for gap, times in ((0.9, 0.2), (0.5, 4.0), (0.05, 40.0)):

@@ -184,7 +184,7 @@ def mutated(whole: bytes, rng: random.Random) -> bytes:
         data[early : early + size] = rng.choice([b"\xff", b"\x7f", b"\x00", b"9"]) * size
     elif kind == 3:  # bytes that are no UTF-8
         data[early:early] = bytes(rng.randrange(128, 256) for _ in range(4))
-    elif kind == 4:  # a piece of another place
+    elif kind == 4:  # bytes from another place
         other = rng.randrange(len(data))
         data[early : early + 32] = data[other : other + 32]
     elif kind == 5:

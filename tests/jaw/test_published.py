@@ -105,7 +105,7 @@ def test_walls_and_joints_lie_where_the_program_has_them(shared, published, vari
     assert checked == 8
 
 
-def test_values_of_the_text_keep_masses_and_take_inertia_from_the_surfaces(published):
+def test_values_of_the_text_have_published_masses_and_inertia_of_the_surfaces(published):
     """Section 2.2 of the publication: thyroid 24 g, cricoid 23 g; the mandible has 3470 kg/m3."""
     jaw = published("larynx")
     mass = {str(n): float(m) for n, m in zip(jaw["body"].values, jaw["body_mass"], strict=True)}

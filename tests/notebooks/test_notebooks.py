@@ -155,7 +155,7 @@ def test_a_deprecation_in_a_cell_is_an_error(tmp_path, category):
         execute(written(tmp_path, code))
 
 
-def test_a_deprecation_in_a_package_of_ours_is_an_error(tmp_path):
+def test_a_deprecation_in_our_packages_is_an_error(tmp_path):
     code = (
         "import warnings\nwarnings.warn_explicit('old', DeprecationWarning, 'x.py', 1, module='{}')"
     )

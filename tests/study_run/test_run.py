@@ -180,7 +180,9 @@ def test_two_processes_give_the_cube_of_one(laboratory, finished, tmp_path: Path
     np.testing.assert_array_equal(parallel.cube["rho"].values, finished.cube["rho"].values)
     assert (parallel.cube["status"].values == finished.cube["status"].values).all()
     assert len(stages(parallel)) == len(stages(finished))
-    assert stages(run_study(configured(laboratory), tmp_path)) == []  # one process reuses it all
+    assert (
+        stages(run_study(configured(laboratory), tmp_path)) == []
+    )  # one process reuses all results
 
 
 # failed trials remain in the cube

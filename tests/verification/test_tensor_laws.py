@@ -151,7 +151,7 @@ def fung_energy(law, F, axes):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_fung_is_its_definition(seed):
+def test_the_fung_energy_equals_its_definition(seed):
     law = sim.Fung((17773.0, 5931.0, 4000.0), (1000.0, 900.0, 800.0, 700.0, 600.0, 500.0))
     system, axes = solid_system(MESH, law, BULK), rotation(8)  # the axes of solid_system
     F = np.eye(3) + 0.15 * np.random.default_rng(seed).normal(size=(3, 3))
