@@ -29,7 +29,7 @@ def baseline_plot(cube: xr.Dataset) -> "Figure":
     -------
     matplotlib.figure.Figure
         Above, rho; below, 1 - rho on a logarithmic axis, which resolves values near 1. Large marks
-        are means over volunteers, small ones individual volunteers; the band spans the range from template
+        are means over volunteers, small ones individual values; the band spans the range from template
         to ceiling.
 
     Raises

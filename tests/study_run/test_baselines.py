@@ -98,7 +98,7 @@ def test_a_changed_alignment_computes_baselines_again(three) -> None:
 
 
 def test_templates_and_nulls_are_those_of_the_analysis(three) -> None:
-    """Template of S02: the mean of S01 (mean of two repetitions) and S03; its null is its motion of E."""
+    """Template of S02: mean of S01 (mean of two repetitions) and S03; its null is its motion of E."""
     study, result, out = three
     results = open_results(out)
     options = results.laboratory.alignment
