@@ -18,7 +18,7 @@ from sim._kernels.options import inner, kernel
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-CONSTANT, PECK = 0, 1
+CONSTANT, PECK, LINEAR_SPRING, HILL = 0, 1, 2, 3
 PARAMETERS = 6
 
 
@@ -72,12 +72,80 @@ def _peck(p, k, length, rest, activation):
 
 
 @inner
+def _linear_spring(p, k, length, rest, activation):
+    """Energy, tension and slope of `sim.laws.line.LinearSpring`."""
+    slack, force_max = p[k, 2] * rest, p[k, 0]
+    stiff = force_max * p[k, 1]
+    x = max(length / slack - 1.0, 0.0)
+    w = force_max * activation * (length - rest) + 0.5 * stiff * slack * x * x
+    return w, force_max * activation + stiff * x, stiff / slack if x > KINK else 0.0
+
+
+@inner
+def _hill_fibres(force_max, passive, pennation, across, y, activation):
+    """Energy, tension and slope of pennate fibres by their length y along the line of action."""
+    l_opt = across / math.cos(pennation)
+    thickness = l_opt * math.sin(pennation)
+    length = math.sqrt(y * y + thickness * thickness)
+    x = length / l_opt - 1.0
+    beyond, share = max(x, 0.0), passive / math.expm1(5.0)
+    active, grown = math.exp(-x * x / 0.45), math.exp(5.0 * beyond / 0.6)
+    root = math.sqrt(0.45)
+    w = activation * root * 0.5 * math.sqrt(math.pi) * math.erf(x / root)
+    w += share * (0.12 * (grown - 1.0) - beyond)
+    f = activation * active + share * (grown - 1.0)
+    slope = -2.0 * x / 0.45 * activation * active
+    if x > KINK:
+        slope += share / 0.12 * grown
+    if length == 0.0:
+        return force_max * l_opt * w, force_max * f, force_max * slope / l_opt
+    cos = y / length
+    slope = slope / l_opt * cos * cos + f * (1.0 - cos * cos) / length
+    return force_max * l_opt * w, force_max * f * cos, force_max * slope
+
+
+@inner
+def _hill(p, k, length, rest, activation):
+    """Energy, tension and slope of `sim.laws.hill.Hill`, by Newton steps within a bracket."""
+    force_max, passive, pennation, strain = p[k, 0], p[k, 3], p[k, 4], p[k, 5]
+    optimal = p[k, 1] * rest
+    tendon = p[k, 2] * optimal
+    across, most = optimal - tendon, max(length - tendon, 0.0)
+    w, F, slope = _hill_fibres(force_max, passive, pennation, across, most, activation)
+    if strain == 0.0 or tendon == 0.0 or F <= 0.0:
+        return w, F, slope
+    if most == 0.0:  # the tendon is slack
+        return w, 0.0, 0.0
+    stiff, low, high = force_max / (strain * tendon), 0.0, most
+    y = most
+    for _ in range(80):
+        miss = F - stiff * (most - y)
+        if miss > 0.0:
+            high = y
+        else:
+            low = y
+        new = y - miss / (slope + stiff)
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if abs(new - y) <= 1e-15 * most:
+            break
+        y = new
+        w, F, slope = _hill_fibres(force_max, passive, pennation, across, y, activation)
+    e = most - y
+    return w + 0.5 * stiff * e * e, F, slope * stiff / (slope + stiff)
+
+
+@inner
 def _law(code, p, k, length, rest, activation):
     """Energy, tension and slope of the law with parameters p[k]; NaN without one of this code."""
     if code == CONSTANT:
         return _constant(p, k, length, rest, activation)
     if code == PECK:
         return _peck(p, k, length, rest, activation)
+    if code == LINEAR_SPRING:
+        return _linear_spring(p, k, length, rest, activation)
+    if code == HILL:
+        return _hill(p, k, length, rest, activation)
     return math.nan, math.nan, math.nan
 
 

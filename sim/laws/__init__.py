@@ -2,8 +2,9 @@
 
 from sim.laws.bulk import BULK_LAWS, BulkLaw, LogarithmicBulk, QuadraticBulk
 from sim.laws.fibre import FIBRE_LAWS, Blemker, Constant, FibreLaw, Generic
+from sim.laws.hill import Hill
 from sim.laws.isochoric import ISOCHORIC_LAWS, IsochoricLaw, MooneyRivlin, NeoHooke
-from sim.laws.line import LINE_LAWS, ConstantForce, LineLaw, Peck
+from sim.laws.line import LINE_LAWS, ConstantForce, LinearSpring, LineLaw, Peck
 from sim.laws.relaxation import Prony
 from sim.laws.tensor import (
     TENSOR_LAWS,
@@ -19,7 +20,9 @@ __all__ = [
     "BULK_LAWS",
     "FIBRE_LAWS",
     "ISOCHORIC_LAWS",
+    "Hill",
     "LINE_LAWS",
+    "LinearSpring",
     "TENSOR_LAWS",
     "Blemker",
     "BulkLaw",

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sim._kernels import lines
 from sim._kernels.laws import KINK
+from sim.laws.hill import Hill
 from sim.laws.parameters import require
 
 Array = NDArray[np.float64]
@@ -149,5 +150,49 @@ class Peck:
         return a * w_act + phi * w_pas, a * f_act + phi * x / span, a * k_act + phi * k_pas
 
 
-LINE_LAWS: tuple[type[LineLaw], ...] = (ConstantForce, Peck)
+@dataclass(frozen=True)
+class LinearSpring:
+    """Tension F = force_max (activation + passive_fraction max(0, L/(slack L_rest) - 1)).
+
+    Attributes
+    ----------
+    force_max : float
+        Active tension at full activation [N].
+    passive_fraction : float
+        Passive tension per unit of strain over force_max [1].
+    slack : float
+        Length without passive tension over the length at rest [1].
+
+    Raises
+    ------
+    SceneError
+        A parameter is out of range.
+    """
+
+    force_max: float = 1.0
+    passive_fraction: float = 1.0
+    slack: float = 1.0
+    has_slope: ClassVar[bool] = True
+    code: ClassVar[int] = lines.LINEAR_SPRING
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
+        require(self, "passive_fraction", self.passive_fraction, at_least=0.0, strictly=False)
+        require(self, "slack", self.slack, at_least=0.0, strictly=True)
+
+    def parameters(self) -> tuple[float, ...]:
+        """Tension, tension per strain over it, and slack."""
+        return self.force_max, self.passive_fraction, self.slack
+
+    def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
+        """Energy, the passive part counted from the slack length, tension and slope."""
+        slack = self.slack * rest
+        x = np.maximum(length / slack - 1.0, 0.0)
+        k = self.force_max * self.passive_fraction
+        w = self.force_max * activation * (length - rest) + 0.5 * k * slack * x * x
+        return w, self.force_max * activation + k * x, np.where(x > KINK, k / slack, 0.0)
+
+
+LINE_LAWS: tuple[type[LineLaw], ...] = (ConstantForce, Peck, LinearSpring, Hill)
 """All line laws, the members of the derivative tests."""

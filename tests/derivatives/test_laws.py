@@ -1,12 +1,14 @@
 """Every registered law: slope and curvature are the derivatives of its energy."""
 
+from dataclasses import replace
+
 import numba as nb
 import numpy as np
 import pytest
 
 from sim._kernels import laws as kernel
 from sim._kernels.lines import LineTable, tensions
-from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS, LINE_LAWS
+from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS, LINE_LAWS, Hill
 
 NONE = np.zeros(1)
 isochoric = nb.njit(lambda code, p, I1bar: kernel.isochoric(code, p, I1bar))
@@ -74,12 +76,18 @@ def test_an_unknown_code_gives_nan():
     assert np.isnan(fibre(99, np.zeros(5), 1.1, 0.5)).all()
 
 
-@pytest.mark.parametrize("cls", LINE_LAWS)
+def lines():
+    """Every line law, and the special cases of that with a tendon."""
+    found = [cls(force_max=3.0, passive_fraction=0.2) for cls in LINE_LAWS]
+    hill = found[-1]
+    return [*found, replace(hill, pennation=0.4), replace(hill, tendon_strain=0.0)]
+
+
+@pytest.mark.parametrize("law", lines(), ids=lambda law: type(law).__name__)
 @pytest.mark.parametrize("activation", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize("stretch", [0.4, 0.7, 0.97, 1.2, 1.45, 1.7])
-def test_line(cls, activation, stretch):
+def test_line(law, activation, stretch):
     """In units of a rest length of 1 m; away from the kinks of the passive curve."""
-    law = cls(force_max=3.0, passive_fraction=0.2)
 
     def at(length):
         one = np.array([length]), np.ones(1), np.array([activation])
@@ -93,4 +101,20 @@ def test_line(cls, activation, stretch):
     )
     F, slope = np.empty(1), np.empty(1)
     energy = tensions(table, np.array([stretch]), np.array([activation]), F, slope)
-    np.testing.assert_allclose([energy, F[0], slope[0]], 2.0 * np.array(at(stretch)), rtol=1e-12)
+    np.testing.assert_allclose(
+        [energy, F[0], slope[0]], 2.0 * np.array(at(stretch)), rtol=1e-11, atol=1e-15
+    )
+
+
+def test_hill_has_the_force_of_its_definition():
+    """Isometric force at the optimal length, and equal tension of pennate fibres and their tendon."""
+    one = np.ones(1)
+    rigid = Hill(5.0, pennation=0.3, tendon_strain=0.0)
+    assert rigid.evaluate(one, one, one)[1][0] == pytest.approx(5.0 * np.cos(0.3), rel=1e-12)
+    elastic = Hill(5.0, tendon_ratio=0.4, pennation=0.3, tendon_strain=0.05)
+    F = elastic.evaluate(one, one, one)[1][0]
+    y = 1.0 - 0.4 * (1.0 + 0.05 * F / 5.0)  # what the stretched tendon leaves to the fibres
+    l_opt = 0.6 / np.cos(0.3)
+    length = np.hypot(y, l_opt * np.sin(0.3))
+    active = np.exp(-((length / l_opt - 1.0) ** 2) / 0.45)
+    assert F == pytest.approx(5.0 * active * y / length, rel=1e-12)
