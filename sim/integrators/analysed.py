@@ -28,15 +28,15 @@ class AnalysedSolver:
     Attributes
     ----------
     linear : Factor or ReusedFactor
-        Solves with the matrix of a step.
+        Solver for the matrix of a step.
     factor : Factor
-        Makes the factors, for it and for iterations of other kinds.
+        Computes the factors, also for Newton's method.
     system : System
         The whole system.
     pattern, form_pattern : Sparsity
         Of the system, and of the form that the solver requires.
     analysed : Sparsity or None
-        The one that it is set for.
+        Sparsity for which the solver is analysed.
     """
 
     linear: Factor | ReusedFactor
@@ -50,7 +50,7 @@ class AnalysedSolver:
         self.form_pattern = self._form.pattern
         self.analysed: Sparsity | None = None
         if self._form.contact is None:
-            # with a contact the first step tells which form serves
+            # with contact the form is chosen at the first step
             self.analyse(self.form_pattern)
 
     def _take(self, n: int) -> None:

@@ -16,7 +16,7 @@ class ConstraintSolver:
     Attributes
     ----------
     multipliers : (m,) or None
-        Of the latest constrained step, where the next one starts.
+        Of the latest constrained step, the initial values of the next one.
     """
 
     def __init__(self, system: System, clock: PhaseClock) -> None:

@@ -50,13 +50,13 @@ class NewtonFactor:
     def factorise(self, A: Matrix, shift: Array, key: Key, max_shifts: int = 12) -> int:
         """Factorise; while the matrix is not positive definite, add growing multiples of a diagonal.
 
-        Added to the matrix of a time step, multiples of the mass act as a shorter step would. Returns
-        the number of shifts.
+        Multiples of the mass, added to the matrix of a time step, have the effect of a shorter step.
+        Returns the number of shifts.
 
         Raises
         ------
         NotPositiveDefinite
-            Not even the largest shift helped.
+            The matrix is not positive definite with the largest shift.
         """
         self._solver.analyse(A.pattern)
         values, tau = A.to_factorise(), 0.0
@@ -83,9 +83,9 @@ class NewtonFactor:
         raise AssertionError("unreachable: the loop returns or raises")
 
     def solve(self, rhs: Array) -> Array:
-        """Solve with the latest factor, in its own precision; with products roughly.
+        """Solve with the latest factor in its own precision, with products only approximately.
 
-        A direction for Newton's method needs no more.
+        This accuracy is sufficient for a direction of Newton's method.
         """
         factor = self._solver.factor
         with self._timed("solution"):
@@ -137,7 +137,7 @@ class NewtonFactor:
             self._solver.factor.factorise(self._made_of)
             self.key = text(factor["by"]), float(factor["h"][0])
             if beside:
-                assert self._solver.analysed is not None  # a factor was made for it
+                assert self._solver.analysed is not None  # a factor was computed for it
                 self._beside = Matrix.of_arrays(self._solver.analysed, beside)
         self.secants.restore(part_of(arrays, "secants"))
         self.inverse_secants.restore(part_of(arrays, "inverse_secants"))

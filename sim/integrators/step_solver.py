@@ -59,9 +59,9 @@ class StepSolver:
         A : Matrix
             Of the system, or of its `form`.
         rhs : (n_free,)
-        start : (n_free,) where an iterative solver begins.
+        start : (n_free,) initial value of an iterative solver.
         error : float
-            Largest error that it leaves, in the units of the solution.
+        Largest remaining error of an iterative solver, in the units of the solution.
 
         Raises
         ------
@@ -76,7 +76,7 @@ class StepSolver:
             return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve)
         self._solver.analyse(A.pattern)
         linear = self._solver.linear
-        assert isinstance(linear, ReusedFactor)  # of the same name and number of unknowns
+        assert isinstance(linear, ReusedFactor)  # with the same name and number of unknowns
         self._newton.superseded()
         if A.products:
             linear.factorise(A.values, A.times, A.to_factorise)

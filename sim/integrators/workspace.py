@@ -1,4 +1,4 @@
-"""Solver memory of a simulation, kept between steps: one handle on the memories of its owners."""
+"""Solver memory of a simulation, kept between steps and divided by its owners."""
 
 from collections.abc import Mapping
 
@@ -38,7 +38,7 @@ class Workspace:
     contact : ContactMemory
         Of converged steps with contact.
     bodies : BodiesAlone or None
-        Fused steps, of a scene that holds bodies alone.
+        Fused steps of a scene of rigid bodies without tissue.
     timed, seconds, calls
         `PhaseClock` of all phases.
     """
@@ -61,8 +61,8 @@ class Workspace:
     def form(self, system: System, state: State | None = None) -> System:
         """Return the system in the form required by the solver: with products, or fully assembled.
 
-        With the `state` where a step begins also without places for the rows of a contact, if they are
-        solved for apart; a factor of another form is dropped.
+        With the initial `state` of a step, the form also has no entries for contact rows if these are
+        solved separately; a factor of another form is discarded.
         """
         form = self._solver.form(system, state)
         begins = state is not None and form.contact is not None
@@ -77,7 +77,7 @@ class Workspace:
     def arrays(self) -> dict[str, Array]:
         """Arrays that affect later results, for a bitwise identical restart by `restore`.
 
-        Matrices are kept, not their factors, which the same solver makes of them again.
+        Matrices are stored instead of their factors, which the same solver computes from them again.
         """
         owners = self._solver, self.newton, self.contact, self.constraints, self.steps
         return {name: array for owner in owners for name, array in owner.arrays().items()}
