@@ -8,7 +8,14 @@ import xarray as xr
 from analysis.errors import TrajectoryError
 from analysis.flags import FLAGS
 from analysis.noise import SMALLEST_SNR, attenuation
-from analysis.trajectory import SMALLEST_MOTION, checked, pair, same_markers, same_time
+from analysis.trajectory import (
+    SMALLEST_MOTION,
+    Pair,
+    checked,
+    pair,
+    same_markers,
+    same_time,
+)
 from analysis.typed import selected, texts
 
 Form = Literal["consistent", "as_printed"]
@@ -73,21 +80,8 @@ def correlation_3d(
     """
     if form not in ("consistent", "as_printed"):
         raise TrajectoryError(f"form is {form!r}, expected 'consistent' or 'as_printed'")
-    v, w = pair(measured, simulated, dim)
-    v, w = v - v.mean(dim, skipna=False), w - w.mean(dim, skipna=False)
-    size_v, size_w = _sum_of_squares(v, dim), _sum_of_squares(w, dim)
-    product = (v * w).sum(["axis", dim], skipna=False)
-    # The product of the two sums could underflow for very small motions.
-    norm = size_v**0.5 * size_w**0.5
-    defined = undefined_reason(measured, simulated, dim=dim, smallest_motion=smallest_motion) == ""
-    rho = (product / norm.where(defined)).clip(
-        -1.0, 1.0
-    )  # rounding may violate the Cauchy-Schwarz inequality
-    n = v.sizes[dim]
-    if form == "as_printed":
-        rho = rho * ((n - 1) / n)
-    attrs = {"units": "1", "long_name": "correlation of 3D trajectories", "form": form}
-    return _named(rho, "rho", attrs)
+    both = Pair.of(measured, simulated, dim)
+    return _correlation(both, _reason(both, smallest_motion) == "", form)
 
 
 def undefined_reason(
@@ -117,26 +111,7 @@ def undefined_reason(
     xarray.DataArray
         Text, dims (...).
     """
-    both = dict(zip(("measured", "simulated"), pair(measured, simulated, dim), strict=True))
-    gaps = {role: data.isnull().any(["axis", dim]) for role, data in both.items()}
-    still: dict[str, xr.DataArray] = {}
-    for role, data in both.items():
-        moved = _size(data, dim)
-        rounding = ROUNDING * abs(data).max(["axis", dim])
-        still[role] = ~(moved > rounding) | (moved < smallest_motion)
-    drowned = xr.zeros_like(still["measured"])
-    if noise is not None:
-        below = _size(both["measured"], dim) ** 2 < (1.0 + smallest_snr) * noise**2
-        drowned = below & ~still["measured"]
-        still["measured"] = still["measured"] | below
-    reason = xr.full_like(gaps["measured"], "", dtype="U36")
-    for what, one_of in (("does not move", still), ("has gaps", gaps)):
-        bad_both = one_of["measured"] & one_of["simulated"]
-        for role, bad in one_of.items():
-            reason = reason.where(~bad, f"{role} {what}")
-        reason = reason.where(~bad_both, "neither moves" if one_of is still else "both have gaps")
-    reason = reason.where(~(drowned & (reason == "measured does not move")), DROWNED)
-    return _named(texts(reason), "reason", {"long_name": "reason for which rho is undefined"})
+    return _reason(Pair.of(measured, simulated, dim), smallest_motion, noise, smallest_snr)
 
 
 def amplitude_ratio(
@@ -152,14 +127,8 @@ def amplitude_ratio(
     NaN if the measured one does not move or either has gaps. Source of sigma: Eskes et al. 2017,
     Eq. 12.
     """
-    v, w = pair(measured, simulated, dim)
-    size_v = _sum_of_squares(v - v.mean(dim, skipna=False), dim) ** 0.5
-    size_w = _sum_of_squares(w - w.mean(dim, skipna=False), dim) ** 0.5
-    reason = undefined_reason(measured, simulated, dim=dim, smallest_motion=smallest_motion)
-    ratio = size_w / size_v.where(reason.isin(["", "simulated does not move"]))
-    ratio = ratio.where(reason != "simulated does not move", 0.0)
-    attrs = {"units": "1", "long_name": "simulated divided by measured amplitude of movement"}
-    return _named(ratio, "amplitude_ratio", attrs)
+    both = Pair.of(measured, simulated, dim)
+    return _ratio(both, _reason(both, smallest_motion))
 
 
 def rmse(
@@ -193,7 +162,7 @@ def rmse(
         difference = difference - difference.isel({dim: 0}, drop=True)
     elif reference != "origin":
         raise TrajectoryError(f"reference is {reference!r}, expected 'mean', 'first' or 'origin'")
-    distance = (_sum_of_squares(difference, dim) / v.sizes[dim]) ** 0.5
+    distance = ((difference**2).sum(["axis", dim], skipna=False) / v.sizes[dim]) ** 0.5
     attrs = {
         "units": measured.attrs.get("units", "1"),
         "long_name": "root-mean-square distance",
@@ -252,22 +221,19 @@ def score(
     v, w = given.isel(time=span), model.isel(time=span)
     noise = aligned.get("noise") if isinstance(aligned, xr.Dataset) else None
     noise = noise if noise is None else selected(noise, {"marker": model["marker"].values})
-    reason = undefined_reason(
-        v, w, smallest_motion=smallest_motion, noise=noise, smallest_snr=smallest_snr
-    )
-    ratio = amplitude_ratio(v, w, smallest_motion=smallest_motion)
+    both = Pair.of(v, w, "time")
+    reason = _reason(both, smallest_motion, noise, smallest_snr)
     result = xr.Dataset(
         {
-            "rho": correlation_3d(v, w, form=form, smallest_motion=smallest_motion),
-            "amplitude_ratio": ratio.where(reason.isin(["", "simulated does not move"])),
+            "rho": _correlation(both, reason == "", form),
+            "amplitude_ratio": _ratio(both, reason),
             "rmse": rmse(v, w, reference=reference),
             "reason": reason,
             "samples": ((), v.sizes["time"], {"units": "1"}),
         }
     )
-    result["rho"] = result["rho"].where(reason == "")
     if noise is not None:
-        result["attenuation"] = attenuation(_size(v, "time"), noise)
+        result["attenuation"] = attenuation(both.root("measured"), noise)
     if isinstance(aligned, xr.Dataset):
         result = result.assign({name: aligned[name] for name in CARRIED if name in aligned})
     result.attrs = {name: value for name, value in aligned.attrs.items() if name != "units"}
@@ -276,18 +242,59 @@ def score(
     )
 
 
+def _reason(
+    both: Pair,
+    smallest_motion: float,
+    noise: xr.DataArray | None = None,
+    smallest_snr: float = SMALLEST_SNR,
+) -> xr.DataArray:
+    """Reason for an undefined correlation, as `undefined_reason`."""
+    dims = ["axis", both.dim]
+    gaps = {role: data.isnull().any(dims) for role, data in both.given.items()}
+    still: dict[str, xr.DataArray] = {}
+    for role, data in both.given.items():
+        moved, rounding = both.root(role), ROUNDING * abs(data).max(dims)
+        still[role] = ~(moved > rounding) | (moved < smallest_motion)
+    drowned = xr.zeros_like(still["measured"])
+    if noise is not None:
+        below = both.root("measured") ** 2 < (1.0 + smallest_snr) * noise**2
+        drowned = below & ~still["measured"]
+        still["measured"] = still["measured"] | below
+    reason = xr.full_like(gaps["measured"], "", dtype="U36")
+    for what, one_of in (("does not move", still), ("has gaps", gaps)):
+        bad_both = one_of["measured"] & one_of["simulated"]
+        for role, bad in one_of.items():
+            reason = reason.where(~bad, f"{role} {what}")
+        reason = reason.where(~bad_both, "neither moves" if one_of is still else "both have gaps")
+    reason = reason.where(~(drowned & (reason == "measured does not move")), DROWNED)
+    return _named(texts(reason), "reason", {"long_name": "reason for which rho is undefined"})
+
+
+def _correlation(both: Pair, defined: xr.DataArray, form: Form) -> xr.DataArray:
+    """Correlation of two trajectories where it is defined, as `correlation_3d`."""
+    v, w = both.centred["measured"], both.centred["simulated"]
+    product = (v * w).sum(["axis", both.dim], skipna=False)
+    # The product of the two sums could underflow for very small motions.
+    norm = both.squares["measured"] ** 0.5 * both.squares["simulated"] ** 0.5
+    # Rounding may violate the Cauchy-Schwarz inequality.
+    rho = (product / norm.where(defined)).clip(-1.0, 1.0)
+    if form == "as_printed":
+        rho = rho * ((both.samples - 1) / both.samples)
+    attrs = {"units": "1", "long_name": "correlation of 3D trajectories", "form": form}
+    return _named(rho, "rho", attrs)
+
+
+def _ratio(both: Pair, reason: xr.DataArray) -> xr.DataArray:
+    """Ratio of amplitudes where the measured marker moves, as `amplitude_ratio`."""
+    size_v, size_w = (each**0.5 for each in both.squares.values())
+    ratio = size_w / size_v.where(reason.isin(["", "simulated does not move"]))
+    ratio = ratio.where(reason != "simulated does not move", 0.0)
+    attrs = {"units": "1", "long_name": "simulated divided by measured amplitude of movement"}
+    return _named(ratio, "amplitude_ratio", attrs)
+
+
 def _named(data: xr.DataArray, name: str, attrs: dict[str, str]) -> xr.DataArray:
     """Set the name and the attributes of a result."""
     data = data.rename(name)
     data.attrs = dict(attrs)
     return data
-
-
-def _size(data: xr.DataArray, dim: str) -> xr.DataArray:
-    """Root-mean-square displacement from the mean, all axes together."""
-    centred = data - data.mean(dim, skipna=False)
-    return (_sum_of_squares(centred, dim) / data.sizes[dim]) ** 0.5
-
-
-def _sum_of_squares(data: xr.DataArray, dim: str) -> xr.DataArray:
-    return (data**2).sum(["axis", dim], skipna=False)

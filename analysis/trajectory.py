@@ -1,5 +1,6 @@
 """Checks of marker trajectories before their comparison."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -165,6 +166,34 @@ def pair(
         v = relabelled(v, {dim: simulated[dim]})
     v, w = floats(v), floats(simulated)
     return v.where(abs(v) < np.inf), w.where(abs(w) < np.inf)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Measured and simulated positions, about their means, and their sums of squares."""
+
+    given: dict[str, xr.DataArray]
+    centred: dict[str, xr.DataArray]
+    squares: dict[str, xr.DataArray]
+    dim: str
+
+    @classmethod
+    def of(cls, measured: xr.DataArray, simulated: xr.DataArray, dim: str) -> "Pair":
+        """Check two trajectories against each other and centre them."""
+        v, w = pair(measured, simulated, dim)
+        given = {"measured": v, "simulated": w}
+        centred = {role: data - data.mean(dim, skipna=False) for role, data in given.items()}
+        squares = {r: (data**2).sum(["axis", dim], skipna=False) for r, data in centred.items()}
+        return cls(given, centred, squares, dim)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return self.given["measured"].sizes[self.dim]
+
+    def root(self, role: str) -> xr.DataArray:
+        """Root-mean-square displacement from the mean, all axes together."""
+        return (self.squares[role] / self.samples) ** 0.5
 
 
 def same_time(measured: xr.DataArray, simulated: xr.DataArray, dim: str = "time") -> None:
