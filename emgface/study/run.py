@@ -83,12 +83,14 @@ def run_study(
     *,
     workers: int = 1,
     observer: Observer | None = None,
+    store: Path | None = None,
 ) -> StudyResult:
     """Run a study, computing only results that are not stored.
 
-    The folder `out` receives ``cube.nc``, ``times.jsonl`` and the stages under ``store``; the
-    results do not depend on the number of processes, `workers`; `observer` receives messages and
-    progress. A failure of one trial is recorded with its status and reason in the cube. After an
+    The folder `out` receives ``cube.nc``, ``times.jsonl`` and the stages under ``store``, or in the
+    folder `store`, which several studies may share; the results do not depend on the number of
+    processes, `workers`; `observer` receives messages and progress. A failure of one trial is
+    recorded with its status and reason in the cube. After an
     interruption (KeyboardInterrupt), completed results remain stored. Raises DataError if no
     recording can be used or the face is not valid, and StoreError if results cannot be written.
     """
@@ -102,14 +104,14 @@ def run_study(
     trials = plan_trials(intake.recordings, study.strategy_names)
     made = variants(study)
     observer.begin(len(trials) * len(made))
-    store = Store(out / "store", report=observer.message)
+    kept = Store(store or out / "store", report=observer.message)
     cubes: dict[tuple[Label, ...], xr.Dataset] = {}
     reference: Laboratory | None = None
     muted: set[str] = set()
     try:
         for variant in made:
             laboratory = Laboratory(
-                store, study_face(variant.study.face), variant.study, observer.message
+                kept, study_face(variant.study.face), variant.study, observer.message
             )
             reference = reference or laboratory
             told = f"{variant.label}: " if variant.labels else ""
@@ -121,12 +123,12 @@ def run_study(
             )
             muted |= laboratory.muted
     finally:
-        _log_times(out / "times.jsonl", store.events)
+        _log_times(out / "times.jsonl", kept.events)
     if muted:
         observer.message(
             f"In {len(muted)} of {len(intake.recordings)} recordings the feature of at least "
             "one muscle is zero or saturated throughout; it is listed in the attribute "
-            f"'warnings' of the results in {store.folder / 'activation'} ."
+            f"'warnings' of the results in {kept.folder / 'activation'} ."
         )
     assert reference is not None, "a study has at least one variant"
     cube = described(
@@ -142,7 +144,7 @@ def run_study(
         montage=montages(intake.recordings, study.signals.montage),
     )
     path = write_netcdf(cube, out / "cube.nc", "cube")
-    return StudyResult(cube, path, store.events, dict(intake.unreadable))
+    return StudyResult(cube, path, kept.events, dict(intake.unreadable))
 
 
 def _combined(study: StudyConfiguration, cubes: dict[tuple[Label, ...], xr.Dataset]) -> xr.Dataset:

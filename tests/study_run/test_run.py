@@ -92,10 +92,14 @@ def test_true_activations_on_the_same_face_have_a_perfect_score(
     assert float(abs(cube["shift"]).max()) < 0.05
 
 
-def test_a_second_run_computes_nothing_and_gives_the_same_cube(laboratory, finished) -> None:
-    again = run_study(configured(laboratory), laboratory / "study")
-    assert stages(again) == []
-    xr.testing.assert_identical(again.cube, finished.cube)
+def test_a_second_run_computes_nothing_and_gives_the_same_cube(
+    laboratory, finished, tmp_path: Path
+) -> None:
+    shared = {"store": laboratory / "study" / "store"}
+    for out, options in ((laboratory / "study", {}), (tmp_path, shared)):
+        again = run_study(configured(laboratory), out, **options)
+        assert stages(again) == [] and again.path.parent == out
+        xr.testing.assert_identical(again.cube, finished.cube)
 
 
 def test_only_what_was_deleted_is_computed_again(laboratory, finished, tmp_path: Path) -> None:
