@@ -1,18 +1,21 @@
 """Coverage of the estimated error of time stepping on activations from EMG.
 
     python -m benchmarks error_coverage OUT.csv [--volunteers 6] [--seed 0] [--shared ../shared]
+    python -m benchmarks error_coverage OUT.csv --contact --preset study --trials 18 --check 2
 
-Activations are estimated from simulated volunteers' EMG with three strategies; with --shared also
-from rectified recordings. Every trial is simulated without contact with each preset and with SDIRK2
-in steps of a quarter of the output; the largest distance of a lip marker over outputs is the true
-error. Writes one row per trial and preset, and prints, per preset, the fractions of trials whose
-true error is at most the estimate or the tolerance, medians and the largest error.
+Activations are estimated from simulated volunteers' EMG with three strategies, in random order; with
+--shared also from rectified recordings. Every trial is simulated without contact, or with that of a
+study by default (--contact), with each preset and with SDIRK2 in small steps (--reference, in
+seconds); the largest distance of a lip marker over outputs is the true error. The first trials
+(--check) are also simulated with half of these steps, and the difference is printed. Writes one row
+per trial and preset, and prints, per preset, the fractions of trials whose true error is at most the
+estimate or the tolerance, medians and the largest error.
 """
 
 import time
 import warnings
 from collections.abc import Iterator
-from itertools import chain
+from itertools import chain, islice
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -39,7 +42,7 @@ PRESETS = ("study", "draft", "published")
 STRATEGIES = ("act_all", "act_3", "act_rel")
 SNR = 20.0  # dB
 OUTPUT = 0.01  # s
-EXACT = {"solver": "sdirk2", "step": OUTPUT / 4, "iteration_tolerance": 1e-6}
+FREE: dict[str, object] = {"contact": {"method": "none"}}
 
 
 def emg_trials(
@@ -98,7 +101,8 @@ def recorded_trials(
             yield f"recorded {path.stem[:7]} {k}", drive, None
 
 
-Job = tuple[str, xr.DataArray, xr.DataArray | None]
+Job = tuple[str, xr.DataArray, xr.DataArray | None, bool]
+"""Label, activation, true activation, and if the reference is checked."""
 
 
 class Bench:
@@ -106,32 +110,49 @@ class Bench:
 
     one: "Bench"
 
-    def __init__(self, resolution: str, presets: tuple[str, ...]) -> None:
+    def __init__(
+        self, resolution: str, presets: tuple[str, ...], contact: bool, reference: float
+    ) -> None:
         warnings.simplefilter("ignore")
         wanted = int(resolution) if resolution.isdigit() else resolution
         self.presets, self.face = presets, template_face(resolution=wanted)
-        self.base = {"sigma_max": 100e3, "output": OUTPUT, "contact": {"method": "none"}}
-        self.settled = settle_face(self.face, configure(SimulationParameters, self.base))
+        self.reference = reference
+        self.base: dict[str, object] = {"sigma_max": 100e3, "output": OUTPUT}
+        self.base |= {} if contact else FREE
+        self.settled: dict[bool, xr.Dataset] = {}
         Bench.one = self
 
     def moved(self, drive: xr.DataArray, values: dict[str, object]) -> xr.Dataset:
         """Motion of the face."""
         parameters = configure(SimulationParameters, self.base | values)
+        free = parameters.contact.method == "none"
+        if free not in self.settled:
+            self.settled[free] = settle_face(self.face, parameters)
         chosen = drive.sel(muscle=self.face["muscle"].values.tolist())
-        return simulate_face(self.face, chosen, parameters, settled=self.settled)
+        return simulate_face(self.face, chosen, parameters, settled=self.settled[free])
+
+    def exact(self, drive: xr.DataArray, step: float) -> xr.DataArray:
+        """Positions of the lip markers with SDIRK2 in small steps."""
+        small = {"solver": "sdirk2", "step": step, "iteration_tolerance": 1e-6}
+        return self.moved(drive, small)["position"]
 
     def rows(self, job: Job) -> list[dict[str, object]]:
         """One row per preset of a trial."""
-        label, drive, truth = job
-        exact = self.moved(drive, EXACT)["position"]
+        label, drive, truth, checked = job
+        exact = self.exact(drive, self.reference)
+        known = np.nan
+        if checked:
+            finer = self.exact(drive, 0.5 * self.reference)
+            known = 1e3 * float(np.sqrt(((exact - finer) ** 2).sum("axis")).max())
         signal = float(np.sqrt(((exact - exact.isel(time=0)) ** 2).sum("axis")).max())
         goal = None
         if truth is not None:
             span = truth.sel(time=slice(float(drive["time"][0]), float(drive["time"][-1])))
-            goal = self.moved(span, {"accuracy": "draft"})["position"]
+            goal = self.moved(span, FREE | {"accuracy": "draft"})["position"]
         found: list[dict[str, object]] = []
         for preset in self.presets:
             row: dict[str, object] = {"trial": label, "preset": preset, "motion_mm": 1e3 * signal}
+            row["reference_mm"] = known
             found.append(row)
             started = time.process_time()
             try:
@@ -174,6 +195,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
                 "preset": preset,
                 "trials": len(of),
                 "failed": len(of) - len(ok),
+                "error of reference mm": of["reference_mm"].max(),
                 "median motion mm": ok["motion_mm"].median(),
                 "median error mm": ok["error_mm"].median(),
                 "worst error mm": ok["error_mm"].max(),
@@ -197,16 +219,24 @@ def main(
     resolution: str = "coarse",
     preset: list[str] = list(PRESETS),  # noqa: B006
     shared: Path | None = None,
+    contact: bool = False,
+    trials: int = 0,
+    reference: float = OUTPUT / 4,
+    check: int = 0,
     workers: int = 2,
 ) -> None:
-    """Measure recordings of `duration` seconds, store after every trial, print."""
+    """Measure recordings of `duration` seconds, store after every trial, print.
+
+    `trials` limits their number (0: all).
+    """
     warnings.simplefilter("ignore")
     jobs = emg_trials(volunteers, seed, duration)
     if shared is not None:
         jobs = chain(recorded_trials(shared, list(MUSCLES)), jobs)
+    jobs = ((*job, k < check) for k, job in enumerate(islice(jobs, trials or None)))
     rows: list[dict[str, object]] = []
-    context = get_context("spawn")
-    with context.Pool(workers, Bench, (resolution, tuple(preset))) as pool:
+    begin = (resolution, tuple(preset), contact, reference)
+    with get_context("spawn").Pool(workers, Bench, begin) as pool:
         for found in pool.imap(_of, jobs):
             rows += found
             pd.DataFrame(rows).to_csv(out, index=False)
