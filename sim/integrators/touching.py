@@ -25,12 +25,10 @@ IN_MATRIX, APART = 3.0, 300.0
 PASSES = 6
 """Largest number of updates of the contact forces in one iteration."""
 
-ROUGH, SURE = (0.5, 1e-6), (0.02, 1e-9)
-"""Relative and absolute [m] tolerance of the displacement by a change of forces: while all steps were
-taken in full, and after a shortened or refused step."""
-
-CLOSED = 1e-6
-"""Depth of an omitted row above which the contact forces are updated [m]."""
+ROUGH, SURE = (0.5, 1e-6, 1e-6), (0.02, 1e-9, 0.0)
+"""Relative and absolute [m] tolerance of the displacement by a change of forces, and depth of omitted
+rows [m]: while all steps were taken in full, and after a shortened or refused step, when rows that are
+closed in the potential but omitted in its model could prevent a descent."""
 
 LIKELY = 1e-4
 """Gap below which rows may become active in the same iteration [m]."""
@@ -212,7 +210,7 @@ class TouchingApart(Touching):
         """
         forces, soft = self.multipliers.normal, 1.0 / self.multipliers.rho
         secants, D = work.newton.inverse_secants, self._directions
-        share, least = self._left
+        share, least, omitted = self._left
         new, answer = forces, np.zeros(D.shape[1])
         pushed, on = answer, (forces > 0.0) | (gap < 0.0)
         compliance.expect(np.flatnonzero(on | (gap < LIKELY)))
@@ -228,7 +226,7 @@ class TouchingApart(Touching):
             answer = work.newton.solve(self.scale * change)
             pushed = answer + secants.added(change)
             missed, size = compliance.learn(new - forces, answer)
-            more = ~on & (gap + D @ pushed < -CLOSED)
+            more = ~on & (gap + D @ pushed < -omitted)
             if missed <= max(share * size, least) and not more.any():
                 break
             on |= more
