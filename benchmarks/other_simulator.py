@@ -97,9 +97,9 @@ FAR = 15e-3
 """Distance from the nodes initially inside a bone beyond which nodes are undisturbed [m]."""
 
 
-def their_face(folder: Path, case: Case) -> sim.System:
-    """Scene of a case on the recorded mesh, whose muscles contain the fibres of both sides."""
-    model = json.loads((folder / "refmodel_model.json").read_text())
+def their_face(folder: Path, case: Case, model: dict[str, Any] | None = None) -> sim.System:
+    """Scene of a case on the recorded mesh, or a model like it; muscles contain both sides."""
+    model = model or json.loads((folder / "refmodel_model.json").read_text())
     blocks: dict[str, list[list[int]]] = {"hex8": [], "wedge6": []}
     place: list[tuple[str, int]] = []
     for element in model["elements"]:
