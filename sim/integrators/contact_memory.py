@@ -1,5 +1,6 @@
 """Compliance and stiffness of the tissue that contact forces use over many steps."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -23,20 +24,23 @@ class ContactMemory:
         self._newton, self._n = newton, n
         self._compliance: Compliance | None = None
         self._made_by: int | None = None
+        self._scale = 0.0
         self.stiffness: tuple[Key, Array] | None = None
 
     def compliance(self, scale: float) -> Compliance:
-        """Compliance of the tissue of the latest factor, or of earlier ones.
+        """Compliance of the tissue of the latest factor, or of earlier ones of the same scale.
 
         Without products; new parts come from the latest factor, of `scale` times the stiffness, in its
-        own precision.
+        own precision. One of shorter steps would be too small: its updates correct it for the forces
+        that have occurred, and any other force, such as rounding that is not symmetric, would grow from
+        iteration to iteration.
         """
 
         def solve_many(rhs: Array) -> Array:
             return scale * self._newton.solve_many(rhs)
 
-        if self._compliance is None:
-            self._compliance = Compliance(self._n, solve_many)
+        if self._compliance is None or not math.isclose(scale, self._scale, rel_tol=1e-9):
+            self._compliance, self._scale = Compliance(self._n, solve_many), scale
             self._made_by = self._newton.number
         self._compliance.solve_many = solve_many
         return self._compliance
@@ -53,7 +57,8 @@ class ContactMemory:
         arrays: dict[str, Array] = {}
         if self._compliance is not None:
             of_factor = np.array([float(self._made_by == self._newton.number)])
-            arrays |= named("compliance", self._compliance.arrays() | {"of_factor": of_factor})
+            own = {"of_factor": of_factor, "scale": np.array([self._scale])}
+            arrays |= named("compliance", self._compliance.arrays() | own)
         if self.stiffness is not None:
             (by, h), diagonal = self.stiffness
             own = {"by": codes(by), "h": np.array([h]), "diagonal": diagonal}
@@ -66,6 +71,7 @@ class ContactMemory:
         if compliance := part_of(arrays, "compliance"):
             self._compliance = Compliance(self._n, self._newton.solve_many)
             self._compliance.restore(compliance)
+            self._scale = float(compliance["scale"][0])
             if compliance["of_factor"][0]:
                 self._made_by = self._newton.number
         if stiffness := part_of(arrays, "stiffness"):
