@@ -7,6 +7,7 @@ import xarray as xr
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.face.accuracy import PRESETS
+from emgface.face.contact_parameters import ContactParameters
 from emgface.face.integration import INTEGRATORS, integrator_of
 from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
@@ -207,18 +208,22 @@ def test_a_burst_between_two_steps_moves_the_face(face, at):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("method", ["constraint", "barrier"])
 @pytest.mark.parametrize("name", ["jump", "burst"])
-def test_contact_lowers_neither_accuracy_nor_strength(face, name):
-    """All muscles from the start, or one burst of 5 ms, with the default contact of lips and teeth."""
+def test_contact_lowers_neither_accuracy_nor_strength(face, name, method):
+    """All muscles from the start, or one burst of 5 ms, with contact of lips and teeth."""
+    if method == "barrier":
+        pytest.importorskip("ipctk")
+    parameters = SimulationParameters(contact=ContactParameters(method=method))
     group, values = {"jump": ("", [0.3] * 7), "burst": ("OOP", [0.0, 0, 1, 0, 0, 0, 0])}[name]
     drive = drive_of(face, 0.005 * np.arange(7.0), np.array(values), group)
 
     def run(parameters):
         return simulate_face(face, drive, parameters)
 
-    found = lower_sigma_max(run, SimulationParameters())
+    found = lower_sigma_max(run, parameters)
     assert (found.attrs["attempts"], found.attrs["sigma_max"]) == (1, 300e3)
     assert found.attrs["motion"] > 4e-3
-    fine = run(SimulationParameters().as_accurate("0.02 mm"))
+    fine = run(parameters.as_accurate("0.02 mm"))
     assert distance(found, fine) < 1.2e-4
     assert found.attrs["numerical_error"] < 1.2e-4
