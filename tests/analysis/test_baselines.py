@@ -110,7 +110,7 @@ def test_skill_is_the_share_of_avoidable_squared_error() -> None:
     assert float(skill_of(*(np.array(r) for r in rho))) == pytest.approx(expected, abs=1e-12)
 
 
-def test_what_a_correlation_leaves_unexplained() -> None:
+def test_unexplained_amplitude_of_a_correlation() -> None:
     rng = np.random.default_rng(0)
     v, w = common_and_own(rng, 2, 0.9)
     slope = v @ w / (w @ w)

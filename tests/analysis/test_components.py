@@ -79,7 +79,7 @@ def test_still_trajectory_has_no_component() -> None:
         (lambda d: d.isel(time=[0]), "1 samples, expected at least 2"),
     ],
 )
-def test_unusable_trajectory_is_named(spoil, words: str) -> None:
+def test_an_invalid_trajectory_is_refused_with_a_reason(spoil, words: str) -> None:
     with pytest.raises(TrajectoryError, match=words):
         principal_component(spoil(trajectory()))
 

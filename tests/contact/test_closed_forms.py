@@ -149,7 +149,7 @@ EXPECTED = np.diag([0.0, 0.0, -1.0])
 
 @pytest.mark.parametrize("method", CONTACTS)
 def test_two_pressed_blocks_transmit_the_stress_of_the_patch_test(method):
-    """On matching meshes in every cell: the pressure along z and nothing else.
+    """On matching meshes the only stress in every cell is the pressure along z.
 
     The pressure of a barrier is stiffness * 24 e^2 if a small fraction e of its distance is closed. It
     counts some points up to three times, at which e is smaller. Neither surface is therefore flat to

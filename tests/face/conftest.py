@@ -1,4 +1,4 @@
-"""Faces that several tests read: imported once, and a small one made by hand."""
+"""Faces for several tests: imported ones, read once, and a small one."""
 
 from collections.abc import Callable
 from functools import cache, partial

@@ -154,7 +154,7 @@ def test_report_of_cubes_and_prism(small_face: xr.Dataset) -> None:
 
 
 def test_volume_of_a_distorted_hexahedron_and_wedge() -> None:
-    """A mapped element: x -> A x has det A times the volume, whatever the node order begins."""
+    """The map x -> A x multiplies the volume of an element by det A, for any first node."""
     rng = np.random.default_rng(8)
     cube = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=float)
     a = np.eye(3) + 0.3 * rng.normal(size=(3, 3))

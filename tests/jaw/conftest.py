@@ -1,4 +1,4 @@
-"""Published jaw model of the user, and recordings of another simulator on it."""
+"""Published jaw model, if its files are available, and results of another simulator."""
 
 import json
 
@@ -39,5 +39,5 @@ def recorded(shared):
 
 
 def here(name):
-    """Name in the package of a muscle of the published program: lat is at_L."""
+    """Name in the package of a muscle of the published program, such as at_L for lat."""
     return name if name.startswith("bi_") else name[1:] + {"l": "_L", "r": "_R"}[name[0]]

@@ -187,7 +187,7 @@ def test_long_dropout_of_a_lip_marker_is_named():
 
 
 @pytest.mark.parametrize("frames", [slice(0, 2), slice(-2, None)])
-def test_dropout_at_an_end_stays_and_the_rest_is_kept(frames):
+def test_a_dropout_at_an_end_is_not_filled_and_the_rest_is_kept(frames):
     truth = still_face_moving_lips()
     moved = head_motion(truth)
     moved[frames, 7] = np.nan

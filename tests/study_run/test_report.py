@@ -1,4 +1,4 @@
-"""The report of a study: complete, self-contained, and plain about what a study cannot show."""
+"""The report of a study: completeness, independence of other files, and stated limits."""
 
 import base64
 import hashlib
@@ -45,7 +45,7 @@ THREE_DIGEST = "08fd7545d13d2c7fb65ab691530a802dafefd638596501854f267d0fb13c39e7
 
 
 def text_of(page: str) -> str:
-    """Words a reader sees."""
+    """Visible text of a page."""
     bare = re.sub(r"<(script|style|svg)\b.*?</\1>", " ", page, flags=re.DOTALL)
     return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", bare)).split())
 

@@ -80,7 +80,7 @@ def test_a_world_is_named_by_what_is_mismatched() -> None:
 
 
 @pytest.mark.parametrize("kind", ["delay", "recruitment", "pick-up", "noise", "strengths"])
-def test_a_kind_changes_what_it_names_and_nothing_else(kind: str) -> None:
+def test_a_kind_of_mismatch_changes_only_the_named_quantity(kind: str) -> None:
     plain, other = recorded(MATCHED), recorded(mismatched_in([kind]))
     changed = {
         name for name in plain.data_vars if not np.array_equal(plain[name], other[name], True)
