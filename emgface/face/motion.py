@@ -51,6 +51,17 @@ NOT_OF_REST: Final = frozenset(
 """Parameters that do not affect the equilibrium of a face."""
 
 
+def load_kernels(face: xr.Dataset, parameters: SimulationParameters) -> None:
+    """Compile the kernels of the terms of a face, or load them, beginning with the last term.
+
+    A process that simulates begins with the first one, so that two processes compile different ones.
+    """
+    system = compile_scene(replace(compose_scene(face, parameters), damping=None))
+    q, control = system.rest_state().q, system.control(np.zeros(len(system.muscles)))
+    for term in reversed(system.terms):
+        replace(system, terms=(term,)).tangent(q, control)
+
+
 @one_blas_thread
 def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:
     """Positions of all nodes at rest under gravity and prestress, without activation.

@@ -14,8 +14,8 @@ RESOLUTION = "coarse"
 SHORT: Final = ("A", "D")
 """Instructions of the demonstration: purse lips, and smile."""
 
-DURATION, OUTPUT = 1.0, 0.02
-"""Length of a trial; largest step and time between recorded instants [s]."""
+DURATION, REST, OUTPUT = 1.0, 0.25, 0.02
+"""Length of a trial, and of the rests before and after it; largest step and time between outputs [s]."""
 
 STRATEGIES: Final = {
     "act_all": "all ten muscles of a side follow the EMG",
@@ -26,7 +26,7 @@ STRATEGIES: Final = {
 
 def demo_volunteers() -> VolunteerParameters:
     """Volunteers of the demonstration: individual faces, in the mismatched world."""
-    return VolunteerParameters(resolution=RESOLUTION, duration=DURATION)
+    return VolunteerParameters(resolution=RESOLUTION, duration=DURATION, rest=REST)
 
 
 def demo_study(out: Path, *, instructions: tuple[str, ...] = SHORT) -> StudyConfiguration:

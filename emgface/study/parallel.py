@@ -1,6 +1,8 @@
 """Independent jobs in several processes of one thread each.
 
-Small meshes do not benefit from threads; independent trials benefit fully from processes.
+Small meshes do not benefit from threads; independent trials benefit fully from processes. On Linux
+these are copies of one process that has imported the modules of their work, which takes seconds;
+elsewhere libraries may not survive being copied, and every process imports them.
 """
 
 import importlib
@@ -8,9 +10,10 @@ import itertools
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -23,9 +26,10 @@ THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_
 class _Processes:
     """Processes that begin their work when it arrives, and stop at once or after their jobs."""
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, modules: Sequence[str]) -> None:
         self._others = {child.pid for child in multiprocessing.active_children()}
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+        context.set_forkserver_preload(list(modules))  # pyright: ignore[reportAttributeAccessIssue]
         self._pool = ProcessPoolExecutor(workers, context, _prepare)
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
@@ -62,7 +66,7 @@ def kept_processes(workers: int, modules: Sequence[str] = ()) -> Iterator[None]:
     if workers == 1:
         yield
         return
-    _kept = _Processes(workers)
+    _kept = _Processes(workers, modules)
     try:
         with single_threaded_children():
             for _ in range(workers):
@@ -80,23 +84,38 @@ def in_processes(
     *,
     begin: Callable[..., None],
     arguments: tuple[Any, ...],
+    group: Callable[[Job], Hashable] = lambda job: None,
 ) -> Iterator[tuple[int, Done]]:
     """Run jobs in several processes; yield index and result of each job when it finishes.
 
     `work` is a module-level function of one job, which is pickled; `begin` is called once in every
-    process before its first job, with `arguments`. The processes are those of `kept_processes`, or
-    `workers` new ones. If the caller stops (interruption, error), they are stopped at once. Results
-    are stored completely or not at all, so that no partial result remains.
+    process before its first job, with `arguments`. A process that has finished a job continues, if
+    possible, with one of the same `group`, for which it has prepared itself. The processes are those
+    of `kept_processes`, or `workers` new ones. If the caller stops (interruption, error), they are
+    stopped at once. Results are stored completely or not at all, so that no partial result remains.
     """
-    call, processes = next(_calls), _kept or _Processes(workers)
+    call, processes = next(_calls), _kept or _Processes(workers, [work.__module__])
+    waiting, running = list(range(len(jobs))), dict[Future[Done], int]()
+
+    def start(last: Hashable = None) -> None:
+        """Begin the first job of the group `last`, of a group without a process, or of any."""
+        taken = {group(jobs[index]) for index in running.values()}
+        same = (index for index in waiting if group(jobs[index]) == last)
+        free = (index for index in waiting if group(jobs[index]) not in taken)
+        index = next(same, next(free, waiting[0]))
+        waiting.remove(index)
+        running[processes.submit(_run, call, begin, arguments, work, jobs[index])] = index
+
     with single_threaded_children():
         try:
-            futures = {
-                processes.submit(_run, call, begin, arguments, work, job): index
-                for index, job in enumerate(jobs)
-            }
-            for future in as_completed(futures):
-                yield futures[future], future.result()
+            for _ in range(min(workers, len(jobs))):
+                start()
+            while running:
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    index = running.pop(future)
+                    if waiting:
+                        start(group(jobs[index]))
+                    yield index, future.result()
         except BaseException:
             processes.stop()
             raise

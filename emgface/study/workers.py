@@ -8,7 +8,6 @@ import xarray as xr
 
 from analysis.trial import Trial
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_face
 from emgface.study.one_trial import run_trial
 from emgface.study.parallel import in_processes
 from emgface.study.stages import Laboratory
@@ -34,12 +33,12 @@ def in_parallel(
 ) -> Iterator[tuple[PlannedTrial, Done]]:
     """Run trials in several processes; yield each trial and its output when it finishes.
 
-    The workers receive store folder and configuration of the laboratory. `extents` contains the
+    The workers receive store folder, face and configuration of the laboratory. `extents` contains the
     range of the features per volunteer, if required.
     """
     laboratory.rest(laboratory.study.simulation)  # computed once here instead of in every worker
     jobs = [(_without_data(trial), extents.get(trial.place[0])) for trial in trials]
-    arguments = (laboratory.study, laboratory.store.folder)
+    arguments = (laboratory.study, laboratory.face, laboratory.store.folder)
     for index, done in in_processes(_work, jobs, workers, begin=_begin, arguments=arguments):
         yield trials[index], done
 
@@ -49,10 +48,10 @@ _messages: list[str] = []
 """Laboratory of a worker process, and its messages."""
 
 
-def _begin(study: StudyConfiguration, folder: Path) -> None:
+def _begin(study: StudyConfiguration, face: xr.Dataset, folder: Path) -> None:
     global _laboratory
     store = Store(folder, report=_messages.append)
-    _laboratory = Laboratory(store, study_face(study.face), study, _messages.append)
+    _laboratory = Laboratory(store, face, study, _messages.append)
 
 
 def _without_data(trial: PlannedTrial) -> PlannedTrial:

@@ -98,23 +98,26 @@ def action_potentials(geometry: FibreGeometry, sampling_rate: float) -> np.ndarr
     time = np.arange(round(LENGTH * sampling_rate)) / sampling_rate
     result = np.empty((geometry.depth.size, time.size))
     reach = float(geometry.half_length.max())
-    positive = _STEP * (np.arange(math.ceil(reach / _STEP) + 1) + 0.5)
-    z = np.concatenate([-positive[::-1], positive])  # the middles of cells, none on the end plate
+    # The middles of cells, none on the end plate: the wave is symmetric about it.
+    z = _STEP * (np.arange(math.ceil(reach / _STEP) + 1) + 0.5)
+    near = np.exp(1e3 * z)
     for unit in range(geometry.depth.size):
         half, velocity = geometry.half_length[unit], geometry.velocity[unit]
         along = 0.5 * geometry.distance * np.cos(geometry.angle[unit])
         across = 0.5 * geometry.distance * np.sin(geometry.angle[unit])
         slope = np.zeros_like(z)
         for sign in (1.0, -1.0):
-            away = z - (geometry.offset[unit] + sign * along)
             square = geometry.depth[unit] ** 2 + (geometry.aside[unit] + sign * across) ** 2
-            slope -= sign * away * (away**2 + ANISOTROPY * square) ** -1.5
-        # The wave is symmetric about the end plate.
-        behind = 1e3 * (velocity * time[:, None] - np.abs(z))
-        wave = np.where(behind > 0, 96.0 * behind**2 * (3.0 - behind) * np.exp(-behind), 0.0)
+            for side in (1.0, -1.0):
+                away = side * z - (geometry.offset[unit] + sign * along)
+                slope -= side * sign * away * (away**2 + ANISOTROPY * square) ** -1.5
         # The cell in which the fibre ends is weighted by the fraction inside the fibre.
-        wave *= np.sign(z) * np.clip((half - np.abs(z)) / _STEP + 0.5, 0.0, 1.0)
-        result[unit] = (wave @ slope) * _STEP
+        slope *= np.clip((half - z) / _STEP + 0.5, 0.0, 1.0)
+        # exp(-behind) is a product of two factors, which spares most of the time.
+        travelled = 1e3 * velocity * time
+        behind = np.maximum(travelled[:, None] - 1e3 * z, 0.0)
+        wave = np.square(behind) * (3.0 - behind)
+        result[unit] = np.exp(-travelled) * (wave @ (near * slope)) * (96.0 * _STEP)
         delay = geometry.spread[unit] / velocity * sampling_rate
         if delay > 0.0:
             result[unit] = gaussian_filter1d(result[unit], delay, mode="constant")

@@ -49,7 +49,7 @@ class Source:
     home: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Conduction:
     """Paths from every source to every pair of electrodes; arrays of shape (14, sources) [m].
 

@@ -9,6 +9,7 @@ is one source, recorded by all electrodes and filtered by the tissue.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -223,11 +224,16 @@ def _conducted(
             ]
         )
     length = time.size + round(_ROOM * rate)
-    frequency = np.fft.rfftfreq(length, 1.0 / rate)
-    transfer = conduction.transfer(frequency) / _own_amplitude(conduction)[:, None, None]
     spectrum = np.fft.rfft(signal, length, axis=1)
-    mixed = np.einsum("csf,sf->cf", transfer, spectrum)
+    mixed = np.einsum("csf,sf->cf", _transfer(conduction, length, rate), spectrum)
     return np.fft.irfft(mixed, length, axis=1)[:, : time.size]
+
+
+@lru_cache(maxsize=2)  # the noise of a person requires many signals of the same length
+def _transfer(conduction: Conduction, length: int, rate: float) -> np.ndarray:
+    """Transfer (14, sources, frequencies) of signals of this length, scaled by `_own_amplitude`."""
+    frequency = np.fft.rfftfreq(length, 1.0 / rate)
+    return conduction.transfer(frequency) / _own_amplitude(conduction)[:, None, None]
 
 
 def _own_amplitude(conduction: Conduction) -> np.ndarray:

@@ -65,9 +65,13 @@ class MotorUnitPool:
         It is 0 below the threshold, then ``LOWEST_RATE + RATE_GAIN (E - threshold)`` up to the
         highest rate (Fuglevand et al. 1993, Eqs 1-5).
         """
-        above = self.full * np.asarray(activation) - self.threshold[:, None]
-        rate = np.minimum(LOWEST_RATE + RATE_GAIN * above, self.peak_rate[:, None])
-        return np.where(above >= 0.0, rate, 0.0)
+        excitation = self.full * np.asarray(activation)
+        found = np.zeros((self.threshold.size, excitation.size))
+        fires = self.threshold <= excitation.max(initial=-np.inf)  # often a small part
+        above = excitation - self.threshold[fires, None]
+        rate = np.minimum(LOWEST_RATE + RATE_GAIN * above, self.peak_rate[fires, None])
+        found[fires] = np.where(above >= 0.0, rate, 0.0)
+        return found
 
     def rms(self, activation: np.ndarray) -> np.ndarray:
         """Root mean square of the signal at constant activations (times,), 1 at activation 1.
@@ -117,18 +121,20 @@ def discharges(
     Intervals are normally distributed with mean 1 in units of the integral of the rate, so that the
     rate may change within an interval. Times are in ascending order for each unit.
     """
-    expected = np.cumsum(rate, axis=1) / sampling_rate
-    units: list[np.ndarray] = []
-    times: list[np.ndarray] = []
-    for unit, total in enumerate(expected):
-        count = int(total[-1] * 1.2 + 10)
-        interval = np.maximum(rng.normal(1.0, INTERVAL_VARIATION, count), 0.1)
+    units, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    for unit, own in enumerate(rate):
+        fires = bool(own.any())
+        total = np.cumsum(own) / sampling_rate if fires else np.zeros(1)
+        # Silent units draw also, so that the others do not depend on them.
+        interval = np.maximum(rng.normal(1.0, INTERVAL_VARIATION, int(total[-1] * 1.2 + 10)), 0.1)
         interval[0] *= rng.uniform()
+        if not fires:
+            continue
         at = np.cumsum(interval)
         at = at[at < total[-1]]
         # The sample in which the integral reaches the value, and the fraction of that sample.
         sample = np.searchsorted(total, at)
-        left = (total[sample] - at) / rate[unit, sample]
+        left = (total[sample] - at) / own[sample]
         times.append((sample + 1) / sampling_rate - left)
         units.append(np.full(at.size, unit))
     return np.concatenate(units), np.concatenate(times)

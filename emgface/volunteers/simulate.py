@@ -1,6 +1,7 @@
 """Recordings of simulated volunteers with individual faces and known activations."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import ConfigurationError
+from emgface.face.motion import load_kernels
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import volunteer_face
 from emgface.face.template.grid import LAYERS, make_grid
@@ -102,7 +104,9 @@ def _recorded(
             written[job] = recorder.record(job)
             observer.finished("S{:02d} {}".format(*job), "ok")
     else:
-        results = in_processes(_work, jobs, workers, begin=_begin, arguments=(setup,))
+        results = in_processes(
+            _work, jobs, workers, begin=_begin, arguments=(setup,), group=lambda place: place[0]
+        )
         for k, (paths, messages) in results:
             written[jobs[k]] = paths
             for text in messages:
@@ -210,17 +214,19 @@ class _Recorder:
                 )
             else:
                 face = person_face(setup.face, person.geometry_scale)
-            pools = None
-            if settings.emg == "motor_units":
-                # The units of a person are the same in all sessions.
-                pools = draw_pools(
-                    np.random.default_rng([setup.seed, index, len(INSTRUCTIONS) + 1]),
-                    settings.sampling_rate,
-                )
-            conduction = face_conduction(face) if world.pick_up == "volume" else None
-            noise = amplifier_noise(person, settings, pools=pools, conduction=conduction)
             parameters = person_parameters(person, setup.parameters)
             parameters = world_parameters(parameters, world, mismatch)
+            with ThreadPoolExecutor(1) as beside:  # compiling leaves the interpreter half the time
+                beside.submit(load_kernels, face, parameters)
+                pools = None
+                if settings.emg == "motor_units":
+                    # The units of a person are the same in all sessions.
+                    pools = draw_pools(
+                        np.random.default_rng([setup.seed, index, len(INSTRUCTIONS) + 1]),
+                        settings.sampling_rate,
+                    )
+                conduction = face_conduction(face) if world.pick_up == "volume" else None
+                noise = amplifier_noise(person, settings, pools=pools, conduction=conduction)
             mover = Mover(self._store, face, parameters, self._observer)
             self._subjects[index] = _Subject(person, mover, mismatch, pools, conduction, noise)
         return self._subjects[index]

@@ -57,6 +57,25 @@ def test_kept_processes_serve_several_calls_and_begin_for_each() -> None:
     assert len({result[1] for found in calls for result in found.values()}) <= 2
 
 
+def meet_and_wait(job: tuple[str, str, float]) -> int:
+    """Wait until both groups have begun, then for a time."""
+    folder, group, seconds = job
+    (Path(folder) / group).touch()
+    while len(list(Path(folder).iterdir())) < 2:
+        time.sleep(0.01)
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_a_process_continues_with_its_group(tmp_path: Path) -> None:
+    """The first process to end its job passes over a job of the group that the other has begun."""
+    jobs = [(str(tmp_path), *job) for job in (("a", 0.0), ("b", 1.0), ("b", 0.0), ("a", 0.0))]
+    found = dict(
+        in_processes(meet_and_wait, jobs, 2, begin=begin, arguments=(0,), group=lambda job: job[1])
+    )
+    assert found[3] == found[0] != found[1]
+
+
 def test_a_failure_of_a_job_reaches_the_caller() -> None:
     with pytest.raises(ZeroDivisionError):
         dict(in_processes(fail_at_two, range(4), 2, begin=begin, arguments=(0,)))

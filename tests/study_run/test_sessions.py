@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS
 from emgface.recordings.bids.rules import bids_problems
@@ -29,6 +30,11 @@ from tests.study_run.test_volunteers_emg import still_lips
 
 PERSON = draw_volunteer(1, 9)
 QUICK = VolunteerParameters(emg="noise", resolution="coarse", world=MATCHED)
+MECHANICS = configure(
+    SimulationParameters,
+    {"accuracy": "draft", "step": 0.05, "gravity": False, "contact": {"method": "none"}},
+)
+"""What is recorded and written does not depend on lips that touch, which take most of the time."""
 
 
 def motion(seed: int) -> xr.Dataset:
@@ -157,7 +163,7 @@ def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -
     short = QUICK.model_copy(update={"duration": 0.8, "keep_sessions": True, "world": MISMATCHED})
     paths = make_volunteers(
         None, tmp_path, n=2, repetitions=2, instructions=("B",), seed=3, settings=short,
-        parameters=SimulationParameters(step=0.05, gravity=False),
+        parameters=MECHANICS,
     )  # fmt: skip
     assert [p.stem for p in paths] == ["S01_B_1", "S01_B_2", "S02_B_1", "S02_B_2"]
     write_set_as_bids(paths, tmp_path / "bids", tmp_path / "truth")
