@@ -54,9 +54,18 @@ class Constraints:
         """G (n, n_free) as a sparse array."""
         return csr_array((G, self._G.indices, self._G.indptr), shape=self._G.shape)
 
-    def saddle_values(self, A: Array, G: Array, compliance: float = 0.0) -> Array:
-        """Values of [[A, G'], [G, -compliance]] from those of A and G."""
-        values = np.full(self.saddle.nnz, -compliance)
+    @property
+    def rows_of_entries(self) -> tuple[Index, Index]:
+        """First entry of every row of G (n + 1,), and the unknowns (k,) of all entries."""
+        return self._G.indptr, self._G.indices
+
+    def parts_of(self, values: Array) -> tuple[Array, Array]:
+        """Values of A and G from those of `saddle_values`."""
+        return values[self._A_place], values[self._G_place]
+
+    def saddle_values(self, A: Array, G: Array) -> Array:
+        """Values of [[A, G'], [G, 0]] from those of A and G."""
+        values = np.zeros(self.saddle.nnz)
         values[self._A_place] = A
         values[self._G_place] = G
         return values

@@ -21,6 +21,9 @@ from sim.vectors import dot
 
 MAX_SHIFTS = 12
 
+DIRECTION_ERROR = 0.1
+"""Error of a direction, relative to the tolerance of positions."""
+
 
 class Placed(Potential, Protocol):
     """Potential with a map from displacements to positions."""
@@ -64,8 +67,9 @@ def minimise_constrained(
     for iteration in range(1, tolerances.max_iterations + 1):
         with work.timed("tangent"):
             A = _lagrangian_matrix(potential, point.d, multiplier)
-        step, multiplier, more = _newton_step(potential, A, slopes, point, c, work)
-        factorisations, shifts = factorisations + 1 + more, shifts + more
+        error = DIRECTION_ERROR * tolerances.position
+        step, multiplier, made, more = _newton_step(potential, A, slopes, point, c, error, work)
+        factorisations, shifts = factorisations + made, shifts + more
         rho = max(rho, 1.5 * float(np.abs(multiplier).max()))
         found = _search(potential, point, c, step, rho)
         if found is None:
@@ -97,20 +101,22 @@ def _lagrangian_matrix(potential: Placed, d: Array, multiplier: Array) -> Array:
 
 
 def _newton_step(
-    potential: Placed, A: Array, G: Array, point: Point, c: Array, work: Workspace
-) -> tuple[Array, Array, int]:
-    """Step, multipliers and number of shifts of the saddle system with the right inertia."""
-    scale, shifted, tau = potential.scale, A, 1.0
+    potential: Placed, A: Array, G: Array, point: Point, c: Array, error: float, work: Workspace
+) -> tuple[Array, Array, int, int]:
+    """Step, multipliers, numbers of factorisations and of shifts of the saddle system.
+
+    Its inertia is right; `error` [m] is what an iterative solution leaves in the step.
+    """
+    scale, shifted, tau, made, saddle = potential.scale, A, 1.0, 0, work.constraints.saddle
     diagonal = potential.system.pattern.diagonal
     for shifts in range(MAX_SHIFTS + 1):
-        step, y = work.constraints.solve(shifted, G, -scale * point.g, -c)
-        negative = work.constraints.saddle.negative_pivots
-        # Without a count of negative pivots, the curvature along the step is tested.
-        convex = (
-            negative == len(c) if negative is not None else dot(step, point.g) <= dot(y, c) / scale
-        )
+        saddle.factorise(shifted, G)
+        step, y = saddle.solve(-scale * point.g, -c, np.zeros(len(point.g)), error)
+        made, convex = made + saddle.factorisations, saddle.definite
+        if convex is None:  # without a count of negative pivots the curvature along the step tells
+            convex = dot(step, point.g) <= dot(y, c) / scale
         if convex or shifts == MAX_SHIFTS:
-            return step, y / scale, shifts
+            return step, y / scale, made, shifts
         shifted = A.copy()
         shifted[diagonal] += tau * potential.shift
         tau *= 4.0

@@ -110,7 +110,7 @@ class ContactEquation:
         self._until = state.t + h
         self.diagonal = equation.A.to_factorise()[system.pattern.diagonal] / self.scale
         self.solutions = self.factorisations = 0
-        self.definite = True
+        self.definite, self._settling = True, False
 
     def displacement(self, x: Array) -> Array:
         """Nodal vector (n_nodes, 3) of x, zero at fixed components."""
@@ -129,11 +129,18 @@ class ContactEquation:
         SingularSystem
             A matrix could not be factorised.
         """
+        self._settling = True
+        try:
+            return self._settle(multipliers, x)
+        finally:
+            self._settling = False
+
+    def _settle(self, multipliers: Multipliers, x: Array) -> tuple[Array, Acting, Solve]:
         system, rows = self._system, multipliers.rows
         kinematics = system.kinematics
         n = self._state.q.shape[0]
         if not len(rows):
-            solve = self._solver(None, rows, np.empty((0, 3, 3)))
+            solve = self._solver(None, rows, np.empty((0, 3, 3)), x)
             move = solve(self._b - self._A.times(x), LINEAR_ERROR)
             return x + move, multipliers.at(self.displacement(x + move)), solve
         places = self._step.places(system.point_pattern, rows)
@@ -152,7 +159,7 @@ class ContactEquation:
             # The stiffness of a sliding contact rotates with its direction.
             if solve is None or not same or (acting.turn.any() and left > TURNING * last):
                 first = solve is None
-                solve = self._solver(places, rows, multipliers.stiffness(acting, pushes))
+                solve = self._solver(places, rows, multipliers.stiffness(acting, pushes), x)
                 factored, sticks = pushes, acting.sticks
             else:
                 first = False
@@ -221,18 +228,28 @@ class ContactEquation:
             low, high = (low, length) if here > 0.0 else (length, high)
         return x + length * move, acting
 
-    def _solver(self, places: RowPlaces | None, rows: Rows, block: Array) -> Solve:
-        """Solver for the matrix with the stiffness of rows, under the constraints of the scene."""
+    def _solver(self, places: RowPlaces | None, rows: Rows, block: Array, x: Array) -> Solve:
+        """Solver for the matrix with the stiffness of rows, from x under the constraints."""
         system, work = self._system, self._work
         A = replace(self._A, values=self._A.values.copy())
         if places is not None:
             places.add(block, self.scale, A.values)
         if system.constraints is not None:
-            _, G = system.constraints.evaluate(self._state.q)
-            none = np.zeros(system.constraints.n)
-            work.constraints.factorise(A.values, G)
-            self.factorisations += 1
-            return lambda r, _: self._counted(work.constraints.saddle.solve(r, none)[0])
+            saddle, slopes = work.constraints.saddle, system.constraints.evaluate(self._state.q)[1]
+            saddle.factorise(A.values, slopes)
+            gamma = -(system.constraints.matrix(slopes) @ x)
+
+            def under(r: Array, error: float) -> Array:
+                start = np.zeros(len(r)) if self._settling else None
+                # The first motion leads to the conditions, and later ones along them. Multipliers are
+                # those of the whole step while it is settled, and of a small motion afterwards.
+                found, _ = saddle.solve(r, gamma, start, error)
+                gamma[:] = 0.0
+                self.factorisations += saddle.factorisations
+                self.definite &= saddle.definite is not False
+                return self._counted(found, saddle.iterations)
+
+            return under
         if not isinstance(work.linear, ReusedFactor):
             direct, definite = work.steps.factorised(A.values)
             self.factorisations += 1

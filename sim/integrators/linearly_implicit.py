@@ -141,14 +141,12 @@ def linear_step(
         v1 = found.x
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
     else:
-        _, G = conditions.evaluate(state.q)
-        v1, _ = work.constraints.solve(A.values, G, rhs, np.zeros(conditions.n))
+        saddle, start = work.constraints.saddle, work.steps.extrapolated(state.t, h, v0)
+        saddle.factorise(A.values, conditions.evaluate(state.q)[1])
+        v1, _ = saddle.solve(rhs, np.zeros(conditions.n), start, error / (moves * h))
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
-        negative, held = work.constraints.saddle.negative_pivots, np.zeros(conditions.n)
-        definite = negative is None or negative == conditions.n
-        found = Solution(
-            v1, definite=definite, roughly=lambda rhs: work.constraints.saddle.solve(rhs, held)[0]
-        )
+        counts, definite = (saddle.iterations, saddle.factorisations), saddle.definite is not False
+        found = Solution(v1, *counts, definite, saddle.roughly)
     with work.timed("force"):
         least, element = system.smallest_J(pose.q)
     local_error = None
@@ -157,8 +155,11 @@ def linear_step(
         local_error = _estimate(system, state, equation.missed, found, pushed, pose, work)
     if conditions is not None:
         pose = _projected(system, state, pose, work)
+        done = work.constraints.projection
         found = replace(
-            found, iterations=found.iterations + 1, factorisations=found.factorisations + 1
+            found,
+            iterations=found.iterations + done.iterations,
+            factorisations=found.factorisations + done.factorisations,
         )
         with work.timed("force"):
             least, element = system.smallest_J(pose.q)
@@ -222,7 +223,6 @@ def _projected(system: System, state: State, pose: Pose, work: Workspace) -> Pos
     assert conditions is not None  # Callers check that the scene has constraints.
     _, G = conditions.evaluate(state.q)
     c, _ = conditions.evaluate(pose.q)
-    mass = np.zeros(system.pattern.nnz)
-    system.kinematics.add_mass(mass, pose)
-    back, _ = work.constraints.solve(mass, G, np.zeros(system.pattern.n), -c)
+    with work.timed("solution"):
+        back = work.constraints.projection.displacement(G, c)
     return system.kinematics.advance(pose, back, pose.t)

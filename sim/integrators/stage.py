@@ -163,14 +163,15 @@ class Converged(Iterative):
         Other arguments and result as of `relaxed`. Vertices that have touched since the start of the
         step, at `state`, stay on their faces.
         """
-        conditions = system.constraints
 
         def solve(rhs: Array) -> Array:
             if end.contact is not None and system.contact is not None:
                 return end.contact.held(rhs, system.contact.pushing(state))
-            if conditions is None:
-                return work.newton.solve(rhs)
-            return work.constraints.saddle.solve(rhs, np.zeros(conditions.n))[0]
+            return (
+                work.newton.solve(rhs)
+                if system.constraints is None
+                else work.constraints.saddle.roughly(rhs)
+            )
 
         return relaxed(system, error, momentum, D, s, solve, end.pose)
 

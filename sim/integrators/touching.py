@@ -138,10 +138,11 @@ class TouchingInMatrix(BySecants, Touching):
 
     def held(self, rhs: Array, slots: Index, work: Workspace) -> Array:
         """Solution with the factor, whose matrix contains the active rows."""
-        conditions = self.system.constraints
-        if conditions is None:
-            return work.newton.solve(rhs)
-        return work.constraints.saddle.solve(rhs, np.zeros(conditions.n))[0]
+        return (
+            work.newton.solve(rhs)
+            if self.system.constraints is None
+            else work.constraints.saddle.roughly(rhs)
+        )
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace

@@ -49,7 +49,7 @@ class Workspace:
         self._solver = AnalysedSolver(system, linear, clock)
         self.newton = NewtonFactor(self._solver, clock)
         self.steps = StepSolver(self._solver, self.newton, clock)
-        self.constraints = ConstraintSolver(system, clock)
+        self.constraints = ConstraintSolver(system, self.linear, clock)
         self.contact = ContactMemory(self.newton, system.pattern.n)
         self.bodies = BodiesAlone.of(system)
 

@@ -24,6 +24,14 @@ RELATIVE = 1e-12  # Default accuracy.
 SINGULAR = 0.1  # Ritz value below which a matrix is nearly singular and is factorised.
 SENSITIVE = 1e-3  # Factor on the requested error if the matrix is not positive definite.
 
+Timed = Callable[[str], AbstractContextManager[None]]
+"""Context manager that times a phase."""
+
+
+def untimed(phase: str) -> AbstractContextManager[None]:
+    """Time nothing."""
+    return nullcontext()
+
 
 class NotReached(SingularSystem):
     """The iteration missed its tolerance, and the matrix is not fully assembled."""
@@ -76,7 +84,7 @@ class ReusedFactor:
         self._excess = 0
         self.iterations = self.factorisations = 0
         self.definite = True
-        self.timed: Callable[[str], AbstractContextManager[None]] = _untimed
+        self.timed: Timed = untimed
 
     @property
     def name(self) -> str:
@@ -240,7 +248,3 @@ class ReusedFactor:
         with self.timed("solution"):
             self.iterations += 1
             return self._whole.solve(rhs)
-
-
-def _untimed(phase: str) -> AbstractContextManager[None]:
-    return nullcontext()

@@ -1,12 +1,19 @@
-"""Solution of the saddle system [[A, G'], [G, 0]] [x, y] = [r, gamma] by one factor."""
+"""Solution of the saddle system [[A, G'], [G, 0]] [x, y] = [r, gamma].
+
+Small systems are factorised as they are. For large ones the factor is that of A + G'G/c, which has the
+sparsity of A and serves many steps as the preconditioner of an iteration with the saddle matrix itself.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from sim.constraints.union import Constraints
 from sim.errors import SingularSystem
-from sim.linear import LinearSolver, linear_solver
-from sim.pattern import Array, SymmetricPattern
+from sim.linear import Factor, ReusedFactor, linear_solver, symmetric_product
+from sim.linear.reused import Timed, untimed
+from sim.pattern import Array, Sparsity, SymmetricPattern
 
 # With this compliance the matrix is quasi-definite, and every ordering has a factor (Vanderbei 1995).
 COMPLIANCE = 1e-8
@@ -14,29 +21,26 @@ COMPLIANCE = 1e-8
 REFINEMENTS = 12
 ACCURACY = 1e-12  # Relative residual at which refinement ends.
 FAILURE = 1e-7  # Relative residual above which a solution is refused.
+# Entries of G relative to those of A, and of G'G/c. Ten times larger: about one iteration fewer with a
+# factor of the same matrix, and a condition near the limit of single precision.
+PENALTY = 1e3
 
 
-class Saddle:
-    """Factor of a saddle matrix; the rows of G are scaled to the magnitude of A.
+class QuasiDefinite:
+    """Direct solver of the saddle matrix, by a factor with a small compliance and refinement.
 
     Parameters
     ----------
-    pattern : SymmetricPattern
-        Of A.
     constraints : Constraints
-        Their sparsity is analysed once.
     linear : str
         Name of a solver for indefinite matrices, or "auto".
     """
 
-    def __init__(
-        self, pattern: SymmetricPattern, constraints: Constraints, linear: str = "auto"
-    ) -> None:
-        self._constraints = constraints
-        self._solver: LinearSolver = linear_solver(linear, indefinite=True)
-        self._solver.analyse(constraints.saddle)
-        self._row = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
-        self._pattern = pattern
+    solutions_per_factorisation: ClassVar[int] = 8
+
+    def __init__(self, constraints: Constraints, linear: str = "auto") -> None:
+        self._rows = constraints.n
+        self._solver = linear_solver(linear, indefinite=True)
 
     @property
     def name(self) -> str:
@@ -45,34 +49,37 @@ class Saddle:
 
     @property
     def negative_pivots(self) -> int | None:
-        """Number of negative eigenvalues of the latest factor, if the solver provides it.
+        """Number of negative eigenvalues in addition to the constraints, if the solver provides it.
 
-        It equals the number of constraints exactly if A is positive definite on their null space.
+        It is 0 exactly if A is positive definite on the null space of G.
         """
-        return getattr(self._solver, "negative_pivots", None)
+        found: int | None = getattr(self._solver, "negative_pivots", None)
+        return None if found is None else abs(found - self._rows)
 
-    def factorise(self, A: Array, G: Array) -> None:
-        """Factorise for the values A of the pattern and G of the constraints.
+    def analyse(self, pattern: Sparsity) -> None:
+        """Order and analyse the sparsity of the saddle matrix."""
+        self._pattern = pattern
+        self._solver.analyse(pattern)
 
-        Raises
-        ------
-        SingularSystem
-            The matrix is singular or contains NaN.
-        """
-        size = np.abs(G).mean() or 1.0
-        self._scale = float(np.abs(A[self._pattern.diagonal]).mean() / size)
-        compliance = COMPLIANCE * float(np.abs(A[self._pattern.diagonal]).mean())
-        self._solver.factorise(self._constraints.saddle_values(A, self._scale * G, compliance))
-        upper = csr_array(
-            (A, self._pattern.indices, self._pattern.indptr),
-            shape=(self._pattern.n, self._pattern.n),
+    def factorise(self, values: Array) -> None:
+        """Factorise; SingularSystem if the matrix is singular or contains NaN."""
+        self._values, diagonal = values, self._pattern.diagonal
+        softened = values.copy()
+        softened[diagonal[-self._rows :]] = (
+            -COMPLIANCE * PENALTY**2 * np.abs(values[diagonal[: -self._rows]]).mean()
         )
-        self._upper = upper
-        self._A_diagonal = A[self._pattern.diagonal]
-        self._G = self._constraints.matrix(self._scale * G)
+        self._solver.factorise(softened)
 
-    def solve(self, r: Array, gamma: Array) -> tuple[Array, Array]:
-        """X (n_free,) and multipliers y (n,) with A x + G' y = r and G x = gamma.
+    def approximate(self, rhs: Array) -> Array:
+        """Solve with the compliance."""
+        return self._solver.solve(rhs)
+
+    def approximate_many(self, rhs: Array) -> Array:
+        """As `approximate`, for right-hand sides (k, n)."""
+        return np.array([self.approximate(row) for row in rhs])
+
+    def solve(self, rhs: Array) -> Array:
+        """Solve without the compliance.
 
         Raises
         ------
@@ -80,12 +87,10 @@ class Saddle:
             The solution is not finite, or does not satisfy the equations, because the constraints
             are contradictory or redundant.
         """
-        n = len(r)
-        rhs = np.concatenate([r, self._scale * gamma])
         z = self._solver.solve(rhs)
         size, left = np.abs(rhs).max(), np.inf
         for _ in range(REFINEMENTS):
-            residual = rhs - self._product(z)
+            residual = rhs - symmetric_product(self._pattern, self._values, z)
             before, left = left, np.abs(residual).max()
             if left <= ACCURACY * size or left > 0.5 * before:
                 break
@@ -95,10 +100,202 @@ class Saddle:
                 f"the constrained system was solved to {left / size:.1e} only, expected {FAILURE:g}: "
                 "the conditions contradict or repeat each other"
             )
-        return z[:n], self._scale * z[n:]
+        return z
 
-    def _product(self, z: Array) -> Array:
-        n = self._pattern.n
-        x, y = z[:n], z[n:]
-        Ax = self._upper @ x + self._upper.T @ x - self._A_diagonal * x
-        return np.concatenate([Ax + self._G.T @ y, self._G @ x])
+
+class Penalised:
+    """Solver of [[A, G'], [G, -c]], the saddle matrix with a compliance c, by a factor of A + G'G/c.
+
+    From G x - c y = s follows y = (G x - s)/c, hence (A + G'G/c) x = r + G's/c. With c small it is a
+    preconditioner of the saddle matrix whose eigenvalues are 1, and s/(s + c) with those of G A^-1 G'
+    (Benzi, Golub and Liesen 2005, Numerical solution of saddle point problems, section 8).
+
+    Parameters
+    ----------
+    pattern : SymmetricPattern
+        Of A; it contains all pairs of unknowns of a constraint.
+    constraints : Constraints
+    factor : Factor
+        For positive definite matrices.
+    """
+
+    def __init__(self, pattern: SymmetricPattern, constraints: Constraints, factor: Factor) -> None:
+        self._constraints, self._own, self._factor = constraints, pattern, factor
+        self.solutions_per_factorisation = factor.solutions_per_factorisation
+        first, column = constraints.rows_of_entries
+        counts = np.diff(first)
+        pairs: list[list[Array]] = [[], []]
+        for k in np.unique(counts):
+            start = first[:-1][counts == k][:, None]
+            for side, own in zip(pairs, np.triu_indices(k), strict=True):
+                side.append((start + own).ravel())
+        self._one, self._two = (np.concatenate(side) for side in pairs)
+        ends = np.sort(np.stack([column[self._one], column[self._two]]).astype(np.int64), axis=0)
+        row = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
+        # rows and columns of a pattern ascend
+        self._place = np.searchsorted(
+            row * pattern.n + pattern.indices, ends[0] * pattern.n + ends[1]
+        )
+
+    @property
+    def name(self) -> str:
+        """Name of the factor."""
+        return self._factor.name
+
+    def analyse(self, pattern: Sparsity) -> None:
+        """Order and analyse the sparsity of A."""
+        self._factor.analyse(self._own)
+
+    def factorise(self, values: Array) -> None:
+        """Factorise A + G'G/c.
+
+        Raises
+        ------
+        NotPositiveDefinite
+            A is not positive definite on the null space of G, or nearly not.
+        SingularSystem
+            The matrix contains NaN.
+        """
+        A, G = self._constraints.parts_of(values)
+        self._G, self._compliance = self._constraints.matrix(G), float(np.abs(G).mean()) or 1.0
+        squares = np.bincount(self._place, G[self._one] * G[self._two], self._own.nnz)
+        self._factor.factorise(A + squares / self._compliance)
+
+    def approximate(self, rhs: Array) -> Array:
+        """Solve with the latest factor in its own precision."""
+        r, s = np.split(rhs, [self._own.n])
+        x = self._factor.approximate(r + self._G.T @ (s / self._compliance))
+        return np.concatenate([x, (self._G @ x - s) / self._compliance])
+
+    def approximate_many(self, rhs: Array) -> Array:
+        """As `approximate`, for right-hand sides (k, n)."""
+        return np.array([self.approximate(row) for row in rhs])
+
+    def solve(self, rhs: Array) -> Array:
+        """As `approximate`."""
+        return self.approximate(rhs)
+
+
+class Saddle:
+    """Solver of saddle systems of one sparsity; the rows of G are scaled relative to A.
+
+    Parameters
+    ----------
+    pattern : SymmetricPattern
+        Of A.
+    constraints : Constraints
+        Their sparsity is analysed once.
+    factor : Factor or None
+        For the matrices of an iteration that reuses factors; None to factorise every saddle matrix.
+    timed : callable
+        As of `ReusedFactor`.
+
+    Attributes
+    ----------
+    iterations, factorisations : int
+        Of the latest solution.
+    """
+
+    def __init__(
+        self,
+        pattern: SymmetricPattern,
+        constraints: Constraints,
+        factor: Factor | None = None,
+        timed: Timed = untimed,
+    ) -> None:
+        def direct() -> QuasiDefinite:
+            return QuasiDefinite(constraints)
+
+        self._constraints, self._pattern = constraints, pattern
+        self._solver: QuasiDefinite | ReusedFactor = direct()
+        if factor is not None:
+            self._solver = ReusedFactor(Penalised(pattern, constraints, factor), direct, direct)
+            self._solver.timed = timed
+        self._timed = timed
+        self._solver.analyse(constraints.saddle)
+        self._scale: float | None = None
+        self._y = np.zeros(constraints.n)
+        self.iterations = self.factorisations = 1
+
+    @property
+    def name(self) -> str:
+        """Name of the linear solver."""
+        return self._solver.name
+
+    @property
+    def definite(self) -> bool | None:
+        """Test if A is positive definite on the null space of G; None if not known exactly."""
+        if isinstance(self._solver, ReusedFactor):
+            return None if self._solver.definite else False
+        return None if self._solver.negative_pivots is None else self._solver.negative_pivots == 0
+
+    def arrays(self) -> dict[str, Array]:
+        """Arrays that affect the next solution."""
+        if not isinstance(self._solver, ReusedFactor) or self._scale is None:
+            return {}
+        return self._solver.arrays() | {"scale": np.array([self._scale]), "y": self._y}
+
+    def restore(self, kept: Mapping[str, Array]) -> None:
+        """Restore the state from `arrays`, or the initial state from an empty mapping."""
+        self._scale = float(kept["scale"][0]) if kept else None
+        self._y = kept["y"] if kept else np.zeros(self._constraints.n)
+        if isinstance(self._solver, ReusedFactor):
+            self._solver.restore(kept)
+
+    def factorise(self, A: Array, G: Array) -> None:
+        """Set the values A of the pattern and G of the constraints; factorise where that is needed.
+
+        Raises
+        ------
+        SingularSystem
+            The matrix is singular or contains NaN.
+        """
+        if self._scale is None or not isinstance(self._solver, ReusedFactor):
+            size = np.abs(G).mean() or 1.0
+            self._scale = PENALTY * float(np.abs(A[self._pattern.diagonal]).mean() / size)
+        values = self._constraints.saddle_values(A, self._scale * G)
+        if isinstance(self._solver, ReusedFactor):
+            self._solver.factorise(values)
+            return
+        with self._timed("factorisation"):
+            self._solver.factorise(values)
+
+    def solve(
+        self, r: Array, gamma: Array, start: Array | None = None, error: float | None = None
+    ) -> tuple[Array, Array]:
+        """X (n_free,) and multipliers y (n,) with A x + G' y = r and G x = gamma.
+
+        Parameters
+        ----------
+        r, gamma : right-hand sides.
+        start : (n_free,) where an iteration begins, with the latest multipliers; zero by default.
+        error : float, optional
+            Largest error that an iteration leaves in x; by default 1e-12 of the solution.
+
+        Raises
+        ------
+        SingularSystem
+            The solution is not finite, or does not satisfy the equations, because the constraints
+            are contradictory or redundant.
+        """
+        assert self._scale is not None  # a matrix has been set
+        rhs, solver = np.concatenate([r, self._scale * gamma]), self._solver
+        if isinstance(solver, ReusedFactor):
+            first = None if start is None else np.concatenate([start, self._y / self._scale])
+            z = solver.solve(rhs, first, error)
+            self.iterations, self.factorisations = solver.iterations, solver.factorisations
+        else:
+            with self._timed("solution"):
+                z = solver.solve(rhs)
+        x, y = np.split(z, [len(r)])
+        y = self._scale * y
+        if start is not None:
+            self._y = y
+        return x, y
+
+    def roughly(self, r: Array) -> Array:
+        """X of G x = 0 with an existing factor, of this matrix or a similar one."""
+        rhs = np.concatenate([r, np.zeros(self._constraints.n)])
+        solver = self._solver
+        z = solver.roughly(rhs) if isinstance(solver, ReusedFactor) else solver.solve(rhs)
+        return z[: len(r)]

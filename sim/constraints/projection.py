@@ -1,0 +1,100 @@
+"""Projection of positions to c = 0, by the displacement with the smallest norm of the mass."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.sparse import csr_array, triu
+
+from sim.constraints.union import Constraints
+from sim.linear import linear_solver
+from sim.linear.conjugate_gradients import conjugate_gradients
+from sim.pattern import Array, Sparsity
+
+SHARE = 1e-7
+"""Largest relative change of the multipliers in the last iteration."""
+
+PATIENCE = 6
+"""Number of iterations with a factor after which it is made again for the next projection."""
+
+LIMIT = 60
+"""Largest number of iterations."""
+
+SOFT = 1e-12
+"""Relative regularisation of the factor."""
+
+
+class Projection:
+    """Displacement -M^-1 G' (G M^-1 G')^-1 c along the derivative G of constraints.
+
+    The matrix has one row per constraint and couples neighbours alone. It is solved by conjugate
+    gradients, preconditioned by its factor from an earlier step.
+
+    Parameters
+    ----------
+    constraints : Constraints
+    mass : (n_free,) diagonal of the mass [kg].
+
+    Attributes
+    ----------
+    iterations, factorisations : int
+        Of the latest projection.
+    """
+
+    def __init__(self, constraints: Constraints, mass: Array) -> None:
+        self._constraints, self._mass = constraints, mass
+        self._solver = linear_solver()
+        self._analysed = self._due = False
+        self._made_of: Array | None = None
+        self.iterations = self.factorisations = 0
+
+    def arrays(self) -> dict[str, Array]:
+        """Arrays that affect the next projection."""
+        due = np.array([float(self._due)])
+        return {} if self._made_of is None else {"made_of": self._made_of, "due": due}
+
+    def restore(self, kept: Mapping[str, Array]) -> None:
+        """Restore the state from `arrays`, or the initial state from an empty mapping."""
+        self._made_of = None
+        if kept:
+            self._factorise(kept["made_of"])
+            self._due = bool(kept["due"][0])
+
+    def displacement(self, G: Array, c: Array) -> Array:
+        """Displacement (n_free,) that closes c (n,), with the entries of G.
+
+        Raises
+        ------
+        SingularSystem
+            The constraints repeat each other.
+        """
+        self.factorisations = 0
+        if self._made_of is None or self._due:
+            self._factorise(G)
+            self.factorisations = 1
+        rows, solutions = self._constraints.matrix(G), 0
+
+        def product(y: Array) -> Array:
+            return rows @ ((rows.T @ y) / self._mass)
+
+        def precondition(r: Array) -> Array:
+            nonlocal solutions
+            solutions += 1
+            return self._solver.solve(r)
+
+        y = conjugate_gradients(product, precondition, c, SHARE, LIMIT)
+        self.iterations, self._due = solutions, solutions > PATIENCE
+        return -(rows.T @ y) / self._mass
+
+    def _factorise(self, G: Array) -> None:
+        """Factorise G M^-1 G'."""
+        rows = self._constraints.matrix(G)
+        upper = csr_array(triu((rows / self._mass[None, :]) @ rows.T, format="csr"))
+        upper.sort_indices()
+        start = upper.indptr.astype(np.int32)
+        if not self._analysed:
+            places = upper.indices.astype(np.int32), start[:-1].astype(np.int64)
+            self._solver.analyse(Sparsity(start, *places))
+            self._analysed = True
+        upper.data[start[:-1]] *= 1.0 + SOFT
+        self._solver.factorise(upper.data)
+        self._made_of, self._due = G, False
