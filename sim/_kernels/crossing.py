@@ -1,6 +1,6 @@
 """Entry of points into faces on straight paths within a step.
 
-The broad phase is the grid of `nearest_faces`, over the boxes of the paths.
+The broad phase are lists of faces near the points (`sim._kernels.nearest_faces`).
 """
 
 # pyright: basic, reportAttributeAccessIssue=false
@@ -9,8 +9,7 @@ The broad phase is the grid of `nearest_faces`, over the boxes of the paths.
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.grid import Grid, boxes_near
-from sim._kernels.nearest_faces import has_node
+from sim._kernels.grid import ROUNDING
 from sim._kernels.options import inner, kernel
 from sim._kernels.triangles import dot, point_triangle
 
@@ -104,85 +103,61 @@ def _entry(p0, p1, a0, a1, b0, b1, c0, c1, weight):
     return 2.0
 
 
+@inner
+def _pass_by(p0, p1, a0, a1, b0, b1, c0, c1):
+    """Test if the boxes of the paths of a point and of a triangle are disjoint."""
+    for j in range(3):
+        low = min(min(min(a0[j], a1[j]), min(b0[j], b1[j])), min(c0[j], c1[j]))
+        high = max(max(max(a0[j], a1[j]), max(b0[j], b1[j])), max(c0[j], c1[j]))
+        rounding = ROUNDING * max(abs(low), abs(high))
+        if max(p0[j], p1[j]) < low - rounding or min(p0[j], p1[j]) > high + rounding:
+            return True
+    return False
+
+
 @kernel
 def entries(
     p0: Reals,
     p1: Reals,
-    node: Indices,
     x0: Reals,
     x1: Reals,
     triangles: Indices,
-    grid: Grid,
-    face: Indices,
-    when: Reals,
-    weight: Reals,
-) -> int:
-    """First face that every point enters through its front on a straight path; -1 if none.
-
-    grid: of the boxes of the paths of the faces. Returns the number of pairs examined.
-    """
-    looked = 0
-    w, low, high = np.empty(3), np.empty(3), np.empty(3)
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    near = np.empty(len(triangles), np.int64)
-    for i in range(len(p0)):
-        face[i], when[i] = -1, 2.0
-        for j in range(3):
-            low[j], high[j] = min(p0[i, j], p1[i, j]), max(p0[i, j], p1[i, j])
-        for k in range(boxes_near(grid, low, high, first, last, near)):
-            f = near[k]
-            t = triangles[f]
-            if has_node(t, node[i]):
-                continue
-            looked += 1
-            a, b, c = t[0], t[1], t[2]
-            s = _entry(p0[i], p1[i], x0[a], x1[a], x0[b], x1[b], x0[c], x1[c], w)
-            if s < when[i] or (s == when[i] and s < 2.0 and f < face[i]):
-                when[i], face[i] = s, f
-                weight[i, 0], weight[i, 1], weight[i, 2] = w[0], w[1], w[2]
-    return looked
-
-
-@kernel
-def as_early(
-    p0: Reals,
-    p1: Reals,
-    node: Indices,
-    x0: Reals,
-    x1: Reals,
-    triangles: Indices,
-    grid: Grid,
+    start: Indices,
+    listed: Indices,
     slack: float,
-    at: Indices,
+    point: Indices,
     face: Indices,
     when: Reals,
-    which: Indices,
-    other: Indices,
     weight: Reals,
-    value: Reals,
 ) -> int:
-    """Number of further faces that points enter together with the first ones, within a tolerance.
+    """Faces that points enter first through their fronts on straight paths.
 
-    Arguments as of `sim._kernels.nearest_faces.as_near`, with fractions of the path instead of
-    distances.
+    Each is followed by those that are entered at the same time within a tolerance. Arguments as of
+    `sim._kernels.nearest_faces.closest`, with fractions of the path instead of distances.
     """
-    n = 0
-    w, low, high = np.empty(3), np.empty(3), np.empty(3)
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    near = np.empty(len(triangles), np.int64)
-    for i in range(len(at)):
-        one, end = p0[at[i]], p1[at[i]]
-        for j in range(3):
-            low[j], high[j] = min(one[j], end[j]), max(one[j], end[j])
-        for k in range(boxes_near(grid, low, high, first, last, near)):
-            f = near[k]
-            t = triangles[f]
-            if f == face[i] or has_node(t, node[at[i]]):
-                continue
+    n, longest = 0, 0
+    for i in range(len(p0)):
+        longest = max(longest, start[i + 1] - start[i])
+    time, w = np.empty(longest), np.empty((longest, 3))
+    for i in range(len(p0)):
+        first, size = start[i], start[i + 1] - start[i]
+        earliest, best = 2.0, -1
+        for k in range(size):
+            t = triangles[listed[first + k]]
             a, b, c = t[0], t[1], t[2]
-            s = _entry(one, end, x0[a], x1[a], x0[b], x1[b], x0[c], x1[c], w)
-            if s <= when[i] + slack and n < len(which):
-                which[n], other[n], value[n] = i, f, s
-                weight[n, 0], weight[n, 1], weight[n, 2] = w[0], w[1], w[2]
-                n += 1
+            time[k] = 2.0
+            if _pass_by(p0[i], p1[i], x0[a], x1[a], x0[b], x1[b], x0[c], x1[c]):
+                continue
+            time[k] = _entry(p0[i], p1[i], x0[a], x1[a], x0[b], x1[b], x0[c], x1[c], w[k])
+            if time[k] < earliest:
+                earliest, best = time[k], k
+        if best < 0:
+            continue
+        for turn in range(-1, size):
+            k = best if turn < 0 else turn
+            if turn == best or not (turn < 0 or time[k] <= min(earliest + slack, 1.0)):
+                continue
+            point[n], face[n], when[n] = i, listed[first + k], time[k]
+            weight[n, 0], weight[n, 1], weight[n, 2] = w[k, 0], w[k, 1], w[k, 2]
+            n += 1
     return n

@@ -1,4 +1,4 @@
-"""Closest faces of points, among those with boxes within reach."""
+"""Faces near points: lists that stay complete while little moves, and the closest faces of a list."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -36,92 +36,154 @@ def opposed(a, b, c, away):
 
 
 @kernel
-def nearest(
+def listed(
     p: Reals,
     radius: Reals,
+    moves: Reals,
     node: Indices,
     x: Reals,
     triangles: Indices,
     grid: Grid,
-    away: Reals,
-    face: Indices,
-    weight: Reals,
-    squared: Reals,
-    feature: Indices,
-) -> int:
-    """Nearest face of every point within its radius; -1 if there is none.
+    every: bool,
+    reach: Reals,
+    start: Indices,
+) -> Indices:
+    """Faces (k,) of every point that may be its closest one within a radius after motions.
 
-    A face that has the point's own node (`node`, -1 for none) is omitted and, if `away` has rows,
-    one whose normal is not opposite to that row. Returns the number of pairs whose distance was
-    computed.
+    Parameters
+    ----------
+    p, radius, moves : points, their radii and the distances by which point and face may move in all.
+    node : vertex of each point, -1 for none; faces that have it are omitted.
+    every : whether farther faces are listed as well, since closer ones may be omitted in a search.
+    reach : set to the distance up to which faces are listed, infinite if up to the closest one and twice
+        the motion, which suffices for every radius.
+    start : (n + 1,) set to the places of the first faces.
     """
-    looked = 0
     w, low, high = np.empty(3), np.empty(3), np.empty(3)
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     near = np.empty(len(triangles), np.int64)
+    face = np.empty(4 * len(p) + 16, np.int64)
+    n = 0
     for i in range(len(p)):
-        face[i], squared[i] = -1, radius[i] * radius[i]
-        around(p[i], radius[i], low, high)
+        start[i], reach[i] = n, radius[i] + moves[i]
+        most = reach[i]
+        if not every:
+            closest = most * most
+            around(p[i], most, low, high)
+            for k in range(boxes_near(grid, low, high, first, last, near)):
+                t = triangles[near[k]]
+                if has_node(t, node[i]) or apart(low, high, grid.low[near[k]], grid.high[near[k]]):
+                    continue
+                d2, _ = point_triangle(p[i], x[t[0]], x[t[1]], x[t[2]], w)
+                if d2 < closest:
+                    closest = d2
+                    around(p[i], np.sqrt(d2), low, high)
+            nearby = np.sqrt(closest) + 2.0 * moves[i]
+            if nearby < most:
+                most, reach[i] = nearby, np.inf
+        around(p[i], most, low, high)
         for k in range(boxes_near(grid, low, high, first, last, near)):
-            f = near[k]
-            triangle = triangles[f]
-            if has_node(triangle, node[i]) or apart(low, high, grid.low[f], grid.high[f]):
+            t = triangles[near[k]]
+            if has_node(t, node[i]):
                 continue
-            a, b, c = x[triangle[0]], x[triangle[1]], x[triangle[2]]
-            if len(away) and not opposed(a, b, c, away[i]):
-                continue
-            looked += 1
-            d2, what = point_triangle(p[i], a, b, c, w)
-            # Of faces at equal distance the first, independent of the order of the search.
-            if d2 < squared[i] or (d2 == squared[i] and (face[i] < 0 or f < face[i])):
-                squared[i], face[i], feature[i] = d2, f, what
-                weight[i, 0], weight[i, 1], weight[i, 2] = w[0], w[1], w[2]
-                around(p[i], np.sqrt(d2), low, high)
-    return looked
+            d2, _ = point_triangle(p[i], x[t[0]], x[t[1]], x[t[2]], w)
+            if d2 <= most * most:
+                if n == len(face):
+                    longer = np.empty(2 * n, np.int64)
+                    longer[:n] = face
+                    face = longer
+                # in the order of the faces
+                m = n
+                while m > start[i] and face[m - 1] > near[k]:
+                    face[m] = face[m - 1]
+                    m -= 1
+                face[m] = near[k]
+                n += 1
+    start[len(p)] = n
+    return face[:n].copy()
 
 
 @kernel
-def as_near(
+def complete(
+    p0: Reals,
+    p1: Reals,
+    x0: Reals,
+    x1: Reals,
+    used: Indices,
+    radius: Reals,
     p: Reals,
-    node: Indices,
+    x: Reals,
+    moves: Reals,
+    reach: Reals,
+) -> bool:
+    """Test if lists made at points p and vertices x serve a motion from p0, x0 to p1, x1."""
+    farthest = 0.0
+    for a in used:
+        one = two = 0.0
+        for j in range(3):
+            one += (x0[a, j] - x[a, j]) ** 2
+            two += (x1[a, j] - x[a, j]) ** 2
+        farthest = max(farthest, max(one, two))
+    farthest = np.sqrt(farthest)
+    for i in range(len(p)):
+        one = two = 0.0
+        for j in range(3):
+            one += (p0[i, j] - p[i, j]) ** 2
+            two += (p1[i, j] - p[i, j]) ** 2
+        moved = np.sqrt(max(one, two)) + farthest
+        bounded = reach[i] < np.inf
+        if not (radius[i] + moved <= reach[i] if bounded else moved <= moves[i]):
+            return False
+    return True
+
+
+@kernel
+def closest(
+    p: Reals,
+    radius: Reals,
     x: Reals,
     triangles: Indices,
-    grid: Grid,
+    start: Indices,
+    listed: Indices,
     away: Reals,
     slack: float,
-    at: Indices,
+    point: Indices,
     face: Indices,
-    distance: Reals,
-    which: Indices,
-    other: Indices,
     weight: Reals,
-    value: Reals,
+    distance: Reals,
     feature: Indices,
 ) -> int:
-    """Number of further faces as close as the closest ones, within a tolerance [m].
+    """Closest face of every point within its radius, followed by those as close within a tolerance.
 
-    at, face, distance: points that have a nearest face, this face and its distance. The other
-    arrays are filled up to their length: index of the row, the further face, its weights, distance
-    and feature.
+    Of faces at equal distance the one with the lowest index is the first. If `away` has rows, faces
+    whose normals are not opposite to those are omitted. Returns the number of results, which are at most
+    as many as the listed faces.
     """
-    n = 0
-    w, low, high = np.empty(3), np.empty(3), np.empty(3)
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    near = np.empty(len(triangles), np.int64)
-    for i in range(len(at)):
-        point, most = p[at[i]], distance[i] + slack
-        around(point, most, low, high)
-        for k in range(boxes_near(grid, low, high, first, last, near)):
-            f = near[k]
-            triangle = triangles[f]
-            if f == face[i] or has_node(triangle, node[at[i]]):
+    n, longest = 0, 0
+    for i in range(len(p)):
+        longest = max(longest, start[i + 1] - start[i])
+    squared, what, w = np.empty(longest), np.empty(longest, np.int64), np.empty((longest, 3))
+    for i in range(len(p)):
+        first, size = start[i], start[i + 1] - start[i]
+        least, best = radius[i] * radius[i], -1
+        for k in range(size):
+            t = triangles[listed[first + k]]
+            a, b, c = x[t[0]], x[t[1]], x[t[2]]
+            squared[k] = np.inf
+            if len(away) and not opposed(a, b, c, away[i]):
                 continue
-            a, b, c = x[triangle[0]], x[triangle[1]], x[triangle[2]]
-            if len(away) and not opposed(a, b, c, away[at[i]]):
+            squared[k], what[k] = point_triangle(p[i], a, b, c, w[k])
+            if squared[k] < least or (squared[k] == least and best < 0):
+                least, best = squared[k], k
+        if best < 0:
+            continue
+        most = np.sqrt(least) + slack
+        for turn in range(-1, size):
+            k = best if turn < 0 else turn
+            if turn == best or not (turn < 0 or squared[k] <= most * most):
                 continue
-            d2, what = point_triangle(point, a, b, c, w)
-            if d2 <= most * most and n < len(which):
-                which[n], other[n], value[n], feature[n] = i, f, np.sqrt(d2), what
-                weight[n, 0], weight[n, 1], weight[n, 2] = w[0], w[1], w[2]
-                n += 1
+            point[n], face[n], feature[n] = i, listed[first + k], what[k]
+            distance[n] = np.sqrt(squared[k])
+            weight[n, 0], weight[n, 1], weight[n, 2] = w[k, 0], w[k, 1], w[k, 2]
+            n += 1
     return n

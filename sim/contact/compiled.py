@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.contact.direction import Direction, Move
 from sim.contact.pairing import Pairing
-from sim.contact.rows import Rows
+from sim.contact.rows import Rows, no_rows
 from sim.contact.signed_distance import SignedFaces
 from sim.contact.surfaces import NodeSurface
 from sim.pattern import SymmetricPattern
@@ -162,15 +162,8 @@ class CompiledContact:
 
     def near(self, move: Move, allowed: Array, way: Array | None = None) -> Rows:
         """Rows of all vertices near a face; see `Direction.near`."""
-        return _united([d.near(move, allowed, way) for d in self._directions])
+        return no_rows().joined(*(d.near(move, allowed, way) for d in self._directions))
 
     def entered(self, move: Move, allowed: Array) -> Rows:
         """Rows of all vertices that enter a face on their path; see `Direction.entered`."""
-        return _united([d.entered(move, allowed) for d in self._directions])
-
-
-def _united(parts: list[Rows]) -> Rows:
-    rows = parts[0]
-    for more in parts[1:]:
-        rows = rows.joined(more)
-    return rows
+        return no_rows().joined(*(d.entered(move, allowed) for d in self._directions))

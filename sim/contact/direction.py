@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.rows import ENTERED, NEAREST, WALL, Flags, Rows
-from sim.contact.search import NO_NODES, NO_NORMALS, Found
+from sim.contact.candidates import Candidates
+from sim.contact.rows import ENTERED, NEAREST, WALL, Flags, Rows, no_rows
+from sim.contact.search import NO_NORMALS, Found, all_entered_faces, closest_faces
 from sim.contact.signed_distance import SignedFaces
 from sim.contact.surfaces import NodeSurface, RigidShell, Surface
 from sim.scene import Index
@@ -13,6 +14,9 @@ from sim.state import Array
 
 SELF_DEPTH = 0.2
 """Fraction of the approach distance that may lie behind a face of the same surface."""
+
+SKIN = 2.0
+"""Skin of the lists of faces near vertices, relative to the approach distance."""
 
 BLUR = 0.2
 """Fraction of the approach distance over which edges are rounded in the contact normals."""
@@ -98,7 +102,10 @@ class Direction:
         self._surface, self._faces = own.surface, faces.surface
         none = np.full(len(vertices), -1)
         self.nodes = vertices if isinstance(self._surface, NodeSurface) else none
-        self._among = self.nodes if isinstance(self._faces, NodeSurface) else none
+        among = self.nodes if isinstance(self._faces, NodeSurface) else none
+        triangles, skin = self._faces.triangles, SKIN * approach
+        self.candidates = Candidates(triangles, among, skin, every=self._itself)
+        self._lifted: tuple[Array, Array, Array] | None = None
 
     @property
     def has_inside(self) -> bool:
@@ -114,10 +121,15 @@ class Direction:
         points, x = here.ends(self._surface)[0][self.vertices], here.ends(self._faces)[0]
         # An open surface has no inside; depths in a closed one are not limited.
         radius = np.inf if self._faces.closed else self._approach
-        found = self._signs.nearest(points, radius, x, NO_NODES)
+        found = self._closest(points, radius, x)
         gap, _ = self._signs.signed(points, found, x)
-        deep[found.point] = np.maximum(-np.nan_to_num(gap), 0.0)
+        np.maximum.at(deep, found.point, -np.nan_to_num(gap))
         return deep
+
+    def _closest(
+        self, points: Array, radius: Array | float, x: Array, away: Array = NO_NORMALS
+    ) -> Found:
+        return closest_faces(points, radius, x, self._faces.triangles, self.candidates, away)
 
     def turn(self, t0: float, t1: float) -> Array | None:
         """Rotation (3, 3) of the faces from t0 to t1 [s], if they are a moving shell."""
@@ -144,10 +156,13 @@ class Direction:
         points, may = mine[self.vertices], allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
         away = self._signs.normals(x)[1][self.vertices] if self._itself else NO_NORMALS
-        every = self._signs.all_nearest(points, radius, x, self._among, away)
+        every = self._closest(points, radius, x, away)
+        if not len(every.point):
+            return no_rows()
         outward = away if self._itself else self._own.normals(mine)[1][self.vertices]
-        found, place, gap, normal = self._signs.distinct(points, every, x, blur, outward)
-        beside, *more = self._signs.beside(points, every, x, blur)
+        places = self._signs.places(every, x)
+        found, place, gap, normal = self._signs.distinct(points, every, places, x, blur, outward)
+        beside, *more = self._signs.beside(points, every, places[0], x, blur)
         rank = np.r_[np.full(len(place), NEAREST), np.full(len(more[0]), WALL)]
         place, gap, normal = np.r_[place, beside.face], np.r_[gap, more[0]], np.r_[normal, more[1]]
         found = found.joined(beside)
@@ -178,7 +193,9 @@ class Direction:
         x0, x1 = move.ends(self._faces)
         before, after = self._outside(move, allowed), move.ends(self._surface)[1][self.vertices]
         triangles = self._faces.triangles
-        found = self._signs.entered(before, after, x0, x1, self._among)
+        found = all_entered_faces(before, after, x0, x1, triangles, self.candidates)
+        if not len(found.point):
+            return no_rows()
         found, place = self._signs.places_of(found, x1)
         normal = self._signs.normals_of(place, x1)
         at = np.einsum("kj,kji->ki", found.weight, x1[triangles[found.face]])
@@ -190,11 +207,16 @@ class Direction:
 
         After an earlier contact, vertices may be slightly inside and would enter undetected.
         """
+        if self._lifted is not None:
+            q0, known, points = self._lifted
+            if q0 is move.q0 and known is allowed:
+                return points
         points = move.ends(self._surface)[0][self.vertices]
+        self._lifted = move.q0, allowed, points
         if self._itself or not self._faces.closed:
             return points
         x0 = move.ends(self._faces)[0]
-        found = self._signs.all_nearest(points, HAIR, x0, self._among)
+        found = self._closest(points, HAIR, x0)
         gap, normal = self._signs.signed(points, found, x0)
         hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
         at = found.point[hair]

@@ -94,10 +94,13 @@ class Rows:
         """Selection of rows."""
         return Rows(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
-    def joined(self, other: "Rows") -> "Rows":
+    def joined(self, *others: "Rows") -> "Rows":
         """Concatenation of these and other rows."""
+        parts = [part for part in (self, *others) if len(part)]
+        if len(parts) < 2:
+            return parts[0] if parts else self
         names = self.__dataclass_fields__
-        return Rows(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
+        return Rows(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
 
     @property
     def keys(self) -> Index:
@@ -107,6 +110,14 @@ class Rows:
     def without(self, others: "Rows") -> "Rows":
         """Rows whose vertex and feature do not occur in other rows."""
         return self.take(np.flatnonzero(~np.isin(self.keys, others.keys)))
+
+
+def no_rows() -> Rows:
+    """No rows."""
+    index, real = np.empty(0, np.int64), np.empty(0)
+    vector = np.empty((0, 3))
+    nodes, weight = np.empty((0, 4), np.int64), np.empty((0, 4))
+    return Rows(index, index, index, nodes, weight, vector, real, vector, real, index)
 
 
 class RowPlaces:

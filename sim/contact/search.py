@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.crossing import as_early, entries
-from sim._kernels.grid import Grid, grid_of
-from sim._kernels.nearest_faces import as_near, nearest
+from sim._kernels.crossing import entries
+from sim._kernels.nearest_faces import closest
 from sim._kernels.triangles import within
+from sim.contact.candidates import Candidates
 from sim.scene import Index
 from sim.state import Array
 
@@ -22,9 +22,6 @@ NO_NORMALS = np.empty((0, 3))
 SAME_DISTANCE, SAME_TIME = 1e-9, 1e-9
 """Difference of distances [m] and of fractions of a step that is due to rounding."""
 
-TOGETHER = 16
-"""Average number of equally close faces per point."""
-
 
 @dataclass(frozen=True, eq=False)
 class Found:
@@ -32,7 +29,7 @@ class Found:
 
     Attributes
     ----------
-    point : (k,) indices of the points with a face; ascending if there is one face for each.
+    point : (k,) indices of the points with a face, ascending; the closest face of each is the first.
     face : (k,) triangles.
     weight : (k, 3) barycentric weights of the nearest or entered point of the face.
     value : (k,) distance [m] of the nearest face, or fraction 0-1 of the path at which it is entered.
@@ -49,10 +46,46 @@ class Found:
         """Selection of rows."""
         return Found(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
+    def first(self) -> "Found":
+        """The first face of every point."""
+        return self.take(np.unique(self.point, return_index=True)[1])
+
     def joined(self, other: "Found") -> "Found":
         """Concatenation of these and other rows."""
         names = self.__dataclass_fields__
         return Found(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
+
+
+def closest_faces(
+    points: Array,
+    radius: Array | float,
+    x: Array,
+    triangles: Index,
+    near: Candidates,
+    away: Array = NO_NORMALS,
+) -> Found:
+    """Closest faces of every point within a radius: all equally close ones, with their distances.
+
+    Parameters
+    ----------
+    points : (n, 3) [m]
+    radius : (n,) or float
+        Largest distance [m]; may be infinite.
+    x : (m, 3) positions of the vertices of the triangles [m].
+    triangles : (k, 3) int
+    near : Candidates
+        Of the points.
+    away : (n, 3), optional
+        Outward normals of the points; faces with normals not opposite to them are omitted.
+    """
+    points = np.ascontiguousarray(points)
+    start, listed = near.along(points, points, x, x, radius)
+    point, face, feature = (np.empty(len(listed), dtype=np.int64) for _ in range(3))
+    weight, distance = np.empty((len(listed), 3)), np.empty(len(listed))
+    reach = np.array(np.broadcast_to(radius, len(points)), dtype=np.float64)
+    among = reach, x, triangles, start, listed, away, SAME_DISTANCE
+    n = closest(points, *among, point, face, weight, distance, feature)
+    return Found(point[:n], face[:n], weight[:n], distance[:n], feature[:n])
 
 
 def nearest_faces(
@@ -63,42 +96,15 @@ def nearest_faces(
     *,
     nodes: Index = NO_NODES,
     away: Array = NO_NORMALS,
-    grid: Grid | None = None,
 ) -> Found:
-    """Closest face of every point within a radius, with its distance.
+    """Closest face of every point within a radius, of equally close ones that of the lowest index.
 
-    Parameters
-    ----------
-    points : (n, 3) [m]
-    radius : (n,) or float
-        Largest distance [m]; may be infinite.
-    x : (m, 3) positions of the vertices of the triangles [m].
-    triangles : (k, 3) int
-    nodes : (n,) int, optional
-        Index of every point among `x`, -1 for none; faces that contain it are omitted.
-    away : (n, 3), optional
-        Outward normals of the points; faces with normals not opposite to them are omitted.
-    grid : Grid, optional
-        Of the triangles at x, if available.
+    Arguments as of `closest_faces`; faces that contain the vertices `nodes` (n,) of the points, -1 for
+    none, are omitted.
     """
-    n = len(points)
-    face, weight = np.empty(n, dtype=np.int64), np.zeros((n, 3))
-    squared, feature = np.empty(n), np.zeros(n, dtype=np.int64)
-    nearest(
-        np.ascontiguousarray(points),
-        np.array(np.broadcast_to(radius, n), dtype=np.float64),
-        nodes if len(nodes) else np.full(n, -1, dtype=np.int64),
-        x,
-        triangles,
-        grid or grid_of(x, x, triangles),
-        away,
-        face,
-        weight,
-        squared,
-        feature,
-    )
-    hit = np.flatnonzero(face >= 0)
-    return Found(hit, face[hit], weight[hit], np.sqrt(squared[hit]), feature[hit])
+    nodes = nodes if len(nodes) else np.full(len(points), -1)
+    near = Candidates(triangles, nodes, every=len(away) > 0)
+    return closest_faces(points, radius, x, triangles, near, away).first()
 
 
 def faces_within(points: Array, x: Array, triangles: Index, distance: float) -> NDArray[np.bool_]:
@@ -108,120 +114,39 @@ def faces_within(points: Array, x: Array, triangles: Index, distance: float) -> 
     return out
 
 
-def entered_faces(
+def all_entered_faces(
     before: Array,
     after: Array,
     x_before: Array,
     x_after: Array,
     triangles: Index,
-    *,
-    nodes: Index = NO_NODES,
-    grid: Grid | None = None,
+    near: Candidates,
 ) -> Found:
-    """First face that every point enters through its front on a straight path, with the time 0-1.
+    """Faces that points enter first through their fronts on straight paths, with the times 0-1.
 
-    The time is a root of the volume of point and triangle, a cubic over the step.
+    Several of a point are entered at the same time. It is a root of the volume of point and triangle, a
+    cubic over the step.
 
     Parameters
     ----------
     before, after : (n, 3) points at both ends of the step [m].
     x_before, x_after : (m, 3) positions of the vertices of the triangles [m].
     triangles : (k, 3) int
-    nodes : (n,) int, optional
-        As in `nearest_faces`.
-    grid : Grid, optional
-        Of the triangles from x_before to x_after, if available.
+    near : Candidates
+        Of the points.
     """
-    n = len(before)
-    face, when, weight = np.empty(n, dtype=np.int64), np.empty(n), np.zeros((n, 3))
-    entries(
-        np.ascontiguousarray(before),
-        np.ascontiguousarray(after),
-        nodes if len(nodes) else np.full(n, -1, dtype=np.int64),
-        x_before,
-        x_after,
-        triangles,
-        grid or grid_of(x_before, x_after, triangles),
-        face,
-        when,
-        weight,
-    )
-    hit = np.flatnonzero(face >= 0)
-    none = np.zeros(len(hit), dtype=np.int64)
-    return Found(hit, face[hit], weight[hit], when[hit], none)
+    before, after = np.ascontiguousarray(before), np.ascontiguousarray(after)
+    start, listed = near.along(before, after, x_before, x_after)
+    point, face = (np.empty(len(listed), dtype=np.int64) for _ in range(2))
+    weight, when = np.empty((len(listed), 3)), np.empty(len(listed))
+    among = triangles, start, listed, SAME_TIME
+    n = entries(before, after, x_before, x_after, *among, point, face, when, weight)
+    return Found(point[:n], face[:n], weight[:n], when[:n], np.zeros(n, dtype=np.int64))
 
 
-def with_as_near(
-    found: Found,
-    points: Array,
-    x: Array,
-    triangles: Index,
-    nodes: Index,
-    away: Array,
-    grid: Grid,
+def entered_faces(
+    before: Array, after: Array, x_before: Array, x_after: Array, triangles: Index
 ) -> Found:
-    """Closest faces, followed by all equally close ones, within rounding.
-
-    Arguments as of `nearest_faces`, whose result is extended.
-    """
-    room = TOGETHER * len(found.point)
-    which, face, feature = (np.empty(room, dtype=np.int64) for _ in range(3))
-    weight, distance = np.empty((room, 3)), np.empty(room)
-    n = as_near(
-        np.ascontiguousarray(points),
-        nodes if len(nodes) else np.full(len(points), -1, dtype=np.int64),
-        x,
-        triangles,
-        grid,
-        away,
-        SAME_DISTANCE,
-        found.point,
-        found.face,
-        found.value,
-        which,
-        face,
-        weight,
-        distance,
-        feature,
-    )
-    return found.joined(
-        Found(found.point[which[:n]], face[:n], weight[:n], distance[:n], feature[:n])
-    )
-
-
-def with_as_early(
-    found: Found,
-    before: Array,
-    after: Array,
-    x_before: Array,
-    x_after: Array,
-    triangles: Index,
-    nodes: Index,
-    grid: Grid,
-) -> Found:
-    """Faces that points enter first, followed by those entered simultaneously.
-
-    Arguments as of `entered_faces`, whose result is extended.
-    """
-    room = TOGETHER * len(found.point)
-    which, face = (np.empty(room, dtype=np.int64) for _ in range(2))
-    weight, when = np.empty((room, 3)), np.empty(room)
-    n = as_early(
-        np.ascontiguousarray(before),
-        np.ascontiguousarray(after),
-        nodes if len(nodes) else np.full(len(before), -1, dtype=np.int64),
-        x_before,
-        x_after,
-        triangles,
-        grid,
-        SAME_TIME,
-        found.point,
-        found.face,
-        found.value,
-        which,
-        face,
-        weight,
-        when,
-    )
-    none = np.zeros(n, dtype=np.int64)
-    return found.joined(Found(found.point[which[:n]], face[:n], weight[:n], when[:n], none))
+    """First face that every point enters; see `all_entered_faces`."""
+    near = Candidates(triangles, np.full(len(before), -1))
+    return all_entered_faces(before, after, x_before, x_after, triangles, near).first()

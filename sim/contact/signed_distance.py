@@ -7,18 +7,10 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from sim._kernels.grid import Grid, grid_of
 from sim._kernels.signed import places, signed, walls
 from sim._kernels.triangles import normals
 from sim.contact.connectivity import sides_of
-from sim.contact.search import (
-    NO_NORMALS,
-    Found,
-    entered_faces,
-    nearest_faces,
-    with_as_early,
-    with_as_near,
-)
+from sim.contact.search import NO_NORMALS, Found
 from sim.contact.surfaces import Surface
 from sim.scene import Index
 from sim.state import Array
@@ -54,10 +46,6 @@ class Recent(Generic[Result]):
         return result
 
 
-GRIDS = 3
-"""Number of cached grids: at the start, at the end and over a step."""
-
-
 class SignedFaces:
     """Faces of a surface: closest faces, entered faces and signed distances.
 
@@ -86,7 +74,7 @@ class SignedFaces:
         self._edge = np.where(paired, np.minimum(own, match), own).reshape(-1, 3)
         self._free = np.zeros(size, dtype=bool)
         self._free[surface.open_edges] = True
-        self._normals, self._grid = Recent(self._normals_at), Recent(self._grid_over, GRIDS)
+        self._normals = Recent(self._normals_at)
 
     def normals(self, x: Array) -> tuple[Array, Array]:
         """Unit normals of the faces (k, 3) and of the vertices x (m, 3), zero for unused ones."""
@@ -112,21 +100,7 @@ class SignedFaces:
         normals(x, self.triangles, face, corner, flat)
         return face, corner, flat
 
-    def nearest(
-        self, points: Array, radius: Array | float, x: Array, nodes: Index, away: Array = NO_NORMALS
-    ) -> Found:
-        """Closest face of every point within a radius; see `nearest_faces`."""
-        grid = self._grid(x, x)
-        return nearest_faces(points, radius, x, self.triangles, nodes=nodes, away=away, grid=grid)
-
-    def all_nearest(
-        self, points: Array, radius: Array | float, x: Array, nodes: Index, away: Array = NO_NORMALS
-    ) -> Found:
-        """Same as `nearest`, with all equally close faces."""
-        found = self.nearest(points, radius, x, nodes, away)
-        return with_as_near(found, points, x, self.triangles, nodes, away, self._grid(x, x))
-
-    def _places(self, found: Found, x: Array) -> tuple[Index, Array]:
+    def places(self, found: Found, x: Array) -> tuple[Index, Array]:
         """Indices (k,) of the closest faces, edges or vertices, and weights on them.
 
         An edge has the same index for both its faces, and a vertex for all.
@@ -138,12 +112,22 @@ class SignedFaces:
 
     def places_of(self, found: Found, x: Array) -> tuple[Found, Index]:
         """Unique closest faces, edges and vertices of points, and their indices."""
-        place, weight = self._places(found, x)
-        _, first = np.unique(np.c_[found.point, place], axis=0, return_index=True)
+        place, weight = self.places(found, x)
+        _, first = np.unique(self._keys(found, place), return_index=True)
         return replace(found, weight=weight).take(first), place[first]
 
+    def _keys(self, found: Found, place: Index) -> Index:
+        """Unique integers (k,) of points and features, in the order of points."""
+        return found.point * (4 * len(self.triangles) + len(self._free)) + place
+
     def distinct(
-        self, points: Array, every: Found, x: Array, blur: float, against: Array
+        self,
+        points: Array,
+        every: Found,
+        placed: tuple[Index, Array],
+        x: Array,
+        blur: float,
+        against: Array,
     ) -> tuple[Found, Index, Array, Array]:
         """Unique closest features of equally close faces.
 
@@ -154,7 +138,8 @@ class SignedFaces:
         points, x, blur, against
             As of `signed`.
         every : Found
-            Of `all_nearest`.
+            Of `closest_faces`.
+        placed : their `places`.
 
         Returns
         -------
@@ -164,13 +149,13 @@ class SignedFaces:
             As of `signed`, the normal of a feature from all its faces.
         """
         gaps, normals = self.signed(points, every, x, blur, against)
-        places, weight = self._places(every, x)
+        places, weight = placed
         _, first, group = np.unique(
-            np.c_[every.point, places], axis=0, return_index=True, return_inverse=True
+            self._keys(every, places), return_index=True, return_inverse=True
         )
         normal, gap = np.zeros((len(first), 3)), np.full(len(first), np.nan)
-        np.add.at(normal, group.ravel(), normals)
-        np.fmax.at(gap, group.ravel(), gaps)
+        np.add.at(normal, group, normals)
+        np.fmax.at(gap, group, gaps)
         size = np.linalg.norm(normal, axis=1, keepdims=True)
         normal = np.where(size > 0.0, normal / np.where(size > 0.0, size, 1.0), normals[first])
         found, place = replace(every, weight=weight).take(first), places[first]
@@ -179,18 +164,8 @@ class SignedFaces:
         good = np.flatnonzero(~(against_it & (gap < 0.0)))
         return found.take(good), place[good], gap[good], normal[good]
 
-    def entered(self, before: Array, after: Array, x0: Array, x1: Array, nodes: Index) -> Found:
-        """Faces that points enter first while they move from x0 to x1; see `entered_faces`."""
-        ways, grid = (before, after, x0, x1, self.triangles), self._grid(x0, x1)
-        return with_as_early(
-            entered_faces(*ways, nodes=nodes, grid=grid), *ways, nodes=nodes, grid=grid
-        )
-
-    def _grid_over(self, x0: Array, x1: Array) -> Grid:
-        return grid_of(x0, x1, self.triangles)
-
     def beside(
-        self, points: Array, found: Found, x: Array, near: float
+        self, points: Array, found: Found, places: Index, x: Array, near: float
     ) -> tuple[Found, Array, Array]:
         """Faces adjacent to the closest one at a concave edge, if the point is above both.
 
@@ -200,7 +175,8 @@ class SignedFaces:
         ----------
         points : (n, 3) [m]
         found : Found
-            Of `all_nearest`.
+            Of `closest_faces`.
+        places : (k,) their features.
         x : (m, 3) positions of the vertices of the triangles [m].
         near : float
             Distance below which a further face is included also if the point is not above it [m].
@@ -214,7 +190,7 @@ class SignedFaces:
         normal : (k, 3) its unit normal.
         """
         by_face, _ = self.normals(x)
-        places, n_faces = self._places(found, x)[0], len(self.triangles)
+        n_faces = len(self.triangles)
         room = 3 * len(found.point)
         which, face, feature = (np.empty(room, dtype=np.int64) for _ in range(3))
         weight, gap = np.empty((room + 1, 3)), np.empty(room)
