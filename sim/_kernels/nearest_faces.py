@@ -137,6 +137,22 @@ def complete(
     return True
 
 
+@inner
+def near_listed(p, radius, x, triangles, first, size, listed, away, i, squared, what, w):
+    """Squared distances, features and weights of listed faces; place of the closest one, or -1."""
+    least, best = radius * radius, -1
+    for k in range(size):
+        t = triangles[listed[first + k]]
+        a, b, c = x[t[0]], x[t[1]], x[t[2]]
+        squared[k] = np.inf
+        if len(away) and not opposed(a, b, c, away[i]):
+            continue
+        squared[k], what[k] = point_triangle(p, a, b, c, w[k])
+        if squared[k] < least or (squared[k] == least and best < 0):
+            least, best = squared[k], k
+    return best
+
+
 @kernel
 def closest(
     p: Reals,
@@ -165,19 +181,12 @@ def closest(
     squared, what, w = np.empty(longest), np.empty(longest, np.int64), np.empty((longest, 3))
     for i in range(len(p)):
         first, size = start[i], start[i + 1] - start[i]
-        least, best = radius[i] * radius[i], -1
-        for k in range(size):
-            t = triangles[listed[first + k]]
-            a, b, c = x[t[0]], x[t[1]], x[t[2]]
-            squared[k] = np.inf
-            if len(away) and not opposed(a, b, c, away[i]):
-                continue
-            squared[k], what[k] = point_triangle(p[i], a, b, c, w[k])
-            if squared[k] < least or (squared[k] == least and best < 0):
-                least, best = squared[k], k
+        best = near_listed(
+            p[i], radius[i], x, triangles, first, size, listed, away, i, squared, what, w
+        )
         if best < 0:
             continue
-        most = np.sqrt(least) + slack
+        most = np.sqrt(squared[best]) + slack
         for turn in range(-1, size):
             k = best if turn < 0 else turn
             if turn == best or not (turn < 0 or squared[k] <= most * most):

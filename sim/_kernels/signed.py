@@ -6,6 +6,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.nearest_faces import near_listed
 from sim._kernels.options import inner, kernel
 from sim._kernels.triangles import CORNER_0, EDGE_0, INSIDE_FACE, dot, point_triangle
 
@@ -68,6 +69,23 @@ def _on_edge(what, weight, x, triangle, across, free):
     return what
 
 
+@inner
+def _place(f, what, weight, triangles, edge):
+    """Index of a feature of face f: face, edge or vertex; weights near an edge are moved to it."""
+    m = len(triangles)
+    if what >= CORNER_0:
+        weight[0] = weight[1] = weight[2] = 0.0
+        weight[what - CORNER_0] = 1.0
+        return 4 * m + triangles[f, what - CORNER_0]
+    if what >= EDGE_0:
+        weight[(what - EDGE_0 + 2) % 3] = 0.0
+        size = weight[0] + weight[1] + weight[2]
+        for k in range(3):
+            weight[k] /= size
+        return m + edge[f, what - EDGE_0]
+    return f
+
+
 @kernel
 def places(
     face: Indices,
@@ -84,21 +102,70 @@ def places(
 
     edge: (m, 3) number of the edges of each face, the same for both faces of an edge.
     """
-    m = len(triangles)
     for i in range(len(face)):
         f = face[i]
         what = _on_edge(feature[i], weight[i], x, triangles[f], across[f], free)
-        if what >= CORNER_0:
-            place[i] = 4 * m + triangles[f, what - CORNER_0]
-            weight[i, :] = 0.0
-            weight[i, what - CORNER_0] = 1.0
-        elif what >= EDGE_0:
-            place[i] = m + edge[f, what - EDGE_0]
-            opposite = (what - EDGE_0 + 2) % 3
-            weight[i, opposite] = 0.0
-            weight[i, :] /= weight[i].sum()
-        else:
-            place[i] = f
+        place[i] = _place(f, what, weight[i], triangles, edge)
+
+
+@inner
+def _signed(
+    p, f, weight, value, what, x, triangles, across, free, by_face, by_corner, flat, blur, against,
+    normal, way, outward
+):  # fmt: skip
+    """Signed distance of a point from its closest feature; its direction in `normal`.
+
+    `what` is the feature with edges rounded, `against` (3,) an outward normal of the point, or empty;
+    way, outward (3,) are scratch.
+    """
+    t = triangles[f]
+    open_edge, mean = False, 1.0
+    for j in range(3):
+        outward[j] = by_face[f, j]
+    if what >= CORNER_0:
+        vertex = t[what - CORNER_0]
+        open_edge, mean = free[vertex], flat[vertex]
+        for j in range(3):
+            outward[j] = by_corner[vertex, j]
+    elif what >= EDGE_0:
+        other = across[f, what - EDGE_0]
+        open_edge = other < 0
+        if not open_edge:
+            for j in range(3):
+                outward[j] += by_face[other, j]
+            mean = 0.5 * _length(outward)
+    size = _length(outward)
+    if size > 0.0:
+        for j in range(3):
+            outward[j] /= size
+    for j in range(3):
+        way[j] = p[j]
+        for k in range(3):
+            way[j] -= weight[k] * x[t[k], j]
+    sign = -1.0 if dot(way, outward) < 0.0 else 1.0
+    gap = np.nan if open_edge else sign * value
+    # Within a face the normal is more accurate than the difference of two close points.
+    far = what > 0 and value > NO_LENGTH * _size(x, t)
+    for j in range(3):
+        normal[j] = sign / value * way[j] if far else outward[j]
+    if blur > 0.0 and what > 0:
+        if len(against) > 0:
+            size = 0.0
+            for j in range(3):
+                size += (outward[j] - against[j]) ** 2
+            size = np.sqrt(size)
+            if size > OPPOSED and mean < FLAT:
+                for j in range(3):
+                    outward[j] = (outward[j] - against[j]) / size
+        share = value / (value + blur)
+        for j in range(3):
+            normal[j] = share * normal[j] + (1.0 - share) * outward[j]
+        size = _length(normal)
+        for j in range(3):
+            normal[j] /= size
+        if not open_edge:
+            gap = dot(way, normal)
+    return gap
 
 
 @kernel
@@ -116,8 +183,6 @@ def signed(
     by_face: Reals,
     by_corner: Reals,
     flat: Reals,
-    blur: float,
-    against: Reals,
     gap: Reals,
     normal: Reals,
 ) -> None:
@@ -125,89 +190,150 @@ def signed(
 
     across: (m, 3) faces beyond the edges of each, -1 at a free one; free, flat: of the vertices.
     """
-    way, outward, along = np.empty(3), np.empty(3), np.empty(3)
+    way, outward, none = np.empty(3), np.empty(3), np.empty(0)
     for i in range(len(at)):
-        f, value = face[i], distance[i]
-        t = triangles[f]
-        what = _on_edge(feature[i], weight[i], x, t, across[f], free)
-        outward[:] = by_face[f]
-        open_edge, mean = False, 1.0
-        if what >= CORNER_0:
-            vertex = t[what - CORNER_0]
-            outward[:], open_edge, mean = by_corner[vertex], free[vertex], flat[vertex]
-        elif what >= EDGE_0:
-            other = across[f, what - EDGE_0]
-            open_edge = other < 0
-            if not open_edge:
-                outward += by_face[other]
-                mean = 0.5 * _length(outward)
-        size = _length(outward)
-        if size > 0.0:
-            outward /= size
-        for j in range(3):
-            way[j] = points[at[i], j]
-            for k in range(3):
-                way[j] -= weight[i, k] * x[t[k], j]
-        sign = -1.0 if dot(way, outward) < 0.0 else 1.0
-        gap[i] = np.nan if open_edge else sign * value
-        # Within a face the normal is more accurate than the difference of two close points.
-        if what > 0 and value > NO_LENGTH * _size(x, t):
-            along[:] = sign / value * way
-        else:
-            along[:] = outward
-        if blur > 0.0 and what > 0:
-            if len(against) > 0:
-                between = outward - against[at[i]]
-                size = _length(between)
-                if size > OPPOSED and mean < FLAT:
-                    outward[:] = between / size
-            share = value / (value + blur)
-            along[:] = share * along + (1.0 - share) * outward
-            along /= _length(along)
-            if not open_edge:
-                gap[i] = dot(way, along)
-        normal[i] = along
+        f = face[i]
+        what = _on_edge(feature[i], weight[i], x, triangles[f], across[f], free)
+        gap[i] = _signed(
+            points[at[i]], f, weight[i], distance[i], what, x, triangles, across, free,
+            by_face, by_corner, flat, 0.0, none, normal[i], way, outward
+        )  # fmt: skip
 
 
 @kernel
-def walls(
+def met(
     points: Reals,
-    at: Indices,
-    face: Indices,
+    radius: Reals,
+    may: Reals,
     x: Reals,
     triangles: Indices,
+    start: Indices,
+    listed: Indices,
+    away: Reals,
+    slack: float,
     across: Indices,
+    free: NDArray[np.bool_],
+    edge: Indices,
     by_face: Reals,
-    near: float,
-    which: Indices,
-    wall: Indices,
+    by_corner: Reals,
+    flat: Reals,
+    blur: float,
+    against: Reals,
+    deepest: float,
+    point: Indices,
+    face: Indices,
+    place: Indices,
+    wall: NDArray[np.bool_],
     weight: Reals,
     gap: Reals,
-    feature: Indices,
+    normal: Reals,
 ) -> int:
-    """Number of faces that form a groove with the closest ones; see `SignedFaces.beside`.
+    """Features that points meet; see `SignedFaces.met`. Returns their number.
 
-    which: (3 k,) row of each; wall, weight, gap, feature: as those of the nearest faces.
+    may: depth that each point may have. Other arguments as of `signed` and
+    `sim._kernels.nearest_faces.closest`; place, wall, gap, normal: of each result.
     """
-    n, nearest = 0, np.empty(3)
-    for i in range(len(at)):
-        first, p = face[i], points[at[i]]
-        for side in range(3):
-            f = across[first, side]
-            if f < 0:
+    longest = 0
+    for i in range(len(points)):
+        longest = max(longest, start[i + 1] - start[i])
+    squared, what, w = np.empty(longest), np.empty(longest, np.int64), np.empty((longest, 3))
+    tie, rounded = np.empty(longest, np.int64), np.empty((longest, 3))
+    own, sums, gaps = np.empty((longest, 3)), np.empty((longest, 3)), np.empty(longest)
+    at, group = np.empty(longest, np.int64), np.empty(longest, np.int64)
+    way, outward, n = np.empty(3), np.empty(3), 0
+    for i in range(len(points)):
+        p = points[i]
+        first, size = start[i], start[i + 1] - start[i]
+        best = near_listed(
+            p, radius[i], x, triangles, first, size, listed, away, i, squared, what, w
+        )
+        if best < 0:
+            continue
+        most = np.sqrt(squared[best]) + slack
+        ties = 0
+        for turn in range(-1, size):
+            k = best if turn < 0 else turn
+            if turn != best and (turn < 0 or squared[k] <= most * most):
+                tie[ties] = k
+                ties += 1
+        # one result per feature, in the order of their numbers, with the sum of the normals of its faces
+        groups = 0
+        for j in range(ties):
+            k = tie[j]
+            f = listed[first + k]
+            feature = _on_edge(what[k], w[k], x, triangles[f], across[f], free)
+            here = _signed(
+                p, f, w[k], np.sqrt(squared[k]), feature, x, triangles, across, free,
+                by_face, by_corner, flat, blur, against[i], own[j], way, outward
+            )  # fmt: skip
+            for c in range(3):
+                rounded[j, c] = w[k, c]
+            at[j] = _place(f, feature, rounded[j], triangles, edge)
+            g = 0
+            while g < groups and at[group[g]] < at[j]:
+                g += 1
+            if g < groups and at[group[g]] == at[j]:
+                lead = group[g]
+                for c in range(3):
+                    sums[lead, c] += own[j, c]
+                if not gaps[lead] >= here:  # a number rather than NaN
+                    gaps[lead] = here if here == here else gaps[lead]
                 continue
-            height = 0.0
-            for k in range(3):
-                opposite = x[triangles[f, k]] - x[triangles[first, side]]
-                height = max(height, dot(opposite, by_face[first]))
-            if not height > CONCAVE * _size(x, triangles[f]):
+            for k in range(groups, g, -1):
+                group[k] = group[k - 1]
+            group[g] = j
+            groups += 1
+            gaps[j] = here
+            for c in range(3):
+                sums[j, c] = own[j, c]
+        for g in range(groups):
+            j = group[g]
+            length = _length(sums[j])
+            for c in range(3):
+                normal[n, c] = sums[j, c] / length if length > 0.0 else own[j, c]
+            # a point inside, midway between faces with opposite normals, keeps the first
+            if g > 0 and gaps[j] < 0.0 and dot(normal[n], sums[group[0]]) < 0.0:
                 continue
-            a, b, c = x[triangles[f, 0]], x[triangles[f, 1]], x[triangles[f, 2]]
-            squared, what = point_triangle(p, a, b, c, weight[n])
-            if what == INSIDE_FACE or squared < near * near:
-                for j in range(3):
-                    nearest[j] = weight[n, 0] * a[j] + weight[n, 1] * b[j] + weight[n, 2] * c[j]
-                which[n], wall[n], feature[n] = i, f, what
-                gap[n] = dot(p - nearest, by_face[f])
+            if gaps[j] > deepest and gaps[j] + may[i] < radius[i]:
+                point[n], face[n], place[n], wall[n] = i, listed[first + tie[j]], at[j], False
+                gap[n] = gaps[j]
+                for c in range(3):
+                    weight[n, c] = rounded[j, c]
                 n += 1
+        # faces that form a groove with a closest one, if the point is above both
+        walls = n
+        for j in range(ties):
+            one = listed[first + tie[j]]
+            for side in range(3):
+                f = across[one, side]
+                if f < 0:
+                    continue
+                height = 0.0
+                for k in range(3):
+                    rise = 0.0
+                    for c in range(3):
+                        corner = x[triangles[one, side], c]
+                        rise += (x[triangles[f, k], c] - corner) * by_face[one, c]
+                    height = max(height, rise)
+                if not height > CONCAVE * _size(x, triangles[f]):
+                    continue
+                t = triangles[f]
+                apart, feature = point_triangle(p, x[t[0]], x[t[1]], x[t[2]], weight[n])
+                if not (feature == INSIDE_FACE or apart < blur * blur):
+                    continue
+                known = False
+                for k in range(ties):
+                    known = known or at[k] == f
+                for k in range(walls, n):
+                    known = known or face[k] == f
+                if known:
+                    continue
+                for c in range(3):
+                    way[c], normal[n, c] = p[c], by_face[f, c]
+                    for k in range(3):
+                        way[c] -= weight[n, k] * x[t[k], c]
+                gap[n] = dot(way, by_face[f])
+                if gap[n] > deepest and gap[n] + may[i] < radius[i]:
+                    point[n], face[n], place[n], wall[n] = i, f, f, True
+                    n += 1
     return n

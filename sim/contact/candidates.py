@@ -11,6 +11,10 @@ Lists = tuple[Index, Index]
 """Places (n + 1,) of the first face of every point, and the faces of all points, ascending."""
 
 
+ROUNDING = 2e-9
+"""Distance by which lists are longer, for equally close faces and rounding [m]."""
+
+
 class Candidates:
     """Faces that points may meet (a Verlet list), which are searched again only after motions.
 
@@ -61,7 +65,7 @@ class Candidates:
             farthest = (
                 np.sqrt(((x0 - x1)[self._used] ** 2).sum(axis=1).max()) if x0 is not x1 else 0.0
             )
-            moves, reach = own + (farthest + self._skin), np.empty(len(after))
+            moves, reach = own + (farthest + self._skin + ROUNDING), np.empty(len(after))
             first = np.empty(len(after) + 1, np.int64)
             grid = grid_of(x1, x1, self._triangles)
             around = every, moves, self._nodes, x1, self._triangles, grid, self._every

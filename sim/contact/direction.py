@@ -7,7 +7,7 @@ import numpy as np
 from sim.contact.candidates import Candidates
 from sim.contact.rows import ENTERED, NEAREST, WALL, Flags, Rows, no_rows
 from sim.contact.search import NO_NORMALS, Found, all_entered_faces, closest_faces
-from sim.contact.signed_distance import SignedFaces
+from sim.contact.signed_distance import Met, SignedFaces
 from sim.contact.surfaces import NodeSurface, RigidShell, Surface
 from sim.scene import Index
 from sim.state import Array
@@ -105,6 +105,8 @@ class Direction:
         among = self.nodes if isinstance(self._faces, NodeSurface) else none
         triangles, skin = self._faces.triangles, SKIN * approach
         self.candidates = Candidates(triangles, among, skin, every=self._itself)
+        touched = [s.nodes for s in (self._surface, self._faces) if isinstance(s, NodeSurface)]
+        self._all_free = bool(free[np.concatenate(touched)].all())
         self._lifted: tuple[Array, Array, Array] | None = None
 
     @property
@@ -126,10 +128,8 @@ class Direction:
         np.maximum.at(deep, found.point, -np.nan_to_num(gap))
         return deep
 
-    def _closest(
-        self, points: Array, radius: Array | float, x: Array, away: Array = NO_NORMALS
-    ) -> Found:
-        return closest_faces(points, radius, x, self._faces.triangles, self.candidates, away)
+    def _closest(self, points: Array, radius: Array | float, x: Array) -> Found:
+        return closest_faces(points, radius, x, self._faces.triangles, self.candidates)
 
     def turn(self, t0: float, t1: float) -> Array | None:
         """Rotation (3, 3) of the faces from t0 to t1 [s], if they are a moving shell."""
@@ -156,34 +156,25 @@ class Direction:
         points, may = mine[self.vertices], allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
         away = self._signs.normals(x)[1][self.vertices] if self._itself else NO_NORMALS
-        every = self._closest(points, radius, x, away)
-        if not len(every.point):
-            return no_rows()
         outward = away if self._itself else self._own.normals(mine)[1][self.vertices]
-        places = self._signs.places(every, x)
-        found, place, gap, normal = self._signs.distinct(points, every, places, x, blur, outward)
-        beside, *more = self._signs.beside(points, every, places[0], x, blur)
-        rank = np.r_[np.full(len(place), NEAREST), np.full(len(more[0]), WALL)]
-        place, gap, normal = np.r_[place, beside.face], np.r_[gap, more[0]], np.r_[normal, more[1]]
-        found = found.joined(beside)
         deepest = -SELF_DEPTH * self._approach if self._itself else -np.inf
-        good = np.flatnonzero((gap > deepest) & (gap + may[found.point] < radius[found.point]))
-        found, gap, normal = found.take(good), gap[good], normal[good]
-        about = (place[good], rank[good])
-        if not move.at_start:
-            return self._rows(move, found, about, normal, gap + may[found.point])
-        if not faces.closed:
+        met = self._signs.met(points, radius, may, x, self.candidates, away, outward, blur, deepest)
+        if not len(met.point):
+            return no_rows()
+        gap, normal, deep = met.gap, met.normal, may[met.point]
+        if move.at_start and not faces.closed:
             # A vertex at this depth has not entered through the front, but passed around a free
             # edge.
-            behind = np.flatnonzero(gap + may[found.point] < -SELF_DEPTH * self._approach)
-            may[found.point[behind]] = -gap[behind]
-            allowed[self.slots] = may
-        turn = self.turn(move.t0, move.t1)
+            behind = np.flatnonzero(gap + deep < -SELF_DEPTH * self._approach)
+            may[met.point[behind]] = -gap[behind]
+            allowed[self.slots], deep = may, may[met.point]
+        turn = self.turn(move.t0, move.t1) if move.at_start else None
         if turn is not None:
             way_out = gap[:, None] * normal
             normal = normal @ turn.T
             gap = np.einsum("ki,ki->k", way_out, normal)
-        return self._rows(move, found, about, normal, gap + may[found.point])
+        rank = np.where(met.wall, WALL, NEAREST)
+        return self._rows(move, met, (met.place, rank), normal, gap + deep)
 
     def entered(self, move: Move, allowed: Array) -> Rows:
         """Rows of the vertices that enter a face on their path, with its normal at the end.
@@ -231,7 +222,7 @@ class Direction:
         return self._signs.normals_of(rows.place, q)
 
     def _rows(
-        self, move: Move, found: Found, about: tuple[Index, Index], normal: Array, gap: Array
+        self, move: Move, found: Found | Met, about: tuple[Index, Index], normal: Array, gap: Array
     ) -> Rows:
         """Rows with their gaps converted to the start of the step.
 
@@ -241,8 +232,8 @@ class Direction:
         corners = self._faces.triangles[found.face]
         weight, carried = np.ones((k, 4)), np.zeros((k, 3))
         if isinstance(self._faces, NodeSurface):
-            weight[:, 1:] = -found.weight
-            nodes = np.c_[vertex, corners]
+            nodes, weight[:, 1:] = np.empty((k, 4), np.int64), -found.weight
+            nodes[:, 0], nodes[:, 1:] = vertex, corners
             if not isinstance(self._surface, NodeSurface):
                 nodes[:, 0], weight[:, 0] = corners[:, 0], 0.0
                 p0, p1 = move.ends(self._surface)
@@ -265,6 +256,8 @@ class Direction:
         if not move.at_start:
             u = move.q - move.q0
             rows.gap[:] -= np.einsum("ki,ki->k", normal, rows.displacement(u))
+        if self._all_free:
+            return rows
         # A row that does not depend on a free unknown is omitted.
         felt = (self._free[nodes] * (np.abs(normal)[:, None, :] * np.abs(weight)[:, :, None])).sum(
             axis=(1, 2)

@@ -2,16 +2,18 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sim._kernels.signed import places, signed, walls
+from sim._kernels.signed import met, places, signed
 from sim._kernels.triangles import normals
+from sim.contact.candidates import Candidates
 from sim.contact.connectivity import sides_of
-from sim.contact.search import NO_NORMALS, Found
-from sim.contact.surfaces import Surface
+from sim.contact.search import SAME_DISTANCE, Found
+from sim.contact.surfaces import NodeSurface, Surface
 from sim.scene import Index
 from sim.state import Array
 
@@ -46,6 +48,30 @@ class Recent(Generic[Result]):
         return result
 
 
+@dataclass(frozen=True, eq=False)
+class Met:
+    """Features that points meet, those of a point together.
+
+    Attributes
+    ----------
+    point : (k,) indices of the points.
+    face : (k,) a triangle of the feature.
+    place : (k,) number of the feature: triangle, edge or vertex.
+    wall : (k,) True for further walls of a groove.
+    weight : (k, 3) barycentric weights of the closest point.
+    gap : (k,) distance along the normal, negative inside [m].
+    normal : (k, 3) outward unit vectors.
+    """
+
+    point: Index
+    face: Index
+    place: Index
+    wall: NDArray[np.bool_]
+    weight: Array
+    gap: Array
+    normal: Array
+
+
 class SignedFaces:
     """Faces of a surface: closest faces, entered faces and signed distances.
 
@@ -75,6 +101,9 @@ class SignedFaces:
         self._free = np.zeros(size, dtype=bool)
         self._free[surface.open_edges] = True
         self._normals = Recent(self._normals_at)
+        if not isinstance(surface, NodeSurface) and surface.motion is None:
+            at_rest = self._normals_at(surface.vertices)
+            self._normals = lambda _: at_rest
 
     def normals(self, x: Array) -> tuple[Array, Array]:
         """Unit normals of the faces (k, 3) and of the vertices x (m, 3), zero for unused ones."""
@@ -100,151 +129,97 @@ class SignedFaces:
         normals(x, self.triangles, face, corner, flat)
         return face, corner, flat
 
-    def places(self, found: Found, x: Array) -> tuple[Index, Array]:
-        """Indices (k,) of the closest faces, edges or vertices, and weights on them.
+    def places_of(self, found: Found, x: Array) -> tuple[Found, Index]:
+        """Unique closest faces, edges and vertices of points, and their indices (k,).
 
-        An edge has the same index for both its faces, and a vertex for all.
+        An edge has the same index for both its faces, and a vertex for all; weights are on the feature.
         """
         place, weight = np.empty(len(found.point), dtype=np.int64), found.weight.copy()
-        about = (self._across, self._free, self._edge)
-        places(found.face, weight, found.feature, x, self.triangles, *about, place)
-        return place, weight
-
-    def places_of(self, found: Found, x: Array) -> tuple[Found, Index]:
-        """Unique closest faces, edges and vertices of points, and their indices."""
-        place, weight = self.places(found, x)
-        _, first = np.unique(self._keys(found, place), return_index=True)
+        about = self._across, self._free, self._edge, place
+        places(found.face, weight, found.feature, x, self.triangles, *about)
+        key = found.point * (4 * len(self.triangles) + len(self._free)) + place
+        _, first = np.unique(key, return_index=True)
         return replace(found, weight=weight).take(first), place[first]
 
-    def _keys(self, found: Found, place: Index) -> Index:
-        """Unique integers (k,) of points and features, in the order of points."""
-        return found.point * (4 * len(self.triangles) + len(self._free)) + place
-
-    def distinct(
+    def met(
         self,
         points: Array,
-        every: Found,
-        placed: tuple[Index, Array],
+        radius: Array,
+        may: Array,
         x: Array,
-        blur: float,
+        near: Candidates,
+        away: Array,
         against: Array,
-    ) -> tuple[Found, Index, Array, Array]:
-        """Unique closest features of equally close faces.
+        blur: float,
+        deepest: float,
+    ) -> Met:
+        """Features that points meet within a radius, from their depths outwards.
 
-        A point inside, midway between faces with opposite normals, keeps the first.
-
-        Parameters
-        ----------
-        points, x, blur, against
-            As of `signed`.
-        every : Found
-            Of `closest_faces`.
-        placed : their `places`.
-
-        Returns
-        -------
-        found : Found
-        place : (k,) number of the face, edge or vertex.
-        gap, normal : (k,), (k, 3)
-            As of `signed`, the normal of a feature from all its faces.
-        """
-        gaps, normals = self.signed(points, every, x, blur, against)
-        places, weight = placed
-        _, first, group = np.unique(
-            self._keys(every, places), return_index=True, return_inverse=True
-        )
-        normal, gap = np.zeros((len(first), 3)), np.full(len(first), np.nan)
-        np.add.at(normal, group, normals)
-        np.fmax.at(gap, group, gaps)
-        size = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal = np.where(size > 0.0, normal / np.where(size > 0.0, size, 1.0), normals[first])
-        found, place = replace(every, weight=weight).take(first), places[first]
-        leader = np.searchsorted(found.point, found.point)
-        against_it = np.einsum("ki,ki->k", normal, normal[leader]) < 0.0
-        good = np.flatnonzero(~(against_it & (gap < 0.0)))
-        return found.take(good), place[good], gap[good], normal[good]
-
-    def beside(
-        self, points: Array, found: Found, places: Index, x: Array, near: float
-    ) -> tuple[Found, Array, Array]:
-        """Faces adjacent to the closest one at a concave edge, if the point is above both.
-
-        A point in a groove has rows for both its walls.
+        They are the closest face, edge or vertex, or all equally close ones, with the mean normal of
+        the faces that meet there. A point in a groove also meets the face adjacent to the closest one at
+        a concave edge, if it is above both. A point inside, midway between faces with opposite normals,
+        meets the first alone.
 
         Parameters
         ----------
-        points : (n, 3) [m]
-        found : Found
-            Of `closest_faces`.
-        places : (k,) their features.
-        x : (m, 3) positions of the vertices of the triangles [m].
-        near : float
-            Distance below which a further face is included also if the point is not above it [m].
-
-        Returns
-        -------
-        found : Found
-            The same points, once per further face, with the distances from its plane. Faces that
-            contain closest points in their interior are omitted.
-        gap : (k,) distance from the plane of the face, negative behind [m].
-        normal : (k, 3) its unit normal.
-        """
-        by_face, _ = self.normals(x)
-        n_faces = len(self.triangles)
-        room = 3 * len(found.point)
-        which, face, feature = (np.empty(room, dtype=np.int64) for _ in range(3))
-        weight, gap = np.empty((room + 1, 3)), np.empty(room)
-        n = walls(
-            np.ascontiguousarray(points),
-            found.point,
-            found.face,
-            x,
-            self.triangles,
-            self._across,
-            by_face,
-            near,
-            which,
-            face,
-            weight,
-            gap,
-            feature,
-        )
-        point = found.point[which[:n]]
-        within = places < n_faces
-        known = found.point[within] * n_faces + places[within]
-        key, first = np.unique(point * n_faces + face[:n], return_index=True)
-        keep = first[~np.isin(key, known)]
-        beside = Found(point[keep], face[keep], weight[keep], np.abs(gap[keep]), feature[keep])
-        return beside, gap[keep], by_face[face[keep]]
-
-    def signed(
-        self,
-        points: Array,
-        found: Found,
-        x: Array,
-        blur: float = 0.0,
-        against: Array = NO_NORMALS,
-    ) -> tuple[Array, Array]:
-        """Signed distances and their directions.
-
-        Parameters
-        ----------
-        points : (n, 3) [m]
-        found : Found
-            Of `nearest_faces`.
-        x : (m, 3) positions of the vertices of the triangles [m].
+        points, radius, x, near, away
+            As of `closest_faces`.
+        may : (n,) depth that points may have, by which their radius is larger [m].
+        against : (n, 3)
+            Outward normals of the points, which are included in the mean normals of edges and vertices,
+            so that the forces between two edges are not diagonal.
         blur : float
             Distance from an edge or a vertex [m] below which the direction is the mean normal of
-            its faces, because the gradient of the distance changes over a length equal to the
-            distance; the gap is then measured along the mean normal.
-        against : (n, 3), optional
-            Outward normals of the points, which are included in this mean, so that the forces
-            between two edges are not diagonal.
+            its faces, because that of the distance changes over a length equal to the distance; the
+            gap is then measured along it. Within it a further wall is met also by a point that is not
+            above its face.
+        deepest : float
+            Gap below which a feature is not met [m].
+        """
+        by_face, by_corner, flat = self._normals(x)
+        start, listed = near.along(points, points, x, x, radius)
+        room = 4 * len(listed) + 1
+        point, face, place = (np.empty(room, dtype=np.int64) for _ in range(3))
+        wall, gap = np.empty(room, dtype=np.bool_), np.empty(room)
+        weight, normal = np.empty((room, 3)), np.empty((room, 3))
+        n = met(
+            points,
+            radius,
+            may,
+            x,
+            self.triangles,
+            start,
+            listed,
+            away,
+            SAME_DISTANCE,
+            self._across,
+            self._free,
+            self._edge,
+            by_face,
+            by_corner,
+            flat,
+            blur,
+            against,
+            deepest,
+            point,
+            face,
+            place,
+            wall,
+            weight,
+            gap,
+            normal,
+        )
+        return Met(point[:n], face[:n], place[:n], wall[:n], weight[:n], gap[:n], normal[:n])
 
-        Returns
-        -------
-        gap : (k,) distance, negative inside [m]; NaN at a free edge.
-        normal : (k, 3) outward unit vectors, without blur the gradient of the gap.
+    def signed(self, points: Array, found: Found, x: Array) -> tuple[Array, Array]:
+        """Signed distances (k,), negative inside and NaN at a free edge [m], and their gradients (k, 3).
+
+        Parameters
+        ----------
+        points : (n, 3) [m]
+        found : Found
+            Of `closest_faces`.
+        x : (m, 3) positions of the vertices of the triangles [m].
         """
         by_face, by_corner, flat = self._normals(x)
         k = len(found.point)
@@ -263,8 +238,6 @@ class SignedFaces:
             by_face,
             by_corner,
             flat,
-            blur,
-            against,
             gap,
             normal,
         )

@@ -13,7 +13,7 @@ from sim.constraints.union import Constraints
 from sim.errors import SingularSystem
 from sim.linear import Factor, ReusedFactor, linear_solver, symmetric_product
 from sim.linear.reused import Timed, untimed
-from sim.pattern import Array, Sparsity, SymmetricPattern
+from sim.pattern import Array, Index, Sparsity, SymmetricPattern
 
 # With this compliance the matrix is quasi-definite, and every ordering has a factor (Vanderbei 1995).
 COMPLIANCE = 1e-8
@@ -119,17 +119,19 @@ class Penalised:
         For positive definite matrices.
     """
 
+    solutions_per_factorisation: ClassVar[int] = 8
+
     def __init__(self, pattern: SymmetricPattern, constraints: Constraints, factor: Factor) -> None:
         self._constraints, self._own, self._factor = constraints, pattern, factor
-        self.solutions_per_factorisation = factor.solutions_per_factorisation
         first, column = constraints.rows_of_entries
         counts = np.diff(first)
-        pairs: list[list[Array]] = [[], []]
-        for k in np.unique(counts):
+        pairs: tuple[list[Index], list[Index]] = ([], [])
+        for k in np.unique(counts).tolist():
             start = first[:-1][counts == k][:, None]
             for side, own in zip(pairs, np.triu_indices(k), strict=True):
                 side.append((start + own).ravel())
-        self._one, self._two = (np.concatenate(side) for side in pairs)
+        self._one: Index = np.concatenate(pairs[0])
+        self._two: Index = np.concatenate(pairs[1])
         ends = np.sort(np.stack([column[self._one], column[self._two]]).astype(np.int64), axis=0)
         row = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
         # rows and columns of a pattern ascend

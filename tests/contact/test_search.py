@@ -7,8 +7,9 @@ from scipy.spatial import ConvexHull
 
 import sim
 from sim._kernels import triangles as kernel
+from sim.contact.candidates import Candidates
 from sim.contact.distance import edge_edge, point_triangle
-from sim.contact.search import entered_faces, nearest_faces
+from sim.contact.search import all_entered_faces, closest_faces, entered_faces, nearest_faces
 from sim.contact.signed_distance import Recent, SignedFaces
 from tests.bodies import grid, rotation
 
@@ -191,6 +192,30 @@ def test_a_search_ends_if_positions_are_not_numbers():
             entered_faces(p, p + 1.0, x, bad, triangles)
     entered_faces(p, p + 1.0, x, x + 0.1, triangles)
     assert len(nearest_faces(p, 1.0, x * np.nan, triangles).point) == 0
+
+
+def test_listed_faces_give_the_bits_of_a_search_at_every_position():
+    """Points and faces that walk, jump once and change their radii."""
+    rng = np.random.default_rng(11)
+    x, triangles = bumpy_sheet(rng)
+    p = rng.uniform([-0.5, -0.4, -0.1], [0.5, 0.4, 0.1], size=(150, 3))
+    p[:20], nodes = x[:20], np.r_[np.arange(20), np.full(130, -1)]
+    away = np.tile([0.0, 0.0, 1.0], (150, 1))
+    for directions in (np.empty((0, 3)), away):
+        lists = [Candidates(triangles, nodes, s, every=len(directions) > 0) for s in (0.0, 0.05)]
+        q, y = p, x
+        for step in range(40):
+            size = 0.3 if step == 20 else 0.002
+            q1, y1 = q + size * rng.normal(size=p.shape), y + 0.001 * rng.normal(size=x.shape)
+            radius = rng.uniform(0.01, 0.05, size=150) if step % 5 else np.inf
+            one, two = (closest_faces(q1, radius, y1, triangles, n, directions) for n in lists)
+            for name in ("point", "face", "weight", "value", "feature"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+            one, two = (all_entered_faces(q, q1, y, y1, triangles, n) for n in lists)
+            for name in ("point", "face", "weight", "value"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+            q, y = q1, y1
+        assert lists[1].searches < lists[0].searches / 3
 
 
 def test_results_are_kept_for_the_latest_positions():

@@ -11,7 +11,6 @@ from emgface.face.contact_parameters import ContactParameters
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim.contact.candidates import Candidates
-from sim.contact.search import closest_faces
 from sim.contact.signed_distance import SignedFaces
 from tests.bodies import grid
 from tests.contact.scenes import CASES, clearance_of, contact_of, moved, system_of, two_bodies
@@ -173,9 +172,9 @@ def test_common_features_of_faces_give_one_row_and_equally_close_faces_one_each(
     for point, number in (([0.0, 0.5, 0.1], 2), ([0.0, 0.5, -0.1], 1), ([0.2, 0.5, 0.1], 1)):
         points = np.array([point])
         near = Candidates(sheet.triangles, np.array([-1]))
-        every = closest_faces(points, 1.0, x, sheet.triangles, near)
-        places = faces.places(every, x)
-        found, place, gap, normal = faces.distinct(points, every, places, x, 0.0, np.empty((0, 3)))
-        assert len(place) == number, point
-        assert np.abs(normal.sum(axis=0)[0]) < 1e-12 or point[0] != 0.0
-        assert np.ptp(gap) < 1e-12
+        none, one = np.zeros(1), np.ones(1)
+        met = faces.met(points, one, none, x, near, np.empty((0, 3)), np.zeros((1, 3)), 0.0, -1.0)
+        closest = np.flatnonzero(~met.wall)
+        assert len(closest) == number, point
+        assert np.abs(met.normal[closest].sum(axis=0)[0]) < 1e-12 or point[0] != 0.0
+        assert np.ptp(met.gap[closest]) < 1e-12

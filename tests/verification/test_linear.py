@@ -210,6 +210,29 @@ def test_only_terms_that_couple_many_nodes_have_matrix_free_products():
     assert sim.compile_scene(hard).sparse is None
 
 
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        sim.LinearlyImplicitEuler(tolerance=1e-10),
+        sim.ConvergedEuler(tolerance=1e-9, residual_tolerance=1e-8),
+    ],
+    ids=["one", "all"],
+)
+def test_hard_volumes_with_an_older_factor_are_those_of_a_saddle_factor_a_step(integrator, name):
+    scene = replace(body(sim.ElementVolume(25e3)).scene, constraints=(sim.HardElementVolume(),))
+    system = sim.compile_scene(scene)
+    exact, _ = end_of(system, integrator, "superlu")
+    state, trajectory = end_of(system, integrator, name)
+    assert np.abs(exact.q - MESH.X).max() > 1e-3
+    assert np.abs(state.q - exact.q).max() < 5e-9
+    assert trajectory.factorisations.sum() < trajectory.iterations.sum() / 2
+    ended, _ = system.constraints.evaluate(state.q)
+    cell = 1.0 / 64 * np.ptp(MESH.X, axis=0).prod()
+    limit = 1e-7 if isinstance(integrator, sim.ConvergedEuler) else 1e-3
+    assert np.abs(ended).max() < limit * cell
+
+
 @pytest.mark.parametrize("name", ["gmres_superlu", "superlu"])
 def test_an_unreferenced_workspace_is_freed_at_once(name):
     """In a reference cycle, factors of hundreds of megabytes would wait for garbage collection."""
