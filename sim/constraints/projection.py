@@ -95,6 +95,7 @@ class Projection:
             places = upper.indices.astype(np.int32), start[:-1].astype(np.int64)
             self._solver.analyse(Sparsity(start, *places))
             self._analysed = True
-        upper.data[start[:-1]] *= 1.0 + SOFT
-        self._solver.factorise(upper.data)
+        values = np.asarray(upper.data, dtype=np.float64)
+        values[start[:-1]] *= 1.0 + SOFT
+        self._solver.factorise(values)
         self._made_of, self._due = G, False

@@ -57,7 +57,7 @@ class Constraints:
     @property
     def rows_of_entries(self) -> tuple[Index, Index]:
         """First entry of every row of G (n + 1,), and the unknowns (k,) of all entries."""
-        return self._G.indptr, self._G.indices
+        return self._G.indptr.astype(np.int64), self._G.indices.astype(np.int64)
 
     def parts_of(self, values: Array) -> tuple[Array, Array]:
         """Values of A and G from those of `saddle_values`."""

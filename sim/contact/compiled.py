@@ -10,6 +10,7 @@ from sim.contact.pairing import Pairing
 from sim.contact.rows import Rows, no_rows
 from sim.contact.signed_distance import SignedFaces
 from sim.contact.surfaces import NodeSurface
+from sim.contact.tolerances import ContactTolerances
 from sim.pattern import SymmetricPattern
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
@@ -31,8 +32,9 @@ class CompiledContact:
     pairings : tuple of Pairing
     frictions : tuple of float
         Coulomb's coefficient of each.
-    reach, approach : float
+    reach : float
         Of `ConstraintContact` [m].
+    tolerances : ContactTolerances
     removal_speed : float
         Speed at which initial penetrations are removed; 0 if they may remain [m/s].
     layout : Layout
@@ -51,13 +53,14 @@ class CompiledContact:
         pairings: tuple[Pairing, ...],
         frictions: tuple[float, ...],
         reach: float,
-        approach: float,
+        tolerances: ContactTolerances,
         removal_speed: float,
         layout: Layout,
     ) -> None:
         self.pattern: SymmetricPattern = layout.pattern
         self.names: tuple[str, ...] = tuple(pairing.name for pairing in pairings)
-        self.reach, self.rubs = reach, any(friction > 0.0 for friction in frictions)
+        self.reach, self.tolerances = reach, tolerances
+        self.rubs = any(friction > 0.0 for friction in frictions)
         self.in_matrix = True
         free = np.zeros(3 * layout.mesh.n_nodes, dtype=bool)
         free[layout.pattern.free] = True
@@ -76,7 +79,9 @@ class CompiledContact:
                     vertices = np.setdiff1d(vertices, pairing.shared)
                 own, other = faces[id(a)], faces[id(b)]
                 self._directions.append(
-                    Direction(i, frictions[i], vertices, self._n_slots, own, other, approach, free)
+                    Direction(
+                        i, frictions[i], vertices, self._n_slots, own, other, tolerances, free
+                    )
                 )
                 self._n_slots += len(vertices)
         none = np.empty(0, dtype=np.int64)

@@ -162,12 +162,16 @@ class RowCompliance:
         self._all, self._compliance = D, compliance
         self._known = np.empty(0, dtype=np.int64)
         self._place = np.full(D.shape[0], -1)
+        self._expected = np.zeros(D.shape[0], dtype=bool)
         self._directions: csr_array = D[self._known]
         self._between = np.empty((0, 0))
 
     def expect(self, rows: Index) -> None:
         """Precompute the columns of rows that may become active."""
-        self._compliance.expect(self._all[rows])
+        new = rows[~self._expected[rows]]
+        if len(new):
+            self._compliance.expect(self._all[new])
+            self._expected[new] = True
 
     def among(self, rows: Index) -> Array:
         """W (k, k) between some rows."""

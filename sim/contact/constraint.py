@@ -9,6 +9,7 @@ from sim.contact.compiled import CompiledContact
 from sim.contact.pairing import Pairing
 from sim.contact.search import faces_within
 from sim.contact.surfaces import NodeSurface
+from sim.contact.tolerances import ContactTolerances
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.pattern import distinct
@@ -42,6 +43,8 @@ class ConstraintContact:
         at `removal_speed`.
     removal_speed : float
         Speed of this removal [m/s].
+    tolerance : float
+        Gap, penetration or slip that the iteration of a step leaves, relative to `approach`.
 
     Raises
     ------
@@ -76,6 +79,7 @@ class ConstraintContact:
     approach: float = 5e-4
     initial_penetration: Literal["kept", "removed"] = "kept"
     removal_speed: float = 0.01
+    tolerance: float = 2e-3
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -92,7 +96,11 @@ class ConstraintContact:
         ):
             if not 0.0 <= value < np.inf:
                 raise SceneError(f"ConstraintContact: {name} = {value!r}, expected a number >= 0")
-        for name, value in (("approach", self.approach), ("removal_speed", self.removal_speed)):
+        for name, value in (
+            ("approach", self.approach),
+            ("removal_speed", self.removal_speed),
+            ("tolerance", self.tolerance),
+        ):
             if not 0.0 < value < np.inf:
                 raise SceneError(f"ConstraintContact: {name} = {value!r}, expected a number > 0")
         if self.initial_penetration not in ("kept", "removed"):
@@ -100,6 +108,11 @@ class ConstraintContact:
                 f"ConstraintContact: initial_penetration = {self.initial_penetration!r}, expected "
                 "'kept' or 'removed'"
             )
+
+    @property
+    def tolerances(self) -> ContactTolerances:
+        """Lengths at which contact decides."""
+        return ContactTolerances(self.approach, self.tolerance)
 
     @property
     def frictions(self) -> tuple[float, ...]:
@@ -129,7 +142,7 @@ class ConstraintContact:
         """Lay out the directions of all pairings."""
         speed = self.removal_speed if self.initial_penetration == "removed" else 0.0
         return CompiledContact(
-            self.pairings, self.frictions, self.reach, self.approach, speed, layout
+            self.pairings, self.frictions, self.reach, self.tolerances, speed, layout
         )
 
 

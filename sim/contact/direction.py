@@ -6,9 +6,10 @@ import numpy as np
 
 from sim.contact.candidates import Candidates
 from sim.contact.rows import ENTERED, NEAREST, WALL, Flags, Rows, no_rows
-from sim.contact.search import NO_NORMALS, Found, all_entered_faces, closest_faces
+from sim.contact.search import NO_NORMALS, Found, closest_faces, entered_faces
 from sim.contact.signed_distance import Met, SignedFaces
 from sim.contact.surfaces import NodeSurface, RigidShell, Surface
+from sim.contact.tolerances import ContactTolerances
 from sim.scene import Index
 from sim.state import Array
 
@@ -20,12 +21,6 @@ SKIN = 2.0
 
 BLUR = 0.2
 """Fraction of the approach distance over which edges are rounded in the contact normals."""
-
-HAIR = 1e-4
-"""Initial depth up to which a vertex is regarded as on the surface [m]."""
-
-LIFT = 1e-7
-"""Distance outside the surface from which the path of such a vertex starts [m]."""
 
 FELT = 1e-9
 """Least weight of the free unknowns in a row."""
@@ -74,8 +69,8 @@ class Direction:
         Slot of the first vertex; the others follow.
     own, faces : SignedFaces
         Surface of the vertices, and opposite surface.
-    approach : float
-        Distance below which vertices have rows [m].
+    tolerances : ContactTolerances
+        Their length is the distance below which vertices have rows.
     free : (n_nodes, 3) True for the free unknowns of the scene.
 
     Attributes
@@ -92,12 +87,14 @@ class Direction:
         first_slot: int,
         own: SignedFaces,
         faces: SignedFaces,
-        approach: float,
+        tolerances: ContactTolerances,
         free: Flags,
     ) -> None:
         self.pairing, self.vertices = pairing, vertices
         self.slots = first_slot + np.arange(len(vertices))
+        approach = tolerances.length
         self._friction, self._approach, self._free = friction, approach, free
+        self._tolerances = tolerances
         self._own, self._signs, self._itself = own, faces, own is faces
         self._surface, self._faces = own.surface, faces.surface
         none = np.full(len(vertices), -1)
@@ -184,7 +181,7 @@ class Direction:
         x0, x1 = move.ends(self._faces)
         before, after = self._outside(move, allowed), move.ends(self._surface)[1][self.vertices]
         triangles = self._faces.triangles
-        found = all_entered_faces(before, after, x0, x1, triangles, self.candidates)
+        found = entered_faces(before, after, x0, x1, triangles, self.candidates)
         if not len(found.point):
             return no_rows()
         found, place = self._signs.places_of(found, x1)
@@ -207,12 +204,12 @@ class Direction:
         if self._itself or not self._faces.closed:
             return points
         x0 = move.ends(self._faces)[0]
-        found = self._closest(points, HAIR, x0)
+        found = self._closest(points, self._tolerances.hair, x0)
         gap, normal = self._signs.signed(points, found, x0)
         hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
         at = found.point[hair]
         share = 1.0 / np.bincount(at, minlength=len(points))[at]
-        np.add.at(points, at, (share * (LIFT - gap[hair]))[:, None] * normal[hair])
+        np.add.at(points, at, (share * (self._tolerances.lift - gap[hair]))[:, None] * normal[hair])
         return points
 
     def outward(self, q: Array, rows: Rows) -> Array:

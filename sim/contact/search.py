@@ -114,7 +114,7 @@ def faces_within(points: Array, x: Array, triangles: Index, distance: float) -> 
     return out
 
 
-def all_entered_faces(
+def entered_faces(
     before: Array,
     after: Array,
     x_before: Array,
@@ -140,13 +140,5 @@ def all_entered_faces(
     point, face = (np.empty(len(listed), dtype=np.int64) for _ in range(2))
     weight, when = np.empty((len(listed), 3)), np.empty(len(listed))
     among = triangles, start, listed, SAME_TIME
-    n = entries(before, after, x_before, x_after, *among, point, face, when, weight)
+    n = int(entries(before, after, x_before, x_after, *among, point, face, when, weight))
     return Found(point[:n], face[:n], weight[:n], when[:n], np.zeros(n, dtype=np.int64))
-
-
-def entered_faces(
-    before: Array, after: Array, x_before: Array, x_after: Array, triangles: Index
-) -> Found:
-    """First face that every point enters; see `all_entered_faces`."""
-    near = Candidates(triangles, np.full(len(before), -1))
-    return all_entered_faces(before, after, x_before, x_after, triangles, near).first()

@@ -48,6 +48,10 @@ class Recent(Generic[Result]):
         return result
 
 
+Normals = tuple[Array, Array, Array]
+"""Unit normals of faces (m, 3) and of vertices (n, 3), and how flat the surface is at vertices (n,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Met:
     """Features that points meet, those of a point together.
@@ -100,10 +104,10 @@ class SignedFaces:
         self._edge = np.where(paired, np.minimum(own, match), own).reshape(-1, 3)
         self._free = np.zeros(size, dtype=bool)
         self._free[surface.open_edges] = True
-        self._normals = Recent(self._normals_at)
+        self._recent = Recent(self._normals_at)
+        self._at_rest: Normals | None = None
         if not isinstance(surface, NodeSurface) and surface.motion is None:
-            at_rest = self._normals_at(surface.vertices)
-            self._normals = lambda _: at_rest
+            self._at_rest = self._normals_at(surface.vertices)
 
     def normals(self, x: Array) -> tuple[Array, Array]:
         """Unit normals of the faces (k, 3) and of the vertices x (m, 3), zero for unused ones."""
@@ -124,7 +128,10 @@ class SignedFaces:
         out[edge] = mean / np.where(size > 0.0, size, 1.0)
         return out
 
-    def _normals_at(self, x: Array) -> tuple[Array, Array, Array]:
+    def _normals(self, x: Array) -> Normals:
+        return self._recent(x) if self._at_rest is None else self._at_rest
+
+    def _normals_at(self, x: Array) -> Normals:
         face, corner, flat = np.empty((len(self.triangles), 3)), np.empty_like(x), np.empty(len(x))
         normals(x, self.triangles, face, corner, flat)
         return face, corner, flat

@@ -21,17 +21,21 @@ from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array, State
 
-TOUCH = 1e-6
-"""Depth above which a vertex has passed a face [m]."""
-
 ALIKE = 0.5
 """Cosine of the angle above which a normal is new and not filtered."""
 
-TURN, SLIDE = 0.2, 2.5e-4
-"""Time [s] and sliding distance [m] of the low-pass filter of contact normals."""
+TURN = 0.2
+"""Time of the low-pass filter of contact normals [s]."""
 
-SHARING = 40
-"""Number of sweeps that distribute a force among the walls of a groove."""
+CORRECTIONS = 4
+FARTHEST = 2.0
+"""Largest factor on a correction."""
+
+Opened = Callable[[Rows, Array], Array]
+"""Displacements (n_nodes, 3) that open rows by distances (k,) [m]."""
+
+SHARING, SHARED = 40, 1e-12
+"""Number of sweeps that distribute a force among the walls of a groove, and change at which they end."""
 
 
 class ContactStep:
@@ -51,7 +55,7 @@ class ContactStep:
     def __init__(
         self, contact: CompiledContact, state: State, t1: float, *, equilibrium: bool = False
     ) -> None:
-        self.contact, self.q0 = contact, state.q
+        self.contact, self.q0, self.tolerances = contact, state.q, contact.tolerances
         self._t0, self._t1 = state.t, t1
         h = t1 - state.t
         self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
@@ -79,9 +83,10 @@ class ContactStep:
         outside of a face with the same orientation.
         """
         u = q - self.q0
-        inside = near.take(np.flatnonzero(near.gaps(u) < -TOUCH))
+        touch = self.tolerances.residual
+        inside = near.take(np.flatnonzero(near.gaps(u) < -touch))
         entered = self.contact.entered(self._move(q), self._allowed)
-        behind = (entered.gaps(u) < -TOUCH) & ~np.isin(entered.slot, inside.slot)
+        behind = (entered.gaps(u) < -touch) & ~np.isin(entered.slot, inside.slot)
         behind &= ~_beside(entered, near)
         return inside.joined(entered.take(np.flatnonzero(behind)))
 
@@ -96,7 +101,8 @@ class ContactStep:
         before, normal = self._before[rows.slot[first]], rows.normal[first]
         slide = rows.take(first).displacement(self._way)
         slide -= np.einsum("ki,ki->k", slide, normal)[:, None] * normal
-        share = np.minimum(self._turn + np.linalg.norm(slide, axis=1) / SLIDE, 1.0)
+        way = np.linalg.norm(slide, axis=1) / self.tolerances.slide
+        share = np.minimum(self._turn + way, 1.0)
         share[np.einsum("ki,ki->k", before, normal) < ALIKE] = 1.0
         turned = share[:, None] * normal + (1.0 - share[:, None]) * before
         every = rows.normal.copy()
@@ -114,6 +120,36 @@ class ContactStep:
         """Rows some time [s] after the end of the step, where rigid faces keep their velocity."""
         on = after / (self._t1 - self._t0) * np.einsum("ki,ki->k", rows.normal, rows.carried)
         return replace(rows, gap=rows.gap - on)
+
+    def considerable(self, rows: Rows, u: Array, pushing: Index) -> Flags:
+        """Test if rows (k,) are too deep at displacements u (n_nodes, 3) for a correction.
+
+        `pushing` contains the slots of active rows.
+        """
+        active, tolerances = np.isin(rows.slot, pushing), self.tolerances
+        return -rows.gaps(u) > np.where(active, tolerances.considerable, tolerances.unexpected)
+
+    def moved_out(self, q: Array, near: Rows, opened: Opened) -> Array:
+        """Positions with penetrations removed along the compliance of the tissue.
+
+        Parameters
+        ----------
+        q : (n_nodes, 3) positions at the end of the step [m].
+        near : Rows
+            Those at q.
+        opened : callable
+        """
+        for _ in range(CORRECTIONS):
+            gap = near.gaps(q - self.q0)
+            deep = np.flatnonzero(gap < -self.tolerances.noticed)
+            if not len(deep):
+                break
+            rows, wanted = near.take(deep), -gap[deep]
+            move = opened(rows, wanted)
+            moved = rows.gaps(move) - rows.gaps(np.zeros_like(q))
+            share = float(moved @ wanted) / max(float(moved @ moved), np.finfo(float).tiny)
+            q = q + min(max(share, 0.0), FARTHEST) * move
+        return q
 
     def _move(self, q: Array) -> Move:
         return Move(self.q0, q, self._t0, self._t1)
@@ -198,6 +234,8 @@ def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers
         more = np.einsum("ki,ki->k", left[rows.slot], n) / count
         more = np.maximum(more, -normal)
         normal += more
+        if float(np.abs(more).max(initial=0.0)) <= SHARED * float(np.abs(push).max(initial=0.0)):
+            break
         np.subtract.at(left, rows.slot, more[:, None] * n)
     first = rows.foremost()
     number = np.bincount(rows.slot[first], minlength=n_slots)
@@ -205,55 +243,6 @@ def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers
     tangent[first] = friction[rows.slot[first]] / number[rows.slot[first], None]
     tangent -= np.einsum("ki,ki->k", tangent, n)[:, None] * n
     return Multipliers(rows, rho, normal, tangent)
-
-
-NOTICED = 3e-6
-"""Penetration depth above which positions are corrected [m]."""
-
-CONSIDERABLE = 1e-4
-"""Depth of an active row above which the step is solved again [m]."""
-
-AT_ALL = 2e-5
-"""Depth of an inactive row above which the step is solved again [m]."""
-
-CORRECTIONS = 4
-FARTHEST = 2.0
-"""Largest factor on a correction."""
-
-Opened = Callable[[Rows, Array], Array]
-"""Displacements (n_nodes, 3) that open rows by distances (k,) [m]."""
-
-
-def considerable(rows: Rows, u: Array, pushing: Index) -> Flags:
-    """Test if rows (k,) are too deep at displacements u (n_nodes, 3) for a correction.
-
-    `pushing` contains the slots of active rows.
-    """
-    return -rows.gaps(u) > np.where(np.isin(rows.slot, pushing), CONSIDERABLE, AT_ALL)
-
-
-def moved_out(q: Array, q0: Array, near: Rows, opened: Opened) -> Array:
-    """Positions with penetrations removed along the compliance of the tissue.
-
-    Parameters
-    ----------
-    q, q0 : (n_nodes, 3) positions at the end and the start of the step [m].
-    near : Rows
-        Those at q.
-    opened : callable
-    """
-    none = np.zeros_like(q)
-    for _ in range(CORRECTIONS):
-        gap = near.gaps(q - q0)
-        deep = np.flatnonzero(gap < -NOTICED)
-        if not len(deep):
-            break
-        rows, wanted = near.take(deep), -gap[deep]
-        move = opened(rows, wanted)
-        moved = rows.gaps(move) - rows.gaps(none)
-        share = float(moved @ wanted) / max(float(moved @ moved), np.finfo(float).tiny)
-        q = q + min(max(share, 0.0), FARTHEST) * move
-    return q
 
 
 def pressed(

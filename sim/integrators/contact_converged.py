@@ -7,16 +7,7 @@ from functools import partial
 import numpy as np
 
 from sim.contact.rows import GIVEN_UP, Multipliers, Rows
-from sim.contact.step import (
-    AT_ALL,
-    TOUCH,
-    ContactStep,
-    Opened,
-    carried_over,
-    considerable,
-    moved_out,
-    penalties,
-)
+from sim.contact.step import ContactStep, Opened, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.constrained import Placed
 from sim.integrators.contract import require_upright
@@ -30,14 +21,8 @@ from sim.state import Array, Evaluation
 SLOW, STIFFER = 0.5, 4.0
 """Ratio of gaps above which the penalty is increased, and its factor."""
 
-SETTLED = 2e-6
-"""Tolerance of gaps and slips [m]."""
-
 FRICTION_SETTLED = 1e-3
 """Relative tolerance of the bounds of friction."""
-
-DEEPEST = 5e-6
-"""Depth after a correction above which rows are searched again [m]."""
 
 UPDATES, RENEWALS = 200, 20
 """Largest numbers of updates of multipliers and of rows."""
@@ -97,7 +82,7 @@ class Settled:
 
     def outside(self, q: Array, after: float) -> Array:
         """Positions (n_nodes, 3) a time [s] after the end, without penetration of the active rows."""
-        return moved_out(q, self.step.q0, self.step.ahead(self.active, after), self.opened)
+        return self.step.moved_out(q, self.step.ahead(self.active, after), self.opened)
 
 
 def minimise_in_contact(
@@ -110,7 +95,7 @@ def minimise_in_contact(
     minimise: Minimise,
     until: float,
     most: float = np.inf,
-    grip: bool = False,
+    start_closed: bool = False,
 ) -> Settled:
     """Minimum of a potential with the rows of a contact.
 
@@ -134,7 +119,7 @@ def minimise_in_contact(
         End of the step, for messages [s].
     most : float
         Total number of iterations after which the step fails.
-    grip : bool
+    start_closed : bool
         True if rows without a gap are active from the start, which the equilibrium of a body that is
         held only by contact requires.
 
@@ -148,6 +133,7 @@ def minimise_in_contact(
     SingularSystem
         A matrix could not be factorised.
     """
+    settled = step.tolerances.converged
     pattern, in_matrix = potential.system.point_pattern, step.contact.in_matrix
     penalty = (TouchingInMatrix if in_matrix else TouchingApart).penalty
 
@@ -160,8 +146,10 @@ def minimise_in_contact(
     diagonal = _stiffness_met(potential, start, key, work)
     rows = step.at_start(way)
     multipliers = step.multipliers(rows, penalties(pattern, diagonal, rows, penalty))
-    if grip:
-        multipliers.normal = np.maximum(multipliers.normal, multipliers.rho * (TOUCH - rows.gap))
+    if start_closed:
+        multipliers.normal = np.maximum(
+            multipliers.normal, multipliers.rho * (step.tolerances.residual - rows.gap)
+        )
     touching = touched(multipliers)
     first, begun = rows, multipliers.normal[:, None] * rows.normal + multipliers.tangent
     contested = np.empty(0, dtype=np.int64)
@@ -180,9 +168,9 @@ def minimise_in_contact(
         change = float(np.abs(multipliers.bound - bound).max(initial=0.0))
         # forces are accurate to the remaining residual of the iteration only
         known = 2.0 * float(multipliers.rows.friction.max(initial=0.0)) * more.residual
-        if miss > SETTLED or change > FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + known:
+        if miss > settled or change > FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + known:
             left = np.where(acting.force > 0.0, np.abs(acting.gap), 0.0)
-            multipliers.rho[(left > SETTLED) & (left > SLOW * before)] *= STIFFER
+            multipliers.rho[(left > settled) & (left > SLOW * before)] *= STIFFER
             before = left
             continue
         q = potential.positions(end.d)
@@ -190,12 +178,12 @@ def minimise_in_contact(
         passed = step.passed(q, near)
         pushing = multipliers.pushing(acting)
         last = renewals == RENEWALS
-        if last or not considerable(passed, u, pushing).any():
+        if last or not step.considerable(passed, u, pushing).any():
             opened = partial(touching.opened, pushing=pushing, diagonal=diagonal, work=work)
-            q = moved_out(q, step.q0, near, opened)
+            q = step.moved_out(q, near, opened)
             if last:
                 _require_outside(step, q, until)
-            if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -DEEPEST:
+            if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -step.tolerances.left:
                 here = _moved_upright(potential, point, q, until)
                 memory = step.memory(q, near, multipliers, acting)
                 released = np.flatnonzero(~np.isin(first.slot, pushing))
@@ -206,7 +194,7 @@ def minimise_in_contact(
                 return Settled(point, q, here, went, memory, pushed, active, *solver)
         renewals += 1
         new = near.joined(passed.without(near))
-        contested = np.union1d(contested, new.slot[new.gaps(u) < -TOUCH])
+        contested = np.union1d(contested, new.slot[new.gaps(u) < -step.tolerances.residual])
         new = new.joined(_given_up(multipliers.rows, new, contested))
         multipliers = carried_over(multipliers, new, penalties(pattern, diagonal, new, penalty))
         touching, before = touched(multipliers), np.full(len(new), np.inf)
@@ -230,7 +218,7 @@ def _require_outside(step: ContactStep, q: Array, until: float) -> None:
     """Refuse positions with a considerable penetration, which a shorter step avoids."""
     depth = -step.passed(q, step.at(q)).gaps(q - step.q0)
     deepest = float(depth.max(initial=0.0))
-    if deepest > AT_ALL:
+    if deepest > step.tolerances.unexpected:
         raise NotConverged((), until, f"contact leaves a vertex {deepest:.2g} m inside")
 
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from sim.contact.rows import Acting, Flags, Multipliers, RowPlaces, Rows
-from sim.contact.step import TOUCH, ContactStep
+from sim.contact.step import ContactStep
 from sim.errors import NotConverged
 from sim.integrators.workspace import Workspace
 from sim.linear import ReusedFactor
@@ -16,26 +16,14 @@ from sim.state import Array, State
 from sim.system import System
 from sim.vectors import dot, norm
 
-SETTLED = 1e-6
-"""Tolerance of gaps and slips [m]."""
-
-ROUGHLY = 1e-5
-"""Accepted violation where the active set does not converge [m]."""
-
 FRICTION_SETTLED = 1e-4
 """Relative tolerance of the bounds of friction."""
 
 NO_FORCE = 1e-12
 """Force change below which bounds are regarded as equal [N]."""
 
-INSIDE = 1e-5
-"""Depth of an inactive row that is left to the correction [m]."""
-
 PULL = 0.1
 """Tensile force of a row, relative to the mean force, above which it is released."""
-
-LINEAR_ERROR = 3e-7
-"""Error of an iterative solution [m]."""
 
 ENOUGH = 0.1
 """Fraction of the initial slope at which a line search may end."""
@@ -45,6 +33,10 @@ TURNING = 0.3
 
 MAX_FLIPS = 6
 """Number of changes of a row after which it is released for the step."""
+
+SHORT, STALLED = 0.1, 8
+"""Length of a step along its direction that is no progress, and number of successive ones that end the
+iteration. Ordinary steps take two to four passes at full length."""
 
 PASSES, HALVINGS = 60, 40
 
@@ -107,7 +99,7 @@ class ContactEquation:
     ) -> None:
         self._system, self._state, self._step, self._work = system, state, step, work
         self._A, self._b, self.scale = equation.A, h * equation.rhs, h * h
-        self._until = state.t + h
+        self._until, self.tolerances = state.t + h, step.tolerances
         self.diagonal = equation.A.to_factorise()[system.pattern.diagonal] / self.scale
         self.solutions = self.factorisations = 0
         self.definite, self._settling = True, False
@@ -141,14 +133,15 @@ class ContactEquation:
         n = self._state.q.shape[0]
         if not len(rows):
             solve = self._solver(None, rows, np.empty((0, 3, 3)), x)
-            move = solve(self._b - self._A.times(x), LINEAR_ERROR)
+            move = solve(self._b - self._A.times(x), self.tolerances.solution)
             return x + move, multipliers.at(self.displacement(x + move)), solve
         places = self._step.places(system.point_pattern, rows)
         acting = multipliers.at(self.displacement(x))
         # rows that were active in the previous step, and those that the motion would violate
-        pushes = (multipliers.normal > 0.0) | (acting.gap < -TOUCH)
+        pushes = (multipliers.normal > 0.0) | (acting.gap < -self.tolerances.residual)
         factored, sticks, solve = pushes, acting.sticks, None
         flips, miss, last = np.zeros(len(rows), dtype=np.int64), np.inf, np.inf
+        stalled = 0
         for _ in range(PASSES):
             force = multipliers.held(acting, pushes)[:, None] * rows.normal + acting.friction
             Ax = self._A.times(x)
@@ -163,13 +156,16 @@ class ContactEquation:
                 factored, sticks = pushes, acting.sticks
             else:
                 first = False
-            move, last = solve(missing, LINEAR_ERROR), left
+            move, last = solve(missing, self.tolerances.solution), left
             if first:
                 x, acting = x + move, multipliers.at(self.displacement(x + move))
             else:
-                x, acting = self._along(multipliers, x, move, Ax - self._b)
+                x, acting, length = self._along(multipliers, x, move, Ax - self._b)
+                stalled = stalled + 1 if length < SHORT else 0
+                if stalled == STALLED:
+                    break
             rough = float(np.abs(move).max()) if multipliers.bound.any() else 0.0
-            settled = np.array_equal(sticks, acting.sticks) and rough <= ROUGHLY
+            settled = np.array_equal(sticks, acting.sticks) and rough <= self.tolerances.accepted
             if not (settled and self._stand(multipliers, acting, pushes)):
                 now = acting.force > 0.0
                 flips += now != pushes
@@ -180,18 +176,19 @@ class ContactEquation:
             multipliers.update(acting)
             change = np.abs(multipliers.bound - bound).max(initial=0.0)
             small = FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + NO_FORCE
-            if max(miss, rough) <= SETTLED and change <= small:
+            if max(miss, rough) <= self.tolerances.residual and change <= small:
                 return x, acting, solve
             acting, last = multipliers.at(self.displacement(x)), np.inf
-        if miss > ROUGHLY:
-            raise NotConverged((), self._until, f"contact did not converge, {miss:.2g} m are left")
+        if miss > self.tolerances.accepted:
+            left = acting.miss(multipliers)
+            raise NotConverged((), self._until, f"contact did not converge, {left:.2g} m are left")
         assert solve is not None  # The loop is executed at least once.
         return x, acting, solve
 
     def _stand(self, multipliers: Multipliers, acting: Acting, pushes: Flags) -> bool:
         """Test if the active set is valid for the step: no penetration, little tension."""
         inside = float(-acting.gap[~pushes & ~multipliers.released].min(initial=0.0))
-        if inside > INSIDE:
+        if inside > self.tolerances.accepted:
             return False
         force = multipliers.held(acting, pushes)
         pull = float(-force.min(initial=0.0))
@@ -200,8 +197,8 @@ class ContactEquation:
 
     def _along(
         self, multipliers: Multipliers, x: Array, move: Array, residual: Array
-    ) -> tuple[Array, Acting]:
-        """Minimiser of the augmentation along a direction, at most its end.
+    ) -> tuple[Array, Acting, float]:
+        """Minimiser of the augmentation along a direction, at most its end, and the length of the step.
 
         residual is A x - b.
         """
@@ -218,7 +215,7 @@ class ContactEquation:
         first, _ = slope(0.0)
         last, acting = slope(1.0)
         if first >= 0.0 or last <= ENOUGH * abs(first):
-            return x + move, acting
+            return x + move, acting, 1.0
         low, high, length = 0.0, 1.0, 1.0
         for _ in range(HALVINGS):
             length = 0.5 * (low + high)
@@ -226,7 +223,7 @@ class ContactEquation:
             if abs(here) <= ENOUGH * abs(first):
                 break
             low, high = (low, length) if here > 0.0 else (length, high)
-        return x + length * move, acting
+        return x + length * move, acting, length
 
     def _solver(self, places: RowPlaces | None, rows: Rows, block: Array, x: Array) -> Solve:
         """Solver for the matrix with the stiffness of rows, from x under the constraints."""

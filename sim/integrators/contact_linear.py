@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.contact.rows import Acting, Multipliers, Rows
-from sim.contact.step import TOUCH, ContactStep, considerable, moved_out, penalties, pressed
+from sim.contact.step import ContactStep, penalties, pressed
 from sim.errors import NotConverged
-from sim.integrators.contact_equation import LINEAR_ERROR, ContactEquation, Equation
+from sim.integrators.contact_equation import ContactEquation, Equation
 from sim.integrators.workspace import Workspace
 from sim.state import Array, State
 from sim.system import System
@@ -95,13 +95,13 @@ class LinearContact:
             f = equation.scale * kinematics.generalised_force(push, pose)
             return equation.displacement(solve(f, SHARE * float(wanted.max())))
 
-        q = moved_out(q, step.q0, out_of, opened)
+        q = step.moved_out(q, out_of, opened)
         return Touched(
             x / h,
             q,
             step.memory(q, near, multipliers, acting),
             multipliers.rows.spread(acting.on_vertices(multipliers.rows), len(q)),
-            lambda rhs: solve(rhs, LINEAR_ERROR),
+            lambda rhs: solve(rhs, step.tolerances.solution),
             equation.solutions,
             equation.factorisations,
             equation.definite,
@@ -126,7 +126,7 @@ class LinearContact:
     def _missed(self, multipliers: Multipliers, acting: Acting, q: Array, near: Rows) -> Rows:
         """Rows that the step violates beyond a small correction."""
         passed = self._step.passed(q, near)
-        deep = considerable(passed, q - self._state.q, multipliers.pushing(acting))
+        deep = self._step.considerable(passed, q - self._state.q, multipliers.pushing(acting))
         return passed.take(np.flatnonzero(deep)).without(multipliers.rows)
 
     def _through(self, rows: Rows, q: Array, near: Rows) -> Rows:
@@ -136,6 +136,6 @@ class LinearContact:
         sheet.
         """
         rows = rows.joined(self._step.passed(q, near))
-        broken = rows.gaps(q - self._state.q) < -TOUCH
+        broken = rows.gaps(q - self._state.q) < -self._step.tolerances.residual
         rows = rows.take(np.flatnonzero(broken & ~np.isin(rows.slot, near.slot)))
         return rows.take(np.unique(rows.keys, return_index=True)[1])

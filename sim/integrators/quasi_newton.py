@@ -117,9 +117,14 @@ class InverseSecants:
             return np.zeros_like(r)
         return self._sides.T @ (self._middle @ (self._sides @ r))
 
-    def between(self, D: csr_array) -> Array:
-        """D (H - H0) D' (m, m)."""
+    def seen_by(self, D: csr_array) -> Array:
+        """D E' (m, k), for `between`."""
         if not len(self._middle):
-            return np.zeros((D.shape[0], D.shape[0]))
-        E = D @ self._sides.T
-        return E @ self._middle @ E.T
+            return np.zeros((D.shape[0], 0))
+        return D @ self._sides.T
+
+    def between(self, seen: Array) -> Array:
+        """D (H - H0) D' (m, m) of directions `seen_by` this."""
+        if not len(self._middle):
+            return np.zeros((len(seen), len(seen)))
+        return seen @ self._middle @ seen.T

@@ -65,7 +65,7 @@ class Static(Iterative):
             contact = ContactStep(system.contact, state, until, equilibrium=True)
             way, key = np.zeros(len(state.q)), ("Static", 0.0)
             found = minimise_in_contact(
-                energy, start, contact, way, key, work, settle, until, grip=True
+                energy, start, contact, way, key, work, settle, until, start_closed=True
             )
             end, went, moved, memory = found.point, found.went, found.q, dict(found.memory)
             least = found.here.smallest_J

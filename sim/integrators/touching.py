@@ -25,13 +25,10 @@ IN_MATRIX, APART = 3.0, 300.0
 PASSES = 6
 """Largest number of updates of the contact forces in one iteration."""
 
-ROUGH, SURE = (0.5, 1e-6, 1e-6), (0.02, 1e-9, 0.0)
-"""Relative and absolute [m] tolerance of the displacement by a change of forces, and depth of omitted
-rows [m]: while all steps were taken in full, and after a shortened or refused step, when rows that are
-closed in the potential but omitted in its model could prevent a descent."""
-
-LIKELY = 1e-4
-"""Gap below which rows may become active in the same iteration [m]."""
+ROUGH, SURE = (0.5, 1.0, 1.0), (0.02, 1e-3, 0.0)
+"""Tolerance of the displacement by a change of forces, relative to it and to the contact residual, and
+depth of omitted rows in residuals: while all steps were taken in full, and after a shortened or refused
+step, when rows that are closed in the potential but omitted in its model could prevent a descent."""
 
 PATIENCE = 6
 """Number of iterations with one factor if rows are assembled."""
@@ -39,8 +36,8 @@ PATIENCE = 6
 HASTE = 0.5
 """Factor on the criterion of slow convergence, because an iteration takes two solutions."""
 
-HELD = 2
-"""Number of corrections of a solution that keeps rows closed."""
+HELD, HELD_SHARE = 2, 0.05
+"""Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
 
 SOFT = 1e-3
 """Relative regularisation of redundant rows in a correction."""
@@ -174,6 +171,8 @@ class TouchingApart(Touching):
         self._tried: _Tried | None = None
         self._moved: _Moved | None = None
         self._left = ROUGH
+        assert self.system.contact is not None  # it has the rows
+        self._tolerances = self.system.contact.tolerances
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
         """Point for the present multipliers, and the direction to the minimum of the model.
@@ -212,14 +211,16 @@ class TouchingApart(Touching):
         forces, soft = self.multipliers.normal, 1.0 / self.multipliers.rho
         secants, D = work.newton.inverse_secants, self._directions
         share, least, omitted = self._left
+        residual = self._tolerances.residual
         new, answer = forces, np.zeros(D.shape[1])
         pushed, on = answer, (forces > 0.0) | (gap < 0.0)
-        compliance.expect(np.flatnonzero(on | (gap < LIKELY)))
+        compliance.expect(np.flatnonzero(on | (gap < self._tolerances.likely)))
+        seen = secants.seen_by(D)
         for _ in range(PASSES):
             rows = np.flatnonzero(on)
             if not len(rows):
                 break
-            G = compliance.among(rows) + secants.between(D[rows])
+            G = compliance.among(rows) + secants.between(seen[rows])
             G[np.diag_indices_from(G)] += soft[rows]
             new = np.zeros_like(forces)
             new[rows] = pushes(G, gap[rows] - G @ forces[rows], forces[rows] > 0.0)
@@ -227,8 +228,8 @@ class TouchingApart(Touching):
             answer = work.newton.solve(self.scale * change)
             pushed = answer + secants.added(change)
             missed, size = compliance.learn(new - forces, answer)
-            more = ~on & (gap + D @ pushed < -omitted)
-            if missed <= max(share * size, least) and not more.any():
+            more = ~on & (gap + D @ pushed < -omitted * residual)
+            if missed <= max(share * size, least * residual) and not more.any():
                 break
             on |= more
         return new, answer, pushed
@@ -269,8 +270,13 @@ class TouchingApart(Touching):
             return x
         D, G = self._directions[on], self._rows(work).among(on)
         G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[on]
+        opening: Array = D @ x
+        most = HELD_SHARE * float(np.abs(opening).max())
         for _ in range(HELD):
-            x = x - work.newton.solve(self.scale * (D.T @ np.linalg.solve(G, D @ x)))
+            x = x - work.newton.solve(self.scale * (D.T @ np.linalg.solve(G, opening)))
+            opening = D @ x
+            if float(np.abs(opening).max()) <= most:
+                break
         return x
 
     def opened(

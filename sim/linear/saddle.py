@@ -132,10 +132,10 @@ class Penalised:
                 side.append((start + own).ravel())
         self._one: Index = np.concatenate(pairs[0])
         self._two: Index = np.concatenate(pairs[1])
-        ends = np.sort(np.stack([column[self._one], column[self._two]]).astype(np.int64), axis=0)
+        ends: Index = np.sort(np.stack([column[self._one], column[self._two]]), axis=0)
         row = np.repeat(np.arange(pattern.n), np.diff(pattern.indptr))
         # rows and columns of a pattern ascend
-        self._place = np.searchsorted(
+        self._place: Index = np.searchsorted(
             row * pattern.n + pattern.indices, ends[0] * pattern.n + ends[1]
         )
 

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import sim
+from sim._kernels import triangles as kernel
 from sim.contact import CONTACTS
+from sim.contact.candidates import Candidates
+from sim.contact.search import entered_faces
 from tests.bodies import grid
 
 DISTANCE = 2e-5
@@ -85,3 +88,27 @@ def moved(system, integrator, steps, h=0.01, v=None, initial=None):
     for _ in range(steps):
         states.append(integrator.step(system, states[-1], control, h, work)[0])
     return states
+
+
+def point_triangle(p, triangle):
+    """Distance [m] of a point p (3,) from a triangle (3, 3), and weights of the nearest point c.
+
+    The derivative of the distance is (p - c)/distance by p, and minus that times the weights by the
+    corners.
+    """
+    weight = np.zeros(3)
+    squared, _ = kernel.point_triangle(p, triangle[0], triangle[1], triangle[2], weight)
+    return float(np.sqrt(squared)), weight
+
+
+def edge_edge(first, second):
+    """Distance [m] of two segments (2, 3), and the fractions of the segments at the nearest points."""
+    share = np.zeros(2)
+    squared = kernel.edge_edge(first[0], first[1], second[0], second[1], share)
+    return float(np.sqrt(squared)), share
+
+
+def entered_by(before, after, x0, x1, triangles):
+    """Faces that points without a vertex of their own enter first."""
+    near = Candidates(triangles, np.full(len(before), -1))
+    return entered_faces(before, after, x0, x1, triangles, near)

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import sim
-from sim.contact.distance import edge_edge, point_triangle
-from sim.contact.search import entered_faces
 from tests.bodies import dense, grid, rotation
+from tests.contact.scenes import edge_edge, entered_by, point_triangle
 
 pytest.importorskip("ipctk")
 
@@ -148,7 +147,7 @@ def test_a_step_is_limited_before_the_first_contact_found_by_brute_force():
         share = system.largest_step(q0, q1, control)
         end = q0 + share * (q1 - q0)
         for i, j in ((slice(0, 4), slice(4, 8)), (slice(4, 8), slice(0, 4))):
-            entered = entered_faces(q0[i], end[i], q0[j].copy(), end[j].copy(), TETRAHEDRON)
+            entered = entered_by(q0[i], end[i], q0[j].copy(), end[j].copy(), TETRAHEDRON)
             assert len(entered.point) == 0
         after = brute_gaps(end[:4], end[4:], TETRAHEDRON)
         assert after.min() > 0.0

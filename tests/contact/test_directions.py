@@ -7,7 +7,8 @@ import pytest
 
 import sim
 from sim.contact.compiled import DIRECTION, MEMORY
-from sim.contact.step import SLIDE, TURN, ContactStep
+from sim.contact.step import TURN, ContactStep
+from sim.contact.tolerances import ContactTolerances
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, moved, system_of, two_bodies
 
@@ -80,7 +81,7 @@ def test_normals_are_filtered_at_rest_and_follow_sliding_vertices(stacked, slide
     mesh, system = stacked
     before = tilted(0.3) @ UP
     v = np.zeros_like(mesh.X)
-    v[-8:, 0] = slide * SLIDE / H
+    v[-8:, 0] = slide * ContactTolerances().slide / H
     rows = upward(first_rows(system, started(system, mesh.X, before, v)))
     expected = share * UP + (1.0 - share) * before
     assert len(rows)

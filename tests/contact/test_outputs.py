@@ -5,7 +5,7 @@ import pytest
 
 import sim
 from emgface.face.penetration import depths
-from sim.contact.step import AT_ALL
+from sim.contact.tolerances import ContactTolerances
 from tests.bodies import grid
 from tests.contact.scenes import (
     CASES,
@@ -16,7 +16,7 @@ from tests.contact.scenes import (
 )
 
 STEP, OUTPUT = 0.02, 0.005
-FREE = AT_ALL
+FREE = ContactTolerances().unexpected
 """Depth above which a step is solved again instead of corrected [m]."""
 
 CONTROLS = [

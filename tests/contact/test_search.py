@@ -8,10 +8,10 @@ from scipy.spatial import ConvexHull
 import sim
 from sim._kernels import triangles as kernel
 from sim.contact.candidates import Candidates
-from sim.contact.distance import edge_edge, point_triangle
-from sim.contact.search import all_entered_faces, closest_faces, entered_faces, nearest_faces
+from sim.contact.search import closest_faces, entered_faces, nearest_faces
 from sim.contact.signed_distance import Recent, SignedFaces
 from tests.bodies import grid, rotation
+from tests.contact.scenes import edge_edge, entered_by, point_triangle
 
 
 def hull(n, seed):
@@ -122,7 +122,7 @@ def test_entered_faces_are_those_of_brute_force_on_1000_configurations():
             continue
         compared += 1
         best, which = min((when, f) for f, (when, _) in enumerate(sampled))
-        found = entered_faces(p0, p1, x0, x1, triangles)
+        found = entered_by(p0, p1, x0, x1, triangles)
         assert len(found.point) == (best < 2.0)
         if best < 2.0:
             assert found.value[0] == pytest.approx(best, abs=1e-3)
@@ -168,10 +168,10 @@ def test_entries_among_many_faces_are_those_of_each_face_alone():
     x1 = x0 + 0.02 * rng.normal(size=x0.shape)
     before = rng.uniform([-0.6, -0.5, -0.5], [0.6, 0.5, 0.5], size=(200, 3))
     after = before + rng.normal(size=before.shape) * rng.choice([0.05, 0.5], size=(200, 1))
-    found = entered_faces(before, after, x0, x1, triangles)
+    found = entered_by(before, after, x0, x1, triangles)
     first = np.full(len(before), np.inf)
     for face in triangles:
-        alone = entered_faces(before, after, x0, x1, face[None])
+        alone = entered_by(before, after, x0, x1, face[None])
         first[alone.point] = np.minimum(first[alone.point], alone.value)
     np.testing.assert_array_equal(found.point, np.flatnonzero(first < np.inf))
     np.testing.assert_array_equal(found.value, first[found.point])
@@ -189,8 +189,8 @@ def test_a_search_ends_if_positions_are_not_numbers():
             found = nearest_faces(p, 1.0, bad, triangles).point
             assert 0 not in found
             assert 1 in found or np.isinf(nothing)  # despite the NaN
-            entered_faces(p, p + 1.0, x, bad, triangles)
-    entered_faces(p, p + 1.0, x, x + 0.1, triangles)
+            entered_by(p, p + 1.0, x, bad, triangles)
+    entered_by(p, p + 1.0, x, x + 0.1, triangles)
     assert len(nearest_faces(p, 1.0, x * np.nan, triangles).point) == 0
 
 
@@ -211,7 +211,7 @@ def test_listed_faces_give_the_bits_of_a_search_at_every_position():
             one, two = (closest_faces(q1, radius, y1, triangles, n, directions) for n in lists)
             for name in ("point", "face", "weight", "value", "feature"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-            one, two = (all_entered_faces(q, q1, y, y1, triangles, n) for n in lists)
+            one, two = (entered_faces(q, q1, y, y1, triangles, n) for n in lists)
             for name in ("point", "face", "weight", "value"):
                 np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
             q, y = q1, y1
@@ -260,13 +260,13 @@ def test_a_thin_sheet_crossed_in_one_step_is_entered_once():
     sheet = sim.boundary_surface(plate)
     for x, y in ((0.003, 0.004), (0.005, 0.005), (0.01, 0.01), (0.01, 0.002)):
         p0, p1 = np.array([[x, y, 0.005]]), np.array([[x, y, -0.005]])
-        found = entered_faces(p0, p1, plate.X, plate.X, sheet.triangles)
-        assert found.value == pytest.approx([0.49], rel=1e-9)
+        found = entered_by(p0, p1, plate.X, plate.X, sheet.triangles)
+        assert found.first().value == pytest.approx([0.49], rel=1e-9)
         # equivalently, the sheet passes the point
         R = rotation(2)
-        found = entered_faces(
+        found = entered_by(
             p0 @ R, p0 @ R, plate.X @ R, plate.X @ R + np.array([0, 0, 0.01]) @ R, sheet.triangles
         )
-        assert found.value == pytest.approx([0.49], rel=1e-9)
-    away = entered_faces(p1, p1 - [0, 0, 0.01], plate.X, plate.X, sheet.triangles)
+        assert found.first().value == pytest.approx([0.49], rel=1e-9)
+    away = entered_by(p1, p1 - [0, 0, 0.01], plate.X, plate.X, sheet.triangles)
     assert len(away.point) == 0

@@ -1,0 +1,85 @@
+"""Lengths of the contact by constraints, relative to the approach distance."""
+
+from dataclasses import dataclass
+
+MOST = 0.2
+"""Largest tolerance relative to the approach distance."""
+
+
+@dataclass(frozen=True)
+class ContactTolerances:
+    """Lengths at which contact decides, in terms of two.
+
+    Attributes
+    ----------
+    length : float
+        Distance of a vertex and a face below which they have a row [m].
+    share : float
+        Gap, penetration or slip that an iteration leaves, relative to `length`.
+    """
+
+    length: float = 5e-4
+    share: float = 2e-3
+
+    def _residuals(self, number: float) -> float:
+        return min(number * self.share, MOST) * self.length
+
+    @property
+    def residual(self) -> float:
+        """Gap or slip that an iteration leaves; ten times larger, fewer updates and visible gaps [m]."""
+        return self._residuals(1.0)
+
+    @property
+    def solution(self) -> float:
+        """Error of an iterative linear solution; larger than the residual, gaps do not settle [m]."""
+        return self._residuals(0.3)
+
+    @property
+    def converged(self) -> float:
+        """Residual of a converged step, whose correction removes what is left [m]."""
+        return self._residuals(2.0)
+
+    @property
+    def noticed(self) -> float:
+        """Penetration from which positions are corrected; larger, it remains [m]."""
+        return self._residuals(3.0)
+
+    @property
+    def left(self) -> float:
+        """Penetration after a correction above which rows are searched again [m]."""
+        return self._residuals(5.0)
+
+    @property
+    def accepted(self) -> float:
+        """Violation of rows that is left to the correction; larger, vertices enter unnoticed [m]."""
+        return self._residuals(10.0)
+
+    @property
+    def unexpected(self) -> float:
+        """Depth of an inactive row above which a step is solved again [m]."""
+        return self._residuals(20.0)
+
+    @property
+    def considerable(self) -> float:
+        """Depth of an active row above which a step is solved again; smaller, steps are longer [m]."""
+        return 0.2 * self.length
+
+    @property
+    def likely(self) -> float:
+        """Gap below which rows may become active in the same iteration [m]."""
+        return 0.2 * self.length
+
+    @property
+    def slide(self) -> float:
+        """Sliding distance over which contact normals are low-pass filtered [m]."""
+        return 0.5 * self.length
+
+    @property
+    def hair(self) -> float:
+        """Initial depth up to which a vertex is regarded as on the surface [m]."""
+        return 0.2 * self.length
+
+    @property
+    def lift(self) -> float:
+        """Distance outside the surface from which the path of such a vertex starts [m]."""
+        return 2e-4 * self.length
