@@ -10,10 +10,10 @@ from sim.linear import linear_solver
 from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.pattern import Array, Sparsity
 
-SHARE = 1e-7
+SHARE = 1e-10
 """Largest relative change of the multipliers in the last iteration."""
 
-PATIENCE = 6
+PATIENCE = 9
 """Number of iterations with a factor after which it is made again for the next projection."""
 
 LIMIT = 60

@@ -77,6 +77,8 @@ class ConstraintSolver:
     def restore(self, arrays: Mapping[str, Array]) -> None:
         """Restore the memory from `arrays`."""
         self.multipliers = part_of(arrays, "step").get("multipliers")
-        if self._system.constraints is not None:
-            self.saddle.restore(part_of(arrays, "saddle"))
-            self.projection.restore(part_of(arrays, "projection"))
+        # what has not been used yet is in its initial state
+        if (saddle := part_of(arrays, "saddle")) or self._saddle is not None:
+            self.saddle.restore(saddle)
+        if (projection := part_of(arrays, "projection")) or self._projection is not None:
+            self.projection.restore(projection)

@@ -32,15 +32,15 @@ class QuasiDefinite:
     Parameters
     ----------
     constraints : Constraints
-    linear : str
-        Name of a solver for indefinite matrices, or "auto".
+    weight : float
+        Entries of G relative to those of A.
     """
 
     solutions_per_factorisation: ClassVar[int] = 8
 
-    def __init__(self, constraints: Constraints, linear: str = "auto") -> None:
-        self._rows = constraints.n
-        self._solver = linear_solver(linear, indefinite=True)
+    def __init__(self, constraints: Constraints, weight: float = 1.0) -> None:
+        self._rows, self._compliance = constraints.n, COMPLIANCE * weight**2
+        self._solver = linear_solver(indefinite=True)
 
     @property
     def name(self) -> str:
@@ -65,9 +65,8 @@ class QuasiDefinite:
         """Factorise; SingularSystem if the matrix is singular or contains NaN."""
         self._values, diagonal = values, self._pattern.diagonal
         softened = values.copy()
-        softened[diagonal[-self._rows :]] = (
-            -COMPLIANCE * PENALTY**2 * np.abs(values[diagonal[: -self._rows]]).mean()
-        )
+        size = np.abs(values[diagonal[: -self._rows]]).mean()
+        softened[diagonal[-self._rows :]] = -self._compliance * size
         self._solver.factorise(softened)
 
     def approximate(self, rhs: Array) -> Array:
@@ -206,8 +205,9 @@ class Saddle:
         timed: Timed = untimed,
     ) -> None:
         def direct() -> QuasiDefinite:
-            return QuasiDefinite(constraints)
+            return QuasiDefinite(constraints, self._weight)
 
+        self._weight = 1.0 if factor is None else PENALTY
         self._constraints, self._pattern = constraints, pattern
         self._solver: QuasiDefinite | ReusedFactor = direct()
         if factor is not None:
@@ -254,7 +254,7 @@ class Saddle:
         """
         if self._scale is None or not isinstance(self._solver, ReusedFactor):
             size = np.abs(G).mean() or 1.0
-            self._scale = PENALTY * float(np.abs(A[self._pattern.diagonal]).mean() / size)
+            self._scale = self._weight * float(np.abs(A[self._pattern.diagonal]).mean() / size)
         values = self._constraints.saddle_values(A, self._scale * G)
         if isinstance(self._solver, ReusedFactor):
             self._solver.factorise(values)
