@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import sim
 from sim.constraints.union import Constraints, unite
 from sim.contact import NodeSurface, Pairing, RigidShell
+from sim.contact.search import nearest_faces
 from sim.contact.signed_distance import SignedFaces
 from sim.linear.saddle import Saddle
 from sim.scene import CompiledConstraint, Layout
@@ -135,7 +136,8 @@ class Search:
         points = (one.vertices if isinstance(one, RigidShell) else q)[vertices]
         x = other.vertices if isinstance(other, RigidShell) else q
         both = isinstance(one, NodeSurface) and isinstance(other, NodeSurface)
-        near = faces.nearest(points, DEEPEST, x, vertices if both else NO_NODES)
+        own = vertices if both else NO_NODES
+        near = nearest_faces(points, DEEPEST, x, other.triangles, nodes=own)
         depth, _ = faces.signed(points, near, x)  # not a number at a free edge
         number = first + near.point
         corner = other.triangles[near.face]
