@@ -6,7 +6,9 @@ do not use this module; `contact_rules` compares them with it.
 
 Source: Lloyd, Stavness and Fels 2012, ArtiSynth, Fig. 10 (order, correction of positions with the
 mass, Eq. 8); Stavness et al., Coupled biomechanical modeling, 11.3.3 (nodes inside, normal of the
-nearest face, rows held for one step and released after one that pulls).
+nearest face, rows held for one step and released after one that pulls). That only nodes of the tissue
+are tested against rigid bodies, and that a released row returns after one step, follows from the public
+source of the program (artisynth_core, CollisionHandler), of which nothing is copied.
 """
 
 from collections.abc import Sequence
