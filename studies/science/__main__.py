@@ -1,28 +1,36 @@
 """Generate the page docs/science: simulated volunteers, their studies, figures and text.
 
     python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
-                              [--instructions ABCDEF] [--accuracy draft] [--finished] [--ends]
+                              [--instructions ABCDEF] [--accuracy draft] [--finished]
 
 Stored results are not computed again. With --finished, the cube of a finished study is used
-irrespective of the code that computed it; with --ends, only the first and the last world of the
-series are computed.
+irrespective of the code that computed it.
 """
 
 import argparse
+import os
 import time
 from pathlib import Path
 
+import pandas as pd
+
 from emgface.files import replace_file
 from emgface.study.observer import Silent
+from emgface.study.parallel import kept_processes
+from studies.science.sections import SECTIONS
 from studies.science.setup import (
     REPETITIONS,
     RESOLUTION,
     SEED,
+    STEP,
     WORLDS,
     Plan,
     plan,
     run_world,
+    timed,
+    times,
 )
+from studies.science.subset import subset
 
 HEAD = """# What a simulated study can and cannot show
 
@@ -30,10 +38,20 @@ HEAD = """# What a simulated study can and cannot show
 
 generates this page: {volunteers} simulated volunteers, instructions {instructions}, {repetitions}
 repetitions, seed {seed}, faces of resolution {resolution}, accuracy "{accuracy}", no contact of the
-lips. At accuracy "draft" the error of time stepping changes rho by less than 0.001
-([accuracy](../accuracy.md)). **All recordings are
-simulated.** The scores on this page do not estimate how well the method predicts the motion of people.
+lips; the face of the study is simulated with steps of at most {step:.0f} ms. **All recordings are
+simulated.** The scores on this page do not estimate how well the method predicts the motion of
+people.
 """
+BASELINES = "rho, template, ceiling, wrong instruction, shuffled EMG and skill, {} world"
+FIGURES = (
+    ("worlds.png", "subset", "rho with persons and recordings matched and mismatched"),
+    ("baselines_matched.svg", "all", BASELINES.format("matched")),
+    ("baselines_mismatched.svg", "all", BASELINES.format("mismatched")),
+    ("normalisation.png", "subset", "rho and silent muscles with Eq. 8 per trial and per session"),
+    ("inference.svg", "drawn", "size and coverage of claims about instructions in general"),
+    ("contrasts.svg", "all", "differences of the strategies, these instructions and in general"),
+)
+"""Figures of the page, the trials on which each is based, and their contents."""
 
 
 class Told(Silent):
@@ -68,13 +86,19 @@ def main() -> None:
     parser.add_argument("--accuracy", default=plan.accuracy)
     parser.add_argument("--workers", type=int, default=plan.workers)
     parser.add_argument("--finished", action="store_true")
-    parser.add_argument("--ends", action="store_true")
     given = parser.parse_args()
     plan.store, plan.volunteers, plan.workers = given.store, given.volunteers, given.workers
-    plan.observer, plan.finished, plan.ends = Told(), given.finished, given.ends
+    plan.observer, plan.finished = Told(), given.finished
     plan.instructions, plan.accuracy = tuple(given.instructions), given.accuracy
-    studies = {world: run_world(world) for world in WORLDS}
     given.out.mkdir(parents=True, exist_ok=True)
+    studies: dict[str, Path] = {}
+    made: list[str] = []
+    for world in WORLDS:
+        with timed(f"{world} world"), kept_processes(plan.workers):
+            studies[world] = run_world(world)
+    for name, make in SECTIONS.items():
+        with timed(f"section {name}"), kept_processes(plan.workers):
+            made.append(make(studies, given.out))
     head = HEAD.format(
         command=_command(given),
         volunteers=given.volunteers,
@@ -83,12 +107,36 @@ def main() -> None:
         seed=SEED,
         resolution=RESOLUTION,
         accuracy=given.accuracy,
+        step=1e3 * STEP,
     )
-    from studies.science.sections import SECTIONS
-
-    text = "\n".join([head, *(make(studies, given.out) for make in SECTIONS)])
+    text = "\n".join([head, _figures(), *made, _cost(times())])
     replace_file(given.out / "README.md", lambda path: path.write_text(text, encoding="utf-8"))
     print(f"wrote {given.out / 'README.md'}")
+
+
+def _figures() -> str:
+    """Table of the figures and of the trials on which they are based."""
+    every = f"{plan.volunteers} volunteers, {', '.join(plan.instructions)}"
+    basis = {
+        "all": f"{every}, {REPETITIONS} repetitions",
+        "subset": f"{plan.volunteers} volunteers, {', '.join(subset())}, 1 repetition",
+        "drawn": "scores drawn at random",
+    }
+    rows = [f"| [{name}]({name}) | {basis[of]} | {shows} |" for name, of, shows in FIGURES]
+    return "\n".join(["| figure | trials (simulated) | shows |", "|---|---|---|", *rows, ""])
+
+
+def _cost(spent: pd.DataFrame) -> str:
+    """Section on the measured time of the page."""
+    minutes = spent / 60.0
+    parts = ", ".join(f"{name} {row.processor:.1f}" for name, row in minutes.iterrows())
+    return (
+        "## Cost\n\n"
+        f"{minutes['processor'].sum():.1f} minutes of processor time and "
+        f"{minutes['wall'].sum():.1f} minutes of wall time on {os.cpu_count()} cores, which depends "
+        "on what else they compute, added up over all runs that filled the store. Minutes of "
+        f"processor time: {parts}.\n"
+    )
 
 
 def _command(given: argparse.Namespace) -> str:
@@ -102,7 +150,6 @@ def _command(given: argparse.Namespace) -> str:
     told = [
         f"--{key} {getattr(given, key)}" for key, v in usual.items() if getattr(given, key) != v
     ]
-    told += ["--ends"] if given.ends else []
     return " ".join(["python -m studies.science", *told])
 
 

@@ -12,69 +12,69 @@ from analysis.figures.style import COLOURS, HATCHES, blank, save, styled
 from benchmarks.recovery.recover import LEAST_PEAK
 from benchmarks.report import markdown
 from emgface.errors import FeatureWarning, SignalError
-from emgface.recordings.dataset import read_recording
-from emgface.signals.activation import activation_of, feature_range
-from studies.science.setup import finished_study, opened, plan
-from studies.science.subset import median_per_volunteer, names_of, of_subset, subset_study
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.faces import study_face
+from emgface.study.run import feature_extents
+from emgface.study.stages import Laboratory
+from emgface.study.store import Store
+from emgface.study.table import take_in
+from studies.science.setup import finished_study, opened, plan, results_store
+from studies.science.subset import (
+    mean_interval,
+    median_per_volunteer,
+    of_subset,
+    subset,
+    subset_study,
+    told,
+)
 
 REACHES: Final = ("trial", "session")
 """Data from which Eq. 8 takes the minimum and maximum."""
 WORDS: Final = {"trial": "per trial", "session": "per session"}
+KEYS: Final = ["world", "normalisation", "strategy"]
 
 
 def make(studies: Mapping[str, Path], out: Path) -> str:
     """Compare normalisation per trial and per session: rho, and activation of silent muscles."""
     scores, peaks = [], []
     for world, folder in studies.items():
-        cube = of_subset(opened(folder))
-        names = names_of(cube)
-        recordings = folder.parent / "recordings"
         for reach in REACHES:
-            normalisation = {"reach": reach, "silent": "zero"}
             study = subset_study(
-                recordings,
-                names,
+                folder.parent / "recordings",
                 f"simulated volunteers, {world} world, normalised {WORDS[reach]}",
-                signals={"normalisation": normalisation},
+                session=reach == "session",
             )
+            results = folder
             if reach == "session":
-                results = finished_study(study, plan.store / f"normalisation-{world}-{reach}")
-                cube = opened(results)
+                results = finished_study(study, plan.store / f"normalisation-{world}")
+            cube = of_subset(opened(results))
             scores.append(median_per_volunteer(cube, world=world, normalisation=reach))
-            peaks.append(_silent_peaks(recordings, names, study).assign(world=world))
+            peaks.append(_silent_peaks(study).assign(world=world, normalisation=reach))
     found = pd.concat(scores, ignore_index=True)
     silent = pd.concat(peaks, ignore_index=True)
     found.to_csv(out / "normalisation.csv", index=False)
     silent.to_csv(out / "silent_muscles.csv", index=False)
     save(_draw(found, silent), out / "normalisation.png", dpi=130)
-    keys = ["world", "normalisation", "strategy"]
-    rho = found.groupby(keys)["median rho"].mean()
-    peak = silent.groupby(keys)["peak"].median()
-    both = pd.DataFrame({"rho": rho, "peak of silent muscles": peak}).reset_index()
-    wide = both.pivot_table(index=["world", "strategy"], columns="normalisation", sort=False)
-    shown = pd.DataFrame(
-        {
-            f"{what}, {WORDS[reach]}": wide[what, reach].to_numpy(float)
-            for what in ("rho", "peak of silent muscles")
-            for reach in REACHES
-        },
-        index=[f"{world} world, {strategy}" for world, strategy in wide.index],
-    ).rename_axis("simulated")
+    rho = found.pivot_table(index=KEYS, columns="volunteer", values="median rho", sort=False)
+    peak = silent.groupby(KEYS)["peak"].median()
     return "\n".join(
         [
             "## Normalisation per trial and per session",
             "",
             "Eq. 8 as printed uses the minimum and maximum of each trial, so that an inactive "
             "muscle reaches an activation of 1 like all others. The alternative uses the minimum "
-            "and maximum over all trials of a volunteer (`signals.normalisation.reach`). The same "
-            f"{found['volunteer'].nunique()} volunteers and one repetition as above. A muscle is "
-            "called silent in a trial if the excitation that generated its EMG remains below "
-            f"{LEAST_PEAK:g}. The table lists the median, over trials and silent muscles, of the "
-            "peak activation computed by the chain (0 for muscles that the strategy omits).",
+            "and maximum over all trials of a volunteer, all instructions and repetitions "
+            "(`signals.normalisation.reach`). Simulated and scored are "
+            f"{found['volunteer'].nunique()} volunteers, instructions {', '.join(subset())} only, the "
+            "first repetition only. A muscle is called silent in a trial if the excitation that "
+            f"generated its EMG remains below {LEAST_PEAK:g}. The table lists the median, over "
+            "trials and silent muscles, of the peak activation computed by the chain (0 for muscles "
+            "that the strategy omits).",
             "",
-            markdown(shown.reset_index(), ".2f"),
+            markdown(_table(rho, peak), ".2f"),
             "",
-            "*rho: mean over volunteers of the median over instructions and markers (simulated; values: "
+            "*rho: mean over volunteers of the median over instructions and markers, with its 95 % "
+            "interval over volunteers (Student's t); gain: paired difference (simulated; values: "
             "[rho](normalisation.csv), [silent muscles](silent_muscles.csv)).*",
             "",
             "![rho and peak activation of silent muscles, per trial and per session "
@@ -85,40 +85,53 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     )
 
 
-def _silent_peaks(recordings: Path, names: list[str], study) -> pd.DataFrame:
-    """Peak activation of every silent muscle of a trial, with every strategy."""
-    chain = study.signals
+def _table(rho: pd.DataFrame, peak: pd.Series) -> pd.DataFrame:
+    """One row per world and strategy; `rho` has one column per volunteer."""
     rows: list[dict[str, object]] = []
-    for name in names:
-        trials = [
-            read_recording(recordings / f"{name}_{instruction}_1.nc")
-            for instruction in study.recordings.instructions
-        ]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FeatureWarning)
-            over = None
-            if chain.normalisation.reach == "session":
-                over = feature_range(trials, chain)
-            for trial in trials:
-                highest = trial["true_excitation"].max("time_true")
-                silent = highest["muscle"].values[highest.values < LEAST_PEAK]
-                for strategy in study.strategies:
-                    try:
-                        found = activation_of(trial, chain, strategy=strategy, session=over)
-                    except SignalError:
-                        continue  # no score either
-                    peak = found["activation"].sel(muscle=silent).max("time")
-                    rows += [
-                        {
-                            "normalisation": chain.normalisation.reach,
-                            "strategy": strategy,
-                            "volunteer": name,
-                            "instruction": trial.attrs["instruction"],
-                            "muscle": str(muscle),
-                            "peak": float(value),
-                        }
-                        for muscle, value in zip(silent, peak.values, strict=True)
-                    ]
+    for world in dict.fromkeys(rho.index.get_level_values("world")):
+        for strategy in dict.fromkeys(rho.index.get_level_values("strategy")):
+            each = {reach: (world, reach, strategy) for reach in REACHES}
+            row: dict[str, object] = {"simulated": f"{world} world, {strategy}"}
+            row |= {f"rho, {WORDS[reach]}": told(rho.loc[key]) for reach, key in each.items()}
+            row["gain"] = told(_gain(rho, world, strategy), "+.2f")
+            row |= {f"peak of silent muscles, {WORDS[r]}": peak[key] for r, key in each.items()}
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _gain(rho: pd.DataFrame, world: str, strategy: str) -> pd.Series:
+    """Rho per session minus rho per trial of every volunteer."""
+    return rho.loc[(world, "session", strategy)] - rho.loc[(world, "trial", strategy)]
+
+
+def _silent_peaks(study: StudyConfiguration) -> pd.DataFrame:
+    """Peak activation of every silent muscle of a trial, with every strategy, from stored results."""
+    laboratory = Laboratory(Store(results_store()), study_face(study.face), study, print)
+    intake = take_in(study.recordings)
+    rows: list[dict[str, object]] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FeatureWarning)
+        extents = feature_extents(laboratory, intake)
+        for recording in intake.recordings:
+            volunteer, instruction, _ = recording.place
+            highest = recording.dataset["true_excitation"].max("time_true")
+            silent = highest["muscle"].values[highest.values < LEAST_PEAK]
+            for strategy in study.strategies:
+                try:
+                    found = laboratory.activation(recording, strategy, extents.get(volunteer))
+                except SignalError:
+                    continue  # no score either
+                peak = found.dataset["activation"].sel(muscle=silent).max("time")
+                rows += [
+                    {
+                        "strategy": strategy,
+                        "volunteer": volunteer,
+                        "instruction": instruction,
+                        "muscle": str(muscle),
+                        "peak": float(value),
+                    }
+                    for muscle, value in zip(silent, peak.values, strict=True)
+                ]
     return pd.DataFrame(rows)
 
 
@@ -144,8 +157,11 @@ def _draw(found: pd.DataFrame, silent: pd.DataFrame):
                         panel.bar(place, own.mean(), 0.34, color=colour, hatch=HATCHES[k],
                                   edgecolor="black", linewidth=0.6,
                                   label=WORDS[reach] if i == column == 0 else None)  # fmt: skip
-                        spread = np.linspace(-0.08, 0.08, own.size)
-                        panel.scatter(place + spread, own, s=9, color="black", zorder=3)
+                        spread = np.linspace(-0.1, 0.1, own.size)
+                        panel.scatter(place + spread, own, s=7, color="0.4", zorder=3)
+                        mean, low, high = mean_interval(own)
+                        panel.errorbar(place, mean, [[mean - low], [high - mean]],
+                                       color="black", capsize=3, linewidth=1.0)  # fmt: skip
                     else:
                         low, middle, high = np.percentile(own, [25, 50, 75])
                         panel.bar(place, middle, 0.34, color=colour, hatch=HATCHES[k],
@@ -160,35 +176,38 @@ def _draw(found: pd.DataFrame, silent: pd.DataFrame):
     figure.suptitle("Normalisation per trial and per session (SIMULATED recordings)")
     figure.supxlabel(
         "minimum and maximum over the trial or the session; "
-        "above: bars means over volunteers, dots volunteers;\n"
+        "above: means over volunteers with 95 % intervals, dots volunteers;\n"
         "below: medians and quartiles over trials "
         "and silent muscles", fontsize=7.5,
     )  # fmt: skip
     return figure
 
 
-def _reading(rho: pd.Series, peak: pd.Series) -> str:
+def _reading(rho: pd.DataFrame, peak: pd.Series) -> str:
     """Describe the figure in sentences with its numbers."""
-    told = []
-    for world in dict.fromkeys(rho.index.get_level_values("world")):
-        mean, tall = rho[world], peak[world]
-        gain = {name: mean["session", name] - mean["trial", name] for name in mean["trial"].index}
-        most = max(gain, key=lambda name: gain[name])
-        told.append(
+    worlds = list(dict.fromkeys(rho.index.get_level_values("world")))
+    strategies = list(dict.fromkeys(rho.index.get_level_values("strategy")))
+    sentences: list[str] = []
+    for world in worlds:
+        gain = {name: _gain(rho, world, name) for name in strategies}
+        most = max(gain, key=lambda name: float(gain[name].mean()))
+        silent = {reach: peak[world, reach, "act_all"] for reach in REACHES}
+        sentences.append(
             f"* In the {world} world, normalisation per session instead of per trial changes rho of "
-            + ", ".join(f"{name} by {value:+.2f}" for name, value in gain.items())
+            + ", ".join(f"{name} by {told(values, '+.2f')}" for name, values in gain.items())
             + f"; {most} gains most. With act_all, the peak activation of silent muscles is "
-            f"{tall['trial', 'act_all']:.2f} per trial and {tall['session', 'act_all']:.2f} per session."
+            f"{silent['trial']:.2f} per trial and {silent['session']:.2f} per session."
         )
-    told.append(
-        "* act_3 and act_rel omit most silent muscles and therefore hardly depend on the choice: the "
-        "lower scores of act_all are largely due to the normalisation."
+    sentences.append(
+        "* act_3 and act_rel omit most silent muscles and depend less on the choice: the lower scores "
+        "of act_all are largely due to the normalisation."
         if all(
-            abs(rho[w, "session", "act_rel"] - rho[w, "trial", "act_rel"])
-            < rho[w, "session", "act_all"] - rho[w, "trial", "act_all"]
-            for w in dict.fromkeys(rho.index.get_level_values("world"))
+            mean_interval(_gain(rho, world, "act_all") - _gain(rho, world, name))[1] > 0.0
+            for world in worlds
+            for name in ("act_3", "act_rel")
         )
-        else "* In at least one world, act_rel gains no less than act_all; silent muscles alone "
-        "therefore do not explain the difference between the strategies."
+        else "* In at least one world, it is not shown that act_all gains more than both other "
+        "strategies; silent muscles alone therefore do not explain the difference between the "
+        "strategies."
     )
-    return "\n".join(told) + "\n"
+    return "\n".join(sentences) + "\n"

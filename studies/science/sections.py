@@ -1,4 +1,4 @@
-"""Sections of the page in their order.
+"""Sections of the page by name, in their order.
 
 Each section is a module with ``make(studies, out)``. ``studies`` maps the name of a world
 ("matched", "mismatched") to the folder of a finished study, as written by `emgface study run`;
@@ -13,4 +13,9 @@ from studies.science import baselines, inference, normalisation, worlds
 
 Section = Callable[[Mapping[str, Path], Path], str]
 
-SECTIONS: tuple[Section, ...] = (worlds.make, baselines.make, normalisation.make, inference.make)
+SECTIONS: dict[str, Section] = {
+    "worlds": worlds.make,
+    "baselines": baselines.make,
+    "normalisation": normalisation.make,
+    "inference": inference.make,
+}

@@ -1,9 +1,15 @@
 """Simulated volunteers and studies on which all sections of the page are based."""
 
+import csv
+import resource
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import pandas as pd
 import xarray as xr
 
 from emgface.choices import configure
@@ -11,7 +17,6 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import INSTRUCTIONS
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.observer import Observer, Silent
-from emgface.study.report import write_report
 from emgface.study.run import run_study
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
@@ -23,6 +28,8 @@ RESOLUTION: Final = "coarse"
 """Resolution of the face of the study; only the mesh is coarse, not the physiology."""
 SIGMA_MAX: Final = 100e3
 """Largest muscle stress [Pa] of the study, within the range of the volunteers' own."""
+STEP: Final = 0.02
+"""Largest step and time between outputs [s] of the study; the movements are slower than 10 Hz."""
 WORLDS: Final = ("matched", "mismatched")
 """Worlds whose finished studies are passed to all sections."""
 
@@ -38,21 +45,18 @@ class Plan:
     workers: int = 2
     observer: Observer = Silent()
     finished: bool = False
-    ends: bool = False
 
 
 plan = Plan()
 
 
-def simulation() -> SimulationParameters:
+def simulation(**changes: Any) -> SimulationParameters:
     """Simulation parameters of study and volunteers, except those changed by a world.
 
     Without contact, which makes a trial about five times as long.
     """
-    return configure(
-        SimulationParameters,
-        {"sigma_max": SIGMA_MAX, "accuracy": plan.accuracy, "contact": {"method": "none"}},
-    )
+    values = {"sigma_max": SIGMA_MAX, "accuracy": plan.accuracy, "contact": {"method": "none"}}
+    return configure(SimulationParameters, values | changes)
 
 
 def study_of(recordings: Path, name: str, /, **changes: Any) -> StudyConfiguration:
@@ -62,25 +66,26 @@ def study_of(recordings: Path, name: str, /, **changes: Any) -> StudyConfigurati
         "recordings": {"folder": recordings.resolve(), "instructions": plan.instructions},
         "face": {"template": {"resolution": RESOLUTION}},
         "signals": {"normalisation": {"silent": "zero"}},
-        "simulation": simulation().model_dump(),
+        "simulation": simulation(step=STEP, output=STEP).model_dump(),
     }
     for key, value in changes.items():
         values[key] = {**values[key], **value} if isinstance(value, dict) else value
     return configure(StudyConfiguration, values)
 
 
-def people(world: World, folder: Path, *, volunteers: int, repetitions: int) -> Path:
+def people(world: World, folder: Path, instructions: Sequence[str]) -> Path:
     """Simulate the volunteers of a world and return the folder of their recordings.
 
     Motions of all worlds are stored in one folder, because worlds that differ only in their EMG
-    share them.
+    share them. The number of repetitions is the same in all worlds: a session of another length has
+    other random numbers.
     """
     make_volunteers(
         None,
         folder,
-        n=volunteers,
-        repetitions=repetitions,
-        instructions=plan.instructions,
+        n=plan.volunteers,
+        repetitions=REPETITIONS,
+        instructions=instructions,
         seed=SEED,
         parameters=simulation(),
         settings=configure(VolunteerParameters, {"resolution": RESOLUTION, "world": world}),
@@ -91,26 +96,56 @@ def people(world: World, folder: Path, *, volunteers: int, repetitions: int) -> 
     return folder / "recordings"
 
 
-def finished_study(study: StudyConfiguration, results: Path) -> Path:
+def results_store() -> Path:
+    """Folder of the results of all studies: worlds with the same EMG share simulated motions."""
+    return plan.store / "results"
+
+
+def finished_study(study: StudyConfiguration, folder: Path) -> Path:
     """Run a study, reusing stored results, and return its folder."""
-    if plan.finished and (results / "cube.nc").is_file():
-        return results
-    cube = run_study(study, results, workers=plan.workers, observer=plan.observer).cube
-    write_report(cube, results)
-    return results
+    if not (plan.finished and (folder / "cube.nc").is_file()):
+        run_study(
+            study, folder, workers=plan.workers, observer=plan.observer, store=results_store()
+        )
+    return folder
 
 
 def run_world(name: str) -> Path:
     """Simulate the volunteers of a world and run their study with the package's defaults."""
     folder = plan.store / name
-    results = folder / "study"
-    if plan.finished and (results / "cube.nc").is_file():
-        return results
-    recordings = people(world_of(name), folder, volunteers=plan.volunteers, repetitions=REPETITIONS)
+    if plan.finished and (folder / "study" / "cube.nc").is_file():
+        return folder / "study"
+    recordings = people(world_of(name), folder, plan.instructions)
     study = study_of(recordings, f"simulated volunteers, {name} world")
-    return finished_study(study, results)
+    return finished_study(study, folder / "study")
 
 
-def opened(results: Path) -> xr.Dataset:
+def opened(folder: Path) -> xr.Dataset:
     """Cube of a finished study."""
-    return xr.load_dataset(results / "cube.nc")
+    return xr.load_dataset(folder / "cube.nc")
+
+
+@contextmanager
+def timed(part: str) -> Iterator[None]:
+    """Add the time of a part of the page, processes that it starts included, to the store."""
+    before, started = _processor_time(), time.monotonic()
+    try:
+        yield
+    finally:
+        plan.store.mkdir(parents=True, exist_ok=True)
+        spent = (_processor_time() - before, time.monotonic() - started)
+        with (plan.store / "times.csv").open("a", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerow((part, *spent))
+
+
+def times() -> pd.DataFrame:
+    """Processor and wall time [s] of every part of the page, added up over all runs."""
+    columns = ["part", "processor", "wall"]
+    rows = pd.read_csv(plan.store / "times.csv", names=columns)
+    return rows.groupby("part", sort=False).sum()
+
+
+def _processor_time() -> float:
+    """Processor time of this process and of its ended children [s]."""
+    whom = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return sum(r.ru_utime + r.ru_stime for r in map(resource.getrusage, whom))

@@ -1,34 +1,46 @@
-"""Subset of a study for experiments with many simulations."""
+"""Parts of a study for experiments with many simulations, and their means over volunteers."""
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from scipy.stats import t
 
+from analysis.statistics.scope import LEAST_VOLUNTEERS
 from emgface.study.configuration import StudyConfiguration
-from studies.science.setup import study_of
+from studies.science.setup import plan, study_of
 
-VOLUNTEERS: Final = 4
-"""Number of volunteers in the subset, which limits the run time of the page."""
+INSTRUCTIONS: Final = ("A", "D", "E")
+"""Instructions of the experiments with many simulations, which limit the run time of the page: the
+lips protruded, spread symmetrically, and moved from side to side."""
 
 
-def names_of(cube: xr.Dataset) -> list[str]:
-    """Volunteers of the subset."""
-    return [str(name) for name in cube["volunteer"].values[:VOLUNTEERS]]
+def subset() -> tuple[str, ...]:
+    """Instructions of the subset that the plan contains."""
+    return tuple(x for x in INSTRUCTIONS if x in plan.instructions) or plan.instructions
 
 
 def of_subset(cube: xr.Dataset) -> xr.Dataset:
-    """Cut the subset out of a cube."""
-    return cube.sel(volunteer=names_of(cube), repetition=[1])
+    """Cut the instructions and the first repetition of the subset out of a cube."""
+    return cube.sel(instruction=list(subset()), repetition=[1])
 
 
 def subset_study(
-    recordings: Path, names: list[str], title: str, **changes: Any
+    recordings: Path, title: str, *, session: bool = False, **changes: Any
 ) -> StudyConfiguration:
-    """Configure a study of the subset."""
-    part = {"volunteers": names, "repetitions": [1]}
+    """Configure a study of the subset, with all volunteers.
+
+    With `session`, the minimum and maximum of Eq. 8 are those of all trials of the volunteer, also
+    of those that are not part of the subset.
+    """
+    part: dict[str, Any] = {"instructions": subset(), "repetitions": [1]}
+    if session:
+        part["reference_folder"] = recordings.resolve()
+        changes["signals"] = {"normalisation": {"reach": "reference", "silent": "zero"}}
     return study_of(recordings, title, recordings=part, **changes)
 
 
@@ -51,3 +63,25 @@ def median_per_volunteer(cube: xr.Dataset, **labels: Any) -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows)
+
+
+def mean_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
+    """Mean over volunteers and its 0.95 interval by Student's t.
+
+    The bounds are NaN with fewer than `LEAST_VOLUNTEERS` values.
+    """
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    mean = float(known.mean()) if known.size else math.nan
+    if known.size < LEAST_VOLUNTEERS:
+        return mean, math.nan, math.nan
+    reach = float(t.ppf(0.975, known.size - 1)) * float(known.std(ddof=1)) / math.sqrt(known.size)
+    return mean, mean - reach, mean + reach
+
+
+def told(values: Sequence[float] | np.ndarray, form: str = ".2f") -> str:
+    """Mean over volunteers with its interval, as text; `form` formats each number."""
+    mean, low, high = mean_interval(values)
+    if math.isnan(low):
+        return f"{mean:{form}}"
+    return f"{mean:{form}} ({low:{form}} to {high:{form}})"

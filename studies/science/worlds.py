@@ -1,4 +1,4 @@
-"""Scores of simulated volunteers from the matched to the mismatched world."""
+"""Scores of simulated volunteers whose persons, recordings or both violate the assumptions."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,179 +11,199 @@ from analysis.figures.style import COLOURS, MARKS, blank, save, styled
 from benchmarks.report import markdown
 from emgface.volunteers.world import KINDS, World, mismatched_in
 from studies.science.setup import finished_study, opened, people, plan
-from studies.science.subset import median_per_volunteer, names_of, of_subset, subset_study
-
-RUNGS: Final = (
-    ("matched", ()),
-    ("+ mesh and laws", ("mesh", "laws")),
-    ("+ courses and strengths", ("courses", "strengths")),
-    ("+ delay and dynamics", ("delay",)),
-    ("+ recruitment", ("recruitment",)),
-    ("+ pick-up and noise\n= mismatched", ("pick-up", "noise")),
+from studies.science.subset import (
+    mean_interval,
+    median_per_volunteer,
+    of_subset,
+    subset,
+    subset_study,
+    told,
 )
-"""Worlds of the series, each with the kinds of mismatch that it adds to the one before."""
+
+RECORDING: Final = ("pick-up", "noise")
+"""Kinds of mismatch of the EMG alone."""
+PERSON: Final = ("mesh", "laws", "courses", "strengths", "delay", "recruitment")
+"""Kinds of mismatch of the person: the face and what its muscles do."""
+WORLDS: Final[dict[str, tuple[str, ...]]] = {
+    "matched": (),
+    "recording mismatched": RECORDING,
+    "person mismatched": PERSON,
+    "mismatched": (*PERSON, *RECORDING),
+}
+EFFECTS: Final = {
+    "recording, matched person": ("matched", "recording mismatched"),
+    "recording, mismatched person": ("person mismatched", "mismatched"),
+    "person, matched recording": ("matched", "person mismatched"),
+    "person, mismatched recording": ("recording mismatched", "mismatched"),
+}
+"""Pairs of worlds that differ in the recording or in the person only."""
 TRUE: Final = "true activation"
 
 
-def _rungs() -> list[int]:
-    """Indices of the worlds to compute: all, or the first and the last."""
-    return [0, len(RUNGS) - 1] if plan.ends else list(range(len(RUNGS)))
-
-
 def make(studies: Mapping[str, Path], out: Path) -> str:
-    """Draw the median rho of every strategy in every world from matched to mismatched."""
-    found = pd.concat([_rung(k, studies) for k in _rungs()], ignore_index=True)
+    """Draw the median rho of every strategy in the four worlds."""
+    found = pd.concat([_scores(name, studies) for name in WORLDS], ignore_index=True)
     found.to_csv(out / "worlds.csv", index=False)
     save(_draw(found), out / "worlds.png", dpi=130)
-    order = list(dict.fromkeys(found["strategy"]))
-    mean = found.groupby(["rung", "strategy"])["median rho"].mean().unstack()[order]
-    shift = found.groupby(["rung", "strategy"])["median shift [s]"].median().unstack()
-    titles = [_title(k) for k in _rungs()]
-    table = mean.set_axis(titles).rename_axis("world (simulated)")
-    table["shift of act_3 [ms]"] = (1e3 * shift["act_3"]).round().astype(int).to_numpy()
-    lost = int(found["without score"].sum())
+    levels = per_volunteer(found, "median rho")
+    shift = per_volunteer(found, "median shift [s]")["act_3"].median(axis="columns")
+    lost, trials = int(found["without score"].sum()), int(found["trials"].sum())
     return "\n".join(
         [
             "## Worlds: decrease of the scores as assumptions are violated",
             "",
-            f"The first {found['volunteer'].nunique()} volunteers, one repetition of each instruction. "
-            "Each row adds kinds of mismatch to the row above (`emgface volunteers --world "
-            "mesh+laws+...`"
-            + ("; here all of them at once" if plan.ends else "")
-            + "), with the sizes of `emgface.volunteers.world.World`. All rows use the same persons, "
-            "instructions and random numbers. Of "
-            f"{int(found['trials'].sum())} trials, {lost} have no score.",
+            "The kinds of mismatch (`emgface volunteers --world ...`, with the sizes of "
+            "`emgface.volunteers.world.World`) are divided into those of the recording "
+            f"({', '.join(RECORDING)}), which change the EMG alone, and those of the person "
+            f"({', '.join(PERSON)}). {found['volunteer'].nunique()} volunteers, instructions "
+            f"{', '.join(subset())} only, the first repetition only; the worlds in which both are "
+            "matched or mismatched are cut out of the studies of all instructions and repetitions "
+            "below. All worlds use the same persons, instructions and random numbers. Of "
+            f"{trials} trials, {lost} have no score.",
             "",
-            markdown(table.reset_index(), ".2f"),
+            markdown(_table(levels, shift).reset_index(), ".0f"),
             "",
-            "*Mean over volunteers of the median of rho over instructions and markers (simulated; "
-            "[values of each volunteer](worlds.csv)).*",
+            "*Mean over volunteers of the median of rho over instructions and markers, with its 95 % "
+            "interval over volunteers (Student's t; simulated; [values of each "
+            "volunteer](worlds.csv)).*",
             "",
-            "![Median rho per strategy from the matched to the mismatched world "
+            "![Median rho per strategy with person and recording matched and mismatched "
             "(simulated)](worlds.png)",
             "",
-            _reading(mean, shift),
+            "*Large marks: means of the table with their intervals; small marks: volunteers.*",
+            "",
+            "Change of the same means by a mismatch of the recording or of the person; the volunteers "
+            "are paired:",
+            "",
+            markdown(effects(levels).reset_index()),
+            "",
+            _reading(levels, shift),
         ]
     )
 
 
-def _rung(k: int, studies: Mapping[str, Path]) -> pd.DataFrame:
+def per_volunteer(found: pd.DataFrame, value: str) -> dict[str, pd.DataFrame]:
+    """Values of every strategy, one row per world and one column per volunteer."""
+    return {
+        str(strategy): own.pivot_table(
+            index="world", columns="volunteer", values=value, sort=False
+        ).loc[list(WORLDS)]
+        for strategy, own in found.groupby("strategy", sort=False)
+    }
+
+
+def _table(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> pd.DataFrame:
+    """Means with intervals of every world, and the median shift of act_3."""
+    table = pd.DataFrame(
+        {name: [told(own.loc[world]) for world in WORLDS] for name, own in levels.items()},
+        index=list(WORLDS),
+    ).rename_axis("world (simulated)")
+    table["shift of act_3 [ms]"] = (1e3 * shift).round().astype(int).to_numpy()
+    return table
+
+
+def effects(levels: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Changes between pairs of worlds with intervals of the paired differences."""
+    return pd.DataFrame(
+        {
+            name: [told(own.loc[b] - own.loc[a], "+.2f") for a, b in EFFECTS.values()]
+            for name, own in levels.items()
+        },
+        index=list(EFFECTS),
+    ).rename_axis("mismatch (simulated)")
+
+
+def _scores(name: str, studies: Mapping[str, Path]) -> pd.DataFrame:
     """Scores of one world, with those of the true activation."""
-    world = _world(k)
-    end = {0: "matched", len(RUNGS) - 1: "mismatched"}.get(k)
-    if end is not None:
-        recordings = studies[end].parent / "recordings"
-        cube = of_subset(opened(studies[end]))
+    world, folder = world_named(name), plan.store / name.replace(" ", "-")
+    title = f"simulated volunteers, {world.label}"
+    if name in studies:
+        cube = opened(studies[name])
     else:
-        names = names_of(opened(studies["matched"]))
-        folder = plan.store / f"rung{k}"
-        results = folder / "study"
-        recordings = folder / "recordings"
-        if not (plan.finished and (results / "cube.nc").is_file()):
-            people(world, folder, volunteers=len(names), repetitions=1)
-        study = subset_study(recordings, names, f"simulated volunteers, {world.label}")
-        cube = opened(finished_study(study, results))
+        if not (plan.finished and (folder / "study" / "cube.nc").is_file()):
+            people(world, folder, subset())
+        study = subset_study(folder / "recordings", title)
+        cube = opened(finished_study(study, folder / "study"))
     true = subset_study(
-        recordings,
-        names_of(cube),
-        f"simulated volunteers, {world.label}, true activation",
-        activation_source="true",
+        folder / "recordings", f"{title}, true activation", activation_source="true"
     )
-    truth = opened(finished_study(true, plan.store / f"rung{k}" / "true"))
-    parts = [median_per_volunteer(cube, rung=k), median_per_volunteer(truth, rung=k)]
-    found = pd.concat(parts, ignore_index=True).replace({"strategy": {"true": TRUE}})
-    return found.assign(world=world.label)
+    truth = opened(finished_study(true, folder / "true"))
+    parts = [median_per_volunteer(of_subset(c), world=name) for c in (cube, truth)]
+    return pd.concat(parts, ignore_index=True).replace({"strategy": {"true": TRUE}})
 
 
-def _before_delay() -> int:
-    return 0 if plan.ends else _with_delay() - 1
-
-
-def _with_delay() -> int:
-    if plan.ends:
-        return len(RUNGS) - 1
-    return next(k for k, (_, kinds) in enumerate(RUNGS) if "delay" in kinds)
-
-
-def _world(k: int) -> World:
-    return mismatched_in([kind for _, kinds in RUNGS[: k + 1] for kind in kinds])
-
-
-def _title(k: int) -> str:
-    return RUNGS[k][0].replace("\n", " ")
+def world_named(name: str) -> World:
+    """World of the comparison."""
+    return mismatched_in(WORLDS[name])
 
 
 @styled
 def _draw(found: pd.DataFrame):
-    """Draw median rho over the worlds, one line per strategy, one mark per volunteer."""
+    """Draw median rho in the worlds: means with intervals, and every volunteer."""
     figure = blank(8.5, 4.6)
     panel = figure.subplots()
-    strategies = list(dict.fromkeys(found["strategy"]))
-    for i, strategy in enumerate(strategies):
-        own = found[found["strategy"] == strategy]
-        mean = own.groupby("rung")["median rho"].mean()
+    levels = per_volunteer(found, "median rho")
+    for i, (strategy, own) in enumerate(levels.items()):
         colour = COLOURS[(4, 1, 2, 5)[i % 4]]
-        panel.plot(mean.index, mean, marker=MARKS[i], color=colour, label=strategy)
-        aside = (i - 0.5 * (len(strategies) - 1)) * 0.06
-        panel.scatter(own["rung"] + aside, own["median rho"], s=10, marker=MARKS[i], color=colour,
-                      alpha=0.45, linewidths=0)  # fmt: skip
-    made = sorted(set(found["rung"]))
-    panel.set_xticks(made, [RUNGS[k][0] for k in made], rotation=20, ha="right")
+        place = np.arange(len(own)) + (i - 0.5 * (len(levels) - 1)) * 0.18
+        mean, low, high = np.array([mean_interval(row) for row in own.to_numpy()]).T
+        panel.errorbar(place, mean, [mean - low, high - mean], marker=MARKS[i], color=colour,
+                       linestyle="", markersize=7, capsize=3.0, label=strategy)  # fmt: skip
+        for values in own.to_numpy().T:
+            panel.scatter(place + 0.05, values, s=9, marker=MARKS[i], color=colour, alpha=0.5,
+                          linewidths=0)  # fmt: skip
+    panel.set_xticks(range(len(WORLDS)), list(WORLDS))
+    panel.set_xlabel("world")
     panel.set_ylabel("median rho of a volunteer")
     panel.axhline(1.0, color="0.8", linewidth=0.7, zorder=0)
     panel.set_ylim(min(0.0, float(found["median rho"].min()) - 0.05), 1.02)
-    panel.legend(loc="lower left", title="lines: mean over volunteers")
-    figure.suptitle("rho from the matched to the mismatched world (SIMULATED recordings)")
+    panel.legend(loc="lower left", title="means over volunteers, 95 % intervals")
+    figure.suptitle(
+        f"rho with matched and mismatched persons and recordings, instructions "
+        f"{', '.join(subset())} (SIMULATED)"
+    )
     return figure
 
 
-def _reading(mean: pd.DataFrame, shift: pd.DataFrame) -> str:
+def _reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
     """Describe the figure in sentences with its numbers."""
-    last = len(RUNGS) - 1
-    true = mean[TRUE]
-    change = mean.diff()
-    worst = {name: int(change[name].idxmin()) for name in mean.columns if name != TRUE}
-    told = [
-        f"* **The true activation scores {true[0]:.2f} in the matched and {true[last]:.2f} in the "
-        "mismatched world.** It drives the face of the study, whose anatomy, mesh, laws, muscle "
-        "courses and strengths differ from the person's. If this is the cause, the score must "
-        "decrease in the first two steps, and delay, recruitment, pick-up and noise must not "
-        "decrease it further, because the true activation is the one after the delay"
-        + (
-            "."
-            if plan.ends
-            else f": the decrease is {true[0] - true[2]:.2f} in the first two steps and "
-            f"{true[2] - true[last]:.2f} in the other three."
-        ),
-        "* **Delay and dynamics** are compensated by the alignment, which shifts the measured motion: "
-        f"the median shift of act_3 changes from {1e3 * shift['act_3'][_before_delay()]:.0f} to "
-        f"{1e3 * shift['act_3'][_with_delay()]:.0f} ms. A delay common to all muscles does "
-        "not affect rho.",
+    changes = effects(levels)
+    true = levels[TRUE]
+    sentences = [
+        f"* **The true activation scores {true.loc['matched'].mean():.2f} in the matched and "
+        f"{true.loc['mismatched'].mean():.2f} in the mismatched world.** It drives the face of the "
+        "study, whose anatomy, mesh, laws, muscle courses and strengths differ from the person's: "
+        f"a mismatched person changes its score by {changes[TRUE]['person, matched recording']}. "
+        "The EMG does not affect it: a mismatched recording changes it by "
+        f"{changes[TRUE]['recording, matched person']}.",
+        "* **Delay and activation dynamics** are compensated by the alignment, which shifts the "
+        "measured motion: the median shift of act_3 changes from "
+        f"{1e3 * shift['matched']:.0f} to {1e3 * shift['person mismatched']:.0f} ms. A delay common "
+        "to all muscles does not affect rho.",
     ]
-    for name, step in worst.items():
-        told.append(
-            f"* {name} changes from {mean[name][0]:.2f} to {mean[name][last]:.2f}"
-            + (
-                "."
-                if plan.ends
-                else "; the largest decrease is with "
-                f"{_title(step).partition(' = ')[0].removeprefix('+ ')} "
-                f"({change[name][step]:+.2f})."
-            )
+    for name, own in levels.items():
+        if name == TRUE:
+            continue
+        sentences.append(
+            f"* {name} changes from {own.loc['matched'].mean():.2f} to "
+            f"{own.loc['mismatched'].mean():.2f}, by "
+            f"{told(own.loc['mismatched'] - own.loc['matched'], '+.2f')}: by "
+            f"{changes[name]['recording, matched person']} with a mismatched recording alone and by "
+            f"{changes[name]['person, matched recording']} with a mismatched person alone."
         )
-    if "act_rel" in mean and "act_all" in mean:
-        lead = mean["act_rel"] - mean["act_all"]
-        told.append(
-            f"* act_rel exceeds act_all by {lead[0]:.2f} in the matched world, where the bursts are "
-            f"drawn from the table of muscles that act_rel uses, and by {lead[last]:.2f} in the "
-            "mismatched world, where each person departs from this table. Because the movements of both "
-            "worlds are derived from this table, the difference is not an estimate of the difference in "
-            "people."
+    if "act_rel" in levels and "act_all" in levels:
+        lead = levels["act_rel"] - levels["act_all"]
+        sentences.append(
+            f"* The difference act_rel - act_all is {told(lead.loc['matched'], '+.2f')} in the "
+            "matched world, where the bursts are drawn from the table of muscles that act_rel uses, "
+            f"and {told(lead.loc['mismatched'], '+.2f')} in the mismatched world, where each person "
+            "departs from this table. Because the movements of both worlds are derived from this "
+            "table, the difference is not an estimate of the difference in people."
         )
-    told.append(
+    sentences.append(
         "* The sizes of the mismatches were chosen, those of delay, activation dynamics, tissue filter "
-        "and signal-to-noise ratio after publications. The size of each step depends on these choices "
-        "and on the order in which the assumptions are violated."
+        "and signal-to-noise ratio after publications. The effects depend on these choices and on the "
+        "instructions."
     )
-    assert set(KINDS) == {kind for _, kinds in RUNGS for kind in kinds} and np.isfinite(true).all()
-    return "\n".join(told) + "\n"
+    assert set(KINDS) == {*PERSON, *RECORDING}
+    return "\n".join(sentences) + "\n"
