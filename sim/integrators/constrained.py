@@ -113,13 +113,16 @@ def _newton_step(
         saddle.factorise(shifted, G)
         step, y = saddle.solve(-scale * point.g, -c, np.zeros(len(point.g)), error)
         made, convex = made + saddle.factorisations, saddle.definite
-        if convex is None:  # without a count of negative pivots the curvature along the step tells
-            convex = dot(step, point.g) <= dot(y, c) / scale
+        if convex is None:
+            # Without a count of negative pivots the curvature along the step tells, up to its error.
+            unknown = error * float(np.abs(point.g).sum())
+            convex = dot(step, point.g) <= dot(y, c) / scale + unknown
         if convex or shifts == MAX_SHIFTS:
             return step, y / scale, made, shifts
         shifted = A.copy()
         shifted[diagonal] += tau * potential.shift
         tau *= 4.0
+        saddle.forget()  # only a factor of the shifted matrix tells its inertia
     raise AssertionError("unreachable: the loop returns")
 
 

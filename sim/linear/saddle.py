@@ -244,6 +244,11 @@ class Saddle:
         if isinstance(self._solver, ReusedFactor):
             self._solver.restore(kept)
 
+    def forget(self) -> None:
+        """Discard a reused factor, so that the next matrix is factorised."""
+        if isinstance(self._solver, ReusedFactor):
+            self._solver.forget()
+
     def factorise(self, A: Array, G: Array) -> None:
         """Set the values A of the pattern and G of the constraints; factorise where that is needed.
 
