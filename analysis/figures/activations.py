@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from analysis.errors import FigureError
 from analysis.figures.style import (
@@ -12,7 +13,7 @@ from analysis.figures.style import (
     HATCHES,
     SHADES,
     blank,
-    box,
+    boxes,
     grid,
     heading,
     legend,
@@ -129,14 +130,16 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
     figure = blank(max(3.9 * columns + 0.6, 5.5), 0.7 + 2.0 * rows)
     axes = [panel for row in grid(figure, rows, columns, sharex=True, sharey=True) for panel in row]
     for panel, (instruction, trials) in zip(axes, sorted(groups.items()), strict=False):
+        groups_of: dict[int, dict[float, NDArray[np.float64]]] = {}
         for index, (stem, (_, _, side)) in enumerate(zip(stems, parts, strict=True)):
             values = np.concatenate([trial[variable].transpose("muscle", "time").values[index]
                                      for trial in trials])  # fmt: skip
             paired = side in SIDES
             which = sides.index(side) if paired else 0
             shift = (which - (len(sides) - 1) / 2) * 0.4 if paired else 0.0
-            place = places.index(stem) + shift
-            box(panel, values, place, 0.34, which, whiskers=(5, 95))
+            groups_of.setdefault(which, {})[places.index(stem) + shift] = values
+        for which, found in groups_of.items():
+            boxes(panel, found, 0.34, which, whiskers=(5, 95))
         people = {str(trial.attrs.get("volunteer", "")) for trial in trials} - {""}
         count = f"{len(trials)} trials" + (f", {len(people)} volunteers" if people else "")
         panel.set_title(f"{instruction} ({count})")

@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from analysis.cube import MARKER_DIMS
 from analysis.descriptives import descriptives
 from analysis.errors import CubeError
-from analysis.figures.style import COLOURS, HATCHES, blank, box, heading, legend, styled, ticks
+from analysis.figures.style import COLOURS, HATCHES, blank, boxes, heading, legend, styled, ticks
 from analysis.tables import SHOWN, origin_of
 from analysis.trajectory import names
 from analysis.typed import selected
@@ -99,12 +100,14 @@ def _boxes(panel: "Axes", data: xr.DataArray, dim: str) -> None:
     labels, strategies = data[dim].values, data["strategy"].values
     width = 0.8 / len(strategies)
     for i, strategy in enumerate(strategies):
+        groups: dict[float, NDArray[np.float64]] = {}
         for place, label in enumerate(labels):
             values = selected(data, {"strategy": strategy, dim: label}).values.ravel()
             values = values[np.isfinite(values)]
-            if not len(values):
-                continue
-            box(panel, values, place + (i - (len(strategies) - 1) / 2) * width, 0.85 * width, i)
+            if len(values):
+                groups[place + (i - (len(strategies) - 1) / 2) * width] = values
+        if groups:
+            boxes(panel, groups, 0.85 * width, i)
     text = [str(label).replace("_", "\n") if dim == "marker" else str(label) for label in labels]
     ticks(panel, "x", range(len(labels)), text)
     panel.set_xlim(-0.6, len(labels) - 0.4)

@@ -5,7 +5,7 @@ styles and markers repeat the distinction for print in grey. matplotlib is impor
 figure is drawn.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import wraps
 from pathlib import Path
@@ -110,23 +110,22 @@ def ticks(panel: "Axes", which: str, places: Sequence[float], texts: Sequence[st
     getattr(cast(Any, panel), f"set_{which}ticks")(list(places), list(texts), fontsize=size)
 
 
-def box(
+def boxes(
     panel: "Axes",
-    values: NDArray[np.float64],
-    place: float,
+    groups: Mapping[float, NDArray[np.float64]],
     width: float,
     which: int,
     *,
     whiskers: float | tuple[float, float] = 1.5,
 ) -> None:
-    """Draw one box in the colour and hatch number `which`.
+    """Draw a box for the values at each place, in the colour and hatch number `which`.
 
     Quartiles, median as a line, mean as a dot. Whiskers either reach the last value within a
     multiple of the interquartile range, values beyond drawn as crosses, or two percentiles.
     """
     panel.boxplot(
-        [values],
-        positions=[place],
+        list(groups.values()),
+        positions=list(groups),
         widths=width,
         whis=whiskers,
         showfliers=isinstance(whiskers, float),

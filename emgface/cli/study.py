@@ -105,6 +105,19 @@ def report(
     faces: Annotated[bool, typer.Option(help="Include the moving face.")] = True,
 ) -> None:
     """Print the tables of a finished study; with --out, write its report as one page."""
+    from emgface.study.parallel import kept_processes
+
+    # Other processes import what draws the figures meanwhile, unless the page exists already.
+    cubes = (folder / "cube.nc", *folder.glob("*/cube.nc"))
+    draw = out_path is not None and any(
+        cube.is_file() and not (cube.parent / "store" / "page.html").exists() for cube in cubes
+    )
+    with kept_processes(cores() if draw else 1, ("emgface.report.drawing",)):
+        _report(folder, out_path, faces=faces)
+
+
+def _report(folder: Path, out_path: Path | None, *, faces: bool) -> None:
+    """Print the tables of a study and write its page."""
     from emgface.report.results import study_cube, study_folder
     from emgface.study.report import write_report
 
@@ -117,10 +130,10 @@ def report(
     say(f"Tables as CSV, Markdown and LaTeX: {written.folder}.")
     if out_path is None:
         return
-    _page(folder, out_path, faces=faces)
+    _page(folder, out_path, written, faces=faces)
 
 
-def _page(folder: Path, out_path: Path, *, faces: bool = True) -> None:
+def _page(folder: Path, out_path: Path, known: "Report", *, faces: bool = True) -> None:
     """Write the page of a study and print its path."""
     from emgface.report.write import write_page
 
@@ -131,7 +144,7 @@ def _page(folder: Path, out_path: Path, *, faces: bool = True) -> None:
             bar.working(f"moving face {label}")
             bar.show(done, total)
 
-        page = write_page(folder, out_path, faces=faces, say=show)
+        page = write_page(folder, out_path, faces=faces, workers=cores(), known=known, say=show)
     for note in page.notes:
         say(note)
     say(f"Report: {page.path} ({page.size / 1e6:.1f} MB), can be opened without a network.")
@@ -177,7 +190,7 @@ def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
     for name, meaning in STRATEGIES.items():
         tell(f"{name}: {meaning}.")
     page = out_path / "report.html"
-    _page(out_path / "study", page)
+    _page(out_path / "study", page, tables)
     say(
         "The page shows the face of the study as the sEMG of each volunteer moves it, and beside it "
         "the recorded lip markers, for every instruction and strategy. The score rho is the "

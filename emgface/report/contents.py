@@ -107,8 +107,13 @@ def accuracy(cube: xr.Dataset) -> list[str]:
     ]
 
 
-def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:
-    """Apply all tests that the study allows; `seed` is that of bootstrap and sign patterns."""
+def inference(
+    cube: xr.Dataset, *, seed: int = 0, known: dict[str, xr.Dataset] | None = None
+) -> Inference:
+    """Apply all tests that the study allows; `seed` is that of bootstrap and sign patterns.
+
+    `known` is their result, if it has been computed.
+    """
     if is_empty(cube) or not np.isfinite(cube["rho"].values).any():
         return Inference(["There are no scores; no test is performed."])
     if cube.sizes["strategy"] < 2:
@@ -120,7 +125,7 @@ def inference(cube: xr.Dataset, *, seed: int = 0) -> Inference:
             ["There is one volunteer; the tests require several, and none is performed."]
         )
     try:
-        found = study_statistics(cube, seed=seed)
+        found = known or study_statistics(cube, seed=seed)
     except AnalysisError as error:
         return Inference([f"The tests could not be performed: {error}."])
     methods = tuple(

@@ -20,12 +20,14 @@ from emgface.pictures.page import as_json, environment, policy, style, viewer_sc
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import recording_label
 from emgface.report import contents, figures, provenance
+from emgface.report.drawing import begin_figures
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
 from emgface.report.results import Results, open_results, study_folder
 from emgface.report.simulated import simulated_limits
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.digest import code_version, dataset_digest, file_digest, text_digest
+from emgface.study.report import Report
 from emgface.study.store import write_text
 from sim.threads import one_blas_thread
 
@@ -45,6 +47,8 @@ def write_page(
     out: Path,
     *,
     faces: bool = True,
+    workers: int = 1,
+    known: Report | None = None,
     say: Callable[[str, int, int], None] | None = None,
 ) -> Page:
     """Write the report of a finished study as one page, and return its path, size and notes.
@@ -52,10 +56,11 @@ def write_page(
     `folder` is that of ``emgface study run --out``, or contains it. A page of the same cube,
     recordings and code is not written again: an existing file `out` (``*.html``) is unchanged, and
     a page in the store of the study is copied. `faces` includes moving and rendered faces, which
-    require one simulation per instruction and strategy (stored); `say` receives description,
-    completed number and total. A content security policy, which lists the digests of the scripts,
-    forbids every request. Raises DataError if the folder has no cube or it cannot be read, and
-    StoreError if the page cannot be written.
+    require one simulation per instruction and strategy (stored); `workers` is the number of
+    processes that draw figures; `known` are the tables of the study, if they have been computed, which
+    saves a second; `say` receives description, completed number and total. A content
+    security policy, which lists the digests of the scripts, forbids every request. Raises DataError
+    if the folder has no cube or it cannot be read, and StoreError if the page cannot be written.
     """
     folder = study_folder(folder)
     mark = f"<!-- {_digest(folder, faces)} -->\n"
@@ -66,7 +71,7 @@ def write_page(
         write_text(kept.read_text(encoding="utf-8"), out)
         return Page(out, out.stat().st_size, [])
     results = open_results(folder)
-    text = render(results, faces=faces, say=say)
+    text = render(results, faces=faces, workers=workers, known=known, say=say)
     if not results.notes:
         text = text.rstrip() + "\n" + mark
         with suppress(StoreError):  # a study that may only be read
@@ -102,18 +107,21 @@ def render(
     results: Results,
     *,
     faces: bool = True,
+    workers: int = 1,
+    known: Report | None = None,
     say: Callable[[str, int, int], None] | None = None,
 ) -> str:
     """Render the page of opened results, as `write_page`."""
     cube = results.base
     empty = contents.is_empty(cube)
     scored = not empty and bool(np.isfinite(cube["rho"].values).any())
+    drawn = begin_figures(results, workers) if scored else None
     moving = moving_faces(results, say) if faces and scored else None
     tables = {} if empty else report_tables(cube)
     listed = tables.pop("trials", None)
     change = contents.varied(results.cube, results.notes)
-    tested = contents.inference(cube)
-    meaning, compared = comparison(cube) if scored else ([], {})
+    tested = contents.inference(cube, known=known.statistics if known else None)
+    meaning, compared = (known.compared if known else comparison(cube)) if scored else ([], {})
     values = {
         "title": str(cube.attrs.get("name", "study")),
         "origin": str(cube.attrs["origin"]),
@@ -125,12 +133,12 @@ def render(
         "scored": scored,
         "tables": {name: cells(table) for name, table in tables.items()} if scored else {},
         "trials": cells(listed) if listed is not None else None,
-        "score_figures": figures.score_figures(results) if scored else [],
+        "score_figures": [],
         "meaning": meaning,
         "baseline_tables": {name: cells(table) for name, table in compared.items()},
-        "baseline_figures": figures.baseline_figure(results) if scored else [],
+        "baseline_figure": [],
         "face_figures": figures.face_figure(results, *moving[:2]) if moving else [],
-        "trial_figures": figures.trial_figures(results) if scored else [],
+        "trial_figures": [],
         "least_volunteers": LEAST_VOLUNTEERS,
         "choices": figures.choices_figure(results, change) if change is not None else [],
         "choices_table": cells(choices_table(change)) if change is not None else None,
@@ -147,7 +155,7 @@ def render(
         "mixture": cells(table) if (table := provenance.mixture(results.cube)) else None,
         "writer": provenance.writer(),
         "recordings": provenance.recording_rows(results),
-        "notes": results.notes,
+        "notes": results.notes,  # those about figures are added below
         "views": VIEWS,
         "labels": {
             "simulated": "simulated by the face model",
@@ -156,6 +164,7 @@ def render(
         "tag": "simulated motion",
         "viewer": as_json(moving[2]) if moving else None,
     }
+    values |= drawn.result() if drawn else {}
     script = viewer_script() if moving else ""
     return (
         environment("emgface.report")

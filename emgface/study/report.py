@@ -35,6 +35,10 @@ class Report:
         One sentence per reason for a missing score, or one that depends on rounding.
     folder : Path
         Folder of the CSV, Markdown and LaTeX files.
+    compared : tuple of list and dict
+        Result of `analysis.baseline_tables.comparison`.
+    statistics : dict of str to Dataset, or None
+        Result of `analysis.statistics.summary.study_statistics`, if the study allows tests.
     """
 
     tables: dict[str, Table]
@@ -42,6 +46,8 @@ class Report:
     meaning: list[str]
     failures: list[str]
     folder: Path
+    compared: tuple[list[str], dict[str, Table]]
+    statistics: dict[str, xr.Dataset] | None
 
 
 def write_report(cube: xr.Dataset, out: Path) -> Report:
@@ -51,11 +57,13 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
     effect of each choice. Raises StoreError if the folder cannot be written.
     """
     base, folder = reference_cube(cube), out / "tables"
-    meaning, compared = comparison(base)
-    tables = report_tables(base) | alignment_tables(base) | compared
+    compared, statistics = comparison(base), None
+    meaning = compared[0]
+    tables = report_tables(base) | alignment_tables(base) | compared[1]
     if base.sizes["volunteer"] > 1 and base.sizes["strategy"] > 1:
         with suppress(AnalysisError):  # too few scores for any test
-            tables["tests"] = statistics_table(study_statistics(base))
+            statistics = study_statistics(base)
+            tables["tests"] = statistics_table(statistics)
     if further_axes(cube):
         with suppress(AnalysisError):
             tables["choices"] = choices_table(sensitivity(cube))
@@ -66,7 +74,9 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
     montage = str(base.attrs.get("montage", COMPLETE.sentence))
     if montage != COMPLETE.sentence:
         meaning = [f"The montage is incomplete: {montage}.", *meaning]
-    return Report(tables, tables["strategy"].text(), meaning, _failures(base), folder)
+    return Report(
+        tables, tables["strategy"].text(), meaning, _failures(base), folder, compared, statistics
+    )
 
 
 def _failures(cube: xr.Dataset) -> list[str]:

@@ -15,6 +15,7 @@ from emgface.face.parts import Bundle, Fibre
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MUSCLES
 from emgface.report import figures
+from emgface.report.drawing import PARTS
 from emgface.report.write import write_page
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
@@ -135,16 +136,21 @@ def laboratory(slab: xr.Dataset, tmp_path_factory) -> Path:
     return folder
 
 
+def leave_out_figures(patch: pytest.MonkeyPatch) -> None:
+    """Write reports without their figures, which take most of the time."""
+    for name in PARTS:
+        patch.setattr(figures, name, lambda results: [])
+    patch.setattr("emgface.cli.study.cores", lambda: 1)  # no processes, which would draw them
+
+
 @pytest.fixture
 def without_figures(monkeypatch) -> None:
-    """Write reports without their figures, which take most of the time."""
-    for name in ("score_figures", "baseline_figure", "trial_figures"):
-        monkeypatch.setattr(figures, name, lambda results: [])
+    leave_out_figures(monkeypatch)
 
 
 @pytest.fixture(scope="session")
-def page(laboratory: Path, tmp_path_factory) -> Path:
-    """Report of a study of one trial under two strategies, with moving faces."""
+def shown(laboratory: Path, tmp_path_factory) -> Path:
+    """Folder of a study of one trial under two strategies."""
     folder = tmp_path_factory.mktemp("report")
     study = configure(
         StudyConfiguration,
@@ -160,6 +166,12 @@ def page(laboratory: Path, tmp_path_factory) -> Path:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FeatureWarning)
         run_study(study, folder / "study")
-    written = write_page(folder / "study", folder / "report.html")
+    return folder / "study"
+
+
+@pytest.fixture(scope="session")
+def page(shown: Path) -> Path:
+    """Report of the study `shown` with moving faces, with figures drawn by two processes."""
+    written = write_page(shown, shown.parent / "report.html", workers=2)
     assert written.notes == []
     return written.path

@@ -405,7 +405,7 @@ def test_a_page_is_rendered_again_only_after_a_change(
 ) -> None:
     drawn: list[bool] = []
 
-    def counted(results: Results, *, faces: bool, say: object) -> str:
+    def counted(results: Results, *, faces: bool, **rest: object) -> str:
         drawn.append(faces)
         return '<div id="motions">' if faces else "<div>"
 

@@ -20,6 +20,8 @@ from scipy.ndimage import binary_erosion
 from emgface.pictures.body import body_of, skin_of
 from emgface.pictures.encoding import QUANTUM
 from emgface.pictures.render import VIEWS, Window, project, render
+from emgface.report.write import write_page
+from tests.study_run.conftest import leave_out_figures
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -46,10 +48,20 @@ FLAGS = (
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--window-size=1280,1000",
+    "--window-size=1000,800",
 )
 PATIENCE = 60.0
 """Seconds until the page must be ready, on a slow machine as well."""
+
+
+@pytest.fixture(scope="module")
+def page(shown: Path, tmp_path_factory) -> Path:
+    """Report without figures, which no test of this file looks at."""
+    folder = tmp_path_factory.mktemp("page")
+    shutil.copytree(shown, folder / "study")
+    with pytest.MonkeyPatch.context() as patch:
+        leave_out_figures(patch)
+        return write_page(folder / "study", folder / "report.html").path
 
 
 @pytest.fixture(scope="module")
