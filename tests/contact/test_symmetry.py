@@ -79,26 +79,6 @@ def test_mirrored_blocks_move_as_mirror_images(method, integrator, shape):
     assert np.abs(q[:, mirror] * MIRROR - q).max() < 1e-10
 
 
-@pytest.mark.parametrize("integrator", [sim.ConvergedEuler, sim.Sdirk2])
-@pytest.mark.parametrize("shape", ["keel in groove", "keel on plate"])
-def test_changes_of_the_step_keep_mirrored_blocks_symmetric(shape, integrator):
-    """Steps whose length varies 64 times while the blocks press, as under error control."""
-    mesh, surfaces = blocks(SHAPES[shape], 1e-5)
-    z = mesh.X[:, 2]
-    held = sim.Fixed(np.flatnonzero((z < 1e-9) | (z > z.max() - 1e-9)))
-    contact = sim.ConstraintContact((sim.Pairing(*surfaces),))
-    system = system_of(mesh, contact, reductions=(held,))
-    v = np.where(z[:, None] > 0.5 * z.max(), [0.0, 0.0, -0.5], [0.0, 0.0, 0.5])
-    v[(z < 1e-9) | (z > z.max() - 1e-9)] = 0.0
-    mirror = KDTree(mesh.X).query(mesh.X * MIRROR)[1]
-    state, work = sim.State(0.0, mesh.X, v), sim.Workspace(system)
-    for k in range(24):
-        h = 2e-3 / (64.0, 16.0, 4.0, 1.0, 4.0, 16.0)[k % 6]
-        state, _ = integrator().step(system, state, system.control(np.zeros(0)), h, work)
-        assert np.abs(state.q[mirror] * MIRROR - state.q).max() < 1e-10
-    assert np.abs(state.q - mesh.X).max() > 3e-5
-
-
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 def test_results_do_not_depend_on_the_numbering(method, integrator):
     """Nodes, elements and triangles in another order, and the surfaces of the pairing exchanged."""
