@@ -1,14 +1,19 @@
 """``emgface jaw``: import a jaw model, and move it by tasks or excitations."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
 
-app = typer.Typer(no_args_is_help=True, help="Import and move models of jaw, hyoid and larynx.")
+if TYPE_CHECKING:
+    import xarray as xr
+
+app = typer.Typer(
+    no_args_is_help=True, help="Import, build, move and show models of jaw, hyoid and larynx."
+)
 
 JawPath = Annotated[Path, typer.Argument(help="Jaw model (netCDF).")]
 SeriesOption = Annotated[
@@ -41,10 +46,67 @@ def import_(
         values=values,  # pyright: ignore[reportArgumentType]
     )
     write_netcdf(jaw, out_path, "jaw_model")
+    _say_written(jaw, out_path)
+
+
+def _say_written(jaw: "xr.Dataset", out_path: Path) -> None:
     say(
         f"Wrote {out_path}: {jaw.attrs['name']}: {int(jaw['body_moves'].sum())} moving bodies, "
         f"{jaw.sizes['muscle']} muscles, {jaw.sizes['spring']} springs, {jaw.sizes['joint']} joints."
     )
+
+
+@app.command()
+def build(
+    out_path: Annotated[Path, typer.Option("--out", help="Jaw model to write (netCDF).")],
+    preset: Annotated[
+        str,
+        typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy."),
+    ] = "adult",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="Measure of face or jaw, such as condyle_width=98mm; repeatable."
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of a random person, as for the face.")
+    ] = None,
+) -> None:
+    """Generate jaw, hyoid and larynx from published measures, of the same person as the face."""
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.anatomy.jaw.template.measures import parse_settings
+    from emgface.schema.netcdf import write_netcdf
+
+    jaw = template_jaw(measures=parse_settings(settings or []), preset=preset, seed=seed)
+    write_netcdf(jaw, out_path, "jaw_model")
+    _say_written(jaw, out_path)
+
+
+@app.command()
+def show(
+    path: Annotated[Path, typer.Argument(help="Motion of a jaw (netCDF).")],
+    out_path: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", help="Page (html) or figure (png, svg, pdf); default: a page beside it."
+        ),
+    ] = None,
+) -> None:
+    """Write the page of a motion: bones, muscles by activation, paths and forces."""
+    from analysis.figures.style import save
+    from emgface.anatomy.jaw.picture import jaw_figure, jaw_page
+    from emgface.files import write_text
+    from emgface.pictures.show import PAGES
+    from emgface.schema.netcdf import read_netcdf
+
+    motion = read_netcdf(path, "jaw_motion")
+    out_path = out_path or path.with_suffix(".html")
+    if out_path.suffix.lower() in PAGES:
+        write_text(out_path, jaw_page(motion))
+    else:
+        save(jaw_figure(motion), out_path)
+    say(f"Wrote {out_path}.")
 
 
 @app.command()
@@ -54,7 +116,7 @@ def run(
     task: Annotated[
         str | None,
         typer.Option(
-            help="rest, close, open, open_head, protrude, lateral, clench, chew, swallow or pull."
+            help="rest, close, open, open_head, gape, protrude, lateral, clench, chew, swallow or pull."
         ),
     ] = None,
     excitation: Annotated[
@@ -63,7 +125,9 @@ def run(
     ] = None,
     series: SeriesOption = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time [s].")] = None,
-    law: Annotated[str, typer.Option(help="Muscle law: peck or constant.")] = "peck",
+    law: Annotated[
+        str, typer.Option(help="Muscle law: peck, hill, pennate, spring or constant.")
+    ] = "peck",
     step: StepOption = 1e-3,
 ) -> None:
     """Move a jaw by a task or by excitations."""

@@ -9,6 +9,7 @@ import xarray as xr
 
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.run import STEP, run_task
+from emgface.anatomy.jaw.skull import in_skull
 from emgface.anatomy.jaw.tasks import TASKS, with_series
 
 PUBLISHED = {
@@ -16,6 +17,7 @@ PUBLISHED = {
     "close": "intercuspation",
     "open": "gape 38 mm (text), 35 mm (figure)",
     "open_head": "gape 50 mm (text), 51 mm (figure)",
+    "gape": "larynx lowered by about 1 mm",
     "protrude": "self-limited, in the midline",
     "lateral": "-",
     "clench": "-",
@@ -31,36 +33,38 @@ def displacement(motion: xr.Dataset, marker: str) -> Floats:
 
     A prescribed rotation of the head is removed.
     """
-    x = motion["position"].sel(marker=marker).values.T
+    x = motion["position"].sel(marker=marker).transpose("time", "axis").values
     if "skull" in motion["body"].values:
-        c = motion["body_position"].sel(body="skull").values.T
-        q = motion["body_quaternion"].sel(body="skull").values.T
-        w, r = q[:, :1], -q[:, 1:]  # the inverse rotation
-        y = x - c
-        t = 2.0 * np.cross(r, y)
-        x = y + w * t + np.cross(r, t)
+        x = in_skull(motion, x)
     return np.asarray(1e3 * (x - x[0]), dtype=np.float64)
 
 
-def separation(motion: xr.Dataset) -> Floats:
+def separation(motion: xr.Dataset, *, beyond_start: bool = True) -> Floats:
     """Distance (time,) of the incisors beyond that at the start, where the teeth are in contact [mm]."""
     apart = motion["position"].sel(marker="upper_incisor") - motion["position"].sel(
         marker="lower_incisor"
     )
     gape = np.linalg.norm(apart.transpose("time", "axis").values, axis=1)
-    return np.asarray(1e3 * (gape - gape[0]), dtype=np.float64)
+    return np.asarray(1e3 * (gape - beyond_start * gape[0]), dtype=np.float64)
+
+
+def interincisal(motion: xr.Dataset) -> Floats:
+    """Distance (time,) of the edges of the incisors [mm], as mouth opening is measured."""
+    return separation(motion, beyond_start=False)
 
 
 def outcome(motion: xr.Dataset) -> dict[str, float]:
     """Gape and place of the lower incisor at the widest opening and at the end [mm].
 
     ``right``, ``forward`` and ``down`` are those of the lower incisor at the largest gape, ``end_*`` at
-    the end; ``widest_s`` is the time of the largest gape, ``lateral`` the largest sideways displacement.
+    the end; ``gape`` is the separation, ``interincisal`` the distance of the incisal edges there,
+    ``widest_s`` the time of the largest gape, ``lateral`` the largest sideways displacement.
     """
     d, gape = displacement(motion, "lower_incisor"), separation(motion)
     k = int(np.argmax(gape))
     return {
         "gape": gape[k],
+        "interincisal": interincisal(motion)[k],
         "widest_s": float(motion["time"][k]),
         "right": d[k, 0],
         "forward": d[k, 1],

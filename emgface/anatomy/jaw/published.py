@@ -6,7 +6,6 @@ in mm, landmarks in cm; the right side is the left mirrored.
 """
 
 import os
-import shlex
 from pathlib import Path
 from typing import Literal
 
@@ -15,8 +14,10 @@ import xarray as xr
 
 import sim
 from emgface.anatomy.jaw import published_parameters as given
-from emgface.anatomy.jaw.exciters import Groups, exciters_of
+from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import Floats, JawBody, JawJoint, JawLine, build_jaw
+from emgface.anatomy.jaw.published_files import MM, PublishedFiles
+from emgface.anatomy.jaw.thinning import thinned
 from emgface.errors import JawError
 
 Variant = Literal["fixed", "larynx"]
@@ -27,9 +28,7 @@ SOURCE = (
     "Stavness, Hannam, Lloyd and Fels 2006, An integrated, dynamic jaw and laryngeal model constructed "
     "from CT data"
 )
-_MM = np.array([-1e-3, -1e-3, 1e-3])
-"""From millimetres in the frame of the files to metres in that of the package."""
-_TURN = np.outer(np.sign(_MM), np.sign(_MM))
+_TURN = np.outer(np.sign(MM), np.sign(MM))
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 _SIDES = (("_L", np.ones(3)), ("_R", _MIRROR))
 
@@ -74,7 +73,7 @@ def import_jaw(
     ):
         if chosen not in allowed:
             raise JawError(f"{option} = {chosen!r}, expected one of {allowed}")
-    files = _Files(Path(folder))
+    files = PublishedFiles(Path(folder))
     free = variant == "larynx"
     condyle = condyle or ("curved" if free else "planar")
     points = _points(files)
@@ -86,6 +85,7 @@ def import_jaw(
         joints=_joints(points, free, condyle),
         points=points if free else {k: v for k, v in points.items() if v[0] != "thyroid"},
         exciters=exciters_of([m.name for m in muscles], files.groups()),
+        surfaces=_surfaces(files, free),
         name=f"published jaw, hyoid {'free' if free else 'fixed'}, condyles {condyle}",
         origin="published geometry, imported",
         source=SOURCE,
@@ -93,57 +93,21 @@ def import_jaw(
     )
 
 
-class _Files:
-    """Files of the published model."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        if not (folder / "muscleInfo.txt").is_file():
-            raise JawError(
-                f"{folder} holds no muscleInfo.txt: expected the data folder of the published jaw model"
-            )
-
-    def lines(self, name: str) -> list[list[str]]:
-        """Words of the lines that are not disabled."""
-        try:
-            text = (self.folder / name).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise JawError(f"{self.folder / name} cannot be read: {error}") from error
-        rows = (line.strip() for line in text.splitlines())
-        return [shlex.split(row) for row in rows if row and not row.startswith("#")]
-
-    def landmarks(self, name: str) -> Floats:
-        """Landmarks (n, 3) in the frame of the package [m]."""
-        path = self.folder / "landmarks" / f"{name}.landmarkAscii"
-        try:
-            text = path.read_text(encoding="utf-8").rsplit("@1", 1)[1]
-            cm = np.array(
-                [[float(x) for x in row.split()] for row in text.split("\n") if row.strip()]
-            )
-            return cm.reshape(-1, 3) * 10.0 * _MM
-        except (OSError, IndexError, ValueError) as error:
-            raise JawError(
-                f"{path} holds no landmarks ({error}), expected x y z after @1"
-            ) from error
-
-    def surface(self, name: str) -> tuple[Floats, np.ndarray]:
-        """Vertices [m] and triangles of an OBJ file."""
-        rows = self.lines(name)
-        X = np.array([[float(x) for x in row[1:4]] for row in rows if row[0] == "v"]) * _MM
-        faces = [[int(x.split("/")[0]) - 1 for x in row[1:]] for row in rows if row[0] == "f"]
-        triangles = [(f[0], f[i], f[i + 1]) for f in faces for i in range(1, len(f) - 1)]
-        return X, np.array(triangles, dtype=np.int64)
-
-    def groups(self) -> Groups:
-        """Muscles or groups by the name of a group."""
-        return {row[0]: tuple(row[2:]) for row in self.lines("muscleGroupsInfo.txt")}
+def _surfaces(files: PublishedFiles, free: bool) -> list[tuple[str, Floats, np.ndarray]]:
+    """Surfaces of the bodies, thinned; those that are absent are left out."""
+    names = {"skull": "maxilla.obj"} | {n: stated.surface for n, stated in given.BODIES.items()}
+    return [
+        (body, *thinned(*files.surface(name)))
+        for body, name in names.items()
+        if (files.folder / name).is_file() and (free or body not in ("thyroid", "cricoid"))
+    ]
 
 
 def _mm(point: tuple[float, float, float] | Floats) -> Floats:
-    return np.asarray(point, dtype=np.float64) * _MM
+    return np.asarray(point, dtype=np.float64) * MM
 
 
-def _bodies(files: _Files, free: bool, values: Values) -> list[JawBody]:
+def _bodies(files: PublishedFiles, free: bool, values: Values) -> list[JawBody]:
     found = [JawBody("skull", moves=False), JawBody("sternum", moves=False)]
     for name, stated in given.BODIES.items():
         if not free and name in ("thyroid", "cricoid"):
@@ -176,7 +140,7 @@ def _bodies(files: _Files, free: bool, values: Values) -> list[JawBody]:
     return found
 
 
-def _points(files: _Files) -> dict[str, tuple[str, Floats]]:
+def _points(files: PublishedFiles) -> dict[str, tuple[str, Floats]]:
     jaw = files.landmarks("jawFixedMarkers")
     middle = np.array([0.0, 1.0, 1.0])
     condyle = jaw[np.argmax(jaw[:, 2])] - [0.0, 0.0, 1e-3 * given.CONDYLE_DROP]
@@ -195,7 +159,7 @@ def _points(files: _Files) -> dict[str, tuple[str, Floats]]:
     }
 
 
-def _muscles(files: _Files, free: bool) -> list[JawLine]:
+def _muscles(files: PublishedFiles, free: bool) -> list[JawLine]:
     listed = [row[0] for row in files.lines("muscleListAll.txt" if free else "muscleList.txt")]
     info = {row[0]: row for row in files.lines("muscleInfo.txt")}
     fixed = {"cranium": "skull", "maxilla": "skull"}
@@ -218,7 +182,7 @@ def _muscles(files: _Files, free: bool) -> list[JawLine]:
     return found
 
 
-def _springs(files: _Files) -> list[JawLine]:
+def _springs(files: PublishedFiles) -> list[JawLine]:
     found = list[JawLine]()
     for name, (a, b, raised) in given.MEMBRANES.items():
         ends = files.landmarks(f"l{name}").reshape(-1, 2, 3)

@@ -16,6 +16,7 @@ from sim.integrators import Integrator
 from sim.probes import Probe, Variable
 from sim.scene import Term
 from sim.state import Control, State, StepReport
+from sim.terms.crushable import GONE
 
 STEP, OUTPUT = 1e-3, 5e-3
 """Time step and time between outputs [s]."""
@@ -106,6 +107,10 @@ def simulate_jaw(
     motion["activation"] = (("muscle", "time"), found.T[active], {"units": "1"})
     motion["muscle_force"] = (("muscle", "time"), _forces(parts, motion), {"units": "N"})
     motion = motion.drop_vars("muscle_rate")
+    if morsel is not None:
+        motion["morsel_force"] = ("time", _morsel_force(jaw, motion, morsel), {"units": "N"})
+        motion.attrs["morsel"] = morsel
+    motion = motion.assign(_drawn(jaw, parts))
     motion.attrs |= {
         "origin": "simulated",
         "jaw": jaw.attrs["name"],
@@ -131,8 +136,10 @@ def run_task(jaw: xr.Dataset, task: Task, **options: object) -> xr.Dataset:
 def _probes(parts: JawScene) -> tuple[Probe, ...]:
     numbers = np.array(list(parts.points.values()))
     ends = np.array([line.ends for line in parts.muscles.values()])
+    joints = tuple(joint.name for joint in parts.scene.joints)
     return (
         sim.Frames(parts.bodies),
+        *((sim.Reactions(joints),) if joints else ()),
         sim.Markers(numbers, tuple(parts.points)),
         Lines(ends, tuple(parts.muscles)),
     )
@@ -147,6 +154,35 @@ def _forces(parts: JawScene, motion: xr.Dataset) -> Floats:
         _, tension, _ = line.law.evaluate(length, np.full_like(length, line.rest), a)
         found.append(tension + line.damping * row["muscle_rate"].values)
     return np.array(found)
+
+
+def _morsel_force(jaw: xr.Dataset, motion: xr.Dataset, side: str) -> Floats:
+    """Force of a morsel at the outputs, from the distance of its point from the plane [N]."""
+    bite = jaw.sel(joint=f"bite_{side}")
+    x = motion["position"].sel(marker=f"bite_{side}").transpose("time", "axis").values
+    d = (x - bite["joint_origin"].values) @ bite["joint_normal"].values
+    term = sim.Crushable(0, bite["joint_origin"].values, bite["joint_normal"].values)
+    force, whole = np.zeros(len(d)), False
+    for k, gap in enumerate(d.tolist()):
+        whole = gap > term.diameter or (whole and gap >= GONE)
+        force[k] = max(term.force_max * (1.0 - gap / term.diameter), 0.0) if whole else 0.0
+    return force
+
+
+def _drawn(jaw: xr.Dataset, parts: JawScene) -> dict[str, object]:
+    """Surfaces and muscles of a model, with the bodies of a motion; -1 for bodies that stay."""
+    number = {name: k for k, name in enumerate(parts.bodies)}
+    moving = np.array([number.get(str(name), -1) for name in jaw["body"].values], dtype=np.int32)
+    one = {"units": "1"}
+    found: dict[str, object] = {
+        "muscle_force_max": jaw["muscle_force_max"],
+        "muscle_position": jaw["muscle_position"],
+        "muscle_body": (("muscle", "end"), moving[jaw["muscle_body"].values], one),
+    }
+    if "surface_position" in jaw:
+        found |= {name: jaw[name] for name in ("surface_position", "surface_triangle")}
+        found["surface_body"] = ("vertex", moving[jaw["surface_body"].values], one)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

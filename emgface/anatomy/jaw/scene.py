@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 import sim
+from emgface.anatomy.jaw.laws import LAWS, MuscleLaw
 from emgface.anatomy.jaw.model import AXES, KINDS, Floats
 from emgface.errors import JawError
 from sim.bodies import Motion
@@ -14,30 +15,8 @@ from sim.joints import Joint, PointOnCurve, PointOnPlane, Revolute
 from sim.laws import LineLaw
 from sim.scene import Term
 
-MuscleLaw = Callable[[Mapping[str, float]], LineLaw]
-"""Law of a muscle from its parameters, named as of `emgface.anatomy.jaw.model.MUSCLE_VALUES`."""
-
-
-def peck(values: Mapping[str, float]) -> LineLaw:
-    """The published law, optimal at rest."""
-    return sim.Peck(
-        values["force_max"],
-        stretch_max=values["stretch_max"],
-        tendon_ratio=values["tendon_ratio"],
-        passive_fraction=values["passive_fraction"],
-    )
-
-
-def constant(values: Mapping[str, float]) -> LineLaw:
-    """Tension that depends on activation alone."""
-    return sim.ConstantForce(values["force_max"])
-
-
 FAR = 1e9
 """Distance of the fixed ends of dampers against space [m]."""
-
-LAWS: dict[str, MuscleLaw] = {"peck": peck, "constant": constant}
-"""Muscle laws by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,17 +217,37 @@ def _springs(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
     """Springs of equal values, as muscles that are never active: k (L - L_0) + k (L_0 - free length)."""
     length = np.linalg.norm(np.diff(jaw["spring_position"].values, axis=1)[:, 0], axis=1)
     k, d = jaw["spring_stiffness"].values, jaw["spring_damping"].values
-    slack = length - jaw["spring_rest_length"].values
+    free = jaw["spring_rest_length"].values
+    found = list[Term]()
+    ligaments = np.zeros(len(k), dtype=bool)
+    if "spring_one_sided" in jaw:
+        ligaments = jaw["spring_one_sided"].values > 0.0
+        found += _ligaments(jaw, parts, np.flatnonzero(ligaments).tolist(), length)
+    slack = np.where(ligaments, 0.0, length - free)
     preload = np.where(np.abs(slack) < 1e-12, 0.0, k * slack).round(15)
     if (preload < 0.0).any():
         raise JawError("a spring is shorter at rest than without force, expected tension or none")
     rows, own = np.unique(np.column_stack([k, d, preload]), axis=0, return_inverse=True)
-    found = list[Term]()
     for i, (stiffness, damping, tension) in enumerate(rows.tolist()):
-        chosen = np.flatnonzero(own.ravel() == i).tolist()
+        chosen = np.flatnonzero((own.ravel() == i) & ~ligaments).tolist()
+        if not chosen:
+            continue
         lines = [sim.LineFibre(0, f.points) for f in _fibres(jaw, "spring", parts, chosen)]
         law = sim.ConstantForce(1.0, tension)
         found.append(sim.LineMuscles((f"springs {i}",), lines, law, stiffness, damping))
+    return found
+
+
+def _ligaments(jaw: xr.Dataset, parts: _Parts, chosen: list[int], length: Floats) -> list[Term]:
+    """Springs without force below their free length."""
+    found = list[Term]()
+    for i in chosen:
+        row = jaw.isel(spring=i)
+        free = float(row["spring_rest_length"])
+        law = sim.LinearSpring(float(row["spring_stiffness"]) * free, 1.0, free / float(length[i]))
+        (fibre,) = _fibres(jaw, "spring", parts, [i])
+        name, damping = str(row["spring"].values), float(row["spring_damping"])
+        found.append(sim.LineMuscles((name,), [sim.LineFibre(0, fibre.points)], law, 0.0, damping))
     return found
 
 

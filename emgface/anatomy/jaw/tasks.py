@@ -60,13 +60,18 @@ TASKS = {
     "close": Task("closing, closers at 0.4 %", 1.0, {"bi_close": [(0.0, 4e-3)]}),
     "open": Task("wide opening, head still", 1.0, _rising(**_OPENERS)),
     "open_head": Task("wide opening, head 15 degrees back", 1.0, _rising(**_OPENERS), head=15.0),
+    "gape": Task(
+        "wide opening, with depressors and retractors of the hyoid",
+        1.0,
+        _rising(**_OPENERS, bi_infrahyoid=0.3, bi_retracthyoid=0.35),
+    ),
     "protrude": Task(
-        "protrusion, inferior lateral pterygoids", 1.0, _rising(bi_ip=1.0, bi_close=4e-3)
+        "protrusion, inferior lateral pterygoids", 1.0, _rising(bi_ip=1.0, bi_close=2e-2)
     ),
     "lateral": Task(
         "movement to the right, left inferior lateral pterygoid",
         1.0,
-        _rising(ip_L=0.5, bi_close=4e-3),
+        _rising(ip_L=0.5, bi_close=1e-2),
     ),
     "clench": Task("clenching, closers at 10 %", 0.6, _rising(bi_close=0.1)),
     "chew": Task("chewing, from published series", 1.0, morsel="L", series=True),

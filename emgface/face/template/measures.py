@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Final
 
@@ -136,12 +136,12 @@ def bounds(name: str) -> tuple[float, float]:
     return low * MM, high * MM
 
 
-def parse_measures(settings: list[str]) -> dict[str, float]:
+def parse_measures(settings: Sequence[str], also: Collection[str] = ()) -> dict[str, float]:
     """Read settings such as ``mouth_width=52mm`` as values in SI units, by name.
 
-    Each setting is ``name=value`` with a unit of length (m, cm, mm, um); `width_asymmetry` has
-    none. Raises FaceError if a setting is not ``name=value``, its name is unknown or repeated, its
-    value is not a number, or its unit is missing or not a length.
+    Each setting is ``name=value`` with a unit of length (m, cm, mm, um); `width_asymmetry` has none.
+    Names in `also` are lengths, too. Raises FaceError if a setting is not ``name=value``, its name is
+    unknown or repeated, its value is not a number, or its unit is missing or not a length.
 
     Examples
     --------
@@ -155,7 +155,8 @@ def parse_measures(settings: list[str]) -> dict[str, float]:
             raise FaceError(
                 f"{setting!r} is not a setting, expected name=value, for example mouth_width=52mm"
             )
-        bounds(name)
+        if name not in also:
+            bounds(name)
         if name in values:
             raise FaceError(f"{name} is specified twice, expected once")
         found = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)", text)

@@ -27,11 +27,14 @@ const view = { yaw: 0, pitch: 0, zoom: 1 };
 const state = { trial: null, frame: 0, playing: false };
 const start = new Float32Array(3 * data.nodes);
 const displacement = $("displacement");
+// Nodes of muscles are coloured by the activation of their muscle, numbered from 1.
+let fibre = null;
 // All points: nodes of the skin, those between them, the dark behind the mouth, the teeth.
 let rules, triangles, own, position, colour, normal, moved;
 
 async function unpack() {
   rules = new Uint32Array((await bytes(data.rules)).buffer);
+  if (data.fibre) fibre = await bytes(data.fibre);
   triangles = new Uint32Array((await bytes(data.triangle)).buffer);
   const teeth = new Int16Array((await bytes(data.teeth)).buffer);
   own = Float32Array.from(await bytes(data.colour), (c) => c / 255);
@@ -296,6 +299,14 @@ function show() {
     follow(moved, 1);
     for (let i = 0; i < data.tissue; i++) shade(moved[i], colour, 3 * i);
   } else colour.set(own);
+  if (fibre && motion.activation && !displacement.checked) {
+    for (let i = 0; i < data.nodes; i++) {
+      if (!fibre[i]) continue;
+      // Small activations are visible by the square root.
+      const a = Math.sqrt(motion.activation[frame * data.muscles.length + fibre[i] - 1] / 255);
+      for (let c = 0; c < 3; c++) colour[3 * i + c] = (1 - a) * data.relaxed[c] + a * data.active[c];
+    }
+  }
   const points = {};
   for (const kind of ["simulated", "measured"]) {
     const shown = $(kind).checked && motion[kind], n = data.markers.length;
@@ -331,7 +342,7 @@ async function choose() {
   $("time").max = trial.time.length - 1;
   $("most").textContent = motion.most.toFixed(1);
   $("shown").textContent = trial.about;
-  canvas.setAttribute("aria-label", `Simulated face. ${trial.about}`);
+  canvas.setAttribute("aria-label", `Simulated ${data.what || "face"}. ${trial.about}`);
   canvas.dataset.trial = `${trial.label} ${trial.strategy}`;
   refresh();
 }
