@@ -28,12 +28,14 @@ class PointForces:
     ----------
     load : (n_points, 3) constant forces [N].
     lines : laws of fibres, and the points of each.
+    morsels : point and plane of each, as of `BodyTable`.
     """
 
     load: Array
     lines: list[tuple[LineTable, Sequence[Index]]] = field(
         default_factory=list[tuple[LineTable, Sequence[Index]]]
     )
+    morsels: list[tuple[int, Array]] = field(default_factory=list[tuple[int, Array]])
 
 
 @runtime_checkable
@@ -56,6 +58,7 @@ class Multibody:
     rows : RowTable
     kinds : RowKinds
     led : (k,) bodies with a prescribed motion.
+    eaten : names of the memories of morsels.
     n : int
         Number of velocities.
     """
@@ -65,6 +68,7 @@ class Multibody:
     rows: RowTable
     kinds: RowKinds
     led: Index
+    eaten: tuple[str, ...]
     n: int
 
     def scratch(self) -> Scratch:
@@ -90,6 +94,7 @@ def lay_out_multibody(
     bodies: Sequence[Body],
     terms: Sequence[object],
     rows: Rows | None,
+    names: Sequence[str],
 ) -> Multibody | None:
     """Tables of a scene whose velocities are those of bodies and whose terms act on points.
 
@@ -100,6 +105,7 @@ def lay_out_multibody(
     bodies : sequence of Body
     terms : sequence of CompiledTerm
     rows : Rows or None
+    names : of the memory of every term.
 
     Returns
     -------
@@ -111,10 +117,13 @@ def lay_out_multibody(
     if kinematics.pattern.n > MOST:
         return None
     forces = PointForces(np.zeros_like(X))
-    for term in terms:
+    eaten = list[str]()
+    for name, term in zip(names, terms, strict=True):
         if not isinstance(term, ActsOnPoints):
             return None
+        before = len(forces.morsels)
         term.add_to(forces)
+        eaten += [name] * (len(forces.morsels) - before)
     chains = kinematics.chains
     body, arm = np.full(len(X), -1, dtype=np.int64), X.copy()
     body[chains.point], arm[chains.point] = chains.body, chains.arm
@@ -136,6 +145,8 @@ def lay_out_multibody(
         forces.load,
         start.astype(np.int64),
         np.array([p for points in paths for p in points], dtype=np.int64),
+        np.array([point for point, _ in forces.morsels], dtype=np.int64),
+        np.array([plane for _, plane in forces.morsels], dtype=np.float64).reshape(-1, 8),
     )
     kept = _row_table(rows, body, arm)
     return Multibody(
@@ -143,6 +154,7 @@ def lay_out_multibody(
         _joined([table for table, _ in forces.lines]),
         *kept,
         kinematics.paths.led,
+        tuple(eaten),
         kinematics.pattern.n,
     )
 

@@ -104,7 +104,10 @@ class System(Described):
         scene = self.scene
         if scene.constraints or self.damping_law is not None:
             return None
-        return lay_out_multibody(self.kinematics, self.mesh.X, scene.bodies, self.terms, self.rows)
+        names = self._memory_names()
+        return lay_out_multibody(
+            self.kinematics, self.mesh.X, scene.bodies, self.terms, self.rows, names
+        )
 
     def rest_state(self) -> State:
         """Rest positions at t = 0, with prescribed velocities only."""

@@ -149,6 +149,32 @@ def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
 
 
 @inner
+def add_morsels(table, whole, scratch, by_stiffness):
+    """Forces of whole morsels on their points, and their share of A, as `sim.terms.crushable`."""
+    for k in range(len(table.morsel)):
+        p = table.morsel[k]
+        normal, d = vector(table.plane[k : k + 1, 3:6], 0), morsel_gap(table, k, scratch)
+        left = table.plane[k, 6] - d
+        if not whole[k] or left <= 0.0:
+            continue
+        stiffness = table.plane[k, 7] / table.plane[k, 6]
+        add(scratch.force, p, 0, normal, stiffness * left)
+        c = table.column[table.body[p]] if table.body[p] >= 0 else -1
+        if c >= 0:
+            u = _slope(scratch, p, normal, 1.0)
+            _add_outer(scratch.A, c, c, u, u, by_stiffness * stiffness)
+
+
+@inner
+def morsel_gap(table, k, scratch):
+    """Distance of the point of morsel k from its plane, at the positions of `scratch.q`."""
+    d = 0.0
+    for i in range(3):
+        d += (scratch.q[table.morsel[k], i] - table.plane[k, i]) * table.plane[k, 3 + i]
+    return d
+
+
+@inner
 def add_points(table, scratch, by_stiffness):
     """Forces and moments of the loads of all points, and the turning of their arms."""
     for p in range(len(table.body)):

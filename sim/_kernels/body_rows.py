@@ -10,8 +10,11 @@ from sim._kernels.frames import move, turned_tensor
 from sim._kernels.joints import evaluate_rows
 from sim._kernels.options import inner
 
-CHANGES = 20
-"""Largest number of active-set updates."""
+CHANGES, SINGLE = 20, 400
+"""Largest number of updates of the whole active set, and of single rows after them."""
+
+REPEATED, SOFTENED = 1e-9, 1e-8
+"""Share of its own mobility from which a row repeats others, and by which all then yield more."""
 
 KEPT = 1e-9
 """Violation of rows up to which an earlier factor corrects them [m, rad]."""
@@ -19,17 +22,31 @@ KEPT = 1e-9
 
 @inner
 def factor_rows(scratch):
-    """Factor of S over the rows that are on; their number, -1 if S is singular."""
+    """Factor of S over the rows that are on; their number, -1 if S is singular.
+
+    Rows that repeat others, such as stops that are reached together, make S singular. All rows then
+    yield a little, which divides the force among them by least squares.
+    """
     on, index, T = scratch.on, scratch.index, scratch.T
     k = 0
     for i in range(len(on)):
         if on[i]:
             index[k] = i
             k += 1
-    for i in range(k):
-        for j in range(i + 1):
-            T[i, j] = scratch.S[index[i], index[j]]
-    return k if cholesky(T, k) else -1
+    for turn in range(2):
+        for i in range(k):
+            for j in range(i + 1):
+                T[i, j] = scratch.S[index[i], index[j]]
+            if turn > 0:
+                T[i, i] *= 1.0 + SOFTENED
+        good = cholesky(T, k)
+        for i in range(k):
+            good = good and (
+                turn > 0 or T[i, i] * T[i, i] > REPEATED * scratch.S[index[i], index[i]]
+            )
+        if good:
+            return k
+    return -1
 
 
 @inner
@@ -50,20 +67,23 @@ def _solve_rows(scratch, k, b):
 def _complementary(scratch, kinds, b):
     """Forces with S f + b = 0 of equations and 0 <= f, S f + b >= 0 of inequalities, one of them zero.
 
-    The primal-dual active set strategy of `sim.contact.pushes`.
+    The primal-dual active set strategy of `sim.contact.pushes`. It may cycle; then the last row that
+    violates its condition is changed alone, which ends for a positive definite S. Source: Judice and
+    Pires 1994, A block principal pivoting algorithm for large-scale strictly monotone linear
+    complementarity problems, Comput. Oper. Res. 21, 587-596.
     """
     on, f, S = scratch.on, scratch.f, scratch.S
     m = len(on)
     for i in range(m):
         on[i] = not kinds.unilateral[i] or b[i] < 0.0
-    for _ in range(CHANGES):
+    for change in range(CHANGES + SINGLE):
         k = factor_rows(scratch)
         if k < 0:
             return False
         _solve_rows(scratch, k, b)
         same = True
-        for i in range(m):
-            if kinds.unilateral[i]:
+        for i in range(m - 1, -1, -1):
+            if kinds.unilateral[i] and (same or change < CHANGES):
                 pushes = f[i] > 0.0
                 if not on[i]:
                     s = b[i]

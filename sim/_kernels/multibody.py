@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.body_forces import add_line, add_points
+from sim._kernels.body_forces import add_line, add_morsels, add_points, morsel_gap
 from sim._kernels.body_rows import hold_rows, project_on_rows
-from sim._kernels.body_tables import BodyTable, Led, RowKinds, Scratch
+from sim._kernels.body_tables import BodyTable, Flags, Led, RowKinds, Scratch
 from sim._kernels.dense import cholesky, solve_lower, solve_upper
 from sim._kernels.frames import add, cross, move, put, rotated, turned_tensor, vector
 from sim._kernels.joints import RowTable
@@ -87,7 +87,7 @@ def _add_mass(table, h, scratch):
 
 
 @inner
-def _equation(table, lines, activation, h, theta, scratch):
+def _equation(table, lines, activation, whole, h, theta, scratch):
     """Factor of A = M + theta h D + (theta h)^2 K, and the velocities w1 without rows.
 
     A w1 = p + h f - (1 - theta)/theta (A - M) w0: implicit Euler for theta = 1, the trapezoidal rule for
@@ -102,6 +102,7 @@ def _equation(table, lines, activation, h, theta, scratch):
             scratch.force[p, d] = table.load[p, d]
     for k in range(len(table.start) - 1):
         add_line(table, lines, k, activation, scratch, by_damping, by_stiffness)
+    add_morsels(table, whole, scratch, by_stiffness)
     add_points(table, scratch, by_stiffness)
     for b in range(len(table.column)):
         c = table.column[b]
@@ -135,6 +136,8 @@ def advance_bodies(
     scratch: Scratch,
     h: Array,
     activation: Array,
+    whole: Flags,
+    gone: float,
     theta: float,
     most: int,
     drift: float,
@@ -148,7 +151,7 @@ def advance_bodies(
 
     Positions q and velocities v of the points, and the forces of rows in the last step, follow. A step
     that needs the general path leaves all as it was before it. Projections: at most `most`, until rows
-    leave at most `drift`.
+    leave at most `drift`. Morsels are `whole` at a distance above their diameter, until below `gone`.
     """
     done, still = 0, np.zeros_like(twists)
     for i in range(len(h)):
@@ -160,7 +163,7 @@ def advance_bodies(
         _start(table, frames, twists, h[i], scratch)
         _place_points(table, scratch.frames, scratch)
         _carry(table, led, i, scratch)
-        if not _equation(table, lines, activation[i], h[i], theta, scratch):
+        if not _equation(table, lines, activation[i], whole, h[i], theta, scratch):
             break
         if len(scratch.c) > 0 and not hold_rows(rows, kinds, table, still, h[i], scratch):
             break
@@ -188,6 +191,11 @@ def advance_bodies(
                 for d in range(6):
                     twists[b, d] = scratch.w1[table.column[b] + d]
         done = i + 1
+        if len(whole) > 0:
+            _place_points(table, frames, scratch)
+        for k in range(len(whole)):
+            d = morsel_gap(table, k, scratch)
+            whole[k] = d > table.plane[k, 6] or (whole[k] and d >= gone)
     _place_points(table, frames, scratch)
     for p in range(len(table.body)):
         b = table.body[p]

@@ -12,6 +12,7 @@ from sim.joints.contract import REACTIONS
 from sim.multibody import Multibody
 from sim.state import Array, ControlAt, State
 from sim.system import System
+from sim.terms.crushable import GONE
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,9 @@ class BodiesAlone:
         frames, twists = state.frames.copy(), state.twists.copy()
         q, v = np.empty_like(state.q), np.empty_like(state.v)
         reaction = np.zeros(len(self.tables.rows.kind))
+        eaten = self.tables.eaten
+        whole = np.array([name in state.memory and state.memory[name][0] > 0.0 for name in eaten])
+        whole = whole.astype(np.bool_)  # an empty array has no type of its own
         done: int = advance_bodies(
             self.tables.table,
             self.tables.lines,
@@ -58,6 +62,8 @@ class BodiesAlone:
             self.scratch,
             np.diff(time),
             control.at_ends(time),
+            whole,
+            GONE,
             theta,
             PROJECTIONS,
             DRIFT,
@@ -68,6 +74,7 @@ class BodiesAlone:
             reaction,
         )
         memory = {REACTIONS: reaction} if done and len(reaction) else {}
+        memory |= {name: np.array([float(w)]) for name, w in zip(eaten, whole, strict=True)}
         return State(time[done], q, v, memory, frames, twists), done
 
     def _led(self, times: Sequence[float]) -> Led:

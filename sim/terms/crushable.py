@@ -7,6 +7,7 @@ import numpy as np
 from sim.errors import SceneError
 from sim.laws.parameters import require
 from sim.mesh import Mesh
+from sim.multibody import PointForces
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 
@@ -82,6 +83,12 @@ class CompiledCrushable:
         """Morsel over a step, intact or crushed according to the previous positions."""
         whole = memory is not None and bool(memory[0])
         return CrushableInStep(self._term, self._target, whole)
+
+    def add_to(self, forces: PointForces) -> None:
+        """Add the morsel."""
+        term = self._term
+        plane = [*term.origin, *term.normal, term.diameter, term.force_max]
+        forces.morsels.append((term.node, np.array(plane)))
 
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """Add the force along the normal."""

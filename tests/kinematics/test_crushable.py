@@ -1,5 +1,7 @@
 """Force of a morsel between a body and a plane."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,3 +47,34 @@ def test_invalid_morsels_are_refused():
         sim.Crushable(0, np.zeros(3), UP, diameter=0.0)
     with pytest.raises(sim.SceneError, match="has no unit length"):
         sim.Crushable(0, np.zeros(3), 2.0 * UP)
+
+
+def test_fused_steps_crush_a_morsel_as_the_general_path_does():
+    """A morsel is loaded and crushed, left, and a new one is loaded."""
+
+    def heights(fused):
+        system = falling(0.0101, diameter=0.01, force_max=0.5)
+        state, found, work = system.rest_state(), [], sim.Workspace(system)
+        if not fused:
+            work.bodies = None
+        for speed in (-3.0, 6.0, -1.2):
+            state = replace(state, twists=state.twists + np.array([0.0, 0.0, speed, 0.0, 0.0, 0.3]))
+            motion, state = sim.simulate(
+                system,
+                sim.resting(0),
+                initial=state,
+                work=work,
+                duration=0.12,
+                steps=sim.FixedStep(2e-3),
+                every=4e-3,
+                integrator=sim.LinearlyImplicitEuler(),
+                probes=(sim.Frames(("bob",)),),
+            )
+            found.append(motion["body_position"].sel(axis="z").values.ravel())
+        return np.concatenate(found)
+
+    fused = heights(True)
+    assert fused[:31].min() < 0.0
+    assert fused[31:62].max() > 0.0101
+    assert 0.0 < fused[-1] < 0.01
+    np.testing.assert_allclose(fused, heights(False), atol=1e-13)

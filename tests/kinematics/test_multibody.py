@@ -258,3 +258,28 @@ def test_activations_of_many_steps_are_the_ends_of_their_chords():
     times = np.arange(0.0, 0.08, 0.005).tolist()
     expected = [control.chord(t, 0.005).at(1.0).activation for t in times[:-1]]
     np.testing.assert_allclose(control.at_ends(times), expected, atol=1e-12)
+
+
+def test_stops_that_are_reached_together_share_the_force():
+    """A square on four stops, of which three would do: each carries a quarter of the weight."""
+    corners = np.array([[x, y, 0.0] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
+    stops = [
+        PointOnPlane(f"stop {k}", k, None, c, (0.0, 0.0, 1.0), True) for k, c in enumerate(corners)
+    ]
+    body = sim.Body("plate", 0.4, np.diag([1.0, 1.0, 2.0]) * 1e-3, (0.0, 0.0, 0.02))
+    system = sim.compile_scene(
+        sim.Scene(
+            sim.NO_TISSUE,
+            (sim.Gravity((0.0, 0.0, -10.0)),),
+            (sim.OnBody("plate", np.arange(4)),),
+            bodies=(body,),
+            points=corners,
+            joints=tuple(stops),
+        )
+    )
+    work, state = sim.Workspace(system), system.rest_state()
+    control = sim.activation.Driven(system, sim.resting(0))
+    state, done = work.bodies.advance(state, control, 1e-3 * np.arange(1, 201), 1.0)
+    assert done == 200
+    np.testing.assert_allclose(state.memory["joints"], 1.0, rtol=1e-6)
+    assert np.abs(state.q[:4, 2]).max() < 1e-9
