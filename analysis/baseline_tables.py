@@ -184,11 +184,16 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
     return told + [_of_strategy(found, str(label)) for label in found["strategy"].values]
 
 
-def comparison(cube: xr.Dataset, *, seed: int = 0) -> tuple[list[str], dict[str, Table]]:
-    """Return `what_rho_means` and the tables on baselines; empty for a cube without baselines."""
+def comparison(
+    cube: xr.Dataset, *, draws: int = 2000, seed: int = 0
+) -> tuple[list[str], dict[str, Table]]:
+    """Return `what_rho_means` and the tables on baselines; empty for a cube without baselines.
+
+    `draws` and `seed` are those of the bootstrap.
+    """
     if not has_baselines(cube):
         return [NOTHING] if "template_rho" in cube else [], {}
-    found = against_baselines(cube, seed=seed)
+    found = against_baselines(cube, draws=draws, seed=seed)
     tables = {
         "baselines": baseline_table(found),
         "baselines_instruction": baseline_instruction_table(cube),

@@ -110,7 +110,7 @@ def test_a_cube_without_baselines_is_refused() -> None:
     [(0.97, "not that the EMG contributed"), (0.6, "of the template by 0.30")],
 )
 def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: str) -> None:
-    told, _ = comparison(study(template_rho=template, ceiling=0.99))
+    told, _ = comparison(study(template_rho=template, ceiling=0.99), draws=200)
     text = " ".join(told)
     assert "With a rho of 0.90, 44 % of the amplitude" in text and said in text
     assert f"scores {template:.2f} (template)" in text and "0.99 (ceiling)" in text
@@ -119,19 +119,19 @@ def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: 
 
 
 def test_missing_results_are_stated() -> None:
-    told = " ".join(comparison(study(2))[0])
+    told = " ".join(comparison(study(2), draws=200)[0])
     assert "the motion of another volunteer" in told and "A template of one or two" in told
     assert "no interval, which requires" in told
     once = study(repeat_rho=np.nan, ceiling=np.nan, shuffled_rho=np.nan, within_rho=np.nan)
-    told = " ".join(comparison(once)[0])
+    told = " ".join(comparison(once, draws=200)[0])
     assert "No instruction was repeated" in told and "skill" not in told.split("are undefined.")[1]
     alone = study(1, template_rho=np.nan, ceiling=np.nan)
-    assert "no other volunteer" in " ".join(comparison(alone)[0])
+    assert "no other volunteer" in " ".join(comparison(alone, draws=200)[0])
 
 
 def test_tables_contain_the_named_quantities() -> None:
     cube = study()
-    _, tables = comparison(cube)
+    _, tables = comparison(cube, draws=200)
     row = dict(zip([c.name for c in tables["baselines"].columns], tables["baselines"].rows[0],
                    strict=True))  # fmt: skip
     assert row["template"] == pytest.approx(0.80) and row["best wrong"] == pytest.approx(0.50)

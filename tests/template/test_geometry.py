@@ -232,7 +232,7 @@ def test_presets_have_valid_elements(preset: str, resolution: str) -> None:
     assert quality.scaled_jacobian.min() > 0.2
 
 
-@pytest.mark.parametrize(("resolution", "n"), [("coarse", 21), ("fine", 7)])
+@pytest.mark.parametrize(("resolution", "n"), [("coarse", 14), ("fine", 7)])
 def test_volunteers_have_valid_elements(resolution: str, n: int) -> None:
     """A sample of the thousand faces of `docs/template/make.py volunteers`."""
     grid = make_grid(resolution)

@@ -117,7 +117,7 @@ def test_convergence_order_in_time(integrator):
     else:
         damping, duration, largest = (
             sim.Rayleigh(19.0, 0.005),
-            0.08,
+            0.04,
             2e-3 if integrator.order > 1 else 5e-4,
         )
     order = measured_order(integrator, damping, duration, largest / 2.0 ** np.arange(3))
