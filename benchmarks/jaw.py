@@ -1,6 +1,7 @@
 """Jaw model: comparison with another simulator, effect of its parameters, error and cost of steps.
 
     python -m benchmarks jaw --part reference      # table of docs/jaw.md; needs the published model
+    python -m benchmarks jaw --part damping        # second table of docs/jaw.md; needs it, too
     python -m benchmarks jaw --part parameters --samples 60 --out FOLDER    # needs it, too
     python -m benchmarks jaw --part steps          # the generated jaw: error and time over the step
     python -m benchmarks jaw --part stability      # the generated jaw under bad parameters
@@ -44,8 +45,7 @@ INTEGRATORS = {
     "BackwardEuler": sim.LinearlyImplicitEuler,
     "ConstrainedBackwardEuler": sim.LinearlyImplicitEuler,
 }
-FINEST = 1e-3
-"""Step for motions that the other program integrated with shorter explicit ones [s]."""
+FINEST = 1e-3  # s, for motions that the other program integrated with shorter explicit steps
 
 
 def here(name: str) -> str:
@@ -172,6 +172,25 @@ def parameters(samples: int) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def damping() -> pd.DataFrame:
+    """Largest opening of the published chewing cycle over muscle damping and tone of closers."""
+    series = read_probes(SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew")
+    jaw, rows = published("larynx"), list[dict[str, Any]]()
+    for damped, tone in ((1.0, 0.0), (1.0, 1e-3), (5.0, 1e-3), (8.0, 1e-3), (10.0, 0.0)):
+        jaw["muscle_damping"][:] = damped
+        toned = {**series.values, "bi_close": np.full(len(series.time), tone)}
+        motion = run_task(jaw, Task("", 0.42), excitation=Excitation(series.time, toned))
+        d = displacement(motion, "lower_incisor")
+        k = int(np.argmin(d[:, 2]))
+        found = {"down": -d[k, 2], "back": -d[k, 1], "lateral": abs(d[k, 0])}
+        rows.append(
+            {"muscle damping, N s/m": damped, "tone, %": 100.0 * tone}
+            | {name: round(float(x), 1) for name, x in found.items()}
+            | {"time, s": round(float(motion["time"][k]), 3)}
+        )
+    return pd.DataFrame(rows)
+
+
 def correlations(table: pd.DataFrame) -> pd.DataFrame:
     """Rank correlation of every outcome with every drawn parameter."""
     drawn = [*PRIOR]
@@ -259,7 +278,7 @@ def main(part: str = "steps", samples: int = 60, out: Path | None = None) -> Non
         if out is not None:
             _figure(drawn, out)
         return
-    parts = {"reference": reference, "steps": steps, "stability": stability}
+    parts = {"reference": reference, "damping": damping, "steps": steps, "stability": stability}
     finish(f"jaw_{part}", parts[part](), out)
 
 
