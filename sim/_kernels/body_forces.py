@@ -54,7 +54,7 @@ def _add_arms(A, row, column, s, t, factor):
     A[row + 4, column + 2] -= factor * s[0]
     A[row + 5, column + 0] -= factor * s[1]
     A[row + 5, column + 1] += factor * s[0]
-    if row != column:  # of blocks on the diagonal the lower triangle suffices
+    if row != column:  # only the lower triangle of blocks on the diagonal is required
         A[row + 0, column + 4] += factor * t[2]
         A[row + 0, column + 5] -= factor * t[1]
         A[row + 1, column + 3] -= factor * t[2]
@@ -112,8 +112,8 @@ def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
     """Forces of fibre k on its points, and its share of A.
 
     With the length L of the path the stiffness is F' g g' + F d2L/dx2, and the damping d g g', g =
-    dL/dw. The turning of lever arms is added with the forces of all terms; segments between points of
-    one body have none of them.
+    dL/dw. The rotation of lever arms is added with the forces of all terms; segments between points of
+    one body contribute nothing.
     """
     A, g, n = scratch.A, scratch.g, len(scratch.g)
     total, first, last = 0.0, table.start[k], table.start[k + 1] - 1
@@ -176,7 +176,7 @@ def morsel_gap(table, k, scratch):
 
 @inner
 def add_points(table, scratch, by_stiffness):
-    """Forces and moments of the loads of all points, and the turning of their arms."""
+    """Forces and moments of the loads of all points, and the rotation of their arms."""
     for p in range(len(table.body)):
         b = table.body[p]
         c = table.column[b] if b >= 0 else -1

@@ -22,10 +22,10 @@ KEPT = 1e-9
 
 @inner
 def factor_rows(scratch):
-    """Factor of S over the rows that are on; their number, -1 if S is singular.
+    """Factor of S over the active rows; returns their number, -1 if S is singular.
 
-    Rows that repeat others, such as stops that are reached together, make S singular. All rows then
-    yield a little, which divides the force among them by least squares.
+    Redundant rows, such as stops that are reached together, make S singular. All rows then have a
+    small compliance, which divides the force among them by least squares.
     """
     on, index, T = scratch.on, scratch.index, scratch.T
     k = 0
@@ -51,7 +51,7 @@ def factor_rows(scratch):
 
 @inner
 def _solve_rows(scratch, k, b):
-    """Forces f with S f = -b of the k rows that are on, zero of others."""
+    """Forces f with S f = -b of the k active rows, zero for the others."""
     f, x = scratch.f, scratch.target
     for i in range(k):
         x[i] = -b[scratch.index[i]]
@@ -65,7 +65,7 @@ def _solve_rows(scratch, k, b):
 
 @inner
 def _complementary(scratch, kinds, b):
-    """Forces with S f + b = 0 of equations and 0 <= f, S f + b >= 0 of inequalities, one of them zero.
+    """Forces with S f + b = 0 of equations, and 0 <= f, S f + b >= 0, f (S f + b) = 0 of inequalities.
 
     The primal-dual active set strategy of `sim.contact.pushes`. It may cycle; then the last row that
     violates its condition is changed alone, which ends for a positive definite S. Source: Judice and
@@ -99,7 +99,7 @@ def _complementary(scratch, kinds, b):
 
 @inner
 def _evaluate(table, rows, scratch):
-    """Values c, derivatives G by the velocities, and rates by what is led, at `scratch.frames`."""
+    """Values c, derivatives G by the velocities, and rates by prescribed motion, at `scratch.frames`."""
     G, JA, JB, c = scratch.G, scratch.JA, scratch.JB, scratch.c
     evaluate_rows(rows, scratch.frames, scratch.q, c, JA, JB, scratch.JP)
     for k in range(len(c)):
@@ -193,7 +193,7 @@ def _push(scratch, n):
 
 @inner
 def project_on_rows(rows, kinds, table, twists, most, drift, scratch):
-    """Bring frames and velocities back to the rows, as `sim.joints.compiled.Rows.projected`."""
+    """Project frames and velocities to the rows, as `sim.joints.compiled.Rows.projected`."""
     m, n, on = len(scratch.c), len(scratch.w0), scratch.on
     for b in range(len(table.column)):
         if table.column[b] >= 0:
@@ -209,7 +209,7 @@ def project_on_rows(rows, kinds, table, twists, most, drift, scratch):
                 more = more or not on[i]
         if turn == most or not worst > drift:
             break
-        # the directions of a pose so near differ by less than rounding
+        # the directions at this distance differ by less than rounding
         if more or worst > KEPT:
             for i in range(m):
                 on[i] = kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift)

@@ -1,8 +1,8 @@
 """Cache of compiled kernels, named by a digest of their sources.
 
-numba keys its cache by the file of the kernel alone, so editing a law in another file would go on
-returning the old numbers. The folder is therefore named by a digest of all kernel sources together
-with the versions of Python and numba.
+The key of numba's cache is the file of the kernel only, so that an edited law in another file would
+have no effect. The folder is therefore named by a digest of all kernel sources and the versions of
+Python and numba.
 """
 
 import atexit
@@ -100,7 +100,7 @@ def in_one_process(lock: Path) -> Generator[None]:
             file = held.enter_context(lock.open("a"))
             fcntl.flock(file, fcntl.LOCK_EX)  # released when the file is closed
         except (ImportError, OSError):
-            pass  # another system, or a folder without locks: every process compiles for itself
+            pass  # another system, or a folder without locks: every process compiles its own kernels
         yield
 
 

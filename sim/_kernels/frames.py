@@ -10,7 +10,7 @@ from sim._kernels.options import inner
 # numba looks a tuple up by a loop variable through a table: indices of tuples are written out
 
 SMALL = 1e-3
-"""Angle [rad] below which series replace quotients; what they leave out is below 1e-16."""
+"""Angle [rad] below which series replace quotients, with an error below 1e-16."""
 
 
 @inner

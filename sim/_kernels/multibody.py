@@ -1,7 +1,7 @@
 """Linearly implicit steps of rigid bodies with joints and line muscles, dense and without allocation.
 
 The equations are those of `sim.integrators.linearly_implicit` and `held`; matrices hold their lower
-triangle. A step that needs more (an indefinite matrix, rows that repeat each other) is left to them.
+triangle. A step with an indefinite matrix or redundant rows is left to them.
 """
 
 # pyright: basic
@@ -71,7 +71,7 @@ def _start(table, frames, twists, h, scratch):
 
 @inner
 def _add_mass(table, h, scratch):
-    """A += M where the velocities at the start lead; `scratch.ahead` are the frames at the start."""
+    """A += M at the pose predicted by the initial velocities; `scratch.ahead` are the initial frames."""
     for b in range(len(table.column)):
         c = table.column[b]
         if c < 0:
@@ -149,9 +149,9 @@ def advance_bodies(
 ) -> int:
     """Advance frames and twists by steps h (n,) under activations (n, n_muscles); return the steps done.
 
-    Positions q and velocities v of the points, and the forces of rows in the last step, follow. A step
-    that needs the general path leaves all as it was before it. Projections: at most `most`, until rows
-    leave at most `drift`. Morsels are `whole` at a distance above their diameter, until below `gone`.
+    Positions q and velocities v of the points, and the forces of rows in the last step, are also
+    written. A step that requires the general path changes nothing. At most `most` projections reduce
+    the values of rows to `drift`. Morsels are `whole` from a distance above their diameter to `gone`.
     """
     done, still = 0, np.zeros_like(twists)
     for i in range(len(h)):
@@ -182,7 +182,7 @@ def advance_bodies(
         if not finite:
             break
         frames[:] = scratch.frames
-        # forces of rows in their direction at the start, and those by which the rows turn
+        # forces of rows in their direction at the start, and those due to the rotation of the rows
         for j in range(len(reaction)):
             reaction[j] = scratch.held[j] + scratch.f[j] / h[i]
         twists[:] = still

@@ -1,10 +1,10 @@
 """Compilation of kernels, and distribution of element loops among threads.
 
-Only what Python calls is kept in the cache and gets a wrapper for Python; functions inside a kernel are
-always inlined. One that was called would be the copy of its own, optimised once, in the process that
-compiles it, and the copy of the kernel, optimised twice, in those that load it; where arithmetic may be
-reordered their last digits differ. Threads are Python's and not numba's: a loop that numba runs in
-parallel is typed twice and optimised three times, and its threads wait by spinning.
+Only functions that Python calls are cached and have a wrapper for Python; functions inside a kernel are
+always inlined. If one were called instead, its code would be optimised once in the process that compiles
+it and twice in processes that load it, and their last digits would differ, because arithmetic may be
+reordered. Threads are those of Python: a loop that numba runs in parallel is typed twice and optimised
+three times, and its threads wait by spinning.
 """
 
 # pyright: basic, reportCallIssue=false
@@ -20,18 +20,18 @@ from numba.core.compiler_lock import global_compiler_lock
 from sim._kernels.cache import in_one_process
 from sim.threads import in_shares
 
-CHUNKS, ROWS = 2, 512  # fewest that are worth a thread: chunks of elements, rows of a table
+CHUNKS, ROWS = 2, 512  # smallest share of a thread: chunks of elements, rows of a table
 
 _ALL = {
     "no_cfunc_wrapper": True,
     "error_model": "numpy",
-    "fastmath": {"contract", "reassoc", "nsz", "arcp"},  # never all of it: it assumes NaN away
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},  # not all flags, which exclude NaN
 }
 _inner = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
 
 
 def _compiled_once(dispatcher: Any) -> Any:
-    """Let one process compile a kernel while others that need it wait, and load it then."""
+    """Let one process compile a kernel; others that require it wait and then load it."""
     compile_here = dispatcher.compile
     lock = Path(dispatcher.stats.cache_path) / f"{dispatcher.__module__}.{dispatcher.__name__}.lock"
 
@@ -56,8 +56,8 @@ def kernel_and_inner(function: Callable[..., Any]) -> Any:
 def inner(function):
     """Function for kernels alone; a call from Python raises TypeError.
 
-    It has no wrapper for Python, and numba would jump to an address that is none. Versions are
-    therefore kept from the table that calls from Python use.
+    It has no wrapper for Python, and numba would jump to an invalid address. Compiled versions are
+    therefore not entered in the table for calls from Python.
     """
     compiled = _inner(function)
 
@@ -78,20 +78,20 @@ Ranges = Iterable[tuple[int, int]]
 
 
 def by_colour(q, part, *_) -> Ranges:
-    """Chunks of one colour after the other: those of one colour have no node in common."""
+    """Ranges of chunks, one colour after the other; chunks of one colour have no common node."""
     yield from zip(part.colour[:-1].tolist(), part.colour[1:].tolist(), strict=True)
 
 
 def by_chunk(q, part, *_) -> Ranges:
-    """All chunks at once, for kernels that write to their own elements alone."""
+    """All chunks as one range, for kernels that write only to their own elements."""
     yield 0, part.chunk.size - 1
 
 
 def in_threads(ranges: Callable[..., Ranges], least: int = CHUNKS):
-    """Turn a kernel of what lies in first..last into a function without those two arguments.
+    """Turn a kernel over first..last into a function without these two arguments.
 
-    It goes through all that `ranges` finds in the arguments; what is within one range is shared among
-    threads in pieces of at least `least`, each entry of a result being written by one of them alone.
+    It runs over all ranges that `ranges` finds in the arguments. Each range is divided among threads in
+    parts of at least `least`; each entry of a result is written by one thread only.
     """
 
     def decorated(function: Callable[..., None]) -> Callable[..., None]:

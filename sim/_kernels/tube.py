@@ -68,8 +68,8 @@ def advance(
     ----------
     dt, block : step [s], and steps between the instants of A and V.
     air, wall : (rho, c, mu); (mass, damping, stiffness) of the walls per area.
-    weight, decay, gain : (K,) terms of the losses that grow with sqrt(s): sum w of what acts at once,
-        and decay and gain of what is remembered per step, multiplied by w.
+    weight, decay, gain : (K,) terms of the losses that increase with sqrt(s): sum of w for the immediate
+    part, and decay and gain per step of the delayed part, multiplied by w.
     p, u, q, r, z, y : state: pressures and velocities (M,), memory of both losses (K, M), times w,
         velocity and displacement of the walls (M,).
     w, motion : flows of the masses of both openings, filtered flow of the jet, flow of the glottis
