@@ -53,7 +53,8 @@ class Matrix:
     stand_in : callable or None
         Values that replace the products in a factorisation, on the pattern.
     offset : (n,) or None
-        For a damping matrix, the force due to prescribed velocities [N].
+        For a damping matrix, the force due to prescribed velocities and to forces that are nonlinear
+        in the velocities [N].
     """
 
     pattern: Sparsity

@@ -125,6 +125,19 @@ class Damps(Protocol):
 
 
 @runtime_checkable
+class RateDependent(Protocol):
+    """A compiled term with forces that are a nonlinear function of the velocities."""
+
+    def add_rate_force(self, q: Array, v: Array, control: Control, f: Array, D: Array) -> None:
+        """Add the forces that velocities cause.
+
+        F += force [N] at velocities v (n_nodes, 3) [m/s], and D += -df/dv [N s/m] in the values of the
+        pattern, positive semi-definite; the force is zero for v = 0.
+        """
+        ...
+
+
+@runtime_checkable
 class Deforms(Protocol):
     """A compiled term with Gauss points that can invert."""
 

@@ -26,10 +26,24 @@ def stand_in(system: System, pose: Pose) -> Array:
     return system.kinematics.generalised_matrix(K, None, pose)
 
 
-def damping_matrix(system: System, pose: Pose, control: Control, K: Array | None = None) -> Matrix:
-    """The generalised damping matrix with its products; K is that of the points, if computed."""
+def damping_matrix(
+    system: System, pose: Pose, v: Array, control: Control, K: Array | None = None
+) -> Matrix:
+    """The generalised damping matrix with its products; K is that of the points, if computed.
+
+    Forces f(v) that are nonlinear in the velocities are replaced by f(v0) + df/dv (v - v0) at given
+    velocities v0 = v (n_points, 3) [m/s], with -f(v0) - D v0 in the offset. As v changes by O(h) in a
+    step, the error of this force is O(h^2), and a method of second order keeps its order.
+    """
     law, kinematics = system.damping_law, system.kinematics
     of_points = system.damping(pose.q, control, K)
+    at_v0 = None
+    if system.rate_terms:
+        f, D = np.zeros_like(pose.q), np.zeros_like(of_points)
+        for term in system.rate_terms:
+            term.add_rate_force(pose.q, v, control, f, D)
+        at_v0 = -_damped(system, D, (), v, pose) - kinematics.generalised_force(f, pose)
+        of_points = of_points + D
     values = kinematics.generalised_matrix(of_points, None, pose)
     kinematics.add_damping(values)
     scaled: tuple[Product, ...] = ()
@@ -41,6 +55,8 @@ def damping_matrix(system: System, pose: Pose, control: Control, K: Array | None
     offset, drift = None, kinematics.drift(pose, control.t)
     if drift is not None:
         offset = _damped(system, of_points, scaled, drift, pose)
+    if at_v0 is not None:
+        offset = at_v0 if offset is None else offset + at_v0
     return Matrix(system.pattern, values, scaled, offset=offset)
 
 

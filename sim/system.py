@@ -10,7 +10,7 @@ from sim.constraints.union import Constraints
 from sim.contact.compiled import CompiledContact
 from sim.contact.constraint import ConstraintContact, RowsApart
 from sim.described import Described
-from sim.errors import ControlError, SceneError
+from sim.errors import ControlError
 from sim.joints.compiled import Rows
 from sim.kinematics import Kinematics
 from sim.matrix import Product
@@ -25,6 +25,7 @@ from sim.scene import (
     Deforms,
     HasProduct,
     Index,
+    RateDependent,
     Remembering,
     Remembers,
     Scene,
@@ -102,7 +103,7 @@ class System(Described):
     def multibody(self) -> Multibody | None:
         """Tables for the fused steps of a scene of rigid bodies without tissue, otherwise None."""
         scene = self.scene
-        if scene.constraints or self.damping_law is not None:
+        if scene.constraints or self.damping_law is not None or self.rate_terms:
             return None
         names = self._memory_names()
         return lay_out_multibody(
@@ -184,34 +185,6 @@ class System(Described):
             q = term.carried(q, state.t, control)
         return q
 
-    def require_passable(self, integrator: str) -> None:
-        """Refuse terms that limit steps.
-
-        Raises
-        ------
-        SceneError
-            There is one.
-        """
-        if self.stops:
-            raise SceneError(
-                f"{integrator} has no line search, which the barrier of the scene requires: "
-                "use an iterative integrator (ConvergedEuler), or ConstraintContact"
-            )
-
-    def require_no_contact(self, integrator: str) -> None:
-        """Refuse contact by constraints.
-
-        Raises
-        ------
-        SceneError
-            There is one.
-        """
-        if self.contact is not None:
-            raise SceneError(
-                f"{integrator} does not support contact constraints: use Sdirk2, ConvergedEuler or "
-                "LinearlyImplicitEuler"
-            )
-
     def remember(self, q: Array) -> Mapping[str, Array]:
         """Memory of all terms after a step that ends at positions q; of a system `during` a step."""
         return {
@@ -243,7 +216,13 @@ class System(Described):
     def is_damped(self) -> bool:
         """Return True if any force depends on velocities."""
         bodies = any(max(b.damping) > 0.0 for b in self.scene.bodies)
-        return self.damping_law is not None or bodies or bool(self._damped_terms)
+        terms = self._damped_terms or self.rate_terms
+        return self.damping_law is not None or bodies or bool(terms)
+
+    @cached_property
+    def rate_terms(self) -> tuple[RateDependent, ...]:
+        """Terms with forces that are a nonlinear function of the velocities."""
+        return tuple(term for term in self.terms if isinstance(term, RateDependent))
 
     @cached_property
     def _damped_terms(self) -> tuple[Damps, ...]:

@@ -1,6 +1,7 @@
 """Tissue laws of a face by layer, muscle and element."""
 
-from dataclasses import fields, replace
+import re
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,34 +16,17 @@ from emgface.face.parts import CENTRE, INNER, OUTER
 from emgface.face.quality import element_centres
 from emgface.face.tension_lines import skin_axes
 from emgface.muscles import MUSCLES
-from sim import (
-    CoRotational,
-    FiveTermMooneyRivlin,
-    Fung,
-    LinearElastic,
-    Material,
-    MooneyRivlin,
-    NeoHooke,
-    Ogden,
-    Prony,
-    SceneError,
-)
-from sim.laws import BulkLaw, IsochoricLaw, TensorLaw
+from sim import CoRotational, LinearElastic, Material, Prony, SceneError
+from sim.laws import ISOCHORIC_LAWS, TENSOR_LAWS, BulkLaw, IsochoricLaw, TensorLaw
+from sim.laws.parameters import units
 
 LAWS: dict[str, Any] = {
-    "mooney_rivlin": MooneyRivlin,
-    "neo_hooke": NeoHooke,
-    "five_term_mooney_rivlin": FiveTermMooneyRivlin,
-    "ogden": Ogden,
-    "fung": Fung,
-    "linear": LinearElastic,
-    "co_rotational": CoRotational,
+    re.sub(r"(?<!^)(?=[A-Z])", "_", law.__name__).lower().removesuffix("_elastic"): law
+    for law in (*ISOCHORIC_LAWS, *TENSOR_LAWS)
 }
-"""Laws of passive tissue, by their name in a study file."""
+"""Laws of passive tissue, by their name in a study file, such as "neo_hooke" and "linear"."""
 
 LAYERS = {"inner": INNER, "centre": CENTRE, "outer": OUTER}
-NOT_MODULI = {"alpha", "poisson"}
-"""Coefficients without the unit of a stress."""
 
 Coefficient = float | tuple[float, ...]
 
@@ -57,15 +41,7 @@ class Tissue(Parameters):
         (), "Muscles, with side, to any of which the elements belong; empty: all elements."
     )
     elements: tuple[int, ...] = choice((), "Ids of elements of the face model; empty: all.")
-    law: Literal[
-        "mooney_rivlin",
-        "neo_hooke",
-        "five_term_mooney_rivlin",
-        "ogden",
-        "fung",
-        "linear",
-        "co_rotational",
-    ] = choice(
+    law: Literal[tuple(LAWS)] = choice(  # pyright: ignore[reportInvalidTypeForm]
         "mooney_rivlin",
         "Law of the passive tissue.",
         note="the first axis of 'fung' is the tension line of the nearest skin; 'linear' is "
@@ -108,7 +84,7 @@ class Tissue(Parameters):
 
     @model_validator(mode="after")
     def _possible(self) -> "Tissue":
-        names = [field.name for field in fields(LAWS[self.law])]
+        names = units(LAWS[self.law])
         unknown = [name for name in self.coefficients if name not in names]
         if unknown:
             raise ValueError(
@@ -131,7 +107,7 @@ class Tissue(Parameters):
         law = LAWS[self.law](**self.coefficients)
         if self.stiffness == 1.0:
             return law
-        moduli = [field.name for field in fields(law) if field.name not in NOT_MODULI]
+        moduli = [name for name, unit in units(law).items() if unit == "Pa"]
         return replace(law, **{n: _times(self.stiffness, getattr(law, n)) for n in moduli})
 
     def material(self, bulk: BulkLaw | None, density: float) -> Material:

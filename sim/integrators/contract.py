@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import ClassVar, Protocol, runtime_checkable
 
-from sim.errors import InvertedElement
+from sim.errors import InvertedElement, SceneError
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.system import System
@@ -62,3 +62,21 @@ def require_upright(element: int, smallest_J: float, t: float) -> None:
     """Raise InvertedElement unless the smallest det F is positive (NaN is not)."""
     if not smallest_J > 0.0:
         raise InvertedElement(element, smallest_J, t)
+
+
+def require_no_barrier(system: System, integrator: str) -> None:
+    """Raise SceneError if a term limits steps."""
+    if system.stops:
+        raise SceneError(
+            f"{integrator} has no line search, which the barrier of the scene requires: "
+            "use an iterative integrator (ConvergedEuler), or ConstraintContact"
+        )
+
+
+def require_no_contact(system: System, integrator: str) -> None:
+    """Raise SceneError for contact by constraints."""
+    if system.contact is not None:
+        raise SceneError(
+            f"{integrator} does not support contact constraints: use Sdirk2, ConvergedEuler or "
+            "LinearlyImplicitEuler"
+        )

@@ -53,7 +53,7 @@ class ConvergedEuler(Converged):
             here = system.force(state.q, at_end)
         require_upright(here.element, here.smallest_J, state.t)
         with work.timed("tangent"):
-            D = damping_matrix(system, state.pose, at_end)
+            D = damping_matrix(system, state.pose, state.v, at_end)
         kinematics = system.kinematics
         w0 = kinematics.velocities(state)
         u0 = kinematics.inertial(w0, state.pose)

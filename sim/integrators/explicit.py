@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.errors import SceneError
-from sim.integrators.contract import require_upright
+from sim.integrators.contract import require_no_barrier, require_no_contact, require_upright
 from sim.integrators.held import free_acceleration, held_acceleration
 from sim.integrators.workspace import Workspace
 from sim.state import Array, Control, ControlAt, Pose, State, StepReport
@@ -17,8 +17,8 @@ def _acceleration(system: System, state: State, control: Control, work: Workspac
         raise SceneError(
             "an explicit integrator does not support constraints: use an implicit one or a soft term"
         )
-    system.require_passable("an explicit integrator")
-    system.require_no_contact("an explicit integrator")
+    require_no_barrier(system, "an explicit integrator")
+    require_no_contact(system, "an explicit integrator")
     with work.timed("force"):
         a = free_acceleration(system, state, control)
     return a if system.rows is None else held_acceleration(system, system.rows, a, state)[0]

@@ -93,7 +93,7 @@ def free_acceleration(system: System, state: State, control: Control) -> Array:
     kinematics = system.kinematics
     f = kinematics.generalised_force(system.force(state.q, control).f, state.pose)
     if system.is_damped:
-        D = damping_matrix(system, state.pose, control)
+        D = damping_matrix(system, state.pose, state.v, control)
         f = f - D.force(kinematics.velocities(state))
     return kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
 

@@ -92,6 +92,8 @@ class IncrementalPotential(PotentialOfMoves):
         self.scale, self.shift = s * s, system.mass
         self._s, self._D, self._u = s, D, u
         self._momentum = system.kinematics.momentum(u, base) / s
+        if D.offset is not None:
+            self._momentum = self._momentum - D.offset
 
     def velocities(self, d: Array) -> Array:
         """Independent velocities d/s (n,)."""

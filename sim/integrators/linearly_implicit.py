@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.errors import InvertedElement
 from sim.integrators.contact_linear import LinearContact
-from sim.integrators.contract import require_upright
+from sim.integrators.contract import require_no_barrier, require_upright
 from sim.integrators.estimate import relaxed
 from sim.integrators.held import held_solution
 from sim.integrators.step_solver import Solution
@@ -118,7 +118,7 @@ def linear_step(
     SceneError
         The scene has a barrier.
     """
-    system.require_passable("a linearly implicit step")
+    require_no_barrier(system, "a linearly implicit step")
     kinematics, pose0, t1 = system.kinematics, state.pose, state.t + h
     v0 = kinematics.velocities(state)
     A, rhs, moves = equation.A, equation.rhs, equation.moves

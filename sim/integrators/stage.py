@@ -185,7 +185,7 @@ def middle_damping(system: System, state: State, control: Line, h: float) -> Mat
     kinematics, middle = system.kinematics, control.at(0.5)
     pose = kinematics.advance(state.pose, 0.5 * h * kinematics.velocities(state), state.t + 0.5 * h)
     upright = system.smallest_J(pose.q)[0] > 0.0
-    return damping_matrix(system, pose if upright else state.pose, middle)
+    return damping_matrix(system, pose if upright else state.pose, state.v, middle)
 
 
 def report_of(h: float, stages: list[Solved], local_error: Array | None = None) -> StepReport:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.integrators.contract import require_upright
+from sim.integrators.contract import require_no_contact, require_upright
 from sim.integrators.stage import Converged, Stage, middle_damping, report_of
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
@@ -31,7 +31,7 @@ class Trapezoidal(Converged):
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `ConvergedEuler.step`, and SceneError with ConstraintContact."""
-        system.require_no_contact("Trapezoidal")
+        require_no_contact(system, "Trapezoidal")
         system = work.form(system)
         t1, half, over = state.t + h, 0.5 * h, system.during(state, h)
         line = control.moments(state.t, h, (0.0, 1.0))

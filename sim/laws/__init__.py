@@ -5,6 +5,7 @@ from sim.laws.fibre import FIBRE_LAWS, Blemker, Constant, FibreLaw, Generic
 from sim.laws.hill import Hill
 from sim.laws.isochoric import ISOCHORIC_LAWS, IsochoricLaw, MooneyRivlin, NeoHooke
 from sim.laws.line import LINE_LAWS, ConstantForce, LinearSpring, LineLaw, Peck
+from sim.laws.rate import ForceVelocity
 from sim.laws.relaxation import Prony
 from sim.laws.tensor import (
     TENSOR_LAWS,
@@ -31,6 +32,7 @@ __all__ = [
     "ConstantForce",
     "FibreLaw",
     "FiveTermMooneyRivlin",
+    "ForceVelocity",
     "Fung",
     "Generic",
     "IsochoricLaw",

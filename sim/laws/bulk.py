@@ -3,18 +3,27 @@
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sim._kernels import laws
-from sim.laws.parameters import require
+from sim.laws.parameters import quantity, require
+
+Array = NDArray[np.float64]
 
 
 class BulkLaw(Protocol):
-    """Interface of bulk laws for the element loop."""
+    """Interface of bulk laws; `evaluate` is the array form of the kernel of the element loop."""
 
     code: ClassVar[int]
 
     @property
     def kappa(self) -> float:
         """Bulk modulus at rest [Pa]."""
+        ...
+
+    def evaluate(self, J: Array) -> tuple[Array, Array, Array]:
+        """Energy U [Pa], the pressure dU/dJ and d2U/dJ2."""
         ...
 
 
@@ -33,12 +42,17 @@ class QuadraticBulk:
     al. 2017, text ("quadratic bulk potential"), kappa = 25 kPa.
     """
 
-    kappa: float = 25e3
+    kappa: float = quantity(25e3, "Pa")
     code: ClassVar[int] = laws.QUADRATIC
 
     def __post_init__(self) -> None:
         """Check the range."""
         require(self, "kappa", self.kappa, at_least=0.0, strictly=False)
+
+    def evaluate(self, J: Array) -> tuple[Array, Array, Array]:
+        """Quadratic energy."""
+        x = J - 1.0
+        return 0.5 * self.kappa * x**2, self.kappa * x, self.kappa + 0.0 * x
 
 
 @dataclass(frozen=True)
@@ -55,12 +69,17 @@ class LogarithmicBulk:
     Softens in extension: U'' < 0 for J > e. Source: Eskes et al. 2017, Eq. 1.
     """
 
-    kappa: float = 25e3
+    kappa: float = quantity(25e3, "Pa")
     code: ClassVar[int] = laws.LOGARITHMIC
 
     def __post_init__(self) -> None:
         """Check the range."""
         require(self, "kappa", self.kappa, at_least=0.0, strictly=False)
+
+    def evaluate(self, J: Array) -> tuple[Array, Array, Array]:
+        """Quadratic energy of ln J."""
+        x = np.log(J)
+        return 0.5 * self.kappa * x**2, self.kappa * x / J, self.kappa * (1.0 - x) / J**2
 
 
 BULK_LAWS: tuple[type[BulkLaw], ...] = (QuadraticBulk, LogarithmicBulk)

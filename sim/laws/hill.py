@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim._kernels import lines
 from sim._kernels.laws import KINK
-from sim.laws.parameters import require
+from sim.laws.parameters import quantity, require
 
 Array = NDArray[np.float64]
 _erf = np.vectorize(math.erf, otypes=[np.float64])
@@ -58,12 +58,12 @@ class Hill:
     359-411.
     """
 
-    force_max: float = 1.0
-    stretch_opt: float = 1.0
-    tendon_ratio: float = 0.3
-    passive_fraction: float = 0.015
-    pennation: float = 0.0
-    tendon_strain: float = 0.033
+    force_max: float = quantity(1.0, "N")
+    stretch_opt: float = quantity(1.0, "1")
+    tendon_ratio: float = quantity(0.3, "1")
+    passive_fraction: float = quantity(0.015, "1")
+    pennation: float = quantity(0.0, "rad")
+    tendon_strain: float = quantity(0.033, "1")
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.HILL
 

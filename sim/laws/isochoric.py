@@ -3,17 +3,26 @@
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sim._kernels import laws
-from sim.laws.parameters import require
+from sim.laws.parameters import quantity, require
+
+Array = NDArray[np.float64]
 
 
 class IsochoricLaw(Protocol):
-    """Interface of isochoric laws for the element loop."""
+    """Interface of isochoric laws; `evaluate` is the array form of the kernel of the element loop."""
 
     code: ClassVar[int]
 
     def parameters(self) -> tuple[float, ...]:
         """Parameters in the order of the kernel, at most `N_ISOCHORIC` of them."""
+        ...
+
+    def evaluate(self, I1bar: Array) -> tuple[Array, Array, Array]:
+        """Energy w [Pa], dw/dI1bar and d2w/dI1bar2."""
         ...
 
 
@@ -31,8 +40,8 @@ class MooneyRivlin:
     Source: Eskes et al. 2017, Eq. 1, with C10 = 2.5 kPa, C20 = 1.175 kPa.
     """
 
-    C10: float = 2500.0
-    C20: float = 1175.0
+    C10: float = quantity(2500.0, "Pa")
+    C20: float = quantity(1175.0, "Pa")
     code: ClassVar[int] = laws.MOONEY_RIVLIN
 
     def __post_init__(self) -> None:
@@ -44,12 +53,21 @@ class MooneyRivlin:
         """C10, C20 [Pa]."""
         return (self.C10, self.C20)
 
+    def evaluate(self, I1bar: Array) -> tuple[Array, Array, Array]:
+        """Polynomial of second degree."""
+        x = I1bar - 3.0
+        return (
+            self.C10 * x + self.C20 * x**2,
+            self.C10 + 2.0 * self.C20 * x,
+            2.0 * self.C20 + 0.0 * x,
+        )
+
 
 @dataclass(frozen=True)
 class NeoHooke:
     """Neo-Hookean law, w = mu/2 (I1bar - 3), with the shear modulus mu [Pa]."""
 
-    mu: float = 5000.0
+    mu: float = quantity(5000.0, "Pa")
     code: ClassVar[int] = laws.NEO_HOOKE
 
     def __post_init__(self) -> None:
@@ -59,6 +77,10 @@ class NeoHooke:
     def parameters(self) -> tuple[float, ...]:
         """Return mu [Pa]."""
         return (self.mu,)
+
+    def evaluate(self, I1bar: Array) -> tuple[Array, Array, Array]:
+        """Linear energy."""
+        return 0.5 * self.mu * (I1bar - 3.0), 0.5 * self.mu + 0.0 * I1bar, 0.0 * I1bar
 
 
 N_ISOCHORIC = 2

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sim._kernels import lines
 from sim._kernels.laws import KINK
 from sim.laws.hill import Hill
-from sim.laws.parameters import require
+from sim.laws.parameters import quantity, require
 
 Array = NDArray[np.float64]
 
@@ -52,8 +52,8 @@ class ConstantForce:
     Source: the line muscles of the published reference face, 1 N per cable without passive part.
     """
 
-    force_max: float = 1.0
-    passive_fraction: float = 0.0
+    force_max: float = quantity(1.0, "N")
+    passive_fraction: float = quantity(0.0, "1")
     has_slope: ClassVar[bool] = False
     code: ClassVar[int] = lines.CONSTANT
 
@@ -106,11 +106,11 @@ class Peck:
     each muscle.
     """
 
-    force_max: float = 1.0
-    stretch_opt: float = 1.0
-    stretch_max: float = 1.5
-    tendon_ratio: float = 0.0
-    passive_fraction: float = 0.015
+    force_max: float = quantity(1.0, "N")
+    stretch_opt: float = quantity(1.0, "1")
+    stretch_max: float = quantity(1.5, "1")
+    tendon_ratio: float = quantity(0.0, "1")
+    passive_fraction: float = quantity(0.015, "1")
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.PECK
 
@@ -169,9 +169,9 @@ class LinearSpring:
         A parameter is out of range.
     """
 
-    force_max: float = 1.0
-    passive_fraction: float = 1.0
-    slack: float = 1.0
+    force_max: float = quantity(1.0, "N")
+    passive_fraction: float = quantity(1.0, "1")
+    slack: float = quantity(1.0, "1")
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.LINEAR_SPRING
 

@@ -6,9 +6,14 @@ An isochoric law requires a bulk law; the others determine the change of volume 
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sim._kernels import tensor_laws as kernel
 from sim.errors import SceneError
-from sim.laws.parameters import require
+from sim.laws.parameters import quantity, require
+
+Array = NDArray[np.float64]
 
 
 class TensorLaw(Protocol):
@@ -32,6 +37,10 @@ class TensorLaw(Protocol):
         """Parameters in the order of the kernel."""
         ...
 
+    def energy(self, C: Array, axes: Array) -> float:
+        """Energy W [Pa] at the strain measure C (3, 3); columns of axes (3, 3) are the material axes."""
+        ...
+
 
 @dataclass(frozen=True)
 class FiveTermMooneyRivlin:
@@ -52,11 +61,11 @@ class FiveTermMooneyRivlin:
     invariant are zero there.
     """
 
-    C10: float = 2500.0
-    C01: float = 0.0
-    C20: float = 1175.0
-    C11: float = 0.0
-    C02: float = 0.0
+    C10: float = quantity(2500.0, "Pa")
+    C01: float = quantity(0.0, "Pa")
+    C20: float = quantity(1175.0, "Pa")
+    C11: float = quantity(0.0, "Pa")
+    C02: float = quantity(0.0, "Pa")
     code: ClassVar[int] = kernel.FIVE_TERM_MOONEY_RIVLIN
     measure: ClassVar[int] = kernel.ISOCHORIC
     needs_axes: ClassVar[bool] = False
@@ -70,6 +79,13 @@ class FiveTermMooneyRivlin:
     def parameters(self) -> tuple[float, ...]:
         """C10, C01, C20, C11, C02 [Pa]."""
         return (self.C10, self.C01, self.C20, self.C11, self.C02)
+
+    def energy(self, C: Array, axes: Array) -> float:
+        """Polynomial of both invariants of Cbar."""
+        I1 = float(np.trace(C))
+        x, y = I1 - 3.0, 0.5 * (I1**2 - float(np.trace(C @ C))) - 3.0
+        first = self.C10 * x + self.C01 * y
+        return first + self.C20 * x**2 + self.C11 * x * y + self.C02 * y**2
 
 
 @dataclass(frozen=True)
@@ -92,8 +108,8 @@ class Ogden:
     defaults are an example with a shear modulus of 5 kPa, that of `MooneyRivlin`.
     """
 
-    mu: tuple[float, ...] = (1250.0, -250.0)
-    alpha: tuple[float, ...] = (6.0, -10.0)
+    mu: tuple[float, ...] = quantity((1250.0, -250.0), "Pa")
+    alpha: tuple[float, ...] = quantity((6.0, -10.0), "1")
     code: ClassVar[int] = kernel.OGDEN
     measure: ClassVar[int] = kernel.ISOCHORIC
     needs_axes: ClassVar[bool] = False
@@ -112,6 +128,12 @@ class Ogden:
         """Return the number of terms, then mu [Pa] and alpha of each."""
         pairs = zip(self.mu, self.alpha, strict=True)
         return (float(len(self.mu)), *(value for pair in pairs for value in pair))
+
+    def energy(self, C: Array, axes: Array) -> float:
+        """Sum over terms of mu/alpha (tr Cbar^(alpha/2) - 3)."""
+        squared = np.linalg.eigvalsh(C)
+        terms = zip(self.mu, self.alpha, strict=True)
+        return sum(mu / a * float((squared ** (0.5 * a)).sum() - 3.0) for mu, a in terms)
 
 
 @dataclass(frozen=True)
@@ -137,9 +159,11 @@ class Fung:
     the relaxed skin tension lines.
     """
 
-    mu: tuple[float, float, float] = (17773.0, 5931.0, 5931.0)
-    lame: tuple[float, float, float, float, float, float] = (1e3, 1e3, 1e3, 1e3, 1e3, 1e3)
-    c: float = 3784.0
+    mu: tuple[float, float, float] = quantity((17773.0, 5931.0, 5931.0), "Pa")
+    lame: tuple[float, float, float, float, float, float] = quantity(
+        (1e3, 1e3, 1e3, 1e3, 1e3, 1e3), "Pa"
+    )
+    c: float = quantity(3784.0, "Pa")
     code: ClassVar[int] = kernel.FUNG
     measure: ClassVar[int] = kernel.ISOCHORIC
     needs_axes: ClassVar[bool] = True
@@ -159,6 +183,14 @@ class Fung:
         """C [Pa], mu [Pa], lame [Pa]."""
         return (self.c, *self.mu, *self.lame)
 
+    def energy(self, C: Array, axes: Array) -> float:
+        """Exponential of the quadratic form Q of the strains along the axes."""
+        K, L = (np.diag(axes.T @ A @ axes) for A in (C, C @ C))
+        l11, l22, l33, l12, l23, l31 = self.lame
+        lame = np.array([[l11, l12, l31], [l12, l22, l23], [l31, l23, l33]])
+        Q = 2.0 * np.array(self.mu) @ (L - 2.0 * K + 1.0) + (K - 1.0) @ lame @ (K - 1.0)
+        return 0.5 * self.c * float(np.expm1(Q / (4.0 * self.c)))
+
 
 @dataclass(frozen=True)
 class _YoungPoisson:
@@ -172,8 +204,8 @@ class _YoungPoisson:
         Poisson's ratio [1], -1 < poisson < 0.5.
     """
 
-    young: float = 15e3
-    poisson: float = 0.45
+    young: float = quantity(15e3, "Pa")
+    poisson: float = quantity(0.45, "1")
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -198,6 +230,12 @@ class LinearElastic(_YoungPoisson):
     measure: ClassVar[int] = kernel.SMALL
     needs_axes: ClassVar[bool] = False
 
+    def energy(self, C: Array, axes: Array) -> float:
+        """Quadratic energy of eps = (C - I)/2."""
+        lame, mu = self.parameters()
+        eps = 0.5 * (C - np.eye(3))
+        return mu * float((eps**2).sum()) + 0.5 * lame * float(np.trace(eps)) ** 2
+
 
 @dataclass(frozen=True)
 class CoRotational(_YoungPoisson):
@@ -220,6 +258,12 @@ class CoRotational(_YoungPoisson):
     code: ClassVar[int] = kernel.CO_ROTATIONAL
     measure: ClassVar[int] = kernel.FINITE
     needs_axes: ClassVar[bool] = False
+
+    def energy(self, C: Array, axes: Array) -> float:
+        """Quadratic energy of U - I, whose principal values are those of C^(1/2) - I."""
+        lame, mu = self.parameters()
+        x = np.sqrt(np.linalg.eigvalsh(C)) - 1.0
+        return mu * float((x**2).sum()) + 0.5 * lame * float(x.sum()) ** 2
 
 
 TENSOR_LAWS: tuple[type[TensorLaw], ...] = (

@@ -3,14 +3,16 @@
 from sim.scene import Term
 from sim.terms.axial_springs import AxialSprings
 from sim.terms.crushable import Crushable
+from sim.terms.fibre_rate import FibreRate
 from sim.terms.gravity import Gravity
-from sim.terms.line_muscle import LineFibre, LineMuscles
+from sim.terms.line_muscle import LineMuscles
 from sim.terms.load import NodeLoad
 from sim.terms.material import Material
 from sim.terms.muscles import Muscles
 from sim.terms.nodal_volume import NodalVolume
 from sim.terms.solid import Solid
 from sim.terms.stiffening import Stiffening
+from sim.terms.strands import LineFibre
 from sim.terms.support import Support
 from sim.terms.volume import ElementVolume
 
@@ -32,6 +34,7 @@ __all__ = [
     "AxialSprings",
     "Crushable",
     "ElementVolume",
+    "FibreRate",
     "Gravity",
     "LineFibre",
     "LineMuscles",

@@ -12,7 +12,8 @@ from sim.laws.line import ConstantForce
 from sim.mesh import Mesh
 from sim.scene import Index, Layout
 from sim.state import Array
-from sim.terms.line_muscle import CompiledLineMuscles, LineFibre, LineMuscles
+from sim.terms.line_muscle import CompiledLineMuscles, LineMuscles
+from sim.terms.strands import LineFibre
 
 
 @dataclass(frozen=True, eq=False)

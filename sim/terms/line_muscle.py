@@ -2,53 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from sim._kernels.lines import PARAMETERS, LineTable, tensions
-from sim.embedding import embed
 from sim.errors import SceneError
 from sim.laws.line import ConstantForce, LineLaw
+from sim.laws.rate import ForceVelocity
 from sim.mesh import Mesh
 from sim.multibody import PointForces
 from sim.pattern import distinct
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
-
-
-@dataclass(frozen=True, eq=False)
-class LineFibre:
-    """A polyline with one tension along its whole length, as over frictionless via points.
-
-    Attributes
-    ----------
-    muscle : int
-        Index into the names of its `LineMuscles`.
-    points : (k,) of int, nodes (the fibre is then parallel to edges); or (k, 3), rest positions [m] in
-        the elements; at least two.
-    share : float
-        Factor on the tension of the law [1], if several fibres divide the force of a muscle.
-    """
-
-    muscle: int
-    points: NDArray[Any]
-    share: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check points and share."""
-        nodes = self.points.ndim == 1 and np.issubdtype(self.points.dtype, np.integer)
-        if not (nodes or (self.points.ndim == 2 and self.points.shape[1] == 3)):
-            raise SceneError(
-                f"line fibre has points of shape {self.points.shape} and type {self.points.dtype}, "
-                "expected node indices (k,) or positions (k, 3)"
-            )
-        if len(self.points) < 2:
-            raise SceneError(f"line fibre has {len(self.points)} point, expected at least two")
-        if not 0.0 <= self.share < np.inf:
-            raise SceneError(f"line fibre: share = {self.share!r}, expected a number >= 0")
+from sim.terms.strands import LineFibre, Strands, product_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +34,8 @@ class LineMuscles:
         Of a passive spring along every fibre [N/m], which also resists shortening.
     damping : float
         Of a damper along every fibre, force per rate of lengthening [N s/m].
+    relation : ForceVelocity or None
+        Factor on the active tension at the rate of stretch dL/dt/L_rest.
     tolerance : float
         Tolerance for embedded points outside the mesh, as `sim.embedding.embed`.
 
@@ -86,6 +55,7 @@ class LineMuscles:
     law: LineLaw | Sequence[LineLaw] = field(default_factory=ConstantForce)
     stiffness: float = 0.0
     damping: float = 0.0
+    relation: ForceVelocity | None = None
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
@@ -117,86 +87,19 @@ class LineMuscles:
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """Node pairs of each segment, and of all segments of a fibre whose tension has a slope."""
-        strands = _Strands(self, mesh)
-        return distinct(strands.products()[0])
+        return distinct(self.strands(mesh).products()[0])
+
+    def strands(self, mesh: Mesh) -> Strands:
+        """Segments of all fibres."""
+        laws, always = self.laws(), self.stiffness + self.damping > 0.0 or self.relation is not None
+        coupled = [laws[fibre.muscle].has_slope or always for fibre in self.fibres]
+        return Strands(self.fibres, self.names, np.array(coupled, bool), mesh, self.tolerance)
 
     def compile(self, layout: Layout) -> "CompiledLineMuscles":
         """Lay out segments and the map from them to the matrix."""
+        if self.relation is not None:
+            return RateLineMuscles(self, self.relation, layout)
         return (DampedLineMuscles if self.damping else CompiledLineMuscles)(self, layout)
-
-
-class _Strands:
-    """Segments d = D q of all fibres, and the pairs of segments coupled by the energy."""
-
-    def __init__(self, term: LineMuscles, mesh: Mesh) -> None:
-        self.n_nodes = mesh.n_nodes
-        rows, columns, values = list[Index](), list[Index](), list[Array]()
-        fibre_of, n = list[int](), 0
-        for k, fibre in enumerate(term.fibres):
-            nodes, weights = _placed(fibre, mesh, term.tolerance)
-            count = len(nodes) - 1
-            for shift, sign in ((0, -1.0), (1, 1.0)):
-                here = slice(shift, shift + count)
-                rows.append(np.repeat(np.arange(n, n + count), nodes.shape[1]))
-                columns.append(nodes[here].ravel())
-                values.append(sign * weights[here].ravel())
-            fibre_of += [k] * count
-            n += count
-        place = np.concatenate(rows), np.concatenate(columns)
-        self.D = csr_array((np.concatenate(values), place), shape=(n, mesh.n_nodes))
-        self.D.sum_duplicates()
-        self.D.eliminate_zeros()
-        self.fibre = np.array(fibre_of, dtype=np.int64)
-        length = np.linalg.norm(_product(self.D, mesh.X), axis=1)
-        if not (length > 0.0).all():
-            bad = int(self.fibre[np.argmin(length > 0.0)])
-            raise SceneError(
-                f"line fibre {bad} of muscle {term.names[term.fibres[bad].muscle]} has two "
-                "successive points at the same position, expected segments of positive "
-                "length"
-            )
-        laws = term.laws()
-        coupled = np.array(
-            [laws[f.muscle].has_slope or term.stiffness + term.damping > 0.0 for f in term.fibres],
-            dtype=bool,
-        )
-        own = np.arange(n)
-        later = [
-            (s, np.flatnonzero(self.fibre[s + 1 :] == self.fibre[s]) + s + 1)
-            for s in own[coupled[self.fibre]]
-        ]
-        self.first = np.concatenate([own, *(np.full(len(t), s) for s, t in later)])
-        self.second = np.concatenate([own, *(t for _, t in later)])
-
-    def products(self) -> tuple[Index, Index, Array, NDArray[np.bool_]]:
-        """Node-pair key, segment pair, coefficient and transposition of every product D_sa D_tb.
-
-        Block (a, b), a <= b, of the stiffness is the sum of coefficient times block (s, t),
-        transposed if the segments are in reverse order.
-        """
-        keys, pair, value, turned = list[Index](), list[Index](), list[Array](), list[bool]()
-        sizes = list[int]()
-        start, columns, data = self.D.indptr, self.D.indices, self.D.data
-        for k, (s, t) in enumerate(zip(self.first, self.second, strict=True)):
-            for one, other in ((s, t),) if s == t else ((s, t), (t, s)):
-                a = columns[start[one] : start[one + 1]].astype(np.int64)
-                b = columns[start[other] : start[other + 1]].astype(np.int64)
-                product = np.outer(
-                    data[start[one] : start[one + 1]], data[start[other] : start[other + 1]]
-                )
-                keep = a[:, None] <= b[None, :]
-                found = (a[:, None] * self.n_nodes + b[None, :])[keep]
-                keys.append(found)
-                value.append(product[keep])
-                pair.append(np.full(len(found), k))
-                turned.append(one != s)
-                sizes.append(len(found))
-        return (
-            np.concatenate(keys),
-            np.concatenate(pair),
-            np.concatenate(value),
-            np.repeat(np.array(turned, dtype=bool), sizes),
-        )
 
 
 class CompiledLineMuscles:
@@ -207,7 +110,7 @@ class CompiledLineMuscles:
     """
 
     def __init__(self, term: LineMuscles, layout: Layout) -> None:
-        strands = _Strands(term, layout.mesh)
+        strands = term.strands(layout.mesh)
         self._D, self._Dt = strands.D, strands.D.T.tocsr()
         self._fibre, self._n_fibres = strands.fibre, len(term.fibres)
         self._first, self._second = strands.first, strands.second
@@ -228,7 +131,7 @@ class CompiledLineMuscles:
 
     def _lengths(self, q: Array) -> tuple[Array, Array, Array]:
         """Segment lengths and directions, and the length of every fibre."""
-        d = _product(self._D, q)
+        d = product_of(self._D, q)
         length = np.sqrt((d * d).sum(axis=1))
         total = np.bincount(self._fibre, length, self._n_fibres)
         return length, d / length[:, None], total.astype(np.float64)
@@ -247,14 +150,14 @@ class CompiledLineMuscles:
         """Subtract dE/dq from f."""
         _, direction, total = self._lengths(q)
         energy, tension, _ = self._tension(total, control)
-        f -= _product(self._Dt, tension[self._fibre][:, None] * direction)
+        f -= product_of(self._Dt, tension[self._fibre][:, None] * direction)
         return Contribution(energy)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """As `add_force`, and K += d2E/dq2."""
         length, direction, total = self._lengths(q)
         energy, tension, slope = self._tension(total, control)
-        f -= _product(self._Dt, tension[self._fibre][:, None] * direction)
+        f -= product_of(self._Dt, tension[self._fibre][:, None] * direction)
         s, t = self._first, self._second
         blocks = np.einsum(
             "p,pi,pj->pij", slope[self._fibre[s]], direction[s], direction[t], optimize=False
@@ -262,7 +165,7 @@ class CompiledLineMuscles:
         own = np.arange(len(length))  # The first pairs are those of every segment with itself.
         across = (tension[self._fibre] / length)[:, None, None]
         blocks[own] += across * (np.eye(3) - direction[:, :, None] * direction[:, None, :])
-        K[self._entries] += _product(self._spread, blocks.ravel())
+        K[self._entries] += product_of(self._spread, blocks.ravel())
         return Contribution(energy)
 
 
@@ -274,20 +177,29 @@ class DampedLineMuscles(CompiledLineMuscles):
         _, direction, _ = self._lengths(q)
         s, t = self._first, self._second
         blocks = self._damping * direction[s][:, :, None] * direction[t][:, None, :]
-        D[self._entries] += _product(self._spread, blocks.ravel())
+        D[self._entries] += product_of(self._spread, blocks.ravel())
 
 
-def _placed(fibre: LineFibre, mesh: Mesh, tolerance: float) -> tuple[Index, Array]:
-    """Nodes (k, m) and weights (k, m) of every point of a fibre."""
-    if fibre.points.ndim == 2:
-        found = embed(mesh, fibre.points, tolerance=tolerance)
-        return found.nodes, found.weights
-    nodes = fibre.points.astype(np.int64)
-    if nodes.min() < 0 or nodes.max() >= mesh.n_nodes:
-        raise SceneError(
-            f"a line fibre refers to node {nodes.max()}, expected 0..{mesh.n_nodes - 1}"
-        )
-    return nodes[:, None], np.ones((len(nodes), 1))
+class RateLineMuscles(DampedLineMuscles):
+    """Line muscles with a force-velocity relation, f = -(dL/dq)' F_act (f_v(dL/dt/L_rest) - 1)."""
+
+    def __init__(self, term: LineMuscles, relation: ForceVelocity, layout: Layout) -> None:
+        super().__init__(term, layout)
+        self._relation = relation
+
+    def add_rate_force(self, q: Array, v: Array, control: Control, f: Array, D: Array) -> None:
+        """F += forces at velocities v (n_nodes, 3), and D += -df/dv."""
+        _, direction, total = self._lengths(q)
+        lengthening = (direction * product_of(self._D, v)).sum(axis=1)
+        rate = np.bincount(self._fibre, lengthening, self._n_fibres) / self.table.rest
+        passive = Control(np.zeros_like(control.activation), control.t)
+        active = self._tension(total, control)[1] - self._tension(total, passive)[1]
+        factor, slope = self._relation.evaluate(rate)
+        f -= product_of(self._Dt, (active * (factor - 1.0))[self._fibre][:, None] * direction)
+        s, t = self._first, self._second
+        along = (active * slope / self.table.rest)[self._fibre[s], None, None]
+        blocks = along * direction[s][:, :, None] * direction[t][:, None, :]
+        D[self._entries] += product_of(self._spread, blocks.ravel())
 
 
 def _table(term: LineMuscles, layout: Layout, rest: Array) -> LineTable:
@@ -308,7 +220,3 @@ def _table(term: LineMuscles, layout: Layout, rest: Array) -> LineTable:
         np.full(len(laws), term.stiffness),
         np.full(len(laws), term.damping),
     )
-
-
-def _product(matrix: csr_array, x: Array) -> Array:
-    return np.asarray(matrix @ x, dtype=np.float64)

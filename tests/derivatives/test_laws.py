@@ -1,6 +1,7 @@
 """Every registered law: slope and curvature are the derivatives of its energy."""
 
-from dataclasses import replace
+import re
+from dataclasses import fields, replace
 
 import numba as nb
 import numpy as np
@@ -8,7 +9,16 @@ import pytest
 
 from sim._kernels import laws as kernel
 from sim._kernels.lines import LineTable, tensions
-from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS, LINE_LAWS, Hill
+from sim.laws import (
+    BULK_LAWS,
+    FIBRE_LAWS,
+    ISOCHORIC_LAWS,
+    LINE_LAWS,
+    TENSOR_LAWS,
+    ForceVelocity,
+    Hill,
+)
+from sim.laws.parameters import units
 
 NONE = np.zeros(1)
 isochoric = nb.njit(lambda code, p, I1bar: kernel.isochoric(code, p, I1bar))
@@ -25,6 +35,12 @@ def derivatives_agree(function, x, h=1e-5):
     assert (above[1] - below[1]) / (2 * h) == pytest.approx(w2, abs=1e-6 * scale)
 
 
+def equal_forms(of_class, of_kernel):
+    """The array form of the class against the kernel, both with two derivatives."""
+    scale = max(np.abs(of_kernel).max(), 1.0)
+    np.testing.assert_allclose([float(x) for x in of_class], of_kernel, rtol=0, atol=1e-12 * scale)
+
+
 def parameters(law, n):
     p = np.zeros(n)
     p[: len(law.parameters())] = law.parameters()
@@ -35,6 +51,7 @@ def parameters(law, n):
 @pytest.mark.parametrize("I1bar", [3.0, 3.2, 5.0, 9.0])
 def test_isochoric(cls, I1bar):
     law = cls()
+    equal_forms(law.evaluate(np.array(I1bar)), isochoric(law.code, parameters(law, 2), I1bar))
     derivatives_agree(lambda x: isochoric(law.code, parameters(law, 2), x), I1bar)
     assert isochoric(law.code, parameters(law, 2), 3.0)[0] == 0.0
 
@@ -43,6 +60,7 @@ def test_isochoric(cls, I1bar):
 @pytest.mark.parametrize("J", [0.2, 0.8, 1.0, 1.3, 2.5])
 def test_bulk(cls, J):
     law = cls()
+    equal_forms(law.evaluate(np.array(J)), bulk(law.code, law.kappa, J))
     derivatives_agree(lambda x: bulk(law.code, law.kappa, x), J)
     w, w1, w2 = bulk(law.code, law.kappa, 1.0)
     assert (w, w1, w2) == (0.0, 0.0, law.kappa)
@@ -55,7 +73,11 @@ def test_fibre(cls, activation, stretch):
     law = cls()
     p = parameters(law, 5)
     if "P1" in cls.__annotations__:
-        p[3] = max(p[3], 0.05 * p[0] if cls.__name__ == "Generic" else 0.0)  # not negligible
+        if cls.__name__ == "Generic":
+            law = replace(law, P1=0.05 * law.sigma_max)  # not negligible
+        p = parameters(law, 5)
+    here = law.evaluate(np.array(stretch), np.array(activation))
+    equal_forms(here, fibre(law.code, p, stretch, activation))
     derivatives_agree(lambda x: fibre(law.code, p, x, activation), stretch)
 
 
@@ -118,3 +140,25 @@ def test_hill_has_the_force_of_its_definition():
     length = np.hypot(y, l_opt * np.sin(0.3))
     active = np.exp(-((length / l_opt - 1.0) ** 2) / 0.45)
     assert F == pytest.approx(5.0 * active * y / length, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "cls", (*ISOCHORIC_LAWS, *BULK_LAWS, *FIBRE_LAWS, *LINE_LAWS, *TENSOR_LAWS, ForceVelocity)
+)
+def test_every_parameter_of_a_law_has_a_unit(cls):
+    """Moduli, which a stiffness multiplies, are the parameters whose unit is the pascal."""
+    assert set(units(cls)) == {field.name for field in fields(cls)}
+    assert set(units(cls).values()) <= {"Pa", "1", "N", "1/s", "rad"}
+
+
+def test_a_scalar_law_is_in_three_files_at_most(root):
+    """The kernel with its dispatcher, the class with its register, and the exported name."""
+    for cls in (*ISOCHORIC_LAWS, *BULK_LAWS):
+        kernel_name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        found = {
+            str(path.relative_to(root))
+            for package in ("sim", "emgface")
+            for path in (root / package).rglob("*.py")
+            if re.search(rf"\b(class {cls.__name__}|def {kernel_name})\b", path.read_text("utf-8"))
+        }
+        assert len(found) == 2, found

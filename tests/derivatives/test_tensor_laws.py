@@ -62,6 +62,7 @@ def test_S_and_D_are_the_derivatives_of_W(cls, stretches):
     law, C, h = EXAMPLES[cls], strain(stretches), 1e-6
     W, S, D = evaluate(law.code, law.parameters(), C)
     scale = np.abs(D).max()
+    assert law.energy(C, AXES) == pytest.approx(W, rel=1e-12, abs=1e-13 * scale)
     np.testing.assert_allclose(D, D.T, atol=1e-11 * scale)
     for b in range(6):
         step = np.zeros(6)

@@ -131,7 +131,7 @@ def test_rows_by_the_schur_complement_equal_the_full_saddle_system():
     pose, _ = random_pose(system, size=0.3)
     control, h, rows = system.control(np.full(len(system.muscles), 0.2)), 2e-3, system.rows
     here, K = system.tangent(pose.q, control)
-    D = damping_matrix(system, pose, control, K)
+    D = damping_matrix(system, pose, np.zeros_like(pose.q), control, K)
     A = implicit_matrix(system, pose, here, K, D, h, h * h)
     rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-6
     work, start = sim.Workspace(system), np.zeros(system.pattern.n)
