@@ -200,7 +200,7 @@ class PublishedContact:
         system, kinematics, rules = self.system, self.system.kinematics, self.rules
         control = system.control(activation, state.t + h)
         here, K = system.tangent(state.q, control)
-        D = damping_matrix(system, state.pose, control, K)
+        D = damping_matrix(system, state.pose, state.v, control, K)
         A = implicit_matrix(system, state.pose, here, K, D, 0.5 * h, 0.25 * h * h)
         w0 = kinematics.velocities(state)
         force = kinematics.generalised_force(here.f, state.pose)
