@@ -108,30 +108,31 @@ class CompiledFibreRate:
         """F += forces at positions q and velocities v (n_nodes, 3), and D += -df/dv."""
         stretch, B = self._stretch(q)
         rate = np.einsum("kai,kai->k", B, v[self._nodes])
-        P, slope = self._viscosity * rate, np.full(len(rate), self._viscosity)
+        stress, slope = self._viscosity * rate, np.full(len(rate), self._viscosity)
         if self._relation is not None and control.activation.any():
             factor, steep = self._relation.evaluate(rate)
             active = self._active(stretch, control)
-            P, slope = P + active * (factor - 1.0), slope + active * steep
-        force = (self._volume * P)[:, None, None] * B
+            stress, slope = stress + active * (factor - 1.0), slope + active * steep
+        force = (self._volume * stress)[:, None, None] * B
         for i in range(3):
             f[:, i] -= np.bincount(self._nodes.ravel(), force[:, :, i].ravel(), len(f))
         entries = np.einsum("k,kai,kbj->kabij", self._volume * slope, B, B, optimize=True)
         stored = self._target >= 0
         values = entries.reshape(self._target.shape)[stored]
-        D += np.bincount(self._target[stored], values, len(D))
+        D[:] += np.bincount(self._target[stored], values, len(D))
 
     def _stretch(self, q: Array) -> tuple[Array, Array]:
         """Stretch L (k,) and its derivatives B (k, NODES, 3) by the nodes.
 
         dL/dF = L (F a0 a0' / |F a0|^2 - F^-T / 3), and dL/dx_a = dL/dF g_a.
         """
-        F = np.einsum("kai,kaj->kij", q[self._nodes], self._gradient)
+        F: Array = np.einsum("kai,kaj->kij", q[self._nodes], self._gradient)
         Fa = np.einsum("kij,kj->ki", F, self._direction)
         squared = np.einsum("ki,ki->k", Fa, Fa)
         L = np.cbrt(1.0 / np.linalg.det(F)) * np.sqrt(squared)
         along = (L / squared)[:, None, None] * Fa[:, :, None] * self._direction[:, None, :]
-        dL = along - (L / 3.0)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
+        inverse: Array = np.linalg.inv(F).astype(np.float64)
+        dL = along - (L / 3.0)[:, None, None] * inverse.transpose(0, 2, 1)
         return L, np.einsum("kij,kaj->kai", dL, self._gradient)
 
     def _active(self, stretch: Array, control: Control) -> Array:
@@ -150,8 +151,9 @@ def _points(mesh: Mesh, element: Index) -> tuple[Index, Array, Array]:
         dN, n = block.kind.dN, len(block.nodes)
         own = np.flatnonzero((element >= first) & (element < first + n))
         X = mesh.X[block.nodes[element[own] - first]]
-        jacobian = np.einsum("eai,paj->epij", X, dN)
-        slope = np.einsum("paj,epji->epai", dN, np.linalg.inv(jacobian))
+        jacobian: Array = np.einsum("eai,paj->epij", X, dN)
+        inverse: Array = np.linalg.inv(jacobian).astype(np.float64)
+        slope = np.einsum("paj,epji->epai", dN, inverse)
         gradient = np.zeros((len(own), len(dN), NODES, 3))
         gradient[:, :, : block.kind.n_nodes] = slope
         rows.append(np.repeat(own, len(dN)))
