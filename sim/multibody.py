@@ -85,7 +85,7 @@ class Multibody:
             **{"JP": (m, 3), "A": (n, n), "I": (3, 3), "inverse": (k, 3, 3)},
         }
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-        return Scratch(**arrays, on=np.zeros(m, dtype=bool), index=np.zeros(m, dtype=np.int64))
+        return Scratch(**arrays, on=np.zeros(m, dtype=bool), place=np.zeros(m, dtype=np.int64))
 
 
 def lay_out_multibody(

@@ -27,22 +27,22 @@ def factor_rows(scratch):
     Redundant rows, such as stops that are reached together, make S singular. All rows then have a
     small compliance, which divides the force among them by least squares.
     """
-    on, index, T = scratch.on, scratch.index, scratch.T
+    on, place, T = scratch.on, scratch.place, scratch.T
     k = 0
     for i in range(len(on)):
         if on[i]:
-            index[k] = i
+            place[k] = i
             k += 1
     for turn in range(2):
         for i in range(k):
             for j in range(i + 1):
-                T[i, j] = scratch.S[index[i], index[j]]
+                T[i, j] = scratch.S[place[i], place[j]]
             if turn > 0:
                 T[i, i] *= 1.0 + SOFTENED
         good = cholesky(T, k)
         for i in range(k):
             good = good and (
-                turn > 0 or T[i, i] * T[i, i] > REPEATED * scratch.S[index[i], index[i]]
+                turn > 0 or T[i, i] * T[i, i] > REPEATED * scratch.S[place[i], place[i]]
             )
         if good:
             return k
@@ -54,13 +54,13 @@ def _solve_rows(scratch, k, b):
     """Forces f with S f = -b of the k active rows, zero for the others."""
     f, x = scratch.f, scratch.target
     for i in range(k):
-        x[i] = -b[scratch.index[i]]
+        x[i] = -b[scratch.place[i]]
     solve_lower(scratch.T, x, k)
     solve_upper(scratch.T, x, k)
     for i in range(len(f)):
         f[i] = 0.0
     for i in range(k):
-        f[scratch.index[i]] = x[i]
+        f[scratch.place[i]] = x[i]
 
 
 @inner

@@ -84,4 +84,4 @@ class Scratch(NamedTuple):
     JB: Array
     JP: Array
     on: Flags
-    index: Index
+    place: Index
