@@ -240,6 +240,7 @@ def met(
     tie, rounded = np.empty(longest, np.int64), np.empty((longest, 3))
     own, sums, gaps = np.empty((longest, 3)), np.empty((longest, 3)), np.empty(longest)
     at, group = np.empty(longest, np.int64), np.empty(longest, np.int64)
+    nearest = np.empty(longest, np.int64)
     way, outward, n = np.empty(3), np.empty(3), 0
     for i in range(len(points)):
         p = points[i]
@@ -278,12 +279,15 @@ def met(
                     sums[lead, c] += own[j, c]
                 if not gaps[lead] >= here:  # a number rather than NaN
                     gaps[lead] = here if here == here else gaps[lead]
+                # of faces that share the feature the closest, whatever their numbers, tells the place
+                if squared[k] < squared[tie[nearest[lead]]]:
+                    nearest[lead] = j
                 continue
             for k in range(groups, g, -1):
                 group[k] = group[k - 1]
             group[g] = j
             groups += 1
-            gaps[j] = here
+            gaps[j], nearest[j] = here, j
             for c in range(3):
                 sums[j, c] = own[j, c]
         for g in range(groups):
@@ -295,10 +299,11 @@ def met(
             if g > 0 and gaps[j] < 0.0 and dot(normal[n], sums[group[0]]) < 0.0:
                 continue
             if gaps[j] > deepest and gaps[j] + may[i] < radius[i]:
-                point[n], face[n], place[n], wall[n] = i, listed[first + tie[j]], at[j], False
+                lead = nearest[j]
+                point[n], face[n], place[n], wall[n] = i, listed[first + tie[lead]], at[j], False
                 gap[n] = gaps[j]
                 for c in range(3):
-                    weight[n, c] = rounded[j, c]
+                    weight[n, c] = rounded[lead, c]
                 n += 1
         # faces that form a groove with a closest one, if the point is above both
         walls = n

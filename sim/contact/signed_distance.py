@@ -141,6 +141,8 @@ class SignedFaces:
 
         An edge has the same index for both its faces, and a vertex for all; weights are on the feature.
         """
+        # of faces that share a feature the first, closest or earliest, whatever their numbers
+        found = found.take(np.argsort(found.value, kind="stable"))
         place, weight = np.empty(len(found.point), dtype=np.int64), found.weight.copy()
         about = self._across, self._free, self._edge, place
         places(found.face, weight, found.feature, x, self.triangles, *about)
