@@ -285,11 +285,15 @@ def _joined_activation(
 def _joined_motion(
     motions: Sequence[xr.Dataset], onsets: Sequence[float], end: float
 ) -> xr.DataArray:
-    """Concatenate motions; the lips remain at the end of one until the next begins."""
-    parts = [
-        motion["position"].assign_coords(time=onset + motion["time"].values)
-        for motion, onset in zip(motions, onsets, strict=True)
-    ]
+    """Concatenate motions; the lips remain at the end of one until the next begins.
+
+    A motion that lasts until the next or the end gives up its last instant, so that times are unique.
+    """
+    parts: list[xr.DataArray] = []
+    for motion, onset, until in zip(motions, onsets, [*onsets[1:], end], strict=True):
+        time = onset + motion["time"].values
+        part = motion["position"].assign_coords(time=time)
+        parts.append(part.isel(time=np.flatnonzero(time < until - 1e-6)))
     before = parts[0].isel(time=[0]).assign_coords(time=[0.0])
-    after = parts[-1].isel(time=[-1]).assign_coords(time=[end])
+    after = motions[-1]["position"].isel(time=[-1]).assign_coords(time=[end])
     return xr.concat([before, *parts, after], dim="time")

@@ -71,6 +71,22 @@ def test_four_repetitions_have_two_seconds_of_rest_around_them() -> None:
     assert whole.attrs["true_sigma_max"] == [100e3, 100e3 + 1, 100e3 + 2, 100e3 + 3]
 
 
+def test_motions_may_last_until_the_next_begins() -> None:
+    """Rests of 0.25 s: the last instant of each motion is the first of the next one."""
+    settings = QUICK.model_copy(update={"rest": 0.25, "duration": 2.0, "occlusions": 0.0})
+    activations = [trial_activation(PERSON, "D", r, settings) for r in (1, 2)]
+    motions = [motion(r).interp(time=0.01 * np.arange(226)) for r in range(2)]
+    _, face = still_lips()
+    whole = simulate_session(PERSON, "D", activations, motions, face, settings)
+    onsets = session_events("D", 2, settings)["onset"].to_numpy()
+    np.testing.assert_array_equal(onsets, [0.25, 2.5])
+    position = whole["position"]
+    assert np.isfinite(position).all() and position.sizes["time_marker"] == 476
+    first, second = (position.sel(time_marker=slice(t, t + 2.0)) for t in onsets)
+    apart = [x - x.isel(time_marker=0) for x in (first, second)]
+    assert float(abs(apart[0]).max()) > 4e-3 and float(abs(apart[1]).max()) > 4e-3
+
+
 def test_repetitions_are_found_in_the_activity_of_a_session() -> None:
     whole, events = session(artefact_probability=0.0), session_events("D", 4, QUICK)
     found = find_repetitions(bandpass(whole["emg"], FilterParameters()))
