@@ -200,6 +200,97 @@ def signed(
         )  # fmt: skip
 
 
+@inner
+def _grouped(
+    p, listed, first, ties, tie, squared, what, w, x, triangles, across, free, edge, by_face, by_corner,
+    flat, blur, against, own, sums, gaps, at, group, nearest, rounded, way, outward
+):  # fmt: skip
+    """Number of features of equally close faces, whose leading faces are in `group`, ordered by feature.
+
+    sums: of the normals of the faces of each feature; nearest: the closest of these faces.
+    """
+    groups = 0
+    for j in range(ties):
+        k = tie[j]
+        f = listed[first + k]
+        feature = _on_edge(what[k], w[k], x, triangles[f], across[f], free)
+        here = _signed(
+            p, f, w[k], np.sqrt(squared[k]), feature, x, triangles, across, free,
+            by_face, by_corner, flat, blur, against, own[j], way, outward
+        )  # fmt: skip
+        for c in range(3):
+            rounded[j, c] = w[k, c]
+        at[j] = _place(f, feature, rounded[j], triangles, edge)
+        g = 0
+        while g < groups and at[group[g]] < at[j]:
+            g += 1
+        if g < groups and at[group[g]] == at[j]:
+            lead = group[g]
+            for c in range(3):
+                sums[lead, c] += own[j, c]
+            if not gaps[lead] >= here:  # a number rather than NaN
+                gaps[lead] = here if here == here else gaps[lead]
+            # of faces that share the feature the closest, whatever their numbers, tells the place
+            if squared[k] < squared[tie[nearest[lead]]]:
+                nearest[lead] = j
+            continue
+        for k in range(groups, g, -1):
+            group[k] = group[k - 1]
+        group[g] = j
+        groups += 1
+        gaps[j], nearest[j] = here, j
+        for c in range(3):
+            sums[j, c] = own[j, c]
+    return groups
+
+
+@inner
+def _beside(
+    p, i, n, radius, may, listed, first, ties, tie, at, x, triangles, across, by_face, blur, deepest,
+    point, face, place, wall, weight, gap, normal, way
+):  # fmt: skip
+    """Number of results after those of faces that form a groove with a closest one of point i.
+
+    Such a face has a row if the point is above both.
+    """
+    walls = n
+    for j in range(ties):
+        one = listed[first + tie[j]]
+        for side in range(3):
+            f = across[one, side]
+            if f < 0:
+                continue
+            height = 0.0
+            for k in range(3):
+                rise = 0.0
+                for c in range(3):
+                    corner = x[triangles[one, side], c]
+                    rise += (x[triangles[f, k], c] - corner) * by_face[one, c]
+                height = max(height, rise)
+            if not height > CONCAVE * _size(x, triangles[f]):
+                continue
+            t = triangles[f]
+            apart, feature = point_triangle(p, x[t[0]], x[t[1]], x[t[2]], weight[n])
+            if not (feature == INSIDE_FACE or apart < blur * blur):
+                continue
+            known = False
+            for k in range(ties):
+                known = known or at[k] == f
+            for k in range(walls, n):
+                known = known or face[k] == f
+            if known:
+                continue
+            for c in range(3):
+                way[c], normal[n, c] = p[c], by_face[f, c]
+                for k in range(3):
+                    way[c] -= weight[n, k] * x[t[k], c]
+            gap[n] = dot(way, by_face[f])
+            if gap[n] > deepest and gap[n] + may < radius:
+                point[n], face[n], place[n], wall[n] = i, f, f, True
+                n += 1
+    return n
+
+
 @kernel
 def met(
     points: Reals,
@@ -257,39 +348,10 @@ def met(
             if turn != best and (turn < 0 or squared[k] <= most * most):
                 tie[ties] = k
                 ties += 1
-        # one result per feature, in the order of their numbers, with the sum of the normals of its faces
-        groups = 0
-        for j in range(ties):
-            k = tie[j]
-            f = listed[first + k]
-            feature = _on_edge(what[k], w[k], x, triangles[f], across[f], free)
-            here = _signed(
-                p, f, w[k], np.sqrt(squared[k]), feature, x, triangles, across, free,
-                by_face, by_corner, flat, blur, against[i], own[j], way, outward
-            )  # fmt: skip
-            for c in range(3):
-                rounded[j, c] = w[k, c]
-            at[j] = _place(f, feature, rounded[j], triangles, edge)
-            g = 0
-            while g < groups and at[group[g]] < at[j]:
-                g += 1
-            if g < groups and at[group[g]] == at[j]:
-                lead = group[g]
-                for c in range(3):
-                    sums[lead, c] += own[j, c]
-                if not gaps[lead] >= here:  # a number rather than NaN
-                    gaps[lead] = here if here == here else gaps[lead]
-                # of faces that share the feature the closest, whatever their numbers, tells the place
-                if squared[k] < squared[tie[nearest[lead]]]:
-                    nearest[lead] = j
-                continue
-            for k in range(groups, g, -1):
-                group[k] = group[k - 1]
-            group[g] = j
-            groups += 1
-            gaps[j], nearest[j] = here, j
-            for c in range(3):
-                sums[j, c] = own[j, c]
+        groups = _grouped(
+            p, listed, first, ties, tie, squared, what, w, x, triangles, across, free, edge, by_face,
+            by_corner, flat, blur, against[i], own, sums, gaps, at, group, nearest, rounded, way, outward
+        )  # fmt: skip
         for g in range(groups):
             j = group[g]
             length = _length(sums[j])
@@ -305,40 +367,8 @@ def met(
                 for c in range(3):
                     weight[n, c] = rounded[lead, c]
                 n += 1
-        # faces that form a groove with a closest one, if the point is above both
-        walls = n
-        for j in range(ties):
-            one = listed[first + tie[j]]
-            for side in range(3):
-                f = across[one, side]
-                if f < 0:
-                    continue
-                height = 0.0
-                for k in range(3):
-                    rise = 0.0
-                    for c in range(3):
-                        corner = x[triangles[one, side], c]
-                        rise += (x[triangles[f, k], c] - corner) * by_face[one, c]
-                    height = max(height, rise)
-                if not height > CONCAVE * _size(x, triangles[f]):
-                    continue
-                t = triangles[f]
-                apart, feature = point_triangle(p, x[t[0]], x[t[1]], x[t[2]], weight[n])
-                if not (feature == INSIDE_FACE or apart < blur * blur):
-                    continue
-                known = False
-                for k in range(ties):
-                    known = known or at[k] == f
-                for k in range(walls, n):
-                    known = known or face[k] == f
-                if known:
-                    continue
-                for c in range(3):
-                    way[c], normal[n, c] = p[c], by_face[f, c]
-                    for k in range(3):
-                        way[c] -= weight[n, k] * x[t[k], c]
-                gap[n] = dot(way, by_face[f])
-                if gap[n] > deepest and gap[n] + may[i] < radius[i]:
-                    point[n], face[n], place[n], wall[n] = i, f, f, True
-                    n += 1
+        n = _beside(
+            p, i, n, radius[i], may[i], listed, first, ties, tie, at, x, triangles, across, by_face,
+            blur, deepest, point, face, place, wall, weight, gap, normal, way
+        )  # fmt: skip
     return n

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from benchmarks.jaw import MARKERS
 from emgface.anatomy.jaw.run import simulate_jaw
 from emgface.anatomy.jaw.series import ramps
 from tests.jaw.conftest import TO_MM, here
-from tests.jaw.test_published import MARKERS
+
+POINTS = MARKERS | {"upperincisor": "upper_incisor"}
 
 CASES = {
     "fixed_open_ad_ip_0.5_CBE": (0.05, 1e-6),
@@ -34,7 +36,7 @@ def rerun(recorded, published, name, **changes):
         ramps(drive or {"bi_close": [(0.0, 0.0)]}),
         **{"duration": time[-1], "step": step, "output": time[1] - time[0]} | changes,
     )
-    known = [(k, MARKERS[m]) for k, m in enumerate(case["markers"])]
+    known = [(k, POINTS[m]) for k, m in enumerate(case["markers"])]
     known = [(k, m) for k, m in known if m in motion["marker"]]
     theirs = arrays["marker_pos_mm"][: motion.sizes["time"], [k for k, _ in known]]
     ours = motion["position"].sel(marker=[m for _, m in known]).transpose("time", "marker", "axis")

@@ -9,17 +9,6 @@ from emgface.anatomy.jaw.published import import_jaw
 from emgface.errors import JawError
 from tests.jaw.conftest import TO_MM, here
 
-MARKERS = {
-    "lowerincisor": "lower_incisor",
-    "upperincisor": "upper_incisor",
-    "ltmj": "condyle_L",
-    "rtmj": "condyle_R",
-    "lbite": "bite_L",
-    "rbite": "bite_R",
-    "hyoidRef": "hyoid",
-    "thyroidRef": "thyroid",
-}
-
 
 @pytest.mark.parametrize("variant", ["fixed", "larynx"])
 def test_parts_are_those_of_the_program(shared, published, variant):

@@ -34,7 +34,8 @@ MECHANICS = configure(
     SimulationParameters,
     {"accuracy": "draft", "step": 0.05, "gravity": False, "contact": {"method": "none"}},
 )
-"""What is recorded and written does not depend on lips that touch, which take most of the time."""
+"""Parameters without contact: the tests examine recordings and files, and contact would take most of the
+run time."""
 
 
 def motion(seed: int) -> xr.Dataset:
