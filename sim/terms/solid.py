@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels import solid as kernel
+from sim._kernels.element import Part
 from sim.assembly import element_pair_keys, parts_of, places_of
 from sim.errors import SceneError
 from sim.laws.isochoric import N_ISOCHORIC
@@ -83,6 +84,19 @@ class Solid:
         region = self.regions(layout.mesh)
         remembers = np.array([m.relaxation is not None for m in self.materials])[region].any()
         return (RelaxingSolid if remembers else CompiledSolid)(self, layout, region)
+
+
+@dataclass(frozen=True, eq=False)
+class Pointwise:
+    """Tables of a solid whose energy is a sum over points, as of `sim._kernels.solid.evaluate`."""
+
+    parts: tuple[Part, ...]
+    region: Index
+    isochoric_code: Index
+    isochoric_p: Array
+    bulk_code: Index
+    kappa: Array
+    fibres: FibreTable
 
 
 class CompiledSolid:
@@ -170,6 +184,17 @@ class CompiledSolid:
         for elements in (*self._elastic, *self._relaxing):
             elements.evaluate(q, *rest)
         return Contribution(float(self._energy.sum()), *self._smallest_J())
+
+    @property
+    def pointwise(self) -> "Pointwise":
+        """Points and laws of the solid; SceneError if a law is of another family."""
+        if self._elastic or self._relaxing:
+            raise SceneError(
+                "a reduced solid supports laws of the invariants I1, J and fibre stretch alone: "
+                "simulate tissues with other laws at full order"
+            )
+        codes = self._isochoric_code, self._isochoric_p, self._bulk_code, self._kappa
+        return Pointwise(self._scalar_parts, self._region, *codes, self._fibres)
 
     def _smallest_J(self) -> tuple[float, int]:
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf, posinf=np.inf)))

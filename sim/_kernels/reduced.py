@@ -1,0 +1,357 @@
+"""Forces, stiffness and time steps of a reduced solid, summed over weighted points.
+
+The deformation gradient at a point is linear in the coordinates, F = F0 + G y, so that an energy
+sum_p V_p W(F_p) has the force and stiffness
+
+    f = -sum_p V_p G_p' P_p,        K = sum_p V_p G_p' A_p G_p
+
+with the stress P (9) and the moduli A = dP/dF (9 x 9) of the laws of `sim._kernels.laws`. The first r
+coordinates move; forces on the others, which stay zero, estimate the error of leaving them out.
+"""
+
+# pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
+# numba compiles these functions; those called from Python carry types
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim._kernels.laws import bulk, fibre, fibre_rests, isochoric
+from sim._kernels.options import inner, kernel
+
+Reals = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+# rows of the scratch array: F, cofactor, stress, direction of a fibre (F a0) a0', moduli, A G
+_F, _C, _P, _T, _A, _AG = map(np.int64, (0, 1, 2, 3, 4, 13))
+ROWS = 22
+DONE, INVERTED, SINGULAR = 0, 1, 2
+
+
+class PointTable(NamedTuple):
+    """Weighted points of a solid.
+
+    Attributes
+    ----------
+    place : (p,) 8 e + k of point k of element e.
+    F0 : (p, 9) deformation gradient where all coordinates are zero, row by row.
+    G : (p, 9, n) its derivative by the coordinates [1/m].
+    volume : (p,) stress-free volume [m^3], times the weight of the point.
+    law : (p,) row of the passive parameters.
+    isochoric_code, isochoric_p, bulk_code, kappa : parameters of every law.
+    start : (p + 1,) fibres of point p are rows start[p]..start[p + 1].
+    muscle, direction, share : of every fibre; share is the fraction of the volume that it fills.
+    muscle_code, muscle_p : laws of the muscles.
+    """
+
+    place: Indices
+    F0: Reals
+    G: Reals
+    volume: Reals
+    law: Indices
+    isochoric_code: Indices
+    isochoric_p: Reals
+    bulk_code: Indices
+    kappa: Reals
+    start: Indices
+    muscle: Indices
+    direction: Reals
+    share: Reals
+    muscle_code: Indices
+    muscle_p: Reals
+
+
+@inner
+def _cofactor(w):
+    """Write the cofactor of F; return det F."""
+    F, C = w[_F], w[_C]
+    C[0] = F[4] * F[8] - F[5] * F[7]
+    C[1] = F[5] * F[6] - F[3] * F[8]
+    C[2] = F[3] * F[7] - F[4] * F[6]
+    C[3] = F[2] * F[7] - F[1] * F[8]
+    C[4] = F[0] * F[8] - F[2] * F[6]
+    C[5] = F[1] * F[6] - F[0] * F[7]
+    C[6] = F[1] * F[5] - F[2] * F[4]
+    C[7] = F[2] * F[3] - F[0] * F[5]
+    C[8] = F[0] * F[4] - F[1] * F[3]
+    return F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
+
+
+@inner
+def _deform(t, p, y, w):
+    """Write F and its cofactor at a point; return det F."""
+    for c in range(9):
+        s = t.F0[p, c]
+        for j in range(y.size):
+            s += t.G[p, c, j] * y[j]
+        w[_F, c] = s
+    return _cofactor(w)
+
+
+@inner
+def _stress(t, p, J, activation, with_moduli, w):
+    """Write the stress and, if requested, the moduli of a point, times its volume; return its energy.
+
+    P = 2 W_1 F + W_J C + 2 W_4 T and A = dP/dF with dC_iJ/dF_kL = (C_iJ C_kL - C_iL C_kJ)/J.
+    """
+    F, C, P, T = w[_F], w[_C], w[_P], w[_T]
+    V, row = t.volume[p], t.law[p]
+    scale = math.exp(math.log(J) * (-2.0 / 3.0))
+    over = 1.0 / J
+    dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
+    I1 = 0.0
+    for c in range(9):
+        I1 += F[c] * F[c]
+    I1bar = scale * I1
+    W, w1, w11 = isochoric(t.isochoric_code[row], t.isochoric_p[row], I1bar)
+    U, UJ, UJJ = bulk(t.bulk_code[row], t.kappa[row], J)
+    W += U
+    slope = dJ * I1bar
+    W_J = UJ + w1 * slope
+    W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
+    p_1 = 2.0 * V * w1 * scale
+    for c in range(9):
+        P[c] = p_1 * F[c]
+    if with_moduli:
+        e_11 = 4.0 * V * w11 * scale * scale
+        e_1J = 2.0 * V * (w11 * I1bar + w1) * scale * dJ
+        for c in range(9):
+            for d in range(9):
+                w[_A + c, d] = e_11 * F[c] * F[d] + e_1J * (F[c] * C[d] + C[c] * F[d])
+            w[_A + c, c] += p_1
+    for k in range(t.start[p], t.start[p + 1]):
+        m = t.muscle[k]
+        drive, code = activation[m], t.muscle_code[m]
+        b0, b1, b2 = t.direction[k, 0], t.direction[k, 1], t.direction[k, 2]
+        I4 = 0.0
+        for i in range(3):
+            a = F[3 * i] * b0 + F[3 * i + 1] * b1 + F[3 * i + 2] * b2
+            I4 += a * a
+            T[3 * i], T[3 * i + 1], T[3 * i + 2] = a * b0, a * b1, a * b2
+        I4bar = scale * I4
+        stretch = math.sqrt(I4bar)
+        if fibre_rests(code, t.muscle_p[m], stretch, drive):
+            continue
+        own, wl, wll = fibre(code, t.muscle_p[m], stretch, drive)
+        wl, wll = t.share[k] * wl, t.share[k] * wll
+        W += t.share[k] * own
+        w4 = wl / (2.0 * stretch)
+        w44 = (wll - wl / stretch) / (4.0 * I4bar)
+        slope = dJ * I4bar
+        W_J += w4 * slope
+        W_JJ += w44 * slope * slope + w4 * ddJ * I4bar
+        p_4 = 2.0 * V * w4 * scale
+        for c in range(9):
+            P[c] += p_4 * T[c]
+        if with_moduli:
+            e_44 = 4.0 * V * w44 * scale * scale
+            e_4J = 2.0 * V * (w44 * I4bar + w4) * scale * dJ
+            for c in range(9):
+                for d in range(9):
+                    w[_A + c, d] += e_44 * T[c] * T[d] + e_4J * (T[c] * C[d] + C[c] * T[d])
+            for i in range(3):
+                row_i = _A + 3 * i
+                for n in range(3):
+                    g = p_4 * (b0 if n == 0 else b1 if n == 1 else b2)
+                    w[row_i + n, 3 * i] += g * b0
+                    w[row_i + n, 3 * i + 1] += g * b1
+                    w[row_i + n, 3 * i + 2] += g * b2
+    p_J = V * W_J
+    for c in range(9):
+        P[c] += p_J * C[c]
+    if with_moduli:
+        e_JJ, c_J = V * W_JJ, p_J * over
+        for c in range(9):
+            i, n = c // 3, c % 3
+            for d in range(9):
+                k, m = d // 3, d % 3
+                w[_A + c, d] += (e_JJ + c_J) * C[c] * C[d] - c_J * C[3 * i + m] * C[3 * k + n]
+    return V * W
+
+
+@inner
+def _add_force(t, p, f, w):
+    """Subtract G'P of a point."""
+    for c in range(9):
+        s = w[_P, c]
+        for j in range(f.size):
+            f[j] -= s * t.G[p, c, j]
+
+
+@inner
+def _add_stiffness(t, p, K, w):
+    """Add G'A G of a point to the lower triangle of K."""
+    n = K.shape[0]
+    for c in range(9):
+        for j in range(n):
+            w[_AG + c, j] = 0.0
+        for d in range(9):
+            s = w[_A + c, d]
+            for j in range(n):
+                w[_AG + c, j] += s * t.G[p, d, j]
+    for i in range(n):
+        g0, g1, g2 = t.G[p, 0, i], t.G[p, 1, i], t.G[p, 2, i]
+        g3, g4, g5 = t.G[p, 3, i], t.G[p, 4, i], t.G[p, 5, i]
+        g6, g7, g8 = t.G[p, 6, i], t.G[p, 7, i], t.G[p, 8, i]
+        for j in range(i + 1):
+            s = g0 * w[_AG, j] + g1 * w[_AG + 1, j] + g2 * w[_AG + 2, j]
+            s += g3 * w[_AG + 3, j] + g4 * w[_AG + 4, j] + g5 * w[_AG + 5, j]
+            s += g6 * w[_AG + 6, j] + g7 * w[_AG + 7, j] + g8 * w[_AG + 8, j]
+            K[i, j] += s
+
+
+@inner
+def _sum(t, y, activation, with_moduli, w, f, K):
+    """Add force and stiffness of all points; return energy, smallest det F and its point."""
+    energy, least, at = 0.0, math.inf, -1
+    for p in range(t.volume.size):
+        J = _deform(t, p, y, w)
+        if not (J > 0.0):
+            return energy, J, p
+        if J < least:
+            least, at = J, p
+        energy += _stress(t, p, J, activation, with_moduli, w)
+        _add_force(t, p, f, w)
+        if with_moduli:
+            _add_stiffness(t, p, K, w)
+    return energy, least, at
+
+
+@kernel
+def evaluate(
+    t: PointTable, y: Reals, activation: Reals, with_moduli: bool, w: Reals, f: Reals, K: Reals
+) -> tuple[float, float, int]:
+    """Add the forces f (n,) and, if requested, the stiffness K (r, r, lower triangle) at y (r,).
+
+    Returns the energy, the smallest det F and its point; the sum ends at a point with det F <= 0.
+    """
+    return _sum(t, y, activation, with_moduli, w, f, K)
+
+
+@kernel
+def point_stresses(t: PointTable, y: Reals, activation: Reals, w: Reals, out: Reals) -> None:
+    """Stress times volume of every point, out (p, 9); NaN where det F <= 0."""
+    for p in range(t.volume.size):
+        J = _deform(t, p, y, w)
+        if J > 0.0:
+            _stress(t, p, J, activation, np.bool_(False), w)
+        for c in range(9):
+            out[p, c] = w[_P, c] if J > 0.0 else math.nan
+
+
+@inner
+def _factorise(A, n):
+    """Factor L D L' in the lower triangle; return the number of negative pivots, -1 if singular."""
+    negative = 0
+    for i in range(n):
+        for j in range(i):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            A[i, j] = s
+        d = A[i, i]
+        for j in range(i):
+            u = A[i, j]
+            A[i, j] = u / A[j, j]
+            d -= u * A[i, j]
+        if not (abs(d) > 1e-14 * abs(A[i, i])):
+            return -1
+        negative += d < 0.0
+        A[i, i] = d
+    return negative
+
+
+@inner
+def _solve(A, x, n):
+    """Solve L D L' y = x in place."""
+    for i in range(n):
+        s = x[i]
+        for j in range(i):
+            s -= A[i, j] * x[j]
+        x[i] = s
+    for i in range(n):
+        x[i] /= A[i, i]
+    for i in range(n - 1, -1, -1):
+        s = x[i]
+        for j in range(i):
+            x[j] -= A[i, j] * s
+
+
+@kernel
+def advance(
+    t: PointTable,
+    load: Reals,
+    D: Reals,
+    K_rest: Reals,
+    relaxed: Reals,
+    h: float,
+    activation: Reals,
+    y: Reals,
+    v: Reals,
+    e: Reals,
+    u: Reals,
+    w: Reals,
+    f: Reals,
+    A: Reals,
+) -> tuple[int, float, int, int]:
+    """One linearly implicit Euler step, in place.
+
+    (1 + h D + h^2 K) v1 = v0 + h f(y0), y1 = y0 + h v1. The omitted coordinates e with velocities u
+    follow the forces on them, linearised at rest: relaxed u1 = u0 + h (f(y1) - D v1 - K_rest e0).
+
+    Parameters
+    ----------
+    t : PointTable
+    load : (n,) constant generalised force [N].
+    D : (n, n) damping [1/s].
+    K_rest : (n, n) stiffness at rest [1/s^2].
+    relaxed : (n - r, n - r) inverse of 1 + h D + h^2 K_rest of the omitted coordinates.
+    h : float
+        Step [s].
+    activation : at the end of the step.
+    y, v : (r,) coordinates and velocities.
+    e, u : (n - r,) those of the omitted ones.
+    w, f, A : scratch, (ROWS, n), (n,) and (r, r).
+
+    Returns
+    -------
+    status, smallest det F at the end or at the failure, its point, number of negative pivots.
+    """
+    r, n = y.size, load.size
+    f[:] = load
+    A[:] = 0.0
+    _, J, at = _sum(t, y, activation, np.bool_(True), w, f, A)
+    if not (J > 0.0):
+        return INVERTED, J, at, 0
+    for i in range(r):
+        for j in range(i + 1):
+            A[i, j] = h * D[i, j] + h * h * A[i, j]
+        A[i, i] += 1.0
+        f[i] = v[i] + h * f[i]
+    negative = _factorise(A, r)
+    if negative < 0:
+        return SINGULAR, J, at, 0
+    _solve(A, f, r)
+    for i in range(r):
+        v[i] = f[i]
+        y[i] += h * v[i]
+    f[:] = load
+    _, J, at = _sum(t, y, activation, np.bool_(False), w, f, A)
+    if not (J > 0.0):
+        return INVERTED, J, at, negative
+    for i in range(r, n):
+        s = f[i]
+        for j in range(r):
+            s -= D[i, j] * v[j]
+        for j in range(r, n):
+            s -= K_rest[i, j] * e[j - r]
+        w[0, i - r] = u[i - r] + h * s
+    for i in range(n - r):
+        s = 0.0
+        for j in range(n - r):
+            s += relaxed[i, j] * w[0, j]
+        u[i] = s
+        e[i] += h * s
+    return DONE, J, at, negative

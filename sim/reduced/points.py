@@ -1,0 +1,103 @@
+"""Table of the points of a compiled solid, with deformation gradients as functions of coordinates."""
+
+import numpy as np
+
+from sim._kernels.reduced import PointTable
+from sim.errors import SceneError
+from sim.scene import Index
+from sim.state import Array
+from sim.system import System
+from sim.terms.gravity import Gravity
+from sim.terms.solid import CompiledSolid
+
+
+def solid_of(system: System) -> CompiledSolid:
+    """The solid of a scene whose other forces are constant.
+
+    Raises
+    ------
+    SceneError
+        The scene has another term, a constraint, a body or a joint.
+    """
+    solids = [term for term in system.terms if isinstance(term, CompiledSolid)]
+    others = [t for t in system.scene.terms if not isinstance(t, Gravity)]
+    names = [type(t).__name__ for t in (*others, *system.scene.constraints, *system.scene.joints)]
+    if len(solids) != 1 or len(names) != 1 or system.scene.bodies:
+        raise SceneError(
+            f"a reduced model supports one Solid and Gravity, the scene has {', '.join(names)}: use "
+            "pointwise incompressibility without contact, walls and bodies, or full order"
+        )
+    return solids[0]
+
+
+def point_table(
+    solid: CompiledSolid, q0: Array, modes: Array, elements: Index | None = None
+) -> PointTable:
+    """Points of weight one of all or some elements, for the modes (3 n_nodes, n) about q0."""
+    found = solid.pointwise
+    place, F0, G, volume = list[Index](), list[Array](), list[Array](), list[Array]()
+    nodal = modes.reshape(len(q0), 3, -1)
+    for part in found.parts:
+        points = len(part.slope) // 3
+        own = np.arange(len(part.element))
+        if elements is not None:
+            own = np.flatnonzero(np.isin(part.element, elements))
+        d = part.slope.reshape(points, 3, -1)  # (point, axis l, node)
+        A = part.inverse.reshape(-1, 3, 3, part.inverse.shape[1])[own][
+            ..., :points
+        ]  # (element, l, J, point)
+        g = np.einsum("pla,elJp->epaJ", d, A)
+        nodes = part.nodes[own]
+        q = q0[nodes] - q0[nodes[:, :1]]  # the derivatives sum to zero
+        F0.append(np.einsum("epaJ,eai->epiJ", g, q).reshape(-1, 9))
+        of_modes = np.einsum("epaJ,eain->epiJn", g, nodal[nodes], optimize=True)
+        G.append(of_modes.reshape(len(own) * points, 9, -1))
+        place.append((8 * part.element[own][:, None] + np.arange(points)).ravel())
+        volume.append(part.volume[own, :points].ravel())
+    places = np.concatenate(place)
+    owner = places // 8
+    fibres = found.fibres
+    counts = np.diff(fibres.start)[owner]
+    start = np.append(0, np.cumsum(counts))
+    row = _rows(fibres.start[owner], counts)
+    return PointTable(
+        place=places,
+        F0=np.concatenate(F0),
+        G=np.concatenate(G),
+        volume=np.concatenate(volume),
+        law=found.region[owner],
+        isochoric_code=found.isochoric_code,
+        isochoric_p=found.isochoric_p,
+        bulk_code=found.bulk_code,
+        kappa=found.kappa,
+        start=start.astype(np.int64),
+        muscle=fibres.muscle[row],
+        direction=np.ascontiguousarray(fibres.direction[row]),
+        share=fibres.weight[row],
+        muscle_code=fibres.code,
+        muscle_p=fibres.p,
+    )
+
+
+def weighted(table: PointTable, points: Index, weights: Array) -> PointTable:
+    """The chosen points of a table with factors on their volumes."""
+    counts = np.diff(table.start)[points]
+    start = np.append(0, np.cumsum(counts)).astype(np.int64)
+    row = _rows(table.start[points], counts)
+    return table._replace(
+        place=table.place[points],
+        F0=table.F0[points],
+        G=np.ascontiguousarray(table.G[points]),
+        volume=table.volume[points] * weights,
+        law=table.law[points],
+        start=start,
+        muscle=table.muscle[row],
+        direction=np.ascontiguousarray(table.direction[row]),
+        share=table.share[row],
+    )
+
+
+def _rows(first: Index, counts: Index) -> Index:
+    """Indices first[i]..first[i] + counts[i], one range after the other."""
+    before = np.cumsum(counts) - counts
+    return np.repeat(first - before, counts) + np.arange(int(counts.sum()), dtype=np.int64)

@@ -1,0 +1,63 @@
+"""Probes of reduced models: positions of nodes, and the estimated error of the reduction."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.probes import AXES, Variable
+from sim.reduced.fused import OMITTED
+from sim.state import Array, Control, State, StepReport
+from sim.system import System
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedMarkers:
+    """Positions of named nodes, q0 + Phi y (marker, axis) [m], as a variable ``position``.
+
+    Attributes
+    ----------
+    rest : (k, 3) their positions at y = 0 [m].
+    modes : (3 k, r) rows of the moving modes.
+    names : names of the nodes.
+    """
+
+    rest: Array
+    modes: Array
+    names: Sequence[str]
+
+    def variables(self) -> tuple[Variable, ...]:
+        """One variable."""
+        coords = {"marker": self.names, "axis": AXES}
+        return (Variable("position", "m", ("marker", "axis"), coords),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Sum the modes."""
+        return (self.rest + (self.modes @ state.q.reshape(-1)).reshape(-1, 3),)
+
+
+@dataclass(frozen=True, eq=False)
+class ReductionError:
+    """Largest displacement of named nodes by the omitted modes [m], as ``reduction_estimate``.
+
+    Attributes
+    ----------
+    modes : (3 k, n - r) rows of the omitted modes.
+    """
+
+    modes: Array
+
+    def variables(self) -> tuple[Variable, ...]:
+        """One variable, and the smallest det F of the step."""
+        return Variable("reduction_estimate", "m"), Variable("smallest_J", "1")
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Norm of the displacement of the worst node; zero at the start."""
+        if report is None or OMITTED not in state.memory:
+            return 0.0, system.smallest_J(state.q)[0]
+        moved = (self.modes @ state.memory[OMITTED][0]).reshape(-1, 3)
+        return float(np.sqrt((moved**2).sum(axis=1).max(initial=0.0))), report.smallest_J

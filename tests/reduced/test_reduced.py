@@ -1,0 +1,189 @@
+"""Reduced models compared with full order: basis, projection, sampling, steps, stability, errors."""
+
+import numpy as np
+import pytest
+
+import sim
+from sim.reduced import (
+    FusedEuler,
+    ReducedMarkers,
+    ReductionError,
+    coverage_factor,
+    mass_modes,
+    projected,
+    reduce_system,
+)
+from tests.reduced.scenes import STEP, basis, block, drive, full_motion, snapshots
+
+
+def whole_basis(system):
+    """Unit vectors of all free components, orthonormal in the mass."""
+    modes = np.zeros((3 * system.mesh.n_nodes, len(system.free)))
+    modes[system.free, np.arange(len(system.free))] = 1.0 / np.sqrt(system.mass)
+    return modes
+
+
+def reduced_motion(model, modes, X, activation, integrator=None, duration=0.3, step=STEP):
+    """Positions (times, n_nodes, 3) of a reduced model, and its trajectory."""
+    nodes = ReducedMarkers(X, modes[:, : model.n_moving], [str(n) for n in range(len(X))])
+    trajectory, _ = sim.simulate(
+        model.system,
+        activation,
+        duration=duration,
+        integrator=integrator or FusedEuler(),
+        steps=sim.FixedStep(step),
+        probes=(nodes, ReductionError(modes[:, model.n_moving :]), sim.Energies()),
+    )
+    return trajectory.position.transpose("time", "marker", "axis").values, trajectory
+
+
+def sampled_model(n=18, moving=12, tolerance=2e-5):
+    system, (moved, levels) = block(), snapshots()
+    modes = basis(n)
+    whole = reduce_system(system, system.mesh.X, modes, moving)
+    y = np.ascontiguousarray(projected(moved, system.node_mass, modes)[::3, :moving])
+    mass = float(system.node_mass.sum())
+    model, sample = whole.sampled_at(y, levels[::3], mass, tolerance=tolerance, most=100)
+    return system, modes, whole, model, sample
+
+
+def test_modes_are_orthonormal_in_the_mass_and_contain_the_snapshots():
+    system, (moved, _) = block(), snapshots()
+    modes, values = mass_modes(moved, system.node_mass, 15)
+    gram = modes.T @ (np.repeat(system.node_mass, 3)[:, None] * modes)
+    assert np.abs(gram - np.eye(15)).max() < 1e-10
+    y = projected(moved, system.node_mass, modes)
+    left = moved.reshape(len(moved), -1) - y @ modes.T
+    lost = (left**2 * np.repeat(system.node_mass, 3)).sum()
+    assert lost == pytest.approx((values[15:] ** 2).sum(), rel=1e-6)
+
+
+def test_more_modes_than_the_snapshots_contain_are_refused():
+    with pytest.raises(sim.SceneError, match="independent displacements, expected at least 9"):
+        mass_modes(snapshots()[0][:6], block().node_mass, 9)
+
+
+def test_a_whole_basis_gives_the_motion_of_full_order():
+    """Same equation, other coordinates: equal up to rounding."""
+    system, activation = block(), drive(0.7, 0.4)
+    modes = whole_basis(system)
+    model = reduce_system(system, system.mesh.X, modes, modes.shape[1])
+    expected = full_motion(system, activation).values
+    found, _ = reduced_motion(model, modes, system.mesh.X, activation)
+    assert np.abs(expected - system.mesh.X).max() > 1e-3
+    assert np.abs(found - expected).max() < 1e-11
+
+
+def test_force_and_stiffness_of_all_points_are_those_of_full_order_projected():
+    system, modes = block(), basis(12)
+    model = reduce_system(system, system.mesh.X, modes, 12)
+    y = np.random.default_rng(1).normal(size=12) * 3e-5
+    q = system.mesh.X + (modes @ y).reshape(-1, 3)
+    control = system.control(np.array([0.5, 0.2]))
+    here, K = system.tangent(q, control)
+    reduced, Kr = model.system.tangent(y.reshape(-1, 3), control)
+    f = modes.T @ here.f.reshape(-1)
+    assert np.abs(reduced.f.reshape(-1) - f).max() < 1e-11 * np.abs(f).max()
+    assert reduced.smallest_J == pytest.approx(here.smallest_J, rel=1e-12)
+    columns = np.array(
+        [sim.linear.contract.symmetric_product(system.pattern, K, m) for m in modes[system.free].T]
+    )
+    expected = (columns @ modes[system.free])[np.triu_indices(12)]
+    assert np.abs(Kr - expected).max() < 1e-11 * np.abs(expected).max()
+
+
+def test_fused_steps_are_those_of_the_general_integrator():
+    _, modes, _, model, _ = sampled_model()
+    X, activation = block().mesh.X, drive(0.7, 0.4)
+    one, _ = reduced_motion(model, modes, X, activation)
+    other, _ = reduced_motion(model, modes, X, activation, sim.LinearlyImplicitEuler())
+    assert np.abs(one - other).max() < 1e-12
+
+
+def test_few_points_reproduce_the_motion_under_another_activation():
+    system, modes, whole, model, sample = sampled_model()
+    assert sample.error <= 2e-5 and (sample.weights > 0.0).all()
+    assert len(sample.points) < 0.5 * len(whole.solid.table.volume)
+    activation = drive(0.45, 0.75)
+    expected = full_motion(system, activation).values
+    found, trajectory = reduced_motion(model, modes, system.mesh.X, activation)
+    error = np.linalg.norm(found - expected, axis=2).max()
+    assert error < 0.1 * np.abs(expected - system.mesh.X).max()
+    assert trajectory.reduction_estimate.max() > 0.0
+
+
+def test_without_drive_the_energy_never_grows():
+    """A model of few points has an energy, which linearly implicit steps dissipate."""
+    _, _, _, model, _ = sampled_model()
+    y = np.random.default_rng(2).normal(size=(4, 3)) * 2e-5
+    start = sim.State(0.0, y, 0.0 * y)
+    trajectory, _ = sim.simulate(
+        model.system,
+        sim.resting(2),
+        duration=1.0,
+        integrator=FusedEuler(),
+        steps=sim.FixedStep(STEP),
+        probes=(sim.Energies(),),
+        initial=start,
+    )
+    energy = (trajectory.kinetic_energy + trajectory.potential_energy).values
+    assert energy[0] - energy[-1] > 1e-8
+    assert (np.diff(energy) <= 1e-12 * (energy[0] - energy[-1])).all()
+
+
+@pytest.mark.parametrize(
+    ("integrator", "order"), [(FusedEuler(), 1), (sim.Sdirk2(1e-12, 1e-12), 2)]
+)
+def test_reduced_motion_has_the_order_of_its_integrator(integrator, order):
+    _, modes, _, model, _ = sampled_model()
+    X = block().mesh.X
+    steady = sim.Activation(np.array([0.0, 1.0]), np.array([[0.1, 0.05]] * 2))
+    end = [
+        reduced_motion(model, modes, X, steady, integrator, 0.08, h)[0][-1]
+        for h in (0.002, 0.001, 0.0005)
+    ]
+    measured = np.log2(np.abs(end[1] - end[0]).max() / np.abs(end[2] - end[1]).max())
+    assert measured == pytest.approx(order, abs=0.35)
+
+
+def test_mirrored_activations_give_mirrored_motions():
+    """Without gravity the block is symmetric about y = 5 mm, and so is a basis with mirrored motions."""
+    system = block(gravity=False)
+    X = system.mesh.X
+    flipped = X * [1, -1, 1] + [0, 1e-2, 0]
+    mirror = np.array([int(np.argmin(((X - x) ** 2).sum(axis=1))) for x in flipped])
+    moved = np.concatenate([full_motion(system, drive(*a)).values[1:] - X for a in ((0.8, 0.1),)])
+    both = np.concatenate([moved, moved[:, mirror] * [1, -1, 1]])
+    modes, _ = mass_modes(both, system.node_mass, 6)
+    model = reduce_system(system, X, modes, 6)
+    one, _ = reduced_motion(model, modes, X, drive(0.6, 0.3))
+    other, _ = reduced_motion(model, modes, X, drive(0.3, 0.6))
+    assert np.abs(one - X).max() > 1e-3
+    assert np.abs((one - X) - (other - X)[:, mirror] * [1, -1, 1]).max() < 1e-9
+
+
+def test_other_terms_are_refused():
+    scene = block().scene
+    walled = sim.Scene(
+        scene.mesh,
+        (*scene.terms, sim.Support(np.array([44]), np.array([[1.0, 0.0, 0.0]]))),
+        scene.reductions,
+        scene.damping,
+    )
+    with pytest.raises(sim.SceneError, match="the scene has Solid, Support"):
+        reduce_system(sim.compile_scene(walled), scene.mesh.X, basis(6), 6)
+    current = sim.Scene(scene.mesh, scene.terms, scene.reductions, sim.Rayleigh())
+    with pytest.raises(sim.SceneError, match="damping by the stiffness at rest"):
+        reduce_system(sim.compile_scene(current), scene.mesh.X, basis(6), 6)
+
+
+def test_calibration_covers_new_trials():
+    """Exchangeable trials: coverage of at least 90 %, and not of nearly all."""
+    rng = np.random.default_rng(0)
+    estimates = rng.uniform(0.5, 2.0, (1039, 5))
+    errors = estimates * rng.lognormal(0.0, 0.5, (1039, 1))
+    factor = coverage_factor(errors[:39], estimates[:39], 0.0, 0.9)
+    covered = (errors[39:] <= factor * estimates[39:]).all(axis=1).mean()
+    assert 0.85 < covered < 0.98
+    with pytest.raises(sim.SceneError, match="expected at least 19"):
+        coverage_factor(errors[:18], estimates[:18], 0.0, 0.95)
