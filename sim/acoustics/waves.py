@@ -25,6 +25,8 @@ kernels: Any = tube
 
 BLOCK: Final = 32
 """Steps between the instants at which the shape of a changing tube is evaluated."""
+LANES: Final = 16
+"""Multiple of the nodes to which arrays are filled, so that compiled loops have no remainder."""
 CHUNK: Final = 512
 """Blocks that are computed in one call, between reports of progress."""
 FRICTION_BAND: Final = (60.0, 9000.0)
@@ -117,6 +119,17 @@ def _middle(x: Floats) -> Floats:
     return 0.5 * (x[:-1] + x[1:])
 
 
+def _at_nodes(half: Floats) -> Floats:
+    """Sums at the nodes of what each half of the cells between them has."""
+    return np.pad(half, ((0, 0), (0, 1))) + np.pad(half, ((0, 0), (1, 0)))
+
+
+def _wide(x: Floats, value: float = 0.0) -> Floats:
+    """Fill rows up to a whole number of `LANES`, and at least one entry."""
+    more = LANES - x.shape[1] % LANES
+    return np.pad(x, ((0, 0), (0, more)), constant_values=value)
+
+
 @dataclass(frozen=True, eq=False)
 class _Grid:
     """Coefficients of the kernel at the boundaries and in the middle of blocks of steps."""
@@ -170,12 +183,8 @@ class _Layout:
         """Coefficients for blocks between these instants."""
         m, N = self.medium, self.sections
         flux, mean, h, C = self.at(times)
-        edge = ((0, 0), (0, 1))
-        A = np.pad(flux, edge)
-        half = 0.5 * mean * h
-        V = np.pad(half, edge) + np.pad(half, ((0, 0), (1, 0)))
-        surface = np.pad(0.5 * C * h, edge) + np.pad(0.5 * C * h, ((0, 0), (1, 0)))
-        per = _middle(surface) / _middle(V)
+        V, surface = _at_nodes(0.5 * mean * h), _at_nodes(0.5 * C * h)
+        per = _wide(_middle(surface) / _middle(V))
         S = _middle(flux)
         rate = np.zeros_like(S)
         rate[:, S[0] > 0.0] = m.friction_rate(S[:, S[0] > 0.0])
@@ -187,8 +196,11 @@ class _Layout:
         for e, at in enumerate(self.ends):
             if at > 0 and m.radiates:
                 load[:, e, 0], load[:, e, 1] = m.load(S[:, at - 1])
+        inverse = 1.0 / _middle(h)
+        if self.branch is not None:
+            inverse[:, N] = 0.0
         return _Grid(
-            A, V, np.pad(1.0 / _middle(h), edge), np.pad(rate, edge), m.yielding * per,
+            _wide(flux), _wide(V, 1.0), _wide(inverse), _wide(rate), m.yielding * per,
             m.heat_rate * per, load, np.stack([narrow.astype(np.float64), loss], axis=1),
         )  # fmt: skip
 
@@ -299,14 +311,14 @@ def simulate_tube(
     active = medium.friction > 0.0
     weight, decay = friction_terms(terms) if active else (np.empty(0), np.empty(0))
     beta = 0.5 * dt * decay
-    losses = (
-        weight / (1.0 + beta),
-        (1.0 - beta) / (1.0 + beta),
-        2.0 * beta * weight / (1.0 + beta) ** 2,
-    )
-    lines = [np.zeros(nodes) for _ in range(4)]
-    memory = np.zeros((len(beta), nodes)), np.zeros((len(beta), nodes))
-    ports, motion, out = np.zeros(4), np.zeros(4), np.zeros((5, n))
+    fill = (0, len(beta) % 2)
+    left = np.pad((1.0 - beta) / (1.0 + beta), fill)
+    gain = np.pad(2.0 * beta * weight / (1.0 + beta) ** 2, fill)
+    losses = float(np.sum(weight / (1.0 + beta))), left, gain
+    width = LANES * (nodes // LANES + 1)
+    lines = [np.zeros(width) for _ in range(4)]
+    memory = [np.zeros((len(left), width)) for _ in range(2)]
+    ports, motion, out = np.zeros(4), np.zeros(4), np.zeros((n, 5))
     block = BLOCK if len(tube.times) > 1 else max(n, 1)
     span = block * CHUNK if len(tube.times) > 1 else max(n, 1)
     rough = turbulence.gain, turbulence.critical, 2.0 * np.pi * turbulence.smoothing
@@ -314,21 +326,19 @@ def simulate_tube(
         here = slice(first, min(first + span, n))
         count = -(-(here.stop - first) // block)
         g = layout.grid(_instants(first + block * np.arange(count + 1), dt))
-        part = np.empty((5, here.stop - first))
         kernels.advance(
             dt, block, (medium.rho, medium.c, medium.mu),
-            (medium.mass, medium.damping, medium.stiffness), *losses,
-            lines[0], lines[1], *memory, lines[2], lines[3], ports, motion, g.A, g.V, g.ih, g.lu,
-            g.aw, g.ah, g.load, g.jet, layout.ends, layout.node, given[0], rough, given[1][here],
-            given[2][here], np.ascontiguousarray(noise[:, here]), part,
+            (medium.mass, medium.damping, medium.stiffness), losses, (*lines, *memory), ports, motion,
+            (g.A, g.V, g.ih, g.lu, g.aw, g.ah, g.load, g.jet), layout.ends, layout.node, given[0],
+            rough, given[1][here], given[2][here], np.ascontiguousarray(noise[:, here]), out[here],
         )  # fmt: skip
-        out[:, here] = part
         if progress is not None:
             progress(here.stop, n)
-    mouth, nose, glottis, pressure, opening = out
+    mouth, nose, glottis, pressure, opening = out.T.copy()
     return TubeSound(
-        rate * steps, mouth, nose, glottis, pressure, opening, lines[0], lines[1][:-1], medium.rho
-    )
+        rate * steps, mouth, nose, glottis, pressure, opening, lines[0][:nodes],
+        lines[1][: nodes - 1], medium.rho,
+    )  # fmt: skip
 
 
 def kelly_lochbaum(
