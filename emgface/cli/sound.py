@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.console import Rows, progress, say, show_table
+from emgface.cli.console import Rows, frame, progress, say, show_table
 from emgface.cli.options import FacePath
 
 if TYPE_CHECKING:
@@ -86,9 +86,8 @@ def synthesise(
 
 @app.command()
 def trial(
-    trajectory: Annotated[Path, typer.Argument(help="Trajectory of 'simulate --surface'.")],
+    trajectory: Annotated[Path, typer.Argument(help="Trajectory of 'emgface simulate'.")],
     wave: Annotated[Path | None, typer.Option("--out", help="Wave file to write.")] = None,
-    face: FacePath = None,
     areas: AreasOption = None,
     row: RowOption = None,
     from_lips: FromLipsOption = False,
@@ -103,11 +102,9 @@ def trial(
     from emgface.anatomy.airway.area_function import lips_of_trial, with_lips
     from emgface.anatomy.airway.sound import synthesise as compute
     from emgface.anatomy.airway.sound import with_formants, write_wave
-    from emgface.api.given import face_of, study_of
     from emgface.schema.netcdf import read_netcdf
 
-    motion = read_netcdf(trajectory, "trajectory")
-    lips = lips_of_trial(motion, face_of(face, study_of(None)))
+    lips = lips_of_trial(read_netcdf(trajectory, "trajectory"))
     sound = with_formants(with_lips(_tract(areas, row, from_lips, vowel), *lips))
     if wave is not None:
         with progress("simulating") as bar:
@@ -116,15 +113,66 @@ def trial(
     _finish(sound, out_path, plot, "lips before a fixed tract", wave)
 
 
-def _tract(areas: Path | None, row: str | None, from_lips: bool, vowel: str) -> "xr.Dataset":
-    from emgface.anatomy.airway.area_function import ideal_vowel, read_areas
-    from emgface.schema.netcdf import read_netcdf
+@app.command()
+def areas(
+    surface: Annotated[Path, typer.Argument(help="Surface of an airway (obj, triangles).")],
+    start: Annotated[
+        tuple[float, float, float],
+        typer.Option(metavar="X Y Z", help="Point at the glottis, in the unit of the file."),
+    ],
+    out_path: Annotated[Path, typer.Option("--out", help="Area function to write (netCDF).")],
+    end: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Point at the lips; default: the farthest point."),
+    ] = None,
+    unit: Annotated[str, typer.Option(help="Unit of the file: m, cm or mm.")] = "m",
+    sections: Annotated[int, typer.Option(min=2, help="Number of sections.")] = 40,
+    plot: PlotOption = None,
+) -> None:
+    """Compute the area function of a surface along its centre line, and its formants."""
+    from emgface.anatomy.airway.area_function import areas_of_surface
+    from emgface.anatomy.airway.sound import with_formants
 
-    if areas is None:
-        return ideal_vowel(vowel)
-    if areas.suffix.lower() == ".nc":
-        return read_netcdf(areas, "sound")
-    return read_areas(areas, row, from_lips=from_lips)
+    found = areas_of_surface(surface, start, end=end, unit=unit, count=sections)
+    _finish(with_formants(found), out_path, plot, f"area function of {surface.name}")
+
+
+@app.command()
+def muscles(
+    face: FacePath = None,
+    areas: AreasOption = None,
+    row: RowOption = None,
+    from_lips: FromLipsOption = False,
+    vowel: VowelOption = "u",
+    activation: Annotated[
+        float, typer.Option(min=0.001, max=1.0, help="Activation of both muscles of a pair.")
+    ] = 0.1,
+    out_path: Annotated[Path | None, typer.Option("--out", help="Table to write (CSV).")] = None,
+) -> None:
+    """Compute the change of lips and formants per activation of every muscle pair, from rest."""
+    from emgface.anatomy.airway.muscles import formants_by_muscle
+    from emgface.api.given import face_of, study_of
+
+    tract = _tract(areas, row, from_lips, vowel)
+    found = formants_by_muscle(face_of(face, study_of(None)), tract, activation=activation)
+    units = {"area": "area [mm2]", "protrusion": "protrusion [mm]"}
+    table = found.rename(columns=lambda name: units.get(name, f"{name} [Hz]")).round(3)
+    if out_path is not None:
+        from emgface.files import replace_file
+
+        replace_file(out_path, lambda path: table.to_csv(path))
+        say(f"Wrote {out_path}.")
+    show_table(frame(table), "at rest, and changes per activation of 1 (simulated)")
+    say(f"Assumptions: {tract.attrs['assumptions']}.")
+
+
+def _tract(areas: Path | None, row: str | None, from_lips: bool, vowel: str) -> "xr.Dataset":
+    from emgface.anatomy.airway.area_function import tract_of
+    from emgface.anatomy.airway.parameters import TractParameters
+    from emgface.choices import configure
+
+    given = configure(TractParameters, {"vowel": vowel, "areas": areas})
+    return tract_of(given, row, from_lips=from_lips)
 
 
 def _finish(

@@ -10,7 +10,7 @@ import xarray as xr
 from emgface.errors import ActivationError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.integration import integrator_of, steps_of
-from emgface.face.lip_shape import UP
+from emgface.face.lip_shape import UP, MouthProbe, has_mouth, lip_rim
 from emgface.face.numerical_error import largest_motion, numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
@@ -138,12 +138,13 @@ def simulate_face(
     """Simulate the motion of a face for an activation (muscle, time) [1] of all its muscles.
 
     The motion starts at `settled`, the result of `settle_face` (default: computed). `further` are
-    probes besides markers, lip opening, smallest J, energies and iterations; ``progress(done,
+    probes besides markers, lips, smallest J, energies and iterations; ``progress(done,
     total)`` is called after every step.
 
     The result contains ``position(marker, axis, time)`` [m] of the lip markers from time 0, with
     ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each
-    other), energies [J] and ``numerical_error`` [m] of the markers
+    other), ``mouth_area`` [m^2] and ``lip_protrusion`` [m] (`MouthProbe`) of a face with a mouth
+    opening, energies [J] and ``numerical_error`` [m] of the markers
     (`emgface.face.numerical_error`). Its attributes are ``solver``, ``step`` and ``output`` [s],
     ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated"; ``unstable_from_s``,
     ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] if the equilibrium lost stability
@@ -214,6 +215,8 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
     if "lip_opening_node" in face:
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
         probes.append(Opening(upper, lower, UP))
+    if has_mouth(face):
+        probes.append(MouthProbe(face, lip_rim(face)))
     return (*probes, StepErrors(nodes, names), SmallestJ(), Energies(), Iterations())
 
 

@@ -1,5 +1,7 @@
 """Area functions of tables, surfaces and lips; their sound, files and commands."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,17 +9,20 @@ from scipy.io import wavfile
 
 from emgface.anatomy.airway.area_function import (
     area_function,
+    areas_of_surface,
     ideal_vowel,
     lips_of_trial,
     read_areas,
     with_lips,
 )
 from emgface.anatomy.airway.figure import write_figure
+from emgface.anatomy.airway.muscles import formants_by_muscle
 from emgface.anatomy.airway.sections import centre_line, sections
 from emgface.anatomy.airway.sound import source_of, synthesise, with_formants, write_wave
 from emgface.errors import ConfigurationError, DataError
-from emgface.face.lip_shape import lip_rim
-from emgface.pictures.body import skin_of
+from emgface.face.contact_parameters import NO_CONTACT
+from emgface.face.lip_shape import MouthProbe, lip_rim, lip_shape
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from sim.acoustics import SMALLEST
 
@@ -160,20 +165,51 @@ def test_rounding_lips_lower_the_formants():
     assert "only the lips move" in tract.attrs["assumptions"]
 
 
-def test_lips_of_a_trajectory_with_its_surface(coarse):
-    skin, rim = skin_of(coarse), lip_rim(coarse)
-    frames = np.stack([coarse["position"].values] * 2)
-    frames[1, np.union1d(rim.upper, rim.lower), 1] += 0.004
-    surface = (("frame", "surface_node", "axis"), frames[:, skin.node])
-    motion = xr.Dataset({"surface_position": surface, "frame_time": ("frame", [0.0, 0.1])})
-    area, forward, time = lips_of_trial(motion, coarse)
-    assert forward[[0, -1]] == pytest.approx([0.0, 0.004]) and (np.diff(forward) > 0.0).all()
-    assert time == pytest.approx(np.linspace(0.0, 0.1, 11))
-    assert area == pytest.approx(area[0], abs=1e-9)
-    with pytest.raises(DataError, match="--surface"):
-        lips_of_trial(motion.drop_vars("surface_position"), coarse)
-    with pytest.raises(DataError, match="specify it by --face"):
-        lips_of_trial(motion.isel(surface_node=slice(5)), coarse)
+def test_the_lips_of_a_trajectory_are_those_of_its_face(coarse):
+    rim, q = lip_rim(coarse), coarse["position"].values.copy()
+    q[np.union1d(rim.upper, rim.lower), 1] += 0.004
+    q[rim.upper, 2] += 0.002
+    probe, shape = MouthProbe(coarse, rim), lip_shape(coarse, rim, q)
+    found = probe.record(None, SimpleNamespace(q=q), None, None)
+    assert found == pytest.approx((shape["area"], shape["margin_protrusion"]))
+    area = ("time", [1e-4, found[0]])
+    motion = xr.Dataset({"mouth_area": area, "lip_protrusion": ("time", [0.0, found[1]])})
+    at, forward, time = lips_of_trial(motion.assign_coords(time=[0.0, 0.1]))
+    assert time == pytest.approx(np.linspace(0.0, 0.1, 11)) and (np.diff(forward) > 0.0).all()
+    assert at[[0, -1]] == pytest.approx([1e-4, shape["area"]])
+    assert forward[-1] == pytest.approx(0.004)
+    with pytest.raises(DataError, match="no mouth_area"):
+        lips_of_trial(motion.drop_vars("mouth_area"))
+
+
+def test_muscles_change_formants_by_the_lips(coarse):
+    """Depressors of the lower lip open the mouth, which raises both formants of an /u/."""
+    free = SimulationParameters(gravity=False, contact=NO_CONTACT, sigma_max=1e5)
+    table = formants_by_muscle(coarse, ideal_vowel("u"), muscles=("DLI",), parameters=free)
+    rest, change = table.loc["rest"], table.loc["DLI"]
+    assert change["area"] > 0.0 and change["F1"] > 0.0 and change["F2"] > 0.0
+    opened = with_lips(
+        ideal_vowel("u"),
+        1e-6 * np.array([rest["area"], rest["area"] + 0.1 * change["area"]]),
+        1e-3 * np.array([rest["protrusion"], rest["protrusion"] + 0.1 * change["protrusion"]]),
+        np.arange(2.0),
+    )
+    F = with_formants(opened)["formant_frequency"].values
+    assert 0.1 * change[["F1", "F2", "F3"]].values == pytest.approx((F[1] - F[0])[:3], abs=1e-3)
+
+
+def test_the_area_function_of_a_surface_in_a_file(tmp_path):
+    position, triangle = pipe(STRAIGHT, 0.008)
+    rows = [f"v {x} {y} {z}" for x, y, z in 1e3 * position]
+    rows += [f"f {a} {b} {c}" for a, b, c in triangle + 1]
+    path = tmp_path / "tube.obj"
+    path.write_text("\n".join(rows))
+    found = areas_of_surface(path, (0.0, 0.0, 0.0), unit="mm", count=20)
+    assert found["area"].values[0, 1:-1] == pytest.approx(np.pi * 0.008**2, rel=0.01)
+    assert float(found["length"][0]) == pytest.approx(0.17, rel=0.02)
+    assert found.attrs["origin"] == "measured"
+    with pytest.raises(DataError, match="unknown unit 'inch'"):
+        areas_of_surface(path, (0.0, 0.0, 0.0), unit="inch")
 
 
 def test_sound_files_and_figures(tmp_path):

@@ -1,5 +1,6 @@
 """Area functions of the vocal tract: tables, idealised vowels, and the lips of a moving face."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -9,9 +10,11 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from emgface.anatomy.airway.parameters import LIPS, TractParameters
+from emgface.anatomy.airway.sections import centre_line, sections
 from emgface.errors import DataError, listed
-from emgface.face.lip_shape import lip_rim, lip_shape
-from emgface.pictures.body import skin_of
+from emgface.face.artisynth_contact import read_obj
+from emgface.schema.netcdf import read_netcdf
 from sim.acoustics import SMALLEST
 
 Floats = NDArray[np.float64]
@@ -25,8 +28,8 @@ IDEAL: Final = {
 cavities of the size of an adult's, as textbooks draw them. They are no person's measures."""
 STEP: Final = 0.005
 """Length of a section of the idealised vowels [m]."""
-LIPS: Final = 0.01
-"""Length of the lips' section at rest, behind the plane of the lips [m]."""
+UNITS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+"""Units of surfaces [m]."""
 FRAME: Final = 0.01
 """Time between the instants to which the frames of a trajectory are interpolated [s]."""
 TUBE_ONLY: Final = (
@@ -120,6 +123,62 @@ def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -
     return area_function(1e-4 * values, length, time, assumptions=f"areas of {path.name}")
 
 
+def areas_of_surface(
+    path: Path,
+    start: Sequence[float],
+    *,
+    end: Sequence[float] | None = None,
+    unit: str = "m",
+    count: int = 40,
+) -> xr.Dataset:
+    """Area function of a surface (``.obj`` of triangles) along its centre line.
+
+    Parameters
+    ----------
+    path : Path
+        Surface.
+    start, end : sequence of float
+        Points at the glottis and at the lips, in the unit of the file; without `end`, the line goes
+        to the farthest point of the surface.
+    unit : str
+        Unit of the file: m, cm or mm.
+    count : int
+        Number of sections.
+
+    Returns
+    -------
+    Dataset
+        Of the kind "sound".
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, the unit is unknown, or no tube surrounds the line (`sections`).
+    """
+    if unit not in UNITS:
+        raise DataError(f"unknown unit {unit!r}, expected {listed(UNITS)}")
+    position, triangle = read_obj(path)
+    position = UNITS[unit] * position
+    first, last = (None if at is None else UNITS[unit] * np.array(at) for at in (start, end))
+    assert first is not None, "start is specified"
+    line = centre_line(position, triangle, first, end=last, levels=2 * count)
+    found = sections(position, triangle, line, count=count)
+    told = f"sections of {path.name} across a centre line from {tuple(start)} {unit}"
+    areas, length = found.area[None], np.array([found.length])
+    return area_function(areas, length, np.zeros(1), origin="measured", assumptions=told)
+
+
+def tract_of(
+    parameters: TractParameters, row: str | None = None, *, from_lips: bool = False
+) -> xr.Dataset:
+    """Area function of an idealised vowel, or of a file; `row` and `from_lips` as in `read_areas`."""
+    if parameters.areas is None:
+        return ideal_vowel(parameters.vowel)
+    if parameters.areas.suffix.lower() == ".nc":
+        return read_netcdf(parameters.areas, "sound")
+    return read_areas(parameters.areas, row, from_lips=from_lips)
+
+
 def with_lips(
     tract: xr.Dataset, area: Floats, protrusion: Floats, time: Floats, *, lips: float = LIPS
 ) -> xr.Dataset:
@@ -161,44 +220,27 @@ def with_lips(
     return area_function(areas, total, time, assumptions=told.replace(f"; {TUBE_ONLY}", ""))
 
 
-def lips_of_trial(trajectory: xr.Dataset, face: xr.Dataset) -> tuple[Floats, Floats, Floats]:
-    """Area between the lips [m^2], protrusion of their margins [m] and time [s], every 10 ms.
+def lips_of_trial(trajectory: xr.Dataset) -> tuple[Floats, Floats, Floats]:
+    """Area between the lips [m^2], protrusion of their margins [m] and time [s] of a trajectory.
 
-    Parameters
-    ----------
-    trajectory : Dataset
-        Trajectory with the surface of the face (``emgface simulate --surface``).
-    face : Dataset
-        Face model of the trajectory.
+    Outputs that are farther apart than `FRAME` are interpolated by monotone cubics, because corners
+    of a piecewise linear opening would be heard as clicks.
 
     Raises
     ------
     DataError
-        The trajectory has no surface, or that of another face.
+        The trajectory has no ``mouth_area``: its face has no mouth opening, or it was written by an
+        earlier version.
     """
-    if "surface_position" not in trajectory:
+    names = ("mouth_area", "lip_protrusion")
+    if any(name not in trajectory for name in names):
         raise DataError(
-            "the trajectory holds markers alone, expected one with the surface of the face: "
-            "simulate it with --surface"
+            "the trajectory has no mouth_area, expected that of a face with a mouth opening: "
+            "simulate it again with this version"
         )
-    skin, rim = skin_of(face), lip_rim(face)
-    frames = trajectory["surface_position"].transpose("frame", "surface_node", "axis").values
-    margin = np.concatenate([rim.upper, rim.lower])
-    if frames.shape[1] != len(skin.node) or not np.isin(margin, skin.node).all():
-        raise DataError(
-            f"the surface has {frames.shape[1]} nodes, that of the face {len(skin.node)}: expected the "
-            "face of the simulation, specify it by --face"
-        )
-    found: list[dict[str, float]] = []
-    q = face["position"].values.copy()
-    for frame in frames:
-        q[skin.node] = frame
-        found.append(lip_shape(face, rim, q))
-    at = np.asarray(trajectory["frame_time"].values, np.float64)
-    pair = np.array([[shape["area"], shape["margin_protrusion"]] for shape in found])
-    if len(at) < 2:
-        return pair[:, 0], pair[:, 1], at
-    # frames are 40 ms apart; corners of a piecewise linear opening would be heard as clicks
-    time = np.linspace(at[0], at[-1], round((at[-1] - at[0]) / FRAME) + 1)
-    area, forward = np.asarray(PchipInterpolator(at, pair, axis=0)(time)).T
-    return area, forward, time
+    at = np.asarray(trajectory["time"].values, np.float64)
+    pair = np.stack([np.asarray(trajectory[name].values, np.float64) for name in names], axis=1)
+    if len(at) > 1 and float(np.diff(at).max()) > FRAME:
+        time = np.linspace(at[0], at[-1], round((at[-1] - at[0]) / FRAME) + 1)
+        at, pair = time, np.asarray(PchipInterpolator(at, pair, axis=0)(time))
+    return np.maximum(pair[:, 0], 0.0), pair[:, 1], at

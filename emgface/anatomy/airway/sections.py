@@ -57,8 +57,8 @@ def centre_line(
 
     Returns
     -------
-    ndarray, shape (levels, 3)
-        [m]
+    ndarray, shape (levels + 2, 3)
+        [m], at most; from the plane of `start` to that of `end`, or to the middle of the last ring.
 
     Raises
     ------
@@ -82,7 +82,16 @@ def centre_line(
     line = np.array(means)
     if end is not None:
         line = line[: max(2, int(np.argmin(np.linalg.norm(line - end, axis=1))) + 1)]
-    return line
+    # a mean lies in the middle of its ring; the line goes to the planes of the points specified
+    after = [] if end is None else [_ahead(line[-2:], end)]
+    return np.array([_ahead(line[1::-1], start), *line, *after])
+
+
+def _ahead(pair: Floats, point: Floats) -> Floats:
+    """End of the line through two points in the plane of a point across it, not before the second."""
+    along = pair[1] - pair[0]
+    along = along / np.linalg.norm(along)
+    return pair[1] + max(float((point - pair[1]) @ along), 1e-9) * along
 
 
 def sections(

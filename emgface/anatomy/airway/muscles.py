@@ -1,0 +1,70 @@
+"""Sensitivity of formants to the muscles of a face, each activated alone before a fixed tract."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.anatomy.airway.area_function import with_lips
+from emgface.anatomy.airway.parameters import LIPS
+from emgface.anatomy.airway.sound import with_formants
+from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template.actions import steady_positions
+from emgface.muscles import MODELLED
+
+
+def formants_by_muscle(
+    face: xr.Dataset,
+    tract: xr.Dataset,
+    *,
+    activation: float = 0.1,
+    muscles: Sequence[str] = MODELLED,
+    parameters: SimulationParameters | None = None,
+    lips: float = LIPS,
+) -> pd.DataFrame:
+    """Change of lips and formants by every muscle pair, divided by its activation.
+
+    (F(a) - F(0))/a in steady states from rest: the derivative at rest to first order in `activation`.
+
+    Parameters
+    ----------
+    face : Dataset
+        Face model with a mouth opening.
+    tract : Dataset
+        Area function of one instant, kind "sound".
+    activation : float
+        Of both muscles of a pair, above 0 and at most 1.
+    muscles : sequence of str
+        Names without side.
+    parameters : SimulationParameters, optional
+        As of `steady_positions`: sigma_max 100 kPa, no gravity, contact of lips and teeth.
+    lips : float
+        Length of the lips' section at rest [m].
+
+    Returns
+    -------
+    DataFrame
+        Index ``muscle``; the first row, "rest", has the values at rest and the others changes per
+        activation of 1: ``area`` [mm^2], ``protrusion`` [mm], ``F1`` to ``F4`` [Hz].
+
+    Raises
+    ------
+    FaceError
+        The face has no mouth opening.
+    ActivationError, ControlError, InvertedElement, NotConverged
+        As `steady_positions`.
+    """
+    rim = lip_rim(face)
+    runs = [{}, *({f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles)]
+    position, _ = steady_positions(face, runs, parameters=parameters)
+    found = [lip_shape(face, rim, q) for q in position]
+    area = np.array([shape["area"] for shape in found])
+    forward = np.array([shape["margin_protrusion"] for shape in found])
+    time = np.arange(float(len(runs)))
+    moved = with_formants(with_lips(tract, area, forward, time, lips=lips))
+    values = np.column_stack([1e6 * area, 1e3 * forward, moved["formant_frequency"].values])
+    values[1:] = (values[1:] - values[0]) / activation
+    columns = ["area", "protrusion", *(f"F{k}" for k in moved["formant"].values)]
+    return pd.DataFrame(values, index=["rest", *muscles], columns=columns).rename_axis("muscle")
