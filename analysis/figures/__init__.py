@@ -6,6 +6,7 @@ from analysis.figures.baselines import baseline_plot
 from analysis.figures.boxes import box_plots
 from analysis.figures.choices import sensitivity_plot
 from analysis.figures.emg import emg_with_features
+from analysis.figures.formants import formant_plot
 from analysis.figures.style import save
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "box_plots",
     "emg_with_features",
     "feature_boxes",
+    "formant_plot",
     "marker_traces",
     "save",
     "sensitivity_plot",

@@ -10,7 +10,7 @@ from emgface.report.figures import Drawn
 from emgface.report.results import Results, open_results, study_cube
 from emgface.study.parallel import in_processes
 
-PARTS: Final = ("trial_figures", "score_figures", "baseline_figure")
+PARTS: Final = ("trial_figures", "score_figures", "baseline_figure", "formant_figure")
 """Functions of `emgface.report.figures` that depend on the folder of a study alone."""
 
 Figures = dict[str, list[Drawn]]

@@ -18,6 +18,7 @@ from analysis.figures import (
     box_plots,
     emg_with_features,
     feature_boxes,
+    formant_plot,
     marker_traces,
     sensitivity_plot,
     synchronisation,
@@ -84,6 +85,19 @@ def baseline_figure(results: Results) -> list[Drawn]:
     if not has_baselines(cube):
         return []
     return _drawn(results, "baselines", "Baselines", text, lambda: baseline_plot(cube))
+
+
+def formant_figure(results: Results) -> list[Drawn]:
+    """Draw the formants over time."""
+    text = (
+        "Formants F1 and F2 over the duration of a trial: median over volunteers and repetitions, "
+        "band between the quartiles. They follow the simulated lips before a vocal tract that "
+        "does not move."
+    )
+    cube = results.base
+    if "formant_frequency" not in cube:
+        return []
+    return _drawn(results, "formants", "Formants", text, lambda: formant_plot(cube))
 
 
 def face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:

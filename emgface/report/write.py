@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from analysis.alignment_tables import alignment_tables
 from analysis.baseline_tables import comparison
+from analysis.formants import formant_table
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import Table, report_tables
@@ -137,6 +138,8 @@ def render(
         "meaning": meaning,
         "baseline_tables": {name: cells(table) for name, table in compared.items()},
         "baseline_figure": [],
+        "formants": cells(table) if scored and (table := formant_table(cube)) else None,
+        "formant_figure": [],
         "face_figures": figures.face_figure(results, *moving[:2]) if moving else [],
         "trial_figures": [],
         "least_volunteers": LEAST_VOLUNTEERS,

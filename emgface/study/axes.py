@@ -5,6 +5,7 @@ from typing import Literal
 
 from analysis.baselines import VARIABLES
 from analysis.cube import MARKER_DIMS, PER_MARKER, PER_TRIAL
+from analysis.formants import VARIABLES as OF_SOUND
 from emgface.choices import Parameters, choice
 
 Design = Literal["one_at_a_time", "factorial"]
@@ -12,7 +13,7 @@ Value = bool | int | float | str
 Label = str | float
 
 CUBE_NAMES = {
-    *MARKER_DIMS, *PER_MARKER, *PER_TRIAL, *VARIABLES,
+    *MARKER_DIMS, *PER_MARKER, *PER_TRIAL, *VARIABLES, *OF_SOUND, "formant", "instant",
     "status", "reason", "marker_reason", "skill_reason",
 }  # fmt: skip
 """Names used in a cube."""

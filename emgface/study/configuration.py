@@ -5,6 +5,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from emgface.anatomy.airway.parameters import TractParameters
 from emgface.choices import ESKES, Parameters, choice, parameter
 from emgface.errors import FaceError
 from emgface.face.simulation_parameters import SimulationParameters
@@ -130,6 +131,11 @@ class StudyConfiguration(Parameters):
         default=AlignmentParameters(), description="Synchronisation, Eqs 9-10."
     )
     score: ScoreParameters = Field(default=ScoreParameters(), description="Scores, Eqs 11-13.")
+    tract: TractParameters | None = Field(
+        default=None,
+        description="Vocal tract behind the lips, whose formants are computed for every trial. "
+        "Without this table there are none.",
+    )
     axis_design: Design = choice(
         "one_at_a_time",
         "Combinations of the levels of several axes: one axis at a time differs from its "

@@ -41,6 +41,7 @@ def load_study(path: Path) -> StudyConfiguration:
         update={
             "recordings": recordings,
             "face": absolute(study.face, "path"),
+            "tract": study.tract and absolute(study.tract, "areas"),
             "exclude": exclude,
             "axis": absolute_paths(study.axis, base),
         }

@@ -21,6 +21,7 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.description import described, merged_environments, montages, with_recordings
 from emgface.study.digest import dataset_digest
 from emgface.study.faces import study_face
+from emgface.study.formants import add_formants
 from emgface.study.observer import Observer, Silent
 from emgface.study.one_trial import run_trial
 from emgface.study.stages import Laboratory
@@ -118,7 +119,8 @@ def run_study(
             extents = feature_extents(laboratory, intake)
             results = _run_trials(laboratory, trials, extents, workers, observer, told)
             cube = _cube(laboratory, intake, trials, results)
-            cubes[variant.labels] = add_baselines(
+            cube = add_baselines(laboratory, cube, trials, results, extents, observer)
+            cubes[variant.labels] = add_formants(
                 laboratory, cube, trials, results, extents, observer
             )
             muted |= laboratory.muted

@@ -1,0 +1,95 @@
+"""Formants of the trials of a study: the moving lips before a tract that does not move."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from analysis.formants import FORMANTS, INSTANTS, with_formants
+from analysis.trial import Trial
+from emgface.anatomy.airway import sound
+from emgface.anatomy.airway.area_function import lips_of_trial, tract_of, with_lips
+from emgface.face.lip_shape import has_mouth
+from emgface.study.digest import dataset_digest
+from emgface.study.observer import Observer
+from emgface.study.stages import Laboratory
+from emgface.study.store import Result, Stage
+from emgface.study.table import PlannedTrial
+
+SOUND: Final = Stage(
+    "formants",
+    (
+        "sim.acoustics",
+        "analysis.formants",
+        "emgface.anatomy.airway.area_function",
+        "emgface.anatomy.airway.parameters",
+        "emgface.anatomy.airway.sound",
+        "emgface.study.formants",
+    ),
+)
+
+
+def add_formants(
+    laboratory: Laboratory,
+    cube: xr.Dataset,
+    planned: Sequence[PlannedTrial],
+    results: Sequence[Trial],
+    extents: Mapping[str, Result],
+    observer: Observer,
+) -> xr.Dataset:
+    """Add the formants of every scored trial to the cube of a study, if it specifies a tract.
+
+    They are computed from the stored motions (`analysis.formants.with_formants`).
+    Arguments are those of `emgface.study.baselines.add_baselines`. A face without a mouth opening
+    has no formants, which `observer` is told.
+    """
+    parameters = laboratory.study.tract
+    if parameters is None:
+        return cube
+    if not has_mouth(laboratory.face):
+        observer.message("No formants are computed, because the face has no mouth opening.")
+        return cube
+    tract = tract_of(parameters)
+    recordings = {(*trial.place, trial.strategy): trial.recording for trial in planned}
+    found: dict[tuple[str, str, int, str], xr.Dataset] = {}
+    for trial in results:
+        place = (trial.volunteer, trial.instruction, int(trial.repetition), trial.strategy)
+        recording = recordings[place]
+        if trial.scores is None or recording is None:
+            continue
+        observer.working(f"formants {trial.label}")
+        extent = extents.get(trial.volunteer)
+        activation = laboratory.activation(recording, trial.strategy, extent).dataset["activation"]
+        motion = laboratory.motion(activation, trial.label, trial.sigma_max)
+        found[place] = laboratory.store.get_or_compute(
+            SOUND,
+            {"motion": motion.digest, "tract": dataset_digest(tract)},
+            {"lips": parameters.lips},
+            lambda motion=motion: formants_of(motion.dataset, tract, parameters.lips),
+            label=trial.label,
+        ).dataset
+    return with_formants(cube, found, tract.attrs["assumptions"])
+
+
+def formants_of(motion: xr.Dataset, tract: xr.Dataset, lips: float) -> xr.Dataset:
+    """Area function and formants of a motion at equal parts of its duration.
+
+    Parameters
+    ----------
+    motion : Dataset
+        Trajectory with ``mouth_area`` and ``lip_protrusion``.
+    tract : Dataset
+        Area function of one instant.
+    lips : float
+        Length of the lips' section at rest [m].
+
+    Returns
+    -------
+    Dataset
+        Of the kind "sound", at `INSTANTS` instants.
+    """
+    area, forward, at = lips_of_trial(motion)
+    time = np.linspace(at[0], at[-1], INSTANTS)
+    area, forward = np.interp(time, at, area), np.interp(time, at, forward)
+    return sound.with_formants(with_lips(tract, area, forward, time, lips=lips), count=FORMANTS)

@@ -1,0 +1,77 @@
+"""Formants of a study: from the lips of its motions to cube, table and figure."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from analysis.cube import build_cube
+from analysis.errors import FigureError
+from analysis.figures import formant_plot
+from analysis.formants import INSTANTS, formant_table, with_formants
+from analysis.trial import Trial
+from emgface.anatomy.airway import sound
+from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
+from emgface.schema.validation import validate
+from emgface.study.formants import formants_of
+
+PLACE = ("P1", "A", 1, "act_all")
+
+
+@pytest.fixture(scope="module")
+def closing():
+    """Lips that close from 1.2 to 0.4 cm^2 and protrude by 5 mm, and open halfway again."""
+    part = np.interp(np.linspace(0.0, 1.0, 21), [0.0, 0.5, 1.0], [0.0, 1.0, 0.5])
+    values = {
+        "mouth_area": ("time", 1.2e-4 - 0.8e-4 * part),
+        "lip_protrusion": ("time", 0.005 * part),
+    }
+    return xr.Dataset(values, {"time": np.linspace(0.2, 1.2, 21)})
+
+
+@pytest.fixture(scope="module")
+def cube(closing):
+    scores = {
+        name: ("marker", [value])
+        for name, value in (("rho", 0.8), ("amplitude_ratio", 1.0), ("rmse", 1e-3))
+    }
+    trial = Trial(
+        *PLACE, scores=xr.Dataset(scores, {"marker": ["corner_left"]}), origin="simulated"
+    )
+    found = build_cube([trial], strategies=["act_all", "act_3"], origin="simulated")
+    tract = ideal_vowel("u")
+    return with_formants(
+        found, {PLACE: formants_of(closing, tract, 0.01)}, tract.attrs["assumptions"]
+    )
+
+
+def test_formants_of_a_trial_follow_its_lips(cube):
+    validate(cube, "cube")
+    one = cube.sel(volunteer="P1", instruction="A", repetition=1, strategy="act_all")
+    area, forward = np.array([1.2e-4, 0.4e-4]), np.array([0.0, 0.005])
+    still = with_lips(ideal_vowel("u"), area, forward, np.arange(2.0))
+    rest, closed = sound.with_formants(still)["formant_frequency"].values
+    F = one["formant_frequency"]
+    assert F.sel(instant=0.0).values == pytest.approx(rest)
+    assert F.sel(instant=0.5).values == pytest.approx(closed, rel=1e-3)
+    assert F.sizes["instant"] == INSTANTS
+    assert one["formant_change"].values[:2] == pytest.approx((closed - rest)[:2], rel=0.01)
+    assert float(one["simulated_duration"]) == pytest.approx(1.0)
+    assert np.isnan(cube["formant_change"].sel(strategy="act_3").values).all()
+
+
+def test_the_table_of_formants_states_what_moves(cube):
+    table = formant_table(cube)
+    assert table is not None and "tract that does not move" in table.note
+    row = dict(zip([c.name for c in table.columns], table.rows[0], strict=True))
+    assert row["trials"] == 1 and row["rho"] == pytest.approx(0.8)
+    assert row["change of F2"] < row["change of F1"] < 0.0 < row["F1 at the start"]
+    assert table.rows[1][2] == 0
+    assert formant_table(cube.drop_vars("formant_change")) is None
+
+
+def test_the_figure_of_formants(cube, tmp_path):
+    figure = formant_plot(cube)
+    lower = figure.axes[1].lines[0].get_ydata()
+    assert lower == pytest.approx(cube["formant_frequency"].values[0, 0, 0, 0, 0])
+    with pytest.raises(FigureError, match="tract"):
+        formant_plot(cube.drop_vars("formant_frequency"))
