@@ -1,26 +1,31 @@
-"""Acoustics of tubes: error against run time, stability, lips, and formants of another program.
+"""Acoustics of tubes: checks, error against run time, stability, lips, another program.
 
-    python -m benchmarks acoustics [--part cost|stability|lips|stiffening|other] [--out FOLDER]
+    python -m benchmarks acoustics [--part NAME] [--out FOLDER]
 
-Cost: two-tube /a/ of 17 cm with all losses; largest error of F1 to F4 against the matrix method, and
-processor seconds per second of sound. Stability: folds at 785 Pa, or as stated; sound pressure at
-0.3 m. Lips: formants of an idealised /u/ for areas and protrusions of the lips.
-Stiffening: the same for the lips of a generated face. Other: the 13 published
-shapes (EMGFACE_SHARED); theirs / the same nine cells with the matrix method / this package.
+Formants: published shapes (EMGFACE_SHARED) by three methods; largest differences of F1 to F4.
+Checks: closed forms, moving tubes and fricatives, with the limits of the specification. Folds:
+pressure at which they begin to oscillate, and pitch. Cost: two-tube /a/ of 17 cm with all losses;
+largest error of F1 to F4 against the matrix method, and processor seconds per second of sound.
+Stability: folds at 785 Pa, or as stated; sound pressure at 0.3 m; jump: largest difference of
+successive samples over the largest one before. Lips: formants of an idealised /u/ for areas and
+protrusions of the lips. Stiffening: the same for the lips of generated faces. Other: the 13
+published shapes (EMGFACE_SHARED); theirs / the same nine cells with the matrix method / this
+package.
 """
 
 import json
 import os
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from benchmarks.acoustics_checks import CLICK, checks, folds, formant_table, jump_ratio, nearest
 from benchmarks.report import finish
 from sim.acoustics import (
     SILENT,
-    Flow,
     Folds,
     Medium,
     Turbulence,
@@ -31,14 +36,13 @@ from sim.acoustics import (
     simulate_tube,
 )
 from sim.errors import AcousticsError
+from tests.acoustics.shapes import AH
 
-AH = np.repeat([1e-4, 7e-4], 8), 0.17
-CLICK = Flow(np.array([0.0, 1e-6, 0.0]), 44_100.0)
+if TYPE_CHECKING:
+    import xarray as xr
 
-
-def nearest(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Entries of `found` nearest to those wanted."""
-    return found[np.abs(found[:, None] - wanted).argmin(axis=0)]
+LEVELS = (0.0, 0.3, 0.6, 1.0)
+"""Activations at which lips are compared."""
 
 
 def cost() -> pd.DataFrame:
@@ -89,6 +93,7 @@ def stability() -> pd.DataFrame:
         **{f"time step, Courant number {n:g}": still | {"n": n} for n in (0.2, 0.5, 0.999, 1.05)},
         **{f"lips close within {1e3 * w:g} ms": _closing(w) for w in (20e-3, 2e-3, 2e-4)},
         "area 8 cm2 to 1e-4 cm2 and back": still | {"areas": step},
+        "all areas to 0 and back every 0.2 s, lung 0 to 3000 Pa, 10 s": _pulsing(),
         "length 16 to 19 cm within 50 ms": stretch | {"duration": 0.3},
         "lung pressure 3000 Pa, 10 s": still | {"lung": 3000.0, "duration": 10.0},
     }
@@ -98,9 +103,17 @@ def stability() -> pd.DataFrame:
     return pd.DataFrame([*rows, {"case": "1000 random tubes, moving, 0-3000 Pa"} | _random(1000)])
 
 
+def _pulsing() -> dict[str, object]:
+    times = np.linspace(0.0, 10.0, 201)
+    open_ = 0.5 + 0.5 * np.cos(2.0 * np.pi * times / 0.2)
+    areas = np.where(open_ < 1e-9, 0.0, open_)[:, None] * AH[0]
+    lung = np.interp(np.linspace(0.0, 10.0, 10_001), [0.0, 5.0, 10.0], [0.0, 3000.0, 0.0])
+    return {"areas": areas, "length": AH[1], "times": times, "duration": 10.0, "lung": lung}
+
+
 def _outcome(case: dict[str, object]) -> dict[str, object]:
     rate = 44_100.0
-    lung = float(str(case.pop("lung", 785.0)))
+    lung = np.asarray(case.pop("lung", 785.0), np.float64)
     if "n" in case:
         rate = 350.0 * 60 / (0.17 * float(str(case.pop("n"))))
         case |= {"rate": rate, "substeps": 1}
@@ -111,33 +124,38 @@ def _outcome(case: dict[str, object]) -> dict[str, object]:
             "outcome": f"refused: {type(error).__name__}",
             "sound Pa": np.nan,
             "glottis Pa": np.nan,
+            "jump": np.nan,
         }
     p = sound.radiated(rate)
     quarter = len(p) // 4
-    grows = np.abs(p[-quarter:]).max() > 1.3 * np.abs(p[quarter : 2 * quarter]).max()
+    grows = lung.ndim == 0 and (
+        np.abs(p[-quarter:]).max() > 1.3 * np.abs(p[quarter : 2 * quarter]).max()
+    )
     good = np.isfinite(p).all() and not grows
     return {
         "outcome": "ok" if good else "GROWS",
         "sound Pa": float(np.abs(p).max()),
         "glottis Pa": float(np.abs(sound.pressure).max()),
+        "jump": jump_ratio(p, rate, 0.08),
     }
 
 
 def _random(count: int) -> dict[str, object]:
     rng = np.random.default_rng(0)
-    largest = np.zeros((count, 2))
+    largest = np.zeros((count, 3))
     for k in range(count):
         areas = 10.0 ** rng.uniform(-8.5, -2.5, (2, rng.integers(3, 40)))
         sound = simulate_tube(
             areas, rng.uniform(0.1, 0.2, 2),
-            Folds(lung=rng.uniform(0.0, 3000.0), tension=rng.uniform(0.5, 2.0)), times=[0.0, 0.03],
-            duration=0.04, sections=int(rng.integers(10, 60)), seed=k, turbulence=Turbulence(),
+            Folds(lung=rng.uniform(0.0, 3000.0), tension=rng.uniform(0.5, 2.0)), times=[0.0, 0.05],
+            duration=0.06, sections=int(rng.integers(10, 60)), seed=k, turbulence=Turbulence(),
         )  # fmt: skip
-        largest[k] = np.abs(sound.radiated(44_100.0)).max(), np.abs(sound.pressure).max()
+        p = sound.radiated(44_100.0)
+        largest[k] = np.abs(p).max(), np.abs(sound.pressure).max(), jump_ratio(p, 44_100.0, 0.04)
     good = np.isfinite(largest).all()
     return {
         "outcome": "ok" if good else "NaN", "sound Pa": largest[:, 0].max(),
-        "glottis Pa": largest[:, 1].max(),
+        "glottis Pa": largest[:, 1].max(), "jump": largest[:, 2].max(),
     }  # fmt: skip
 
 
@@ -207,31 +225,74 @@ def other() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def stiffening(resolution: str = "coarse") -> pd.DataFrame:
-    """Lips of a generated face by orbicularis oris, with and without stress stiffening, before /u/."""
+def stiffening() -> pd.DataFrame:
+    """Lips of generated faces by orbicularis oris before /u/: each cause, mesh and load step."""
+    from unittest.mock import patch
+
+    from emgface.face.template import template_face
+    from emgface.face.template.muscles import RING_LAYERS
+    from sim.errors import SimulationError
+
+    with patch.dict(RING_LAYERS, {"OOP": RING_LAYERS["OOP"][:1]}):  # pyright: ignore
+        deep = template_face(resolution="coarse")
+    with patch.dict(RING_LAYERS, {"OOP": RING_LAYERS["OOP"][1:]}):  # pyright: ignore
+        superficial = template_face(resolution="coarse")
+    face, medium = (template_face(resolution=name) for name in ("coarse", "medium"))
+    half = tuple(np.round(np.arange(0.0, 1.01, 0.1), 1))
+    cases: dict[str, tuple[object, ...]] = {
+        "reference": (face, "OOP", {}),
+        "no stiffening": (face, "OOP", {"stiffening": 1.0}),
+        "no teeth": (face, "OOP", {"support": 0.0}),
+        "deep layer alone": (deep, "OOP", {}),
+        "superficial layer alone": (superficial, "OOP", {}),
+        "marginal ring (OOM)": (face, "OOM", {}),
+        "reference, load steps of 0.1": (face, "OOP", {}, half),
+        "reference, medium mesh": (medium, "OOP", {}),
+        "no stiffening, medium mesh": (medium, "OOP", {"stiffening": 1.0}),
+    }
+    tables: list[pd.DataFrame] = []
+    for name, case in cases.items():
+        try:
+            table = _lips_before_u(*case)  # pyright: ignore
+        except SimulationError as error:
+            table = pd.DataFrame({"activation": [np.nan], "outcome": [type(error).__name__]})
+        tables.append(table.assign(case=name))
+    return pd.concat(tables).set_index("case").reset_index()
+
+
+def _lips_before_u(
+    face: "xr.Dataset", muscle: str, changes: dict[str, float], levels: tuple[float, ...] = LEVELS
+) -> pd.DataFrame:
+    """Lips and formants in equilibria under one ring of both sides, at `LEVELS`."""
     from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
     from emgface.anatomy.airway.sound import with_formants
-    from emgface.face.template import template_face
-    from studies.mechanics.lip_rounding import round_lips
+    from emgface.face.contact_parameters import NO_CONTACT
+    from emgface.face.lip_shape import lip_rim, lip_shape
+    from emgface.face.muscle_parameters import SIGMA_MAX
+    from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.face.support import WALL
+    from studies.mechanics.equilibria import equilibria
 
-    found = round_lips(
-        template_face(resolution=resolution), support=(True,), levels=(0.0, 0.3, 0.6, 1.0)
-    ).table
-    area, forward = (
-        found["area (mm2)"].to_numpy() * 1e-6,
-        found["margin_protrusion (mm)"].to_numpy(),
+    base = SimulationParameters(
+        sigma_max=SIGMA_MAX, gravity=False, contact=NO_CONTACT, stiffening=10.0, support=WALL
     )
-    time = np.arange(float(len(found)))
-    tract = with_formants(with_lips(ideal_vowel("u"), area, 1e-3 * forward, time))
-    columns = ["stiffening", "activation", "area (mm2)", "margin_protrusion (mm)"]
-    table = found[columns].round({"area (mm2)": 1, "margin_protrusion (mm)": 2})
-    for k, name in enumerate(("F1 Hz", "F2 Hz")):
-        table[name] = tract["formant_frequency"].values[:, k].round(0)
-    return table
+    drive = {f"{muscle}_{side}": 1.0 for side in "LR"}
+    found = equilibria(face, drive, base.model_copy(update=changes), levels=levels)
+    rim, kept = lip_rim(face), found.sel(level=list(LEVELS))
+    shapes = [lip_shape(face, rim, q) for q in kept["node_position"].values]
+    area = np.array([shape["area"] for shape in shapes])
+    forward = np.array([shape["margin_protrusion"] for shape in shapes])
+    tract = with_formants(with_lips(ideal_vowel("u"), area, forward, np.arange(float(len(area)))))
+    F = tract["formant_frequency"].values
+    return pd.DataFrame(
+        {"activation": LEVELS, "area mm2": 1e6 * area, "protrusion mm": 1e3 * forward,
+         "F1 Hz": F[:, 0], "F2 Hz": F[:, 1], "F3 Hz": F[:, 2]}
+    ).round(2)  # fmt: skip
 
 
 PARTS = {
-    "cost": cost, "stability": stability, "lips": lips, "stiffening": stiffening, "other": other,
+    "formants": formant_table, "checks": checks, "folds": folds, "cost": cost,
+    "stability": stability, "lips": lips, "stiffening": stiffening, "other": other,
 }  # fmt: skip
 
 

@@ -1,0 +1,251 @@
+"""Checks of the acoustics against closed forms and the published shapes, as tables."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import brentq
+from scipy.signal import welch
+
+from sim.acoustics import (
+    LOSSLESS,
+    Flow,
+    Folds,
+    Medium,
+    Turbulence,
+    formants,
+    kelly_lochbaum,
+    lossless_formants,
+    resonances,
+    rosenberg,
+    simulate_tube,
+)
+from tests.acoustics.shapes import AH, EE, TABLE, tubes
+
+CLICK = Flow(np.array([0.0, 1e-6, 0.0]), 44_100.0)
+U = np.repeat([1.5e-4, 9e-4, 0.8e-4, 8e-4, 0.6e-4], [4, 13, 6, 9, 2]), 0.17
+"""Tubes like an /u/: areas [m^2] and length [m]."""
+
+
+def nearest(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Entries of `found` nearest to those wanted."""
+    return found[np.abs(found[:, None] - wanted).argmin(axis=0)]
+
+
+def formant_table() -> pd.DataFrame:
+    """Formants of the published shapes by three methods, and their largest differences."""
+    given = tubes(Path(os.environ.get("EMGFACE_SHARED", "../shared")))
+    rows: list[dict[str, object]] = []
+    for name, (lossless, lossy) in TABLE.items():
+        areas, L = given[name]
+        matrix = lossless_formants(areas, L)[:4]
+        sound = simulate_tube(areas, L, CLICK, duration=0.3, medium=LOSSLESS)
+        time = nearest(resonances(sound.mouth, sound.rate, skip=0.02, order=24)[0], matrix)
+        click = np.zeros(20_000)
+        click[1] = 1e-6
+        flow, rate = kelly_lochbaum(np.repeat(areas, 2), L, click)
+        scattered = nearest(resonances(flow, rate, skip=0.005, order=24)[0], matrix)
+        with_losses, width = formants(areas, L)
+        sound = simulate_tube(areas, L, CLICK, duration=0.3)
+        found, found_width = resonances(sound.mouth, sound.rate, order=32)
+        sharp = width[:4] < 300.0
+        here = np.abs(found[:, None] - with_losses[:4][sharp]).argmin(axis=0)
+        rows.append(
+            {"shape": name, "F1 to F4 Hz": " ".join(f"{f:.1f}" for f in matrix),
+             "matrix, Hz": np.abs(matrix - lossless).max(),
+             "time, %": 100.0 * np.abs(time / matrix - 1.0).max(),
+             "Kelly-Lochbaum, %": 100.0 * np.abs(scattered / matrix - 1.0).max(),
+             "matrix with losses, %": 100.0 * np.abs(with_losses[:4] / lossy - 1.0).max(),
+             "time with losses, %":
+                 100.0 * np.abs(found[here] / with_losses[:4][sharp] - 1.0).max(),
+             "bandwidth, %": 100.0 * np.abs(found_width[here] / width[:4][sharp] - 1.0).max()}
+        )  # fmt: skip
+    return pd.DataFrame(rows).round(4)
+
+
+def checks() -> pd.DataFrame:
+    """Closed forms of tubes, moving tubes, and fricatives: figure and limit."""
+    rows = [*_uniform_and_two_tubes(), *_scheme(), *_radiation_and_walls(), *_moving(), *_noise()]
+    table = pd.DataFrame(rows, columns=["check", "figure", "limit"])
+    table["met"] = np.where(table["figure"] <= table["limit"], "yes", "no")
+    return table
+
+
+Row = tuple[str, float, float]
+
+
+def _uniform_and_two_tubes() -> list[Row]:
+    expected = 350.0 / (4 * 0.175) * np.array([1.0, 3.0, 5.0])
+    error = np.abs(lossless_formants(np.full(35, 3e-4), 0.175)[:3] / expected - 1.0).max()
+    click = simulate_tube(np.full(35, 3e-4), 0.175, CLICK, duration=0.3, medium=LOSSLESS)
+    found = nearest(resonances(click.mouth, click.rate, skip=0.02, order=24)[0], expected)
+    areas, L, l2 = np.repeat([5e-5, 3.5e-4], 10), 0.17, 0.085
+
+    def equation(f: float) -> float:
+        k = 2 * np.pi * f / 350.0
+        back, front = k * (L - l2), k * l2
+        return float(np.sin(back) * np.sin(front) - 7.0 * np.cos(back) * np.cos(front))
+
+    grid = np.linspace(40.0, 5000.0, 5000)
+    values = np.array([equation(f) for f in grid])
+    ends = np.flatnonzero(np.diff(np.sign(values)))
+    exact = [brentq(equation, grid[k], grid[k + 1], xtol=1e-10) for k in ends]
+    two = np.abs(lossless_formants(areas, L) - exact).max()
+    return [
+        ("1 uniform tube, matrix [%]", 100.0 * error, 0.5),
+        ("1 uniform tube, time [%]", 100.0 * np.abs(found / expected - 1.0).max(), 0.5),
+        ("1 two tubes, tan tan = A2/A1, matrix [Hz]", two, 1e-6),
+    ]
+
+
+def _scheme() -> list[Row]:
+    N, L = 40, 0.16
+    areas = np.random.default_rng(1).uniform(0.2e-4, 8e-4, N)
+    weak = Flow(1e-12 * CLICK.values, CLICK.rate)
+
+    def energy(duration: float) -> tuple[float, float]:
+        y = simulate_tube(areas, L, weak, duration=duration, medium=LOSSLESS, sections=N)
+        p, u, h, dt = y.node_pressure, y.cell_velocity, L / N, 1.0 / y.rate
+        V = 0.5 * h * (np.append(areas, 0.0) + np.append(0.0, areas))
+        before = u + dt / (LOSSLESS.rho * h) * np.diff(p)
+        potential = (V[:-1] * p[:-1] ** 2).sum() / (2 * LOSSLESS.rho * LOSSLESS.c**2)
+        return potential + 0.5 * LOSSLESS.rho * h * (areas * u * before).sum(), y.rate
+
+    (first, rate), (last, _) = energy(0.01), energy(0.5)
+    smooth = (1.0 + 0.8 * np.sin(np.linspace(0, 4, 16))) * 3e-4
+    exact = lossless_formants(smooth, 0.16)[2]
+    errors: list[float] = []
+    for cells in (16, 32, 64):
+        sound = simulate_tube(
+            smooth, 0.16, CLICK, duration=0.3, medium=LOSSLESS, sections=cells,
+            rate=50_000.0 * cells / 16,
+        )  # fmt: skip
+        found = resonances(sound.mouth, sound.rate, skip=0.02, order=24)[0]
+        errors.append(float(np.abs(found - exact).min()))
+    order = np.log2(np.array(errors[:-1]) / errors[1:])
+    return [
+        ("1 change of energy per step [1]", abs(last / first - 1.0) / (0.49 * rate), 1e-10),
+        ("1 order of the time scheme, distance from 2", float(np.abs(order - 2.0).max()), 0.3),
+    ]
+
+
+def _radiation_and_walls() -> list[Row]:
+    area, L = 5e-5, 0.17
+    medium = Medium(friction=0.0, yielding=0.0)
+    found = formants(np.full(4, area), L, medium=medium)[0][0]
+    correction = (350.0 / (4.0 * found) - L) / (8.0 * np.sqrt(area / np.pi) / (3.0 * np.pi))
+    # walls of mass M and area C L, air of compliance V/(rho c^2): f = sqrt(C/(M S) + K/(M rho c^2))
+    S = 4e-4
+    areas = np.append(np.full(34, S), 0.0)
+    wall = Medium(friction=0.0, damping=1.0)
+    C = wall.circumference(S)
+    omega = np.sqrt((wall.rho * wall.c**2 * C / S + wall.stiffness) / wall.mass)
+    low = formants(areas, 0.175, medium=wall)[0][0]
+    rows = [
+        ("3 end correction over 8 r/(3 pi), distance from 1 [%]", 100 * abs(correction - 1), 1.0),
+        ("3 F1 of a closed tube by its walls [%]", 100 * abs(low * 2 * np.pi / omega - 1.0), 2.0),
+    ]
+    for name, tube in (("a", AH), ("i", EE)):
+        expected, width = formants(*tube)
+        k = width[:4] < 300.0
+        sound = simulate_tube(*tube, CLICK, duration=0.3)
+        frequency, other = resonances(sound.mouth, sound.rate, order=32)
+        here = np.abs(frequency[:, None] - expected[:4][k]).argmin(axis=0)
+        error = np.abs(other[here] / width[:4][k] - 1.0).max()
+        rows.append((f"3 bandwidths of {name}, time against matrix [%]", 100.0 * error, 5.0))
+    return rows
+
+
+def _moving() -> list[Row]:
+    times, length = np.array([0.0, 0.1, 0.15, 0.35]), np.array([0.16, 0.16, 0.19, 0.19])
+    source = Flow(rosenberg(np.arange(15_435) / 44_100.0, pitch=120.0), 44_100.0)
+    sound = simulate_tube(np.full((4, 20), 3e-4), length, source, times=times, duration=0.35)
+    # clicks rung on top of the changing tube give its formant before and after
+    spectra: list[float] = []
+    for at in (0.05, 0.25):
+        here = np.zeros(15_435)
+        here[int(at * 44_100)] = 1e-6
+        y = simulate_tube(
+            np.full((4, 20), 3e-4), length, Flow(here, 44_100.0), times=times, duration=0.35
+        )
+        found = resonances(y.mouth[int((at + 0.001) * y.rate) :], y.rate, duration=0.03, order=16)
+        spectra.append(float(found[0][found[0] > 300.0][0]))
+    ratio = jump_ratio(sound.radiated(44_100.0), 44_100.0, 0.05)
+    exact = [formants(np.full(20, 3e-4), L)[0][0] for L in (0.16, 0.19)]
+    return [
+        ("4 length 16 to 19 cm in 50 ms, largest jump over the one before [1]", ratio, 3.0),
+        (
+            "4 F1 before and after [%]",
+            100 * float(np.abs(np.array(spectra) / exact - 1).max()),
+            1.0,
+        ),
+    ]
+
+
+def jump_ratio(p: np.ndarray, rate: float, start: float) -> float:
+    """Largest difference of successive samples over the largest one before, after `start` [s]."""
+    jump = np.abs(np.diff(p))
+    first = int(start * rate)
+    before = np.maximum.accumulate(jump)[first - 1 : -1]
+    return float((jump[first:] / np.maximum(before, 1e-12)).max())
+
+
+def _fricative(front: float, flow: float, area: float = 1.5e-5) -> np.ndarray:
+    n, L = 32, 0.16
+    areas = np.full(n, 3e-4)
+    first = n - round(front / L * n)
+    areas[first - 2 : first] = area
+    steady = Flow(flow * np.minimum(1.0, np.arange(11_025) / 2205.0), 44_100.0)
+    sound = simulate_tube(areas, L, steady, duration=0.25, turbulence=Turbulence(), sections=64)
+    return sound.radiated(44_100.0)[5512:]
+
+
+def _noise() -> list[Row]:
+    critical = 1800.0 * 1.86e-5 * np.sqrt(np.pi * 1.5e-5) / (2.0 * 1.14)
+    quiet, loud = _fricative(0.02, 0.97 * critical).std(), _fricative(0.02, 3 * critical).std()
+    peaks: list[float] = []
+    for front in (0.04, 0.02):
+        f, power = welch(_fricative(front, 4e-4), 44_100.0, nperseg=2048)
+        inside = (f > 1000.0) & (f < 8000.0)
+        peaks.append(float(f[inside][np.argmax(power[inside])]))
+    t = np.arange(44_100) / 44_100.0
+    level = 20 * np.log10(np.abs(np.fft.rfft(rosenberg(t, open_quotient=0.6, slope=2.0))))
+    k = np.arange(5, 64)
+    slope = np.polyfit(np.log2(k), level[100:6400:100][4:], 1)[0]
+    return [
+        ("7 noise below over above the critical Reynolds number [1]", float(quiet / loud), 1e-3),
+        ("7 peak with 4 cm over peak with 2 cm in front [1]", peaks[0] / peaks[1], 0.77),
+        ("6 slope of a Rosenberg pulse, distance from -12 dB/octave", abs(slope + 12.0), 2.0),
+    ]
+
+
+def folds() -> pd.DataFrame:
+    """Threshold pressure and fundamental frequency of the folds before several tubes."""
+    rows: list[dict[str, object]] = []
+    for name, tube in (("a", AH), ("i", EE), ("u", U), ("uniform", (np.full(16, 3e-4), 0.17))):
+        for zeta in (0.1, 0.2):
+            low, high = 50.0, 500.0
+            while high - low > 8.0:
+                middle = 0.5 * (low + high)
+                sustained = pitch(tube, Folds(lung=middle, zeta1=zeta), 1.0) > 0.0
+                low, high = (low, middle) if sustained else (middle, high)
+            row: dict[str, object] = {"tract": name, "damping ratio": zeta}
+            row["threshold Pa"] = f"{low:.0f} to {high:.0f}"
+            for q in (0.5, 1.0, 2.0):
+                given = Folds(lung=785.0, tension=q, zeta1=zeta)
+                row[f"f0 Hz at q = {q:g}"] = round(pitch(tube, given, 0.35))
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def pitch(tube: tuple[np.ndarray, float], source: Folds, duration: float) -> float:
+    """Fundamental frequency [Hz] of the last half of a sound; 0 without oscillation."""
+    sound = simulate_tube(*tube, source, duration=duration)
+    area = sound.glottal_area[len(sound.glottal_area) // 2 :]
+    late = area[-len(area) // 4 :]
+    if np.ptp(late) < 1e-8:
+        return 0.0
+    above = area > 0.5 * area.max()
+    rises = np.flatnonzero(above[1:] & ~above[:-1])
+    return sound.rate / float(np.median(np.diff(rises))) if len(rises) > 3 else 0.0
