@@ -1,29 +1,86 @@
-"""Motion for the picture of the acoustics page: lips that close and open (simulated)."""
+"""Sound and picture of the acoustics page: lips that close and open before /a/ (simulated)."""
 
 from pathlib import Path
 
 import numpy as np
 import typer
 import xarray as xr
+from scipy.signal import butter, sosfiltfilt
 
 import emgface as ef
-from emgface.face.file import save_face
+from emgface.anatomy.airway.area_function import ideal_vowel, lips_of_trial, with_lips
+from emgface.anatomy.airway.figure import write_figure
+from emgface.anatomy.airway.sound import synthesise, with_formants, write_wave
 from emgface.muscles import MUSCLES
 from emgface.schema.netcdf import write_netcdf
 
+CLOSING = {"OOM": 0.7, "MEN": 0.4}
+"""Muscles that close the lips, and their largest activation."""
+OPENING = {"DLI": 0.5, "LLSAN": 0.5}
+"""Muscles that open them."""
+LAG = 0.02
+"""Time in which an activation begins or ends [s]."""
+
+
+def drive() -> xr.DataArray:
+    """Activations: closing from 0.12 to 0.26 s, opening from 0.25 to 0.33 s."""
+    time = np.arange(0.0, 0.5001, 0.005)
+    values = np.zeros((len(MUSCLES), len(time)))
+    for level, first, last in ((CLOSING, 0.12, 0.25), (OPENING, 0.25, 0.33)):
+        held = np.interp(time, [first, first + LAG, last, last + LAG], [0.0, 1.0, 1.0, 0.0])
+        for k, muscle in enumerate(MUSCLES):
+            values[k] += level.get(muscle.split("_")[0], 0.0) * held
+    dims = {"muscle": list(MUSCLES), "time": time}
+    return xr.DataArray(values, dims, ("muscle", "time"), attrs={"units": "1"})
+
+
+def measures(sound: xr.Dataset) -> dict[str, float]:
+    """Levels [dB] in the closure and at the release relative to the vowel before, and times [s]."""
+    t, p = sound["time_sound"].values, sound["sound"].values
+    rate = 1.0 / float(t[1] - t[0])
+    high = sosfiltfilt(butter(4, 2000.0, "highpass", fs=rate, output="sos"), p)
+    area, at = sound["area"].values[:, -1], sound["time"].values
+    closed = at[area < 1e-6]
+    found = {"smallest area [mm2]": 1e6 * float(area.min())}
+    if not len(closed):
+        return found
+    first, last = float(closed[0]), float(closed[-1])
+
+    def level(signal: np.ndarray, begin: float, end: float) -> float:
+        here = (t >= begin) & (t < end)
+        return 20.0 * np.log10(signal[here].std() + 1e-12)
+
+    vowel, hiss = level(p, first - 0.06, first - 0.02), level(high, first - 0.06, first - 0.02)
+    slope = np.gradient(area, at)[np.searchsorted(at, last)]
+    before = slice(np.searchsorted(at, first) - 6, np.searchsorted(at, first))
+    F = sound["formant_frequency"].values
+    return found | {
+        "closed from [s]": first,
+        "closed to [s]": last,
+        "opening at the release [cm2/s]": 1e4 * float(slope),
+        "closure, all frequencies [dB]": level(p, first + 0.02, last) - vowel,
+        "closure, above 2 kHz [dB]": level(high, first + 0.02, last) - hiss,
+        "10 ms after the release, above 2 kHz [dB]": level(high, last, last + 0.01) - hiss,
+        "F1 30 ms before the closure [Hz]": float(F[before][0, 0]),
+        "F1 in the closure [Hz]": float(F[np.searchsorted(at, 0.5 * (first + last)), 0]),
+        "largest value of the wave file": float(np.abs(p).max() / sound.attrs["full_scale"]),
+    }
+
 
 def main(out: Path) -> None:
+    """Write motion, sound, wave file and picture to a folder, and print their measures."""
+    out.mkdir(parents=True, exist_ok=True)
     face = ef.face(resolution="coarse")
-    time = np.linspace(0.0, 0.6, 61)
-    level = np.interp(time, [0.0, 0.1, 0.2, 0.3, 0.36, 0.6], [0.0, 0.0, 0.7, 0.7, 0.0, 0.0])
-    values = np.array([level * name.startswith(("OOP", "OOM")) for name in MUSCLES])
-    drive = xr.DataArray(
-        values, {"muscle": list(MUSCLES), "time": time}, ("muscle", "time"), attrs={"units": "1"}
-    )
-    none = {"method": "none"}
-    motion = ef.simulate(drive, face, accuracy="draft", surface=True, contact=none, support=1000.0)
-    save_face(face, out / "face.nc")
+    motion = ef.simulate(drive(), face, accuracy="draft", output=0.005)
     write_netcdf(motion, out / "apa.nc", "trajectory")
+    area, forward, time = lips_of_trial(motion)
+    tract = with_formants(with_lips(ideal_vowel("a"), area, forward, time))
+    sound = synthesise(tract, "folds")
+    write_netcdf(sound, out / "apa-sound.nc", "sound")
+    write_wave(sound, out / "apa.wav")
+    write_figure(sound, out / "apa.png", "apa: lips moved by muscles before a fixed tract")
+    for name, value in measures(sound).items():
+        print(f"{name}: {value:.3g}")
 
 
 if __name__ == "__main__":
