@@ -126,16 +126,14 @@ def _figures() -> str:
     return "\n".join(["| figure | trials (simulated) | shows |", "|---|---|---|", *rows, ""])
 
 
-def _cost(spent: pd.DataFrame) -> str:
+def _cost(spent: "pd.Series[float]") -> str:
     """Section on the measured time of the page."""
     minutes = spent / 60.0
-    parts = ", ".join(f"{name} {row.processor:.1f}" for name, row in minutes.iterrows())
+    parts = ", ".join(f"{name} {value:.1f}" for name, value in minutes.items())
     return (
         "## Cost\n\n"
-        f"{minutes['processor'].sum():.1f} minutes of processor time and "
-        f"{minutes['wall'].sum():.1f} minutes of wall time on {os.cpu_count()} cores, which depends "
-        "on what else they compute, added up over all runs that filled the store. Minutes of "
-        f"processor time: {parts}.\n"
+        f"{minutes.sum():.1f} minutes on {os.cpu_count()} cores, added up over all runs that filled the "
+        f"store; this depends on what else they compute: {parts}.\n"
     )
 
 

@@ -1,7 +1,6 @@
 """Simulated volunteers and studies on which all sections of the page are based."""
 
 import csv
-import resource
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -127,25 +126,18 @@ def opened(folder: Path) -> xr.Dataset:
 
 @contextmanager
 def timed(part: str) -> Iterator[None]:
-    """Add the time of a part of the page, processes that it starts included, to the store."""
-    before, started = _processor_time(), time.monotonic()
+    """Add the wall time of a part of the page to the store."""
+    started = time.monotonic()
     try:
         yield
     finally:
         plan.store.mkdir(parents=True, exist_ok=True)
-        spent = (_processor_time() - before, time.monotonic() - started)
+        spent = time.monotonic() - started
         with (plan.store / "times.csv").open("a", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerow((part, *spent))
+            csv.writer(file).writerow((part, spent))
 
 
-def times() -> pd.DataFrame:
-    """Processor and wall time [s] of every part of the page, added up over all runs."""
-    columns = ["part", "processor", "wall"]
-    rows = pd.read_csv(plan.store / "times.csv", names=columns)
-    return rows.groupby("part", sort=False).sum()
-
-
-def _processor_time() -> float:
-    """Processor time of this process and of its ended children [s]."""
-    whom = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    return sum(r.ru_utime + r.ru_stime for r in map(resource.getrusage, whom))
+def times() -> "pd.Series[float]":
+    """Wall time [s] of every part of the page, added up over all runs."""
+    rows = pd.read_csv(plan.store / "times.csv", names=["part", "wall"])
+    return rows.groupby("part", sort=False)["wall"].sum()
