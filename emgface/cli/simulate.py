@@ -166,6 +166,7 @@ def _write_vtk(folder: Path, face: "xr.Dataset", nodes: "xr.DataArray") -> None:
 
 def _tell(trajectory: "xr.Dataset", written: str) -> None:
     """Report the files written, the displacement of the face and its accuracy."""
+    from emgface.face.numerical_error import NOT_ESTIMATED
     from emgface.face.stability import stability_warning
 
     moved = 1e3 * trajectory.attrs["motion"]
@@ -185,6 +186,8 @@ def _tell(trajectory: "xr.Dataset", written: str) -> None:
     error = 1e3 * trajectory.attrs["numerical_error"]
     share = f", {100 * error / moved:.2g} % of the motion" if moved > 0.0 else ""
     told = f"Estimated error of the time steps: {error:.2g} mm{share}."
+    if trajectory.attrs.get("contact", "none") != "none":
+        told += f" {NOT_ESTIMATED} (docs/accuracy.md)."
     if trajectory.attrs["inaccurate"]:
         told += " It exceeds a tenth of the motion: specify an --accuracy such as '0.1 mm'."
     say(told)

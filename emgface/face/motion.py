@@ -145,8 +145,8 @@ def simulate_face(
     ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each
     other), ``mouth_area`` [m^2] and ``lip_protrusion`` [m] (`MouthProbe`) of a face with a mouth
     opening, energies [J] and ``numerical_error`` [m] of the markers
-    (`emgface.face.numerical_error`). Its attributes are ``solver``, ``step`` and ``output`` [s],
-    ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated"; ``unstable_from_s``,
+    (`emgface.face.numerical_error`). Its attributes are ``solver``, ``contact``, ``step`` and
+    ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated"; ``unstable_from_s``,
     ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] if the equilibrium lost stability
     (`emgface.face.stability`); the times in the recording, ``recorded_start`` [s] and
     ``recorded_pace`` (recorded per simulated second); ``motion`` [m], the largest displacement of a
@@ -192,6 +192,7 @@ def simulate_face(
     trajectory = trajectory.drop_vars([step.name, left.name]).assign(numerical_error=error)
     trajectory.attrs |= {
         "solver": parameters.solver,
+        "contact": parameters.contact.method,
         "step": parameters.step,
         "output": parameters.output,
         "sigma_max": parameters.sigma_max,

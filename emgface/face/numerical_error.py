@@ -1,7 +1,15 @@
 """Estimate of the numerical error of a motion."""
 
+from typing import Final
+
 import numpy as np
 import xarray as xr
+
+NOT_ESTIMATED: Final = (
+    "With contact, the estimated error excludes the effect of vertices that slip off an edge earlier "
+    "or later than with shorter steps"
+)
+"""What the estimate does not contain."""
 
 
 def largest_motion(trajectory: xr.Dataset) -> float:

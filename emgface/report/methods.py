@@ -6,6 +6,7 @@ import xarray as xr
 
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
 from emgface.choices import parameter_table
+from emgface.face.numerical_error import NOT_ESTIMATED
 from emgface.signals.montage import COMPLETE
 from emgface.study.configuration import StudyConfiguration
 
@@ -155,6 +156,8 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         else f" of {1e3 * s.step:g} ms"
     )
     told.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
+    if s.contact.method != "none" and s.error_tolerance is not None:
+        told.append(f"{NOT_ESTIMATED}.")
     return told
 
 
