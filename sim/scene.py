@@ -138,6 +138,18 @@ class RateDependent(Protocol):
 
 
 @runtime_checkable
+class Stiffens(Protocol):
+    """A compiled term whose passive moduli depend on the activation.
+
+    The end of a step is then not affine in the activation, even with a constant matrix.
+    """
+
+    def weights(self, control: Control) -> Array:
+        """Added multiples of the passive moduli, by element [1]."""
+        ...
+
+
+@runtime_checkable
 class Deforms(Protocol):
     """A compiled term with Gauss points that can invert."""
 

@@ -30,8 +30,8 @@ ROUNDS = 6
 class Touched:
     """Independent velocities w and positions q of a step with contact, and its report.
 
-    `pushed` (n_nodes, 3) are the contact forces at its end [N]; `roughly` solves with its matrix and the
-    stiffness of its active rows.
+    `pushed` (n_nodes, 3) are the contact forces at its end [N] and `active` their rows; `roughly` solves
+    with its matrix and the stiffness of its active rows.
     """
 
     w: Array
@@ -42,6 +42,7 @@ class Touched:
     solutions: int
     factorisations: int
     definite: bool
+    active: Rows
 
 
 class LinearContact:
@@ -105,6 +106,7 @@ class LinearContact:
             equation.solutions,
             equation.factorisations,
             equation.definite,
+            multipliers.rows.take(np.flatnonzero(acting.force > 0.0)),
         )
 
     def _multipliers_of(self, rows: Rows, before: Multipliers | None = None) -> Multipliers:

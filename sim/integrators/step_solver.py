@@ -4,17 +4,22 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
+from sim.errors import SingularSystem
 from sim.integrators.analysed import AnalysedSolver
 from sim.integrators.clock import PhaseClock
 from sim.integrators.kept import named, part_of
 from sim.integrators.newton_factor import NewtonFactor
-from sim.linear import LinearSolver, NotPositiveDefinite, ReusedFactor, linear_solver
+from sim.linear import Factor, LinearSolver, NotPositiveDefinite, ReusedFactor, linear_solver
 from sim.matrix import Matrix
 from sim.pattern import Index
 from sim.state import Array
+
+REFINED, REFINEMENTS = 1e-11, 8
+"""Relative residual of solutions with many right-hand sides, and largest number of refinements."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,27 @@ class StepSolver:
                 return solver.solve(rhs)
 
         return solve, solver is whole
+
+    def many(self, A: Matrix) -> Callable[[Array], Array]:
+        """Solver of A X = rhs for many right-hand sides (k, n), with one factor of A itself.
+
+        Solutions are refined to `REFINED`. It, or its solutions, raise SingularSystem.
+        """
+        _, definite = self.factorised(A.values)
+        solver = self._whole if definite else self._indefinite
+        approximate = cast(Factor, solver).approximate_many
+
+        def solve(rhs: Array) -> Array:
+            with self._timed("solution"):
+                x, size = approximate(rhs), np.abs(rhs).max(axis=1, initial=0.0)
+                for _ in range(REFINEMENTS):
+                    left = rhs - np.array([A.times(row) for row in x])
+                    if (np.abs(left).max(axis=1, initial=0.0) <= REFINED * size).all():
+                        return x
+                    x = x + approximate(left)
+            raise SingularSystem("solutions with many right-hand sides do not reach their accuracy")
+
+        return solve
 
     @property
     def _whole(self) -> LinearSolver:

@@ -48,7 +48,7 @@ class _Linearised:
         line = control.chord(state.t, h)
 
         def equation(system: System) -> LinearStep:
-            return self._equation(system, state, line, work)
+            return self.equation(system, state, line, work)
 
         return step_of(equation, system, state, h, self.tolerance, work)
 
@@ -76,7 +76,11 @@ class _Linearised:
             done += 1
         return state, reports
 
-    def _equation(self, system: System, state: State, line: Line, work: Workspace) -> LinearStep:
+    def equation(self, system: System, state: State, line: Line, work: Workspace) -> LinearStep:
+        """Matrix and right-hand side of a step from a state, with the activation of a line over it.
+
+        Raises InvertedElement if det F <= 0 at the start.
+        """
         at_end, h, theta = line.at(1.0), line.h, self.theta
         kinematics = system.kinematics
         with work.timed("tangent"):

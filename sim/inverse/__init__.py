@@ -1,0 +1,30 @@
+"""Inverse simulation: activations of muscles from motion, with and without measured activations."""
+
+from sim.inverse.quadratic import Minimum, minimise_in_box
+from sim.inverse.response import (
+    ActiveForces,
+    Response,
+    equilibrium_response,
+    require_affine,
+    step_response,
+)
+from sim.inverse.targets import AreaTarget, GapTarget, PointTarget, Target, Together
+from sim.inverse.track import MeasuredActivation, Weights, track
+
+__all__ = [
+    "ActiveForces",
+    "AreaTarget",
+    "GapTarget",
+    "MeasuredActivation",
+    "Minimum",
+    "PointTarget",
+    "Response",
+    "Target",
+    "Together",
+    "Weights",
+    "equilibrium_response",
+    "minimise_in_box",
+    "require_affine",
+    "step_response",
+    "track",
+]

@@ -1,0 +1,287 @@
+"""Response of steps and equilibria to the activations, with frozen rows of joints and contact."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Protocol
+
+import numpy as np
+
+from sim.contact.rows import Rows
+from sim.contact.step import ContactStep
+from sim.errors import SceneError
+from sim.integrators.contact_linear import LinearContact
+from sim.integrators.contract import require_no_barrier
+from sim.integrators.held import held_solution
+from sim.integrators.linearly_implicit import LinearStep
+from sim.integrators.workspace import Workspace
+from sim.scene import CompiledTerm, Stiffens
+from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
+from sim.step_matrices import damping_matrix, stiffness_matrix
+from sim.system import System
+
+Form = Literal["exact", "affine"]
+"""Derivative of the step itself, or with the matrix of the step held constant."""
+
+NEAR = 1e-7
+"""Displacement of the finite difference of the active stiffness along the step [m]."""
+
+ALTERED = 0.25
+"""Change of one activation for a column: exact where forces are affine in the activation."""
+
+
+class LinearlyImplicit(Protocol):
+    """An integrator with one linear equation per step."""
+
+    theta: ClassVar[float]
+    """Implicit part of the step."""
+
+    def equation(self, system: System, state: State, line: Line, work: Workspace) -> LinearStep:
+        """Matrix and right-hand side of a step."""
+        ...
+
+    def step(
+        self, system: System, state: State, control: ControlAt, h: float, work: Workspace
+    ) -> tuple[State, StepReport]:
+        """Advance by one step."""
+        ...
+
+
+@dataclass(frozen=True)
+class Response:
+    """End of a step as a function of the activation, w(a) = w + H (a - activation).
+
+    Attributes
+    ----------
+    activation : (n_muscles,) at which the step is linearised.
+    w : (n,) independent velocities at the end of the step for this activation.
+    H : (n, n_muscles) derivatives of the velocities.
+    pose, w0 : start of the step.
+    h, moves : length of the step [s], and weight of the end velocity in the motion.
+    rows : number of frozen rows.
+    """
+
+    activation: Array
+    w: Array
+    H: Array
+    pose: Pose
+    w0: Array
+    h: float
+    moves: float
+    rows: int
+
+    def velocity(self, activation: Array) -> Array:
+        """End velocities (n,) for an activation."""
+        return self.w + self.H @ (activation - self.activation)
+
+    def end(self, system: System, w: Array) -> Pose:
+        """Pose at the end of the step with end velocities w."""
+        way = self.h * ((1.0 - self.moves) * self.w0 + self.moves * w)
+        return system.kinematics.advance(self.pose, way, self.pose.t + self.h)
+
+
+def require_affine(system: System) -> None:
+    """Raise SceneError if passive moduli depend on the activation."""
+    for term, declared in zip(system.terms, system.scene.terms, strict=True):
+        if isinstance(term, Stiffens):
+            raise SceneError(
+                f"the moduli of {type(declared).__name__} depend on the activation, so that a step with "
+                "a constant matrix is not affine in it: use form = 'exact'"
+            )
+
+
+class ActiveForces:
+    """Forces of the muscles of a system.
+
+    Attributes
+    ----------
+    damping_varies : bool
+        True if the damping matrix depends on the activation.
+    """
+
+    def __init__(self, system: System) -> None:
+        self._system, n = system, len(system.muscles)
+        silent, loud = Control(np.zeros(n)), Control(np.full(n, 0.3))
+        some = np.random.default_rng(0).standard_normal(system.mesh.X.shape)
+        q = system.mesh.X + NEAR * some  # no element or fibre is exactly at rest
+
+        def force(term: CompiledTerm, control: Control) -> Array:
+            f = np.zeros_like(q)
+            term.add_force(q, control, f)
+            return f
+
+        kept = (t for t in system.terms if (force(t, silent) != force(t, loud)).any())
+        self._driven = replace(system, terms=tuple(kept))
+        self.damping_varies = False
+        if system.is_damped:
+            v = NEAR * some
+            rest = system.rest_state().pose
+            D = [damping_matrix(system, rest, v, control) for control in (silent, loud)]
+            self.damping_varies = not np.array_equal(D[0].values, D[1].values)
+
+    def columns(self, pose: Pose, control: Control) -> Array:
+        """Derivatives (n_muscles, n) of the generalised forces by the activations [N].
+
+        Differences over `ALTERED`, exact for forces that are affine in the activation. Terms that
+        ignore the activation are left out.
+        """
+        a, kinematics = control.activation, self._system.kinematics
+        here = self._driven.force(pose.q, control).f
+        out = np.empty((len(a), self._system.pattern.n))
+        for i in range(len(a)):
+            other = a.copy()
+            step = ALTERED if a[i] + ALTERED <= 1.0 else -ALTERED
+            other[i] += step
+            f = self._driven.force(pose.q, Control(other, control.t)).f
+            out[i] = kinematics.generalised_force((f - here) / step, pose)
+        return out
+
+
+def step_response(
+    system: System,
+    integrator: LinearlyImplicit,
+    state: State,
+    activation: Array,
+    h: float,
+    work: Workspace,
+    forces: ActiveForces,
+    form: Form = "exact",
+) -> Response:
+    """Response of one step from a state to the activation, by one factor and n_muscles solutions.
+
+    With the equation A(a) w = b(a) of a step, A dw/da_i = db/da_i - dA/da_i w. In the form "affine"
+    the matrix is held constant, dw/da_i = h A^-1 F_i with the forces F_i of the muscles. Rows of
+    joints and of active contacts hold: their forces are eliminated by the Schur complement, and their
+    directions and the set of active rows are those of this step.
+
+    Parameters
+    ----------
+    system, integrator, state, h, work
+        As of the step.
+    activation : (n_muscles,) at the end of the step, at which it is linearised.
+    forces : ActiveForces
+        Of the system.
+    form : "exact" or "affine"
+
+    Raises
+    ------
+    SceneError
+        The scene has hard volumes or a barrier, or its form "affine" does not exist.
+    InvertedElement, NotConverged, SingularSystem
+        As of the step.
+    """
+    require_no_barrier(system, "inverse tracking")
+    if system.constraints is not None:
+        raise SceneError(
+            "the response under hard volumes is not implemented: use incompressibility by a bulk law, "
+            "by elements or by nodes"
+        )
+    if form == "affine":
+        require_affine(system)
+    whole = system.during(state, h)
+    kinematics, control = system.kinematics, Control(activation, state.t + h)
+    line = Line(activation, np.zeros_like(activation), state.t, h)
+    equation = integrator.equation(whole, state, line, work)
+    w0 = kinematics.velocities(state)
+    pose = kinematics.at(state.pose, state.t + h)
+    touched = None
+    if system.contact is not None:
+        touched = LinearContact(whole, state, equation, h, work).solve()
+
+    def loads(w: Array) -> Array:
+        F = forces.columns(pose, control)
+        if form == "affine":
+            return h * F
+        if forces.damping_varies:
+            return _differences(integrator, whole, state, line, equation, w, work)
+        theta = integrator.theta
+        along = w + (1.0 - theta) / theta * w0
+        fastest = float(np.abs(kinematics.displacements(along, pose)).max(initial=0.0))
+        if fastest == 0.0:
+            return h * F
+        near = NEAR / fastest
+        ahead, behind = (
+            forces.columns(kinematics.advance(pose, way * along, pose.t), control)
+            for way in (near, -near)
+        )
+        return h * F + (theta * h) ** 2 * (ahead - behind) / (2.0 * near)
+
+    if system.rows is not None:
+        found, _ = held_solution(
+            whole, system.rows, equation.A, equation.rhs, w0, pose, h, 1e-10, work
+        )
+        assert found.roughly is not None  # set by every solution
+        H = np.array([found.roughly(load) for load in loads(found.x)]).T
+        return Response(
+            activation, found.x, H, state.pose, w0, h, equation.moves, len(system.rows.names)
+        )
+    if touched is None:
+        solve = work.steps.many(equation.A)
+        w = solve(equation.rhs[None])[0]  # it determines the loads
+        return Response(activation, w, solve(loads(w)).T, state.pose, w0, h, equation.moves, 0)
+    N = _normals(system, touched.active, state.pose)
+    X = work.steps.many(equation.A)(np.concatenate([loads(touched.w), N]))
+    held = _held(X[: len(activation)], X[len(activation) :], N)
+    return Response(activation, touched.w, held.T, state.pose, w0, h, equation.moves, len(N))
+
+
+def equilibrium_response(
+    system: System, state: State, control: Control, work: Workspace, forces: ActiveForces
+) -> Array:
+    """Derivatives (n, n_muscles) of the coordinates of an equilibrium, K^-1 F [m].
+
+    Active contacts of the state hold, as in `step_response`. Raises SingularSystem if the stiffness
+    cannot be factorised.
+    """
+    whole = system.during(state, math.inf)
+    pose = state.pose
+    here, K = whole.tangent(pose.q, control)
+    A = stiffness_matrix(whole, pose, K, here.f)
+    F = forces.columns(pose, control)
+    if system.contact is None:
+        return work.steps.many(A)(F).T
+    step = ContactStep(system.contact, state, state.t + 1.0, equilibrium=True)
+    near = step.at(pose.q)
+    pushing = np.isin(near.slot, system.contact.pushing(state))
+    N = _normals(system, near.take(np.flatnonzero(pushing)), pose)
+    X = work.steps.many(A)(np.concatenate([F, N]))
+    return _held(X[: len(F)], X[len(F) :], N).T
+
+
+def _differences(
+    integrator: LinearlyImplicit,
+    system: System,
+    state: State,
+    line: Line,
+    equation: LinearStep,
+    w: Array,
+    work: Workspace,
+) -> Array:
+    """Loads (n_muscles, n) by differences of the whole equation, one assembly for each muscle."""
+    start = equation.rhs - equation.A.times(w)
+    rows: list[Array] = []
+    for i in range(len(line.mean)):
+        step = ALTERED if line.mean[i] + ALTERED <= 1.0 else -ALTERED
+        other = line.mean.copy()
+        other[i] += step
+        changed = integrator.equation(system, state, replace(line, mean=other), work)
+        rows.append((changed.rhs - changed.A.times(w) - start) / step)
+    return np.array(rows)
+
+
+def _normals(system: System, rows: Rows, pose: Pose) -> Array:
+    """Generalised directions (k, n) of contact rows."""
+    out = np.zeros((len(rows), system.pattern.n))
+    for j in range(len(rows)):
+        one = rows.take(np.array([j]))
+        f = one.spread(one.normal, len(pose.q))
+        out[j] = system.kinematics.generalised_force(f, pose)
+    return out
+
+
+def _held(X: Array, Y: Array, N: Array) -> Array:
+    """Solutions X (k, n) under rows N (m, n) that stay closed, with Y = A^-1 N'."""
+    if not len(N):
+        return X
+    W = N @ Y.T
+    multipliers = np.linalg.lstsq(W, N @ X.T, rcond=1e-12)[0]
+    return np.asarray(X - multipliers.T @ Y, dtype=np.float64)

@@ -1,0 +1,216 @@
+"""Targets of inverse tracking: measured functions of the positions, with wanted values over time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_array, vstack
+
+from sim.errors import SceneError
+from sim.scene import Index
+from sim.state import Array
+
+Vector = tuple[float, float, float]
+
+
+class Target(Protocol):
+    """Interface of targets.
+
+    Attributes
+    ----------
+    size : float
+        Unit of the residuals, in that of the target: a residual of one `size` counts 1.
+    """
+
+    @property
+    def size(self) -> float:
+        """Unit of the residuals."""
+        ...
+
+    def value(self, q: Array) -> Array:
+        """Values (m,) at positions q (n_points, 3) [m]."""
+        ...
+
+    def slope(self, q: Array) -> csr_array:
+        """Derivatives (m, 3 n_points) of the values by the positions."""
+        ...
+
+    def wanted(self, t: float) -> Array:
+        """Wanted values (m,) at a time [s]; NaN where nothing is measured."""
+        ...
+
+
+def _interpolated(time: Array, values: Array, t: float) -> Array:
+    """Linear interpolation over the first dim, constant outside; NaN beside a missing sample."""
+    i = int(np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 1))
+    j = min(i + 1, len(time) - 1)
+    if i == j or t <= time[i]:
+        return values[i].copy()
+    s = (t - time[i]) / (time[j] - time[i])
+    return (1.0 - s) * values[i] + s * values[j]
+
+
+def _check(name: str, time: Array, values: Array, size: float) -> None:
+    if len(time) == 0 or values.shape[:1] != time.shape or not (np.diff(time) > 0.0).all():
+        raise SceneError(
+            f"{name}: values of shape {values.shape} at {time.shape} times, expected ascending times "
+            "and one row of values for each"
+        )
+    if not 0.0 < size < np.inf:
+        raise SceneError(f"{name}: size = {size!r}, expected a positive number")
+
+
+@dataclass(frozen=True, eq=False)
+class PointTarget:
+    """Positions of nodes, or of points on bodies [m]; three points determine the pose of a body.
+
+    Attributes
+    ----------
+    nodes : (k,) point indices.
+    time : (n,) ascending [s].
+    position : (n, k, 3) wanted positions [m], NaN where a marker is lost.
+    size : float
+        Standard deviation of a coordinate [m], the unit of the residuals.
+    """
+
+    nodes: Index
+    time: Array
+    position: Array
+    size: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        _check("PointTarget", self.time, self.position, self.size)
+        if self.position.shape[1:] != (len(self.nodes), 3):
+            raise SceneError(
+                f"PointTarget: positions of shape {self.position.shape}, expected (time, "
+                f"{len(self.nodes)}, 3)"
+            )
+
+    def value(self, q: Array) -> Array:
+        """Coordinates (3 k,) of the points."""
+        return q[self.nodes].ravel()
+
+    def slope(self, q: Array) -> csr_array:
+        """Unit vectors of the coordinates."""
+        column = (3 * np.asarray(self.nodes)[:, None] + np.arange(3)).ravel()
+        m = len(column)
+        return csr_array((np.ones(m), (np.arange(m), column)), shape=(m, q.size))
+
+    def wanted(self, t: float) -> Array:
+        """Interpolated positions (3 k,)."""
+        return _interpolated(self.time, self.position, t).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class GapTarget:
+    """Distance of one node above another along a direction, as `sim.probes.Opening` [m].
+
+    Attributes
+    ----------
+    upper, lower : int
+        Node indices.
+    direction : (3,) from the lower to the upper node.
+    time, gap : (n,) [s], [m].
+    size : float
+        Standard deviation [m].
+    """
+
+    upper: int
+    lower: int
+    direction: Vector
+    time: Array
+    gap: Array
+    size: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        _check("GapTarget", self.time, self.gap, self.size)
+
+    def _unit(self) -> Array:
+        return np.array(self.direction) / np.linalg.norm(self.direction)
+
+    def value(self, q: Array) -> Array:
+        """Distance (1,)."""
+        return np.array([self._unit() @ (q[self.upper] - q[self.lower])])
+
+    def slope(self, q: Array) -> csr_array:
+        """Direction at the upper node, and minus the direction at the lower."""
+        column = np.array([3 * self.upper, 3 * self.lower])[:, None] + np.arange(3)
+        values = np.concatenate([self._unit(), -self._unit()])
+        return csr_array((values, (np.zeros(6, dtype=int), column.ravel())), shape=(1, q.size))
+
+    def wanted(self, t: float) -> Array:
+        """Interpolated distance (1,)."""
+        return _interpolated(self.time, self.gap[:, None], t)
+
+
+@dataclass(frozen=True, eq=False)
+class AreaTarget:
+    """Area of a closed polygon of nodes seen along a direction, such as that between the lips [m^2].
+
+    A = 1/2 n . sum_i x_i x x_(i+1), positive if the nodes are counter-clockwise about n.
+
+    Attributes
+    ----------
+    nodes : (k,) node indices in order.
+    direction : (3,) n.
+    time, area : (n,) [s], [m^2].
+    size : float
+        Standard deviation [m^2].
+    """
+
+    nodes: Index
+    direction: Vector
+    time: Array
+    area: Array
+    size: float = 1e-5
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        _check("AreaTarget", self.time, self.area, self.size)
+
+    def _unit(self) -> Array:
+        return np.array(self.direction) / np.linalg.norm(self.direction)
+
+    def value(self, q: Array) -> Array:
+        """Area (1,)."""
+        x = q[self.nodes]
+        return np.array([0.5 * self._unit() @ np.cross(x, np.roll(x, -1, axis=0)).sum(axis=0)])
+
+    def slope(self, q: Array) -> csr_array:
+        """dA/dx_i = 1/2 n x (x_(i-1) - x_(i+1))."""
+        x = q[self.nodes]
+        each = 0.5 * np.cross(self._unit(), np.roll(x, 1, axis=0) - np.roll(x, -1, axis=0))
+        column = (3 * np.asarray(self.nodes)[:, None] + np.arange(3)).ravel()
+        row = np.zeros(len(column), dtype=int)
+        return csr_array((each.ravel(), (row, column)), shape=(1, q.size))
+
+    def wanted(self, t: float) -> Array:
+        """Interpolated area (1,)."""
+        return _interpolated(self.time, self.area[:, None], t)
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Several targets as one, in units of their sizes; its own size is 1.
+
+    Attributes
+    ----------
+    parts : sequence of Target
+    """
+
+    parts: Sequence[Target]
+
+    def value(self, q: Array) -> Array:
+        """Values of all targets over their sizes."""
+        return np.concatenate([part.value(q) / part.size for part in self.parts])
+
+    def slope(self, q: Array) -> csr_array:
+        """Derivatives of all values."""
+        return csr_array(vstack([part.slope(q) / part.size for part in self.parts]))
+
+    def wanted(self, t: float) -> Array:
+        """Wanted values of all targets."""
+        return np.concatenate([part.wanted(t) / part.size for part in self.parts])
