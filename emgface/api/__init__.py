@@ -5,9 +5,9 @@ study file (``emgface study template``). Files and datasets are both accepted. O
 imported in the functions, so that importing this module is fast.
 """
 
-from emgface.api.faces import face, simulate
+from emgface.api.faces import face, reduce, simulate
 from emgface.api.recordings import activate, read, score
 from emgface.api.studies import study
 from emgface.api.views import show
 
-__all__ = ["activate", "face", "read", "score", "show", "simulate", "study"]
+__all__ = ["activate", "face", "read", "reduce", "score", "show", "simulate", "study"]

@@ -1,9 +1,12 @@
 """Functions on faces: generation and simulation."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import xarray as xr
 
     from emgface.api.given import Data, File, Given
@@ -65,6 +68,74 @@ def face(
     return template_face(
         resolution=resolution, preset=preset, seed=seed, measures=(told | numbers) or None
     )
+
+
+def reduce(
+    face: "Data | None" = None,
+    *,
+    study: "Given" = None,
+    folder: "File | None" = None,
+    progress: "Callable[[str, int, int], None] | None" = None,
+    modes: int | None = None,
+    points: int | None = None,
+    seed: int | None = None,
+    training: "Mapping[str, Any] | None" = None,
+    **choices: Any,
+) -> "xr.Dataset":
+    """Train a reduced face, which simulates hundreds of times faster than full order, without contact.
+
+    Parameters
+    ----------
+    face : Dataset or path-like, optional
+        Face model; default: that of the study, which by default is a generated face.
+    study : path-like, mapping or StudyConfiguration, optional
+        Study whose tables ``[simulation]`` and ``[face]`` apply.
+    folder : path-like, optional
+        Folder for the motions of the training, with which an interrupted training resumes; default:
+        they are not kept.
+    progress : callable, optional
+        Called with the description of the current motion, the completed number and the total.
+    modes, points, seed : int, optional
+        Number of modes that move (a multiple of three), largest number of quadrature points, seed of
+        the random activations.
+    training : mapping, optional
+        Further parameters of `emgface.reduced.parameters.ReductionParameters`.
+    **choices : Any
+        Parameters of the table ``[simulation]`` of a study file, such as ``sigma_max=100e3`` [Pa].
+
+    Returns
+    -------
+    Dataset
+        Reduced face, for ``ef.simulate(..., reduced={"file": "face.rom.nc"})`` once written.
+
+    Raises
+    ------
+    ConfigurationError
+        A name or value of a parameter is not valid.
+    SceneError
+        The parameters have parts that a reduced face does not support.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> reduced = ef.reduce("face.nc", sigma_max=100e3)  # doctest: +SKIP
+    """
+    from tempfile import TemporaryDirectory
+
+    from emgface.api.given import face_of, simulation_of, study_of
+    from emgface.choices import configure
+    from emgface.reduced.parameters import ReductionParameters
+    from emgface.reduced.training import reduce_face
+    from emgface.study.store import Store
+
+    plan = study_of(study)
+    parameters = simulation_of(plan.simulation, None, choices)
+    given = {"modes": modes, "points": points, "seed": seed}
+    options = {name: v for name, v in given.items() if v is not None} | dict(training or {})
+    size = configure(ReductionParameters, options, where="reduction")
+    with TemporaryDirectory() as unkept:
+        store = Store(Path(folder or unkept))
+        return reduce_face(face_of(face, plan), parameters, size, store, progress=progress)
 
 
 def simulate(

@@ -14,6 +14,7 @@ from emgface.cli import (
     data_files,
     face,
     jaw,
+    live,
     simulate,
     sound,
     study,
@@ -70,6 +71,7 @@ for verb in (
 app.command()(trial.activate)
 app.command()(simulate.simulate)
 app.command()(simulate.show)
+app.command()(live.live)
 app.command()(trial.score)
 app.command(name="volunteers")(volunteers.volunteers)
 app.command()(study.report)

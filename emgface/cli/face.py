@@ -1,11 +1,13 @@
 """``emgface face``: import, generate, examine and draw face models."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from emgface.cli.console import frame, say, show_table
+from emgface.cli.console import frame, progress, say, show_table
+from emgface.cli.machine import announce_compilation
+from emgface.cli.options import StudyPath
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -101,6 +103,50 @@ def check(path: FacePath) -> None:
     report = face_report(face)
     show_table(frame(report.summary), f"{face.attrs['name']} ({face.attrs['origin']})")
     show_table(frame(report.muscles), "muscles, volumes in mm3")
+
+
+@app.command()
+def reduce(
+    path: FacePath,
+    out_path: Annotated[Path, typer.Option("--out", help="Reduced face to write (netCDF).")],
+    study: StudyPath = None,
+    sigma_max: Annotated[
+        float | None, typer.Option(help="Largest muscle stress, also of the simulations [Pa].")
+    ] = None,
+    modes: Annotated[
+        int | None, typer.Option(help="Number of modes that move, a multiple of three.")
+    ] = None,
+    points: Annotated[
+        int | None, typer.Option(help="Largest number of quadrature points with a weight.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the random sequences.")] = None,
+) -> None:
+    """Train a reduced face without contact; the motions are kept, so that it can be resumed."""
+    import emgface as ef
+    from emgface.schema.netcdf import write_netcdf
+
+    given = {"modes": modes, "points": points, "seed": seed}
+    options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
+    if sigma_max is not None:
+        options["sigma_max"] = sigma_max
+    announce_compilation()
+    with progress("training") as bar:
+
+        def tell(label: str, done: int, total: int) -> None:
+            bar.working(label)
+            bar.show(done, total)
+
+        reduced = ef.reduce(
+            path, study=study, folder=out_path.with_suffix(".training"), progress=tell, **options
+        )
+    write_netcdf(reduced, out_path, "reduced_face")
+    a = reduced.attrs
+    say(
+        f"Wrote {out_path}: {a['moving']} modes, {reduced.sizes['point']} points, from "
+        f"{a['training_seconds']:.0f} simulated seconds in {a['training_time_s']:.0f} s. Markers in "
+        f"the calibration: {1e3 * a['calibration_rms']:.2g} mm rms, at most "
+        f"{1e3 * a['calibration_largest']:.2g} mm from full order."
+    )
 
 
 def _say_written(face: "xr.Dataset", path: Path) -> None:

@@ -48,6 +48,9 @@ def simulate(
         ),
     ] = None,
     accuracy: AccuracyOption = None,
+    reduced: Annotated[
+        Path | None, typer.Option(help="Reduced face ('face reduce'); implies --no-contact.")
+    ] = None,
     strategy: Annotated[
         str | None, typer.Option(help="Strategy, where the source is a recording.")
     ] = None,
@@ -79,7 +82,9 @@ def simulate(
     probes = (*([SurfaceProbe(skin.node)] if skin else []), *([Positions()] if vtk else []))
     given = {"sigma_max": sigma_max, "solver": solver}
     changes: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
-    if not contact:
+    if reduced:
+        changes["reduced"] = {"file": reduced}
+    if reduced or not contact:
         changes["contact"] = {"method": "none"}
     announce_compilation()
     with progress("simulating") as bar:
@@ -179,6 +184,12 @@ def _tell(trajectory: "xr.Dataset", written: str) -> None:
     )
     if warning := stability_warning(trajectory):
         say(f"Warning: {warning}.")
+    if doubt := trajectory.attrs.get("reduction_doubt"):
+        ran = "is not trusted" if trajectory.attrs["reduced"] else "was repeated at full order"
+        say(f"Warning: the reduced motion {ran}, since {doubt}.")
+    if trajectory.attrs.get("reduced"):
+        bound = 1e3 * trajectory.attrs["reduction_error"]
+        say(f"Bound of the error of the reduction: {bound:.2g} mm.")
     if "numerical_error" not in trajectory.attrs:
         solver = trajectory.attrs["solver"]
         say(f"The error of the time steps is not estimated by solver = '{solver}'.")

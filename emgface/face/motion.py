@@ -1,6 +1,6 @@
 """Equilibrium of a face under gravity, and its motion under an activation."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -46,7 +46,7 @@ SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 """Step [s], time between checks [s], longest time [s], and speed [m/s] regarded as rest."""
 
 NOT_OF_REST: Final = frozenset(
-    {*SET_BY_ACCURACY, "accuracy", "output", "timing", "sigma_max_policy"}
+    {*SET_BY_ACCURACY, "accuracy", "output", "timing", "sigma_max_policy", "reduced"}
 )
 """Parameters that do not affect the equilibrium of a face."""
 
@@ -151,15 +151,25 @@ def simulate_face(
     (`emgface.face.stability`); the times in the recording, ``recorded_start`` [s] and
     ``recorded_pace`` (recorded per simulated second); ``motion`` [m], the largest displacement of a
     marker, and, if the integrator has an estimate, the largest ``numerical_error`` [m] and
-    ``inaccurate``, 1 if it exceeds a tenth of the motion.
+    ``inaccurate``, 1 if it exceeds a tenth of the motion. With a reduced face
+    (``parameters.reduced.file``) it is that of `emgface.reduced.motion.trusted_motion`; ``reduced`` is
+    then 1, or 0 if the motion was not trusted and is that of full order (``reduction_doubt``).
 
     Raises ActivationError if a muscle of the face has no activation, a name is unknown, or there
     are fewer than two samples; ControlError if a value is not finite or outside 0-1;
     InvertedElement (``element`` is the id in the face model), NotConverged or SingularSystem if a
     step fails; ToleranceMissed if `error_tolerance` cannot be met.
     """
+    doubt = None
+    if parameters.reduced.file is not None:
+        from emgface.reduced.motion import trusted_motion  # which requires this module
+
+        control, duration, pace = _control(activation, face["muscle"].values, parameters)
+        trajectory, doubt = trusted_motion(face, control, duration, parameters, further)
+        if trajectory is not None:
+            return _described(trajectory, face, activation, parameters, pace)
     system = compile_scene(compose_scene(face, parameters))
-    control, duration, pace = _control(activation, system, parameters)
+    control, duration, pace = _control(activation, system.muscles, parameters)
     if settled is None:
         settled = settle_face(face, parameters)
     rest = system.rest_state()
@@ -190,8 +200,26 @@ def simulate_face(
     step, left = trajectory["step_error"], trajectory["iteration_error"]
     error = numerical_error(step, parameters.beta, left)
     trajectory = trajectory.drop_vars([step.name, left.name]).assign(numerical_error=error)
+    trajectory.attrs["solver"] = parameters.solver
+    if doubt is not None:
+        trajectory.attrs |= {"reduced": 0, "reduction_doubt": doubt}
+    _described(trajectory, face, activation, parameters, pace)
+    if error.notnull().all():
+        trajectory.attrs["numerical_error"] = float(error.max())
+        inaccurate = trajectory.attrs["numerical_error"] > 0.1 * trajectory.attrs["motion"]
+        trajectory.attrs["inaccurate"] = int(inaccurate)
+    return trajectory
+
+
+def _described(
+    trajectory: xr.Dataset,
+    face: xr.Dataset,
+    activation: xr.DataArray,
+    parameters: SimulationParameters,
+    pace: float,
+) -> xr.Dataset:
+    """Add the attributes of any motion."""
     trajectory.attrs |= {
-        "solver": parameters.solver,
         "contact": parameters.contact.method,
         "step": parameters.step,
         "output": parameters.output,
@@ -202,10 +230,6 @@ def simulate_face(
         "recorded_pace": pace,
     }
     trajectory.attrs["motion"] = largest_motion(trajectory)
-    if error.notnull().all():
-        trajectory.attrs["numerical_error"] = float(error.max())
-        inaccurate = trajectory.attrs["numerical_error"] > 0.1 * trajectory.attrs["motion"]
-        trajectory.attrs["inaccurate"] = int(inaccurate)
     return trajectory
 
 
@@ -222,18 +246,18 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
 
 
 def _control(
-    activation: xr.DataArray, system: System, parameters: SimulationParameters
+    activation: xr.DataArray, muscles: Iterable[str], parameters: SimulationParameters
 ) -> tuple[Activation, float, float]:
     """Activation from time 0, duration [s], and recorded time per simulated time [1]."""
-    given = [str(name) for name in activation["muscle"].values]
+    given, muscles = list(map(str, activation["muscle"].values)), list(map(str, muscles))
     twice = sorted({name for name in given if given.count(name) > 1})
     if twice:
         raise ActivationError(
             f"the activation contains {', '.join(twice)} more than once, expected every "
             "muscle once: remove or rename the others"
         )
-    missing = [name for name in system.muscles if name not in given]
-    unknown = [name for name in given if name not in system.muscles]
+    missing = [name for name in muscles if name not in given]
+    unknown = [name for name in given if name not in muscles]
     if missing or unknown:
         found = (
             (f"lacks {', '.join(missing)}")
@@ -242,9 +266,9 @@ def _control(
         )
         raise ActivationError(
             f"the activation {found}, expected exactly the muscles of the face: "
-            f"{', '.join(system.muscles)}"
+            f"{', '.join(muscles)}"
         )
-    values = activation.sel(muscle=list(system.muscles)).transpose("time", "muscle").values
+    values = activation.sel(muscle=muscles).transpose("time", "muscle").values
     times = np.asarray(activation["time"].values, dtype=np.float64)
     if len(times) < 2:
         raise ActivationError(f"the activation has {len(times)} sample, expected at least two")

@@ -8,6 +8,7 @@ from emgface.face.contact_parameters import ContactParameters
 from emgface.face.muscle_parameters import MuscleParameters, SigmaMaxPolicy
 from emgface.face.time_stepping import TimeStepping
 from emgface.face.tissue_parameters import Prestress, SkinParameters, TissueParameters
+from emgface.reduced.parameters import ReducedParameters
 
 __all__ = [
     "ContactParameters",
@@ -36,6 +37,10 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         True,
         "Gravity of 9.8 m/s^2 along -z; the face then starts at its equilibrium.",
         source=f"{ESKES}, Finite element face model",
+    )
+
+    reduced: ReducedParameters = Field(
+        default=ReducedParameters(), description="Reduced face in place of full order."
     )
 
     @model_validator(mode="after")

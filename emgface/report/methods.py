@@ -158,6 +158,14 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     told.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
     if s.contact.method != "none" and s.error_tolerance is not None:
         told.append(f"{NOT_ESTIMATED}.")
+    if s.reduced.file is not None:
+        otherwise = "at full order" if s.reduced.fall_back else "by it as well"
+        told.append(
+            "A reduced face was simulated instead, in linearly implicit Euler steps of "
+            f"{1e3 * s.step:g} ms, where the bound of its error was at most "
+            f"{1e3 * s.reduced.largest_error:g} mm and the activation within the range of its "
+            f"training; other motion was computed {otherwise}."
+        )
     return told
 
 
@@ -214,7 +222,8 @@ def parameter_rows(study: StudyConfiguration) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for record in parameter_table(study).to_dict("records"):
         row = {str(key): _shown(value) for key, value in record.items()}
-        if str(record["parameter"]).endswith(("folder", "path", "mapping")) and record["value"]:
+        named = ("folder", "path", "mapping", "reduced.file")
+        if str(record["parameter"]).endswith(named) and record["value"]:
             # A page may be passed on and should not contain paths of this machine.
             row["value"] = str(record["value"]).replace("\\", "/").rpartition("/")[2]
         rows.append({**row, "changed": row["value"] != row["default"]})

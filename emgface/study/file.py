@@ -42,6 +42,9 @@ def load_study(path: Path) -> StudyConfiguration:
             "recordings": recordings,
             "face": absolute(study.face, "path"),
             "tract": study.tract and absolute(study.tract, "areas"),
+            "simulation": study.simulation.model_copy(
+                update={"reduced": absolute(study.simulation.reduced, "file")}
+            ),
             "exclude": exclude,
             "axis": absolute_paths(study.axis, base),
         }

@@ -24,6 +24,8 @@ MECHANICS: Final = (
     "emgface.face.surface",
     "emgface.face.tension_lines",
     "emgface.face.tissue",
+    "emgface.reduced.model",
+    "emgface.reduced.motion",
     "emgface.schema.migration",
     "emgface.schema.validation",
 )

@@ -78,7 +78,7 @@ class SkinMotions:
 
         return self._laboratory.store.get_or_compute(
             SKIN,
-            {"face": self._laboratory.face_digest, "activation": digest},
+            {**self._laboratory.moved, "activation": digest},
             {
                 **parameters.model_dump(mode="json"),
                 "nodes": len(self._probe.node),

@@ -17,7 +17,7 @@ from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.signals.activation import activation_of, feature_range
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
-from emgface.study.digest import dataset_digest
+from emgface.study.digest import dataset_digest, file_digest
 from emgface.study.measured import measured_during
 from emgface.study.mechanics import MECHANICS
 from emgface.study.policy import lower_sigma_max
@@ -99,6 +99,13 @@ class Laboratory:
     def face_digest(self) -> str:
         """Digest of the face."""
         return dataset_digest(self.face)
+
+    @cached_property
+    def moved(self) -> dict[str, str]:
+        """Digests of what moves: the face, and the reduced face if one is simulated."""
+        file = self.study.simulation.reduced.file
+        reduced = {} if file is None else {"reduced": file_digest(file)}
+        return {"face": self.face_digest, **reduced}
 
     @cached_property
     def skin(self) -> SkinMotions:
@@ -202,7 +209,7 @@ class Laboratory:
         """
         result = self.store.get_or_compute(
             MOTION,
-            {"face": self.face_digest, "activation": activation_digest(activation)},
+            {**self.moved, "activation": activation_digest(activation)},
             self.study.simulation.model_dump(mode="json"),
             lambda: self._move(activation, label),
             label=label,

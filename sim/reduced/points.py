@@ -51,7 +51,7 @@ def point_table(
         q = q0[nodes] - q0[nodes[:, :1]]  # the derivatives sum to zero
         F0.append(np.einsum("epaJ,eai->epiJ", g, q).reshape(-1, 9))
         of_modes = np.einsum("epaJ,eain->epiJn", g, nodal[nodes], optimize=True)
-        G.append(of_modes.reshape(len(own) * points, 9, -1))
+        G.append(of_modes.reshape(len(own) * points, 9, nodal.shape[2]))
         place.append((8 * part.element[own][:, None] + np.arange(points)).ravel())
         volume.append(part.volume[own, :points].ravel())
     places = np.concatenate(place)

@@ -211,11 +211,39 @@ def jaw_motion() -> xr.Dataset:
     )
 
 
+def reduced_face() -> xr.Dataset:
+    modes = (("node", "axis", "mode"), np.zeros((4, 3, 3)), {"units": "kg^-1/2"})
+    return xr.Dataset(
+        {
+            "node_rest": (("node", "axis"), np.zeros((4, 3)), M),
+            "modes": modes,
+            "point_place": ("point", np.array([3]), ONE),
+            "point_weight": ("point", np.array([8.0]), ONE),
+            "activation_whitening": (("muscle", "muscle_of"), np.eye(1), ONE),
+            "singular_value": ("snapshot", np.array([1e-4]), {"units": "m kg^1/2"}),
+            "basis_size": ("size", np.array([3]), ONE),
+            "projection_rms": ("size", np.array([1e-4]), M),
+            "projection_largest": ("size", np.array([1e-3]), M),
+        },
+        {"axis": list(AXES), "muscle": ["ZYG_L"]},
+        {
+            **dict.fromkeys(("face_digest", "mechanics", "training", "training_digest"), ""),
+            **dict.fromkeys(("step", "sample_error", "error_factor", "error_floor"), 1e-5),
+            **dict.fromkeys(("calibration_rms", "calibration_largest", "largest_distance"), 1e-3),
+            **dict.fromkeys(("training_seconds", "training_time_s"), 10.0),
+            "coverage": 0.95,
+            "moving": 3,
+            "origin": "simulated",
+        },
+    )
+
+
 VALID: dict[str, Callable[[], xr.Dataset]] = {
     "recording": recording,
     "activation": activation,
     "face_model": face_model,
     "trajectory": trajectory,
+    "reduced_face": reduced_face,
     "scores": scores,
     "sound": sound,
     "cube": cube,

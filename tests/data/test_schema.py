@@ -22,6 +22,7 @@ KINDS = (
     "jaw_model",
     "jaw_motion",
     "recording",
+    "reduced_face",
     "scores",
     "sound",
     "trajectory",

@@ -1,0 +1,1 @@
+"""Reduced faces: training, file, and motions with an estimated error."""

@@ -1,0 +1,189 @@
+"""Motion of a reduced face, with the bound of its error."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import DataError
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.reduced.model import Floats, ReducedFace
+from emgface.study.digest import dataset_digest
+from sim import (
+    Activation,
+    FixedStep,
+    InvertedElement,
+    Iterations,
+    SingularSystem,
+    State,
+    Static,
+    Workspace,
+    simulate,
+)
+from sim.probes import Probe, Variable
+from sim.reduced import FusedEuler, ReducedMarkers, ReductionError
+from sim.state import Control, StepReport
+from sim.system import System
+
+
+@lru_cache(maxsize=8)
+def _loaded(path: Path, changed: int, face: str, parameters: str) -> dict[str, ReducedFace]:
+    """Reduced faces in use, by file, date, face and parameters; filled by `reduced_face_of`."""
+    return {}
+
+
+def reduced_face_of(face: xr.Dataset, parameters: SimulationParameters) -> ReducedFace:
+    """Reduced face of the file that the parameters name, read once; errors as `ReducedFace.of`."""
+    path = parameters.reduced.file
+    assert path is not None  # Callers check it.
+    if not path.is_file():
+        raise DataError(
+            f"No file {path}; expected a reduced face (emgface face reduce): check the path."
+        )
+    changed = path.stat().st_mtime_ns
+    kept = _loaded(path.resolve(), changed, dataset_digest(face), parameters.model_dump_json())
+    if "face" not in kept:
+        kept["face"] = ReducedFace.of(path, face, parameters)
+    return kept["face"]
+
+
+def trusted_motion(
+    face: xr.Dataset,
+    activation: Activation,
+    duration: float,
+    parameters: SimulationParameters,
+    further: tuple[Probe, ...] = (),
+) -> tuple[xr.Dataset | None, str]:
+    """Motion of the reduced face of the parameters, or None with the reason if it is not trusted.
+
+    It is not trusted if the bound of the error exceeds ``parameters.reduced.largest_error``, an
+    activation is outside the range of the training, or an element inverts. Without
+    ``parameters.reduced.fall_back`` it is returned nevertheless, with the reason in the attribute
+    ``reduction_doubt``, and InvertedElement is raised. Errors as of `ReducedFace.of`.
+    """
+    reduced, chosen = reduced_face_of(face, parameters), parameters.reduced
+    times = {"step": parameters.step, "output": parameters.output}
+    try:
+        found = simulate_reduced(reduced, activation, duration, **times, further=further)
+    except (InvertedElement, SingularSystem) as error:
+        if not chosen.fall_back:
+            raise
+        return None, f"the reduced motion failed: {error}"
+    doubt, bound = found.attrs["reduction_doubt"], float(found["reduction_error"].max())
+    if not doubt and bound > chosen.largest_error:
+        limit = chosen.largest_error
+        doubt = f"the bound of the error is {1e3 * bound:.3g} mm, above {1e3 * limit:.3g} mm"
+    if doubt and chosen.fall_back:
+        return None, doubt
+    found.attrs |= {"reduced": 1, "reduction_error": bound, "reduction_doubt": doubt}
+    found.attrs["solver"] = "reduced linearly_implicit"
+    return found, doubt
+
+
+UPPER, LOWER = "lip opening, upper", "lip opening, lower"
+
+
+@dataclass(frozen=True, eq=False)
+class Lifted:
+    """A probe of full order, given the positions of all nodes of a reduced face."""
+
+    probe: Probe
+    rest: Floats
+    modes: Floats
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Variables of the probe."""
+        return self.probe.variables()
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Floats | float, ...]:
+        """Record the probe at the positions and velocities of full order."""
+        q = self.rest + self.modes @ state.q.reshape(-1)
+        whole = replace(state, q=q, v=self.modes @ state.v.reshape(-1), memory={})
+        return self.probe.record(system, whole, control, report)
+
+
+def reduced_rest(reduced: ReducedFace, work: Workspace) -> State:
+    """Equilibrium of the reduced face under gravity."""
+    system = reduced.model.system
+    silent = system.control(np.zeros(len(system.muscles)))
+    found, _ = Static(tolerance=1e-9).step(system, system.rest_state(), silent, 1.0, work)
+    return replace(found, t=0.0)
+
+
+def simulate_reduced(
+    reduced: ReducedFace,
+    activation: Activation,
+    duration: float,
+    *,
+    step: float = 0.01,
+    output: float = 0.01,
+    further: tuple[Probe, ...] = (),
+) -> xr.Dataset:
+    """Motion of the markers for an activation in the order of the muscles of the face.
+
+    The result contains ``position``, ``lip_opening``, ``smallest_J`` of the chosen points,
+    ``reduction_error`` (time) [m], the bound that the error of every marker stays below with the
+    calibrated probability, and ``activation_distance`` (time) [1]; its attribute ``reduction_doubt``
+    is empty unless an activation is farther from the training than any of it.
+
+    Raises
+    ------
+    InvertedElement, SingularSystem
+        A step failed.
+    """
+    face, r, data = reduced.face, reduced.moving, reduced.dataset
+    names = list(map(str, face["marker"].values))
+    nodes = face["marker_node"].values.astype(np.int64)
+    opening = "lip_opening_node" in face
+    if opening:
+        names = [*names, UPPER, LOWER]
+        nodes = np.append(nodes, face["lip_opening_node"].values.astype(np.int64))
+    rows = reduced.modes[nodes]
+    own = rows[: face.sizes["marker"], :, r:]
+    moving = np.ascontiguousarray(rows[..., :r]).reshape(3 * len(nodes), r)
+    probes: list[Probe] = [
+        ReducedMarkers(reduced.rest[nodes], moving, names),
+        ReductionError(np.ascontiguousarray(own).reshape(-1, own.shape[2])),
+        Iterations(),
+    ]
+    probes += [Lifted(probe, reduced.rest, reduced.modes[..., :r]) for probe in further]
+    system = reduced.model.system
+    work = Workspace(system)
+    trajectory, _ = simulate(
+        system,
+        activation,
+        duration=duration,
+        integrator=FusedEuler(),
+        steps=FixedStep(step),
+        every=output,
+        probes=probes,
+        initial=reduced_rest(reduced, work),
+        work=work,
+    )
+    if opening:
+        height = trajectory["position"].sel(axis="z", drop=True)
+        gap = height.sel(marker=UPPER, drop=True) - height.sel(marker=LOWER, drop=True)
+        trajectory = trajectory.isel(marker=slice(None, -2)).assign(
+            lip_opening=gap.assign_attrs(units="m")
+        )
+    estimate = trajectory["reduction_estimate"].values
+    bound = data.attrs["error_factor"] * (estimate + data.attrs["error_floor"])
+    times = trajectory["time"].values
+    levels = np.array([activation.at(t) for t in times])
+    distance = reduced.distances(levels)
+    trajectory = trajectory.drop_vars("reduction_estimate").assign(
+        reduction_error=("time", bound, {"units": "m"}),
+        activation_distance=("time", distance, {"units": "1"}),
+    )
+    doubt = ""
+    at, most = int(distance.argmax()), data.attrs["largest_distance"]
+    if distance[at] > most:
+        doubt = (
+            f"the activation at {times[at]:.3g} s is {distance[at]:.3g} from rest in units of the "
+            f"training, farther than any of it ({most:.3g})"
+        )
+    return trajectory.assign_attrs(reduction_doubt=doubt)

@@ -1,0 +1,57 @@
+"""Parameters of the training and of the use of a reduced face."""
+
+from pathlib import Path
+
+from pydantic import model_validator
+
+from emgface.choices import Parameters, choice, parameter, positive
+
+
+class ReductionParameters(Parameters):
+    """Size and training of a reduced face."""
+
+    modes: int = parameter(42, "Number of modes that move, a multiple of three.", ge=3, le=240)
+    omitted: int = parameter(
+        18, "Number of further modes, whose forces estimate the error of leaving them out.", ge=1
+    )
+    points: int = parameter(400, "Largest number of quadrature points with a weight.", ge=10)
+    sample_tolerance: float = positive(
+        1e-5,
+        "Displacement that the errors of the sampled forces may cause, root mean square over the "
+        "training.",
+        unit="m",
+    )
+    sequences: int = parameter(30, "Number of random activation sequences of the training.", ge=1)
+    calibration: int = parameter(
+        39, "Number of random sequences that calibrate the estimated error.", ge=1
+    )
+    coverage: float = parameter(
+        0.95, "Probability with which a trial stays within its estimated error.", gt=0, lt=1
+    )
+    every: float = positive(0.02, "Time between snapshots.", unit="s")
+    seed: int = parameter(0, "Seed of the random sequences.", ge=0)
+
+    @model_validator(mode="after")
+    def _thirds(self) -> "ReductionParameters":
+        if self.modes % 3:
+            raise ValueError(f"modes = {self.modes}, expected a multiple of three")
+        return self
+
+
+class ReducedParameters(Parameters):
+    """Use of a reduced face instead of full order."""
+
+    file: Path | None = choice(
+        None,
+        "Reduced face as written by `emgface face reduce`; steps are then linearly implicit.",
+    )
+    largest_error: float = positive(
+        1e-3,
+        "Bound of the error of a marker by the reduction, above which the trial is simulated at full "
+        "order instead.",
+        unit="m",
+    )
+    fall_back: bool = choice(
+        True,
+        "Simulate at full order where the reduced motion is not trusted; otherwise only say so.",
+    )

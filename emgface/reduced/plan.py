@@ -1,0 +1,110 @@
+"""Activations that train and calibrate a reduced face.
+
+The plan is a function of the muscles and a seed:
+
+* a ramp of each muscle to 1, held until the face is nearly still;
+* the same of both sides of each muscle;
+* random sequences with 1 to 20 active muscles, unequal sides and noise, such as the strategies of a
+  study derive from the EMG, in which every muscle may reach 1 (normalisation to its own range);
+* further random sequences, which only calibrate the estimated error.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+RAMP: Final = 0.6
+"""Duration of a ramp [s]: 0.15 s up, 0.25 s held, 0.15 s down."""
+RANDOM: Final = 1.0
+"""Duration of a random sequence [s]."""
+SAMPLE: Final = 0.01
+"""Time between samples of an activation [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Activation of all muscles.
+
+    Attributes
+    ----------
+    label : str
+    purpose : str
+        "training", "calibration" or "test".
+    time : (n,) [s]
+    values : (n, n_muscles) [1]
+    """
+
+    label: str
+    purpose: str
+    time: Floats
+    values: Floats
+
+    def scaled(self, factor: float) -> "Drive":
+        """The same drive with a smaller activation."""
+        return Drive(self.label, self.purpose, self.time, factor * self.values)
+
+
+def training_plan(
+    muscles: Sequence[str], *, seed: int = 0, sequences: int = 30, calibration: int = 39
+) -> list[Drive]:
+    """Drives of the training and of the calibration, for muscles named with their side."""
+    names = list(dict.fromkeys(m.rsplit("_", 1)[0] for m in muscles))
+    groups = [[i] for i in range(len(muscles))]
+    groups += [[i for i, m in enumerate(muscles) if m.rsplit("_", 1)[0] == n] for n in names]
+    plan = [_ramp(muscles, group) for group in groups if len(group)]
+    plan += random_drives(muscles, sequences, "training", seed)
+    return plan + random_drives(muscles, calibration, "calibration", seed)
+
+
+def random_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> list[Drive]:
+    """Random sequences; those of different purposes are independent."""
+    stream = ("training", "calibration", "test").index(purpose)
+    return [
+        _random(
+            muscles,
+            f"{purpose} sequence {k + 1}",
+            purpose,
+            np.random.default_rng([seed, stream, k]),
+        )
+        for k in range(n)
+    ]
+
+
+def _ramp(muscles: Sequence[str], active: Sequence[int]) -> Drive:
+    time = np.array([0.0, 0.15, 0.4, 0.55, RAMP])
+    values = np.zeros((len(time), len(muscles)))
+    values[1:3, active] = 1.0
+    label = "ramp of " + " and ".join(muscles[i] for i in active)
+    return Drive(label, "training", time, values)
+
+
+def _random(muscles: Sequence[str], label: str, purpose: str, rng: np.random.Generator) -> Drive:
+    time: Floats = SAMPLE * np.arange(round(RANDOM / SAMPLE) + 1, dtype=np.float64)
+    names = list(dict.fromkeys(m.rsplit("_", 1)[0] for m in muscles))
+    count = int(rng.choice([1, 2, 3, len(names) // 2, len(names)], p=[0.1, 0.1, 0.3, 0.2, 0.3]))
+    chosen = set(rng.choice(names, max(count, 1), replace=False))
+    level = dict(zip(names, rng.uniform(0.1, 1.0, len(names)), strict=True))
+    values = np.zeros((len(time), len(muscles)))
+    shared = np.sort(rng.uniform(0.0, 0.8 * RANDOM, 2))
+    for i, muscle in enumerate(muscles):
+        name = muscle.rsplit("_", 1)[0]
+        if name not in chosen:
+            continue
+        on, off = np.sort(shared + rng.normal(0.0, 0.05, 2))
+        rise, fall = rng.uniform(0.03, 0.2, 2)
+        shape = _smooth((time - on) / rise) * (1.0 - _smooth((time - off - 0.1) / fall))
+        noise = np.convolve(rng.normal(size=len(time) + 4), np.ones(5) / 5**0.5, "valid")
+        side = rng.uniform(0.5, 1.0)
+        values[:, i] = level[name] * side * shape * (1.0 + 0.25 * noise)
+    return Drive(label, purpose, time, np.clip(values, 0.0, 1.0))
+
+
+def _smooth(s: Floats) -> Floats:
+    """Smooth step from 0 to 1."""
+    s = np.clip(s, 0.0, 1.0)
+    return s * s * (3.0 - 2.0 * s)

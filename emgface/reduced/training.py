@@ -1,0 +1,314 @@
+"""Training of a reduced face: full-order motions, modes, sampled points, calibrated error."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.face.contact_parameters import NO_CONTACT
+from emgface.face.motion import settle_face
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.reduced.model import (
+    Floats,
+    ReducedFace,
+    mechanics_of,
+    training_text,
+    whitened_size,
+    whitening,
+)
+from emgface.reduced.motion import simulate_reduced
+from emgface.reduced.parameters import ReductionParameters
+from emgface.reduced.plan import Drive, training_plan
+from emgface.schema.validation import validate
+from emgface.study.digest import dataset_digest, text_digest
+from emgface.study.mechanics import MECHANICS
+from emgface.study.store import Stage, Store
+from sim import (
+    Activation,
+    FixedStep,
+    InvertedElement,
+    LinearlyImplicitEuler,
+    Positions,
+    SingularSystem,
+    State,
+    System,
+    Workspace,
+    compile_scene,
+    simulate,
+)
+from sim.reduced import coverage_factor, mass_modes, projected, reduce_system, static_responses
+
+Progress = Callable[[str, int, int], None]
+
+SNAPSHOTS: Final = Stage(
+    "snapshots", tuple(m for m in MECHANICS if not m.startswith("emgface.reduced"))
+)
+STEP: Final = 0.01
+"""Time step of training and reduced motions [s]."""
+FLOOR: Final = 2e-5
+"""Smallest estimate of the error before calibration [m]."""
+WEAKER: Final = 0.8
+"""Factor on a drive of the plan after an inverted element."""
+SAMPLED: Final = 300
+"""Largest number of training states at which forces are sampled."""
+SAMPLED_POINTS: Final = 16000
+"""Largest number of points among which the sampled ones are chosen."""
+
+
+def without_contact(parameters: SimulationParameters) -> SimulationParameters:
+    """The same tissue and muscles without contact, with the steps of the training."""
+    changed = parameters.as_accurate("published").model_copy(
+        update={"contact": NO_CONTACT, "step": STEP, "output": STEP}
+    )
+    return changed
+
+
+@dataclass(frozen=True, eq=False)
+class FullOrder:
+    """Full-order motions of a face at rest under gravity, for training and comparison."""
+
+    face: xr.Dataset
+    parameters: SimulationParameters
+    system: System
+    rest: Floats
+
+    @classmethod
+    def of(cls, face: xr.Dataset, parameters: SimulationParameters) -> "FullOrder":
+        """Compile the face and find its rest."""
+        parameters = without_contact(parameters)
+        system = compile_scene(compose_scene(face, parameters))
+        return cls(face, parameters, system, settle_face(face, parameters)["node_position"].values)
+
+    def motion(self, drive: Drive, every: float) -> xr.Dataset:
+        """Positions of nodes [m] at every snapshot, and of markers at every step, of one drive.
+
+        A drive that inverts an element is repeated with a weaker activation; the attribute ``scale``
+        is its factor, and the result is empty (scale 0) if none of five succeeds.
+        """
+        scale = 1.0
+        for _ in range(5):
+            try:
+                return self._motion(drive.scaled(scale), every).assign_attrs(scale=scale)
+            except (InvertedElement, SingularSystem):
+                scale *= WEAKER
+        return xr.Dataset(attrs={"scale": 0.0})
+
+    def _motion(self, drive: Drive, every: float) -> xr.Dataset:
+        stride = max(1, round(every / STEP))
+        activation = Activation(drive.time, drive.values)
+        work = Workspace(self.system, self.parameters.linear_solver)
+        begun = time.process_time()
+        moved, _ = simulate(
+            self.system,
+            activation,
+            duration=float(drive.time[-1]),
+            integrator=LinearlyImplicitEuler(),
+            steps=FixedStep(STEP),
+            probes=(Positions(),),
+            initial=State(0.0, self.rest, np.zeros_like(self.rest)),
+            work=work,
+        )
+        spent = time.process_time() - begun
+        nodes = moved["node_position"].transpose("time", "node", "axis").values
+        markers = nodes[:, self.face["marker_node"].values.astype(np.int64)]
+        at = slice(stride, None, stride)
+        levels = np.array([activation.at(t) for t in moved["time"].values[at]])
+        return xr.Dataset(
+            {
+                "node_position": (("snapshot", "node", "axis"), nodes[at].astype(np.float32)),
+                "activation": (("snapshot", "muscle"), levels),
+                "marker_position": (("time", "marker", "axis"), markers),
+            },
+            attrs={"cost_s": spent},
+        )
+
+
+def reduce_face(
+    face: xr.Dataset,
+    parameters: SimulationParameters,
+    reduction: ReductionParameters,
+    store: Store,
+    *,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Train a reduced face for the tissue and muscles of some parameters, without contact.
+
+    The motions of the plan are stored, so that an interrupted training resumes and another size of
+    the basis needs no new motion. The result is of schema reduced_face.
+
+    Raises
+    ------
+    SceneError
+        The parameters have parts that a reduced face does not support (`sim.reduced.reduce_system`),
+        or there are too few snapshots.
+    """
+    tell = progress or (lambda what, done, total: None)
+    full = FullOrder.of(face, parameters)
+    plan = training_plan(
+        full.system.muscles,
+        seed=reduction.seed,
+        sequences=reduction.sequences,
+        calibration=reduction.calibration,
+    )
+    # Unsupported parts are refused before the training.
+    reduce_system(full.system, full.rest, np.zeros((full.rest.size, 3)), 3, _no_points())
+    motions, digests = list[xr.Dataset](), list[str]()
+    for k, drive in enumerate(plan):
+        tell(drive.label, k, len(plan))
+        result = stored_motion(store, full, drive, reduction.every)
+        motions.append(result[0])
+        digests.append(result[1])
+    tell("modes and points", len(plan), len(plan))
+    cost = sum(float(m.attrs.get("cost_s", 0.0)) for m in motions)
+    begun = time.process_time()
+    data = _reduced(full, reduction, plan, motions)
+    data.attrs |= {
+        "face_digest": dataset_digest(face),
+        "mechanics": mechanics_of(full.parameters),
+        "training": training_text(reduction, full.parameters.sigma_max),
+        "training_digest": text_digest("".join(digests)),
+        "training_seconds": float(sum(d.time[-1] for d in plan)),
+        "training_time_s": 0.0,
+        "step": STEP,
+        "coverage": reduction.coverage,
+        "error_factor": 1.0,
+        "error_floor": FLOOR,
+        "calibration_rms": 0.0,
+        "calibration_largest": 0.0,
+        "origin": "simulated",
+    }
+    _calibrate(full, data, reduction.coverage, plan, motions)
+    spent = cost + time.process_time() - begun
+    return validate(data.assign_attrs(training_time_s=spent), "reduced_face")
+
+
+def _no_points() -> tuple[Any, Any]:
+    return np.zeros(0, dtype=np.int64), np.zeros(0)
+
+
+def stored_motion(
+    store: Store, full: FullOrder, drive: Drive, every: float
+) -> tuple[xr.Dataset, str]:
+    """Motion of a drive and its digest, from the store if it is there."""
+    parameters = full.parameters.model_dump(mode="json")
+    values = text_digest(drive.values.tobytes().hex() + drive.time.tobytes().hex())
+    found = store.get_or_compute(
+        SNAPSHOTS,
+        {"face": dataset_digest(full.face), "drive": values},
+        {"simulation": parameters, "every": every},
+        lambda: full.motion(drive, every),
+        label=drive.label,
+    )
+    return found.dataset, found.digest
+
+
+def _of(
+    plan: list[Drive], motions: list[xr.Dataset], purpose: str
+) -> list[tuple[Drive, xr.Dataset]]:
+    """Drives of a purpose with their motions, with the activation that was used."""
+    pairs = zip(plan, motions, strict=True)
+    return [
+        (drive.scaled(m.attrs["scale"]), m)
+        for drive, m in pairs
+        if drive.purpose == purpose and m.attrs["scale"] > 0.0
+    ]
+
+
+def _reduced(
+    full: FullOrder, reduction: ReductionParameters, plan: list[Drive], motions: list[xr.Dataset]
+) -> xr.Dataset:
+    """Modes, chosen points, and the range of the training."""
+    system, rest, mass = full.system, full.rest, full.system.node_mass
+    training = [m for _, m in _of(plan, motions, "training")]
+    moved = np.concatenate([m["node_position"].values for m in training]) - rest
+    levels = np.concatenate([m["activation"].values for m in training])
+    responses = static_responses(system, rest)
+    n = reduction.modes + reduction.omitted
+    modes, values = mass_modes(np.concatenate([moved, responses]), mass, n)
+    whole = reduce_system(system, rest, modes, reduction.modes)
+    at = np.linspace(0, len(moved) - 1, min(SAMPLED, len(moved))).astype(int)
+    y = np.ascontiguousarray(projected(moved[at], mass, modes)[:, : reduction.modes])
+    model, sample = whole.sampled_at(
+        y,
+        levels[at],
+        float(mass.sum()),
+        tolerance=reduction.sample_tolerance,
+        most=reduction.points,
+        among=SAMPLED_POINTS,
+        seed=reduction.seed,
+    )
+    root = whitening(levels)
+    held = [m["node_position"].values - rest for _, m in _of(plan, motions, "calibration")]
+    sizes, rms, largest = _projection_errors(full, modes, np.concatenate(held), reduction.modes)
+    data = xr.Dataset(
+        {
+            "node_rest": (("node", "axis"), rest, {"units": "m"}),
+            "modes": (
+                ("node", "axis", "mode"),
+                modes.reshape(*rest.shape, n),
+                {"units": "kg^-1/2"},
+            ),
+            "point_place": ("point", model.solid.table.place, {"units": "1"}),
+            "point_weight": ("point", sample.weights, {"units": "1"}),
+            "activation_whitening": (("muscle", "muscle_of"), root, {"units": "1"}),
+            "singular_value": ("snapshot", values, {"units": "m kg^1/2"}),
+            "basis_size": ("size", sizes, {"units": "1"}),
+            "projection_rms": ("size", rms, {"units": "m"}),
+            "projection_largest": ("size", largest, {"units": "m"}),
+        },
+        coords={"axis": list("xyz"), "muscle": list(system.muscles)},
+        attrs={"moving": reduction.modes, "sample_error": sample.error},
+    )
+    return data.assign_attrs(largest_distance=float(whitened_size(levels, root).max()))
+
+
+def _projection_errors(
+    full: FullOrder, modes: Floats, moved: Floats, most: int
+) -> tuple[np.ndarray, Floats, Floats]:
+    """Distance of the markers from the span of a growing number of modes."""
+    nodes = full.face["marker_node"].values.astype(np.int64)
+    y = projected(moved, full.system.node_mass, modes)
+    rows = modes.reshape(*full.rest.shape, -1)[nodes]
+    sizes = np.unique(np.append(np.arange(6, modes.shape[1], 6), [most, modes.shape[1]]))
+    rms, largest = list[float](), list[float]()
+    for size in sizes:
+        left = moved[:, nodes] - np.einsum("maj,kj->kma", rows[..., :size], y[:, :size])
+        distance = np.linalg.norm(left, axis=2)
+        rms.append(float(np.sqrt((distance**2).mean())))
+        largest.append(float(distance.max()))
+    return sizes.astype(np.int64), np.array(rms), np.array(largest)
+
+
+def marker_errors(
+    reduced: ReducedFace, drive: Drive, motion: xr.Dataset
+) -> tuple[Floats, xr.Dataset]:
+    """Distance (time, marker) [m] of a reduced motion from that of full order, and the motion."""
+    found = simulate_reduced(
+        reduced, Activation(drive.time, drive.values), float(drive.time[-1]), step=STEP, output=STEP
+    )
+    position = found["position"].transpose("time", "marker", "axis").values
+    return np.linalg.norm(position - motion["marker_position"].values, axis=2), found
+
+
+def _calibrate(
+    full: FullOrder,
+    data: xr.Dataset,
+    coverage: float,
+    plan: list[Drive],
+    motions: list[xr.Dataset],
+) -> None:
+    """Set the factor of the estimated error from the motions of the calibration."""
+    reduced = ReducedFace(data, full.face, full.parameters)
+    errors, estimates = list[Floats](), list[Floats]()
+    for drive, motion in _of(plan, motions, "calibration"):
+        error, found = marker_errors(reduced, drive, motion)
+        errors.append(error)
+        estimates.append(found["reduction_error"].values - FLOOR)
+    largest = np.array([e.max(axis=1) for e in errors])
+    data.attrs["error_factor"] = coverage_factor(largest, np.array(estimates), FLOOR, coverage)
+    data.attrs["calibration_rms"] = float(np.sqrt(np.mean(np.square(errors))))
+    data.attrs["calibration_largest"] = float(largest.max())

@@ -1,0 +1,164 @@
+"""Reduced faces: training that resumes, binding to a face, doubt and fall-back to full order."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import emgface as ef
+from emgface.errors import FaceError
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.muscles import CHANNELS
+from emgface.reduced import training
+from emgface.reduced.live import live, summary
+from emgface.reduced.model import ReducedFace
+from emgface.reduced.motion import simulate_reduced
+from emgface.reduced.parameters import ReductionParameters
+from emgface.reduced.plan import Drive, training_plan
+from emgface.schema.netcdf import read_netcdf, write_netcdf
+from emgface.study.store import Store
+from sim import Activation
+
+SMALL = ReductionParameters(modes=9, omitted=3, points=60, calibration=3, coverage=0.7, every=0.01)
+PARAMETERS = SimulationParameters(sigma_max=50e3, accuracy="published", contact={"method": "none"})
+
+
+def short(muscles, **_):
+    """Six drives of 0.15 s: right and left muscles at other levels."""
+    time, right = np.array([0.0, 0.1, 0.15]), np.array([m.endswith("_R") for m in muscles])
+    drives = []
+    for k, (a, b) in enumerate(
+        [(0.5, 0.5), (0.6, 0.2), (0.2, 0.6), (0.3, 0.4), (0.5, 0.3), (0.4, 0.5)]
+    ):
+        level = np.where(right, a, b)
+        values = np.array([0.0 * level, level, level])
+        drives.append(Drive(str(k), "training" if k < 3 else "calibration", time, values))
+    return drives
+
+
+@pytest.fixture(scope="module")
+def face(coarse) -> xr.Dataset:
+    return coarse
+
+
+@pytest.fixture(scope="module")
+def trained(face, tmp_path_factory):
+    """Reduced face, its file, and the outcomes of the motions in a first and a second training."""
+    folder, outcomes = tmp_path_factory.mktemp("reduced"), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "training_plan", short)
+        for _ in range(2):
+            store = Store(folder / "motions")
+            data = training.reduce_face(face, PARAMETERS, SMALL, store)
+            outcomes.append({event.outcome for event in store.events})
+    path = write_netcdf(data, folder / "face.rom.nc", "reduced_face")
+    return data, path, outcomes
+
+
+def activation(face, left, right):
+    muscles = list(map(str, face["muscle"].values))
+    level = np.array([left if m.endswith("_L") else right for m in muscles])
+    values = np.array([0.0 * level, level, level]).T
+    return xr.DataArray(
+        values, dims=("muscle", "time"), coords={"muscle": muscles, "time": [0.0, 0.1, 0.15]}
+    )
+
+
+def simulate(face, drive, **reduced):
+    more = {"reduced": reduced} if reduced else {}
+    return ef.simulate(
+        drive, face, sigma_max=50e3, accuracy="published", contact={"method": "none"}, **more
+    )
+
+
+def test_training_resumes_and_its_file_is_read_back(trained):
+    data, path, outcomes = trained
+    assert outcomes == [{"computed"}, {"reused"}]
+    assert (
+        read_netcdf(path, "reduced_face").attrs["training_digest"] == data.attrs["training_digest"]
+    )
+    assert (np.diff(data["projection_rms"].values) <= 1e-12).all()
+
+
+def test_a_reduced_motion_is_that_of_full_order_within_its_bound(face, trained):
+    drive = activation(face, 0.35, 0.45)
+    found, full = simulate(face, drive, file=trained[1]), simulate(face, drive)
+    assert found.attrs["reduced"] == 1 and found.attrs["reduction_doubt"] == ""
+    apart = (found["position"] - full["position"]).transpose("time", "marker", "axis").values
+    error = np.linalg.norm(apart, axis=2).max(axis=1)
+    assert (error <= found["reduction_error"].values).all()
+    assert error.max() < 0.1 * full.attrs["motion"]
+    assert abs(found["lip_opening"] - full["lip_opening"]).max() < 0.1 * full.attrs["motion"]
+
+
+def test_an_activation_outside_the_training_is_simulated_at_full_order(face, trained):
+    drive = activation(face, 0.0, 0.0)
+    drive.loc[{"muscle": "ZYG_L"}] = [0.0, 0.9, 0.9]  # muscles of a side always act together
+    found, full = simulate(face, drive, file=trained[1]), simulate(face, drive)
+    assert found.attrs["reduced"] == 0 and "farther than any" in found.attrs["reduction_doubt"]
+    np.testing.assert_array_equal(found["position"], full["position"])
+    kept = simulate(face, drive, file=trained[1], fall_back=False)
+    assert kept.attrs["reduced"] == 1 and "farther than any" in kept.attrs["reduction_doubt"]
+
+
+def test_a_bound_that_is_too_large_is_not_trusted(face, trained):
+    drive = activation(face, 0.35, 0.45)
+    found = simulate(face, drive, file=trained[1], largest_error=1e-9)
+    assert found.attrs["reduced"] == 0 and "above 1e-06 mm" in found.attrs["reduction_doubt"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"C10": 2000.0}, "trained with C10 = 2500.0, found 2000.0"),
+        ({"sigma_max": 60e3}, "trained with sigma_max = 50000 Pa, found 60000 Pa"),
+        ({"contact": {"method": "constraint"}}, "has no contact of lips and teeth"),
+    ],
+)
+def test_other_parameters_are_refused(face, trained, change, message):
+    values = PARAMETERS.model_dump(exclude_unset=True) | change
+    with pytest.raises(FaceError, match=message):
+        ReducedFace.of(trained[0], face, SimulationParameters.model_validate(values))
+
+
+def test_another_face_is_refused(face, trained):
+    other = face.assign(marker_node=face["marker_node"].copy(data=face["marker_node"].values[::-1]))
+    with pytest.raises(FaceError, match="belongs to the face with digest"):
+        ReducedFace.of(trained[0], other, PARAMETERS)
+
+
+def test_the_plan_reaches_full_activation_of_each_muscle_and_of_all(face):
+    muscles = list(map(str, face["muscle"].values))
+    plan = training_plan(muscles, sequences=12, calibration=2)
+    ramps = [d.values.max(axis=0) for d in plan if d.label.startswith("ramp")]
+    assert np.array_equal(np.array(ramps)[: len(muscles)], np.eye(len(muscles)))
+    assert max((d.values > 0.0).any(axis=0).sum() for d in plan) == len(muscles)
+    again = training_plan(muscles, sequences=12, calibration=2)
+    assert all(np.array_equal(a.values, b.values) for a, b in zip(plan, again, strict=True))
+    assert sum(d.purpose == "calibration" for d in plan) == 2
+
+
+def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(face, trained):
+    """Ten frames of simulated noise on a clock that only advances by waiting."""
+    now = [0.0]
+    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    t = np.arange(512) / 2048
+    emg = np.random.default_rng(3).normal(size=(len(CHANNELS), 512)) * (0.1 + t) * 1e-4
+    recording = xr.Dataset(
+        {"emg": (("channel", "time_emg"), emg, {"units": "V"})},
+        {"channel": list(CHANNELS), "time_emg": ("time_emg", t, {"units": "s"})},
+    )
+
+    def wait(seconds):
+        now[0] += seconds
+
+    frames = list(live(recording, reduced, seconds=0.1, step=0.01, clock=lambda: now[0], wait=wait))
+    log = pd.DataFrame([row for _, _, row in frames])
+    found = summary(log, 0.01)
+    assert found["frames"] == 10 and found["late frames"] == 0 and now[0] == pytest.approx(0.1)
+    values = np.array([0.0 * frames[0][0], *(a for a, _, _ in frames)])
+    assert values.max() > 0.05
+    drive = Activation(0.01 * np.arange(11), values)
+    expected = simulate_reduced(reduced, drive, 0.1)["position"].transpose("time", "marker", "axis")
+    moved = np.array([markers for _, markers, _ in frames])
+    np.testing.assert_allclose(moved, expected.values[1:], atol=1e-9)
