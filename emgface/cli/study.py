@@ -10,6 +10,7 @@ from emgface.cli.machine import announce_compilation, cores, show_page
 from emgface.cli.options import AccuracyOption, OutPath, WorkersOption
 
 if TYPE_CHECKING:
+    from emgface.report.kept import KeptReport, Page
     from emgface.study.configuration import StudyConfiguration
     from emgface.study.report import Report
     from emgface.study.run import StudyResult
@@ -105,35 +106,38 @@ def report(
     faces: Annotated[bool, typer.Option(help="Include the moving face.")] = True,
 ) -> None:
     """Print the tables of a finished study; with --out, write its report as one page."""
+    from emgface.report.kept import KeptReport, study_folder
     from emgface.study.parallel import kept_processes
 
-    # Other processes import what draws the figures meanwhile, unless the page exists already.
-    cubes = (folder / "cube.nc", *folder.glob("*/cube.nc"))
-    draw = out_path is not None and any(
-        cube.is_file() and not (cube.parent / "store" / "page.html").exists() for cube in cubes
-    )
-    with kept_processes(cores() if draw else 1, ("emgface.report.drawing",)):
-        _report(folder, out_path, faces=faces)
-
-
-def _report(folder: Path, out_path: Path | None, *, faces: bool) -> None:
-    """Print the tables of a study and write its page."""
-    from emgface.report.results import study_cube, study_folder
-    from emgface.study.report import write_report
-
     folder = study_folder(folder)
-    written = write_report(study_cube(folder), folder)
-    for table in written.tables.values():
-        tell(table.text())
-    for sentence in written.meaning:
-        tell(sentence)
-    say(f"Tables as CSV, Markdown and LaTeX: {written.folder}.")
-    if out_path is None:
-        return
-    _page(folder, out_path, written, faces=faces)
+    kept = KeptReport(folder)
+    page = kept.page(out_path, faces=faces) if out_path is not None else None
+    draw = out_path is not None and page is None
+    # Other processes import the drawing library meanwhile.
+    with kept_processes(cores() if draw else 1, ("emgface.report.drawing",)):
+        known = _tables(folder, kept)
+        if page is not None:
+            _wrote(page)
+        elif out_path is not None:
+            _page(folder, out_path, known, faces=faces)
 
 
-def _page(folder: Path, out_path: Path, known: "Report", *, faces: bool = True) -> None:
+def _tables(folder: Path, kept: "KeptReport") -> "Report | None":
+    """Print the tables of a study and return them, or None if they were kept and are unchanged."""
+    text, written = kept.text(), None
+    if text is None:
+        from emgface.report.results import study_cube
+        from emgface.study.report import write_report
+
+        written = write_report(study_cube(folder), folder)
+        text = "\n".join([*(table.text() for table in written.tables.values()), *written.meaning])
+        kept.keep_text(text + "\n")
+    tell(text.rstrip("\n"))
+    say(f"Tables as CSV, Markdown and LaTeX: {folder / 'tables'}.")
+    return written
+
+
+def _page(folder: Path, out_path: Path, known: "Report | None", *, faces: bool = True) -> None:
     """Write the page of a study and print its path."""
     from emgface.report.write import write_page
 
@@ -145,6 +149,10 @@ def _page(folder: Path, out_path: Path, known: "Report", *, faces: bool = True) 
             bar.show(done, total)
 
         page = write_page(folder, out_path, faces=faces, workers=cores(), known=known, say=show)
+    _wrote(page)
+
+
+def _wrote(page: "Page") -> None:
     for note in page.notes:
         say(note)
     say(f"Report: {page.path} ({page.size / 1e6:.1f} MB), can be opened without a network.")
@@ -167,7 +175,7 @@ def demo(
 
 
 def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
-    """Run the demonstration in the processes that wait; exit code."""
+    """Run the demonstration in the waiting processes and return the exit code."""
     from emgface.face.file import save_face
     from emgface.files import write_text
     from emgface.muscles import INSTRUCTIONS
@@ -194,7 +202,7 @@ def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
     say(
         "The page shows the face of the study as the sEMG of each volunteer moves it, and beside it "
         "the recorded lip markers, for every instruction and strategy. The score rho is the "
-        "correlation of the two motions in space: 1 means the same motion but for its size."
+        "correlation of the two motions in space: 1 means that they are equal except for their size."
     )
     say(
         f"To continue, change {out_path / 'study.toml'}, for example its strategies, and run "
@@ -225,7 +233,7 @@ def _simulate_volunteers(
         if isinstance(found, Exception):
             say(f"The page of the first trial is omitted: {found}")
             return
-        say(f"The first trial moves in {found}.")
+        say(f"{found} shows the motion of the first trial.")
         show_page(found)
 
     page, beside = out_path / "first.html", cores() > 1

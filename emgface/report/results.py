@@ -119,14 +119,6 @@ class Results:
         )
 
 
-def study_folder(folder: Path) -> Path:
-    """Return the folder of a study: the specified one, or the only one inside it with a cube."""
-    if (folder / "cube.nc").is_file():
-        return folder
-    inside = [path.parent for path in folder.glob("*/cube.nc")]
-    return inside[0] if len(inside) == 1 else folder
-
-
 def study_cube(folder: Path) -> xr.Dataset:
     """Read the cube of a finished study; DataError if there is none, or it cannot be read."""
     path = folder / "cube.nc"

@@ -1,9 +1,6 @@
 """Write the report of a study."""
 
-import json
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,30 +13,19 @@ from analysis.formants import formant_table
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import Table, report_tables
-from emgface.errors import StoreError
 from emgface.pictures.page import as_json, environment, policy, style, viewer_script
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import recording_label
 from emgface.report import contents, figures, provenance
 from emgface.report.drawing import begin_figures
+from emgface.report.kept import KeptReport, Page, study_folder
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
-from emgface.report.results import Results, open_results, study_folder
+from emgface.report.results import Results, open_results
 from emgface.report.simulated import simulated_limits
-from emgface.schema.netcdf import read_netcdf
-from emgface.study.digest import code_version, dataset_digest, file_digest, text_digest
 from emgface.study.report import Report
 from emgface.study.store import write_text
 from sim.threads import one_blas_thread
-
-
-@dataclass(frozen=True)
-class Page:
-    """Written report: path, size in bytes, and notes on missing parts."""
-
-    path: Path
-    size: int
-    notes: list[str]
 
 
 @one_blas_thread
@@ -64,44 +50,15 @@ def write_page(
     if the folder has no cube or it cannot be read, and StoreError if the page cannot be written.
     """
     folder = study_folder(folder)
-    mark = f"<!-- {_digest(folder, faces)} -->\n"
-    if _is_of(mark, out):
-        return Page(out, out.stat().st_size, [])
-    kept = folder / "store" / "page.html"
-    if _is_of(mark, kept):
-        write_text(kept.read_text(encoding="utf-8"), out)
-        return Page(out, out.stat().st_size, [])
+    kept = KeptReport(folder)
+    if page := kept.page(out, faces=faces):
+        return page
     results = open_results(folder)
     text = render(results, faces=faces, workers=workers, known=known, say=say)
     if not results.notes:
-        text = text.rstrip() + "\n" + mark
-        with suppress(StoreError):  # a study that may only be read
-            write_text(text, kept)
+        text = kept.keep_page(text, faces=faces)
     write_text(text, out)
     return Page(out, out.stat().st_size, results.notes)
-
-
-def _is_of(mark: str, path: Path) -> bool:
-    """Test if a page ends with the digest of what it was written from."""
-    return path.is_file() and path.read_bytes().endswith(mark.encode())
-
-
-def _digest(folder: Path, faces: bool) -> str:
-    """Digest of all data on which a page depends: cube, recordings, code and templates."""
-    cube = folder / "cube.nc"
-    found = [str(faces)]
-    found.append(code_version(("analysis", "emgface")))
-    package = Path(__file__).parents[1]
-    pages = [*package.glob("report/page/*"), *package.glob("pictures/page/*")]
-    found += [file_digest(path) for path in sorted(pages)]
-    if cube.is_file():
-        scores = read_netcdf(cube, "cube")
-        found.append(dataset_digest(scores))
-        configuration = scores.attrs.get("configuration", "{}")
-        recordings = Path(json.loads(str(configuration)).get("recordings", {}).get("folder", ""))
-        for path in sorted(recordings.glob("**/*")) if recordings.is_dir() else ():
-            found.append(f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}")
-    return text_digest("\n".join(found))
 
 
 def render(

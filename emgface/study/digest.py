@@ -6,12 +6,14 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import xarray as xr
 
 from emgface.errors import StoreError
+
+if TYPE_CHECKING:  # importing xarray takes longer than an unchanged report
+    import xarray as xr
 
 DIGEST_LENGTH: Final = 32
 """Number of hexadecimal digits of a digest: 128 bits."""
@@ -43,7 +45,7 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def dataset_digest(dataset: xr.Dataset) -> str:
+def dataset_digest(dataset: "xr.Dataset") -> str:
     """Digest of the content of a dataset: names, dims, values and attributes, in a fixed order.
 
     Files with equal content have equal digests, although their bytes may differ.

@@ -15,6 +15,7 @@ from emgface.cli import app
 from emgface.face.file import load_face
 from emgface.face.template import random_measures
 from emgface.recordings.dataset import read_recording
+from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.study.template import study_template
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
@@ -162,6 +163,17 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(
     )
     assert report.stdout.isascii() and "\x1b" not in report.stdout  # plain, for a pipe or a paper
     assert (tmp_path / "study" / "tables" / "trials.csv").read_text().startswith("origin,")
+    # Unchanged, the tables are those that were kept, and require no statistics.
+    with monkeypatch.context() as patched:
+        patched.setattr("emgface.study.report.write_report", lambda *_: pytest.fail("computed"))
+        again = run("report", tmp_path / "study")
+        assert again.exit_code == 0 and again.stdout == report.stdout
+    cube.close()
+    other = read_netcdf(tmp_path / "study" / "cube.nc", "cube").assign_attrs(title="another title")
+    write_netcdf(other, tmp_path / "study" / "cube.nc", "cube")
+    written = (tmp_path / "study" / "store" / "report.txt").read_bytes()
+    assert run("report", tmp_path / "study").stdout == report.stdout
+    assert (tmp_path / "study" / "store" / "report.txt").read_bytes() != written
 
 
 def test_usable_recordings_pass_the_check(laboratory: Path) -> None:

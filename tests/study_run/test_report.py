@@ -28,8 +28,9 @@ from emgface.pictures.body import merged, skin_of
 from emgface.pictures.encoding import ABSENT, QUANTUM, deltas, whole
 from emgface.pictures.page import THREE, resource
 from emgface.report import contents, write
+from emgface.report.kept import study_folder
 from emgface.report.methods import methods
-from emgface.report.results import Results, open_results, representative, study_folder
+from emgface.report.results import Results, open_results, representative
 from emgface.report.simulated import simulated_limits
 from emgface.report.write import render, write_page
 from emgface.schema.netcdf import write_netcdf
@@ -51,7 +52,7 @@ def text_of(page: str) -> str:
 
 
 def scores(**options) -> xr.Dataset:
-    """Scores with all a cube holds."""
+    """Scores with all variables of a cube."""
     cube = simulated_scores(5, **options)
     for name, units in (("run_time", "s"), ("steps", "1"), ("sigma_max", "Pa")):
         cube[name] = xr.ones_like(cube["rho"].isel(marker=0, drop=True)).assign_attrs(units=units)
@@ -285,16 +286,16 @@ def test_an_error_without_estimate_is_reported_as_such() -> None:
 def test_exclusions_name_markers_without_rho() -> None:
     cube = scores(volunteers=2, instructions=1, repetitions=1)
     cube["rho"][0, 0, 0, 0, 1] = np.nan
-    cube["marker_reason"] = xr.full_like(cube["rho"], 0.0).astype(str)
+    cube["marker_reason"] = xr.full_like(cube["rho"], 0.0).astype("U40")
     cube["marker_reason"][:] = ""
-    cube["marker_reason"][0, 0, 0, 0, 1] = "measured does not move"
+    cube["marker_reason"][0, 0, 0, 0, 1] = "the measured marker does not move"
     table = contents.exclusions(Results(Path(), cube))
     assert table.rows == (
         (
             "partly scored",
             1,
             "v1 i1 1 act_all",
-            "1 of 3 markers have no rho: measured does not move",
+            "1 of 3 markers have no rho: the measured marker does not move",
         ),
     )
 
