@@ -55,11 +55,14 @@ def distance_to_fibres(points: Floats, fibres: Sequence[Floats]) -> Floats:
     start, end = segments(fibres)
     if len(start) == 0:
         return np.full(len(points), np.inf)
-    along = end - start
-    from_start = points[:, None] - start[None]
-    t = np.einsum("psi,si->ps", from_start, along) / np.einsum("si,si->s", along, along)
-    gap = from_start - np.clip(t, 0.0, 1.0)[..., None] * along[None]
-    return np.linalg.norm(gap, axis=2).min(axis=1)
+    nearest = np.full(len(points), np.inf)
+    columns = np.ascontiguousarray(points.T)
+    for origin, along in zip(start, end - start, strict=True):
+        gap = columns - origin[:, None]
+        t = sum(gap[i] * along[i] for i in range(3)) / np.dot(along, along)
+        gap -= np.clip(t, 0.0, 1.0) * along[:, None]
+        np.minimum(nearest, sum(gap[i] ** 2 for i in range(3)), out=nearest)
+    return np.sqrt(nearest)
 
 
 def elements_within(centres: Floats, fibres: Sequence[Floats], radius: float) -> NDArray[np.int64]:

@@ -62,7 +62,13 @@ def shares_within(
         axis=2,
     )
     at = np.einsum("pn,eni->epi", shape, corners)
-    volume = np.linalg.det(np.einsum("eni,pnj->epij", corners, slope)) * 8.0 / n_cells
+    a, b, c = np.einsum("eni,pnj->ijep", corners, slope)
+    determinant = (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+    volume = determinant * 8.0 / n_cells
     edge = np.cbrt(np.abs(volume))
     distance = distance_to_fibres(at.reshape(-1, 3), fibres).reshape(volume.shape)
     inside = np.clip(0.5 + (radius - distance) / edge, 0.0, 1.0)

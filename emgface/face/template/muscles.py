@@ -3,7 +3,7 @@
 Rings of orbicularis oris as closed loops: Stavness et al., Coupled biomechanical modeling of the face.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -108,7 +108,7 @@ def place_muscles(
     ray, ring = grid.element_place
     soft = np.flatnonzero((grid.layer != OUTER) & (ray < grid.rays // 2))
     along = _ring_directions(grid, position)
-    rays = courses(surfaces.measures, surfaces.mouth_half_width)
+    placed = _placed(surfaces, courses(surfaces.measures, surfaces.mouth_half_width), shift)
     fibres: list[Fibre] = []
     bundles: list[Bundle] = []
     shifted: dict[str, float] = {}
@@ -124,7 +124,7 @@ def place_muscles(
             share = np.ones(len(element))
             left = [_ring_fibre(surfaces, grid, 0.5 * (low + high), _RING_DEPTH[muscle])]
         else:
-            left, shifted[muscle] = _in_tissue(surfaces, muscle, rays[muscle], shift)
+            left, shifted[muscle] = placed[muscle]
             share = shares_within(position, grid.connectivity[soft], left, radius)
             element, share = soft[share > LEAST_SHARE], share[share > LEAST_SHARE]
             direction = fibre_directions(centres[element], left)
@@ -139,20 +139,45 @@ def place_muscles(
 _HALVINGS: Final = 4
 
 
+def _placed(
+    surfaces: Surfaces, rays: dict[str, tuple[Course, ...]], shift: CourseShift | None
+) -> dict[str, tuple[list[Floats], float]]:
+    """Fibres of every muscle, and the largest shift of its ends.
+
+    All points are computed together, which takes a tenth of the time, if all are in the tissue.
+    """
+    ends = {muscle: _ends(muscle, shift) for muscle in rays}
+    moved = [_moved(row, ends[muscle]) for muscle, rows in rays.items() for row in rows]
+    try:
+        found = iter(_in_space(surfaces, moved))
+    except FaceError:
+        return {muscle: _in_tissue(surfaces, muscle, rays[muscle], ends[muscle]) for muscle in rays}
+    return {
+        muscle: ([next(found) for _ in rows], float(np.linalg.norm(ends[muscle], axis=1).max()))
+        for muscle, rows in rays.items()
+    }
+
+
+def _ends(muscle: str, shift: CourseShift | None) -> Floats:
+    """Shift (2, 2) of origin and insertion of a muscle in the chart [m]."""
+    if shift is None:
+        return np.zeros((2, 2))
+    return np.array([shift.origin[muscle], shift.insertion[muscle]])
+
+
 def _in_tissue(
-    surfaces: Surfaces, muscle: str, rows: tuple[Course, ...], shift: CourseShift | None
+    surfaces: Surfaces, muscle: str, rows: tuple[Course, ...], ends: Floats
 ) -> tuple[list[Floats], float]:
     """Fibres of a muscle with its shift, reduced to remain in the tissue, and the largest shift."""
-    if shift is not None:
-        ends = np.array([shift.origin[muscle], shift.insertion[muscle]])
-        for halving in range(_HALVINGS):
-            share = 0.5**halving
-            try:
-                left = [_in_space(surfaces, muscle, _moved(row, share * ends)) for row in rows]
-            except FaceError:
-                continue
+    for share in (*(0.5**halving for halving in range(_HALVINGS)), 0.0):
+        try:
+            left = [_in_space(surfaces, [_moved(row, share * ends)])[0] for row in rows]
+        except FaceError as error:
+            if share == 0.0:
+                raise FaceError(f"{muscle}: {error}") from error
+        else:
             return left, share * float(np.linalg.norm(ends, axis=1).max())
-    return [_in_space(surfaces, muscle, course) for course in rows], 0.0
+    raise AssertionError("unreachable: the last attempt returns or raises")
 
 
 def _moved(course: Course, ends: Floats) -> Course:
@@ -172,12 +197,11 @@ def _inner_edge(m: Measures, shift: float) -> float:
     return float(np.clip(moved, VERMILION, low + 0.5 * (high - low)))
 
 
-def _in_space(surfaces: Surfaces, muscle: str, course: Course) -> Floats:
-    points = np.array(course)
-    try:
-        return surfaces.points(points[:, :2], points[:, 2])
-    except FaceError as error:
-        raise FaceError(f"{muscle}: {error}") from error
+def _in_space(surfaces: Surfaces, rows: Sequence[Course]) -> list[Floats]:
+    """Points of courses [m]; FaceError if one is outside the tissue."""
+    points = np.concatenate([np.array(row) for row in rows])
+    found = surfaces.points(points[:, :2], points[:, 2])
+    return np.split(found, np.cumsum([len(row) for row in rows])[:-1])
 
 
 def _ring_fibre(surfaces: Surfaces, grid: Grid, s: float, depth: float) -> Floats:

@@ -40,6 +40,9 @@ _NORMAL_WINDOW: Final = 0.014
 
 _NEWTON_STEPS: Final = 12
 
+_NEWTON_CHANGE: Final = 1e-12
+"""Change of the ring and ray coordinates at which Newton's method ends."""
+
 _PLACE_TOLERANCE: Final = 1e-5
 """Largest error of a position found in the chart [m]."""
 
@@ -154,10 +157,16 @@ class Surfaces:
 
     def sheets(self, q: Floats, lip: Floats, s: Floats) -> tuple[Floats, Floats]:
         """Skin and inner surface (rays, rings, 3) at rays and rings, with x positive to the left [m]."""
-        place = self.places(q, lip, s)
+        m = self.measures
+        lips, roll = lip_protrusion(m, q, lip)[:, None], lip_roll(m, q, lip)[:, None]
+        return self._layers(self.places(q, lip, s), lips, roll, s)
+
+    def _layers(
+        self, place: Floats, lips: Floats, roll: Floats, s: Floats
+    ) -> tuple[Floats, Floats]:
+        """Skin and inner surface (..., 3) at places (..., 2), with protrusion and roll of the lips."""
         head, normal = self.head(place), self.normals(place)
         m, corner = self.measures, self.mouth_half_width
-        lips, roll = lip_protrusion(m, q, lip)[:, None], lip_roll(m, q, lip)[:, None]
         bulge, forward = relief(m, place, corner), nose(m, place)
         outward = bulge + lips * LIP_PROFILE(s) - roll * LIP_ROLL(s)
         skin = head + (outward + philtrum(m, place))[..., None] * normal + forward
@@ -173,9 +182,10 @@ class Surfaces:
         outside the tissue.
         """
         q, lip, s = self._find(place)
-        skin, inner = self.sheets(q, lip, s)
-        own = np.arange(len(place))
-        points = inner[own, own] + depth[:, None] * (skin - inner)[own, own]
+        m, own = self.measures, np.arange(len(place))
+        found = self.places(q, lip, s)[own, own]
+        skin, inner = self._layers(found, lip_protrusion(m, q, lip), lip_roll(m, q, lip), s)
+        points = inner + depth[:, None] * (skin - inner)
         return points * [-1.0, 1.0, 1.0]
 
     def _find(self, place: Floats) -> tuple[Floats, Floats, Floats]:
@@ -197,7 +207,10 @@ class Surfaces:
             by_s = (self.places(q, lip, s + ds)[own, own] - here) / ds[:, None]
             miss = place - here
             move = np.linalg.solve(np.stack([by_q, by_s], axis=-1), miss[..., None])[..., 0]
+            before = q, s
             q, s = np.clip(q + move[:, 0], 0.0, 1.0), np.clip(s + move[:, 1], 0.0, 1.0)
+            if max(np.abs(q - before[0]).max(), np.abs(s - before[1]).max()) < _NEWTON_CHANGE:
+                break
         miss = np.linalg.norm(place - self.places(q, lip, s)[own, own], axis=1)
         if (miss > _PLACE_TOLERANCE).any():
             k = int(np.argmax(miss))
