@@ -1,18 +1,22 @@
 """Jaw model: comparison with another simulator, effect of its parameters, error and cost of steps.
 
     python -m benchmarks jaw --part reference      # table of docs/jaw.md; needs the published model
-    python -m benchmarks jaw --part damping        # second table of docs/jaw.md; needs it, too
+    python -m benchmarks jaw --part damping        # muscle damping in chewing; needs it, too
+    python -m benchmarks jaw --part variants       # outcomes of every variant; needs it, too
+    python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
     python -m benchmarks jaw --part parameters --samples 60 --out FOLDER    # needs it, too
     python -m benchmarks jaw --part steps          # the generated jaw: error and time over the step
     python -m benchmarks jaw --part stability      # the generated jaw under bad parameters
+    python -m benchmarks jaw --part extremes       # and with extreme measures
+    python -m benchmarks jaw --part emg            # and driven by simulated sEMG
 
 Motions are simulated. "reference" repeats every recorded motion with the recorded step and the values
 of that program; "parameters" draws parameters that publications do not state, and compares the outcome
-of the tasks with the published one; times are processor times, kernels warm.
+of the tasks with the published one; it continues a table in the folder. Times are processor times,
+kernels warm.
 """
 
 import json
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -22,15 +26,14 @@ import pandas as pd
 import xarray as xr
 
 import sim
+from benchmarks import jaw_generated, jaw_variants
+from benchmarks.jaw_variants import SHARED, published
 from benchmarks.report import finish
-from emgface.anatomy.jaw.outcomes import displacement, interincisal, separation
-from emgface.anatomy.jaw.published import import_jaw
+from emgface.anatomy.jaw.outcomes import displacement, separation
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import Excitation, ramps, read_probes
 from emgface.anatomy.jaw.tasks import TASKS, Task
-from emgface.anatomy.jaw.template import template_jaw
 
-SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
 TO_MM = np.array([-1e3, -1e3, 1e3])
 MARKERS = {
     "lowerincisor": "lower_incisor",
@@ -51,11 +54,6 @@ FINEST = 1e-3  # s, for motions that the other program integrated with shorter e
 def here(name: str) -> str:
     """Name in this package of a muscle or group of the other program."""
     return name if name.startswith("bi_") else name[1:] + {"l": "_L", "r": "_R"}[name[0]]
-
-
-def published(variant: str, **options: Any) -> xr.Dataset:
-    """The published model."""
-    return import_jaw(SHARED / "artisynth_models" / "jaw_larynx", variant=variant, **options)  # pyright: ignore[reportArgumentType]
 
 
 def reference() -> pd.DataFrame:
@@ -143,12 +141,17 @@ def outcomes_of(jaw: xr.Dataset, tone: float) -> dict[str, float]:
     }
 
 
-def parameters(samples: int) -> pd.DataFrame:
+def parameters(samples: int, out: Path | None = None) -> pd.DataFrame:
     """Outcomes over drawn parameters, with the number of published ranges that they meet."""
     rng, rows = np.random.default_rng(1), list[dict[str, Any]]()
+    kept = None if out is None else out / "jaw_parameters.csv"
+    if kept is not None and kept.exists():
+        rows = [dict(row) for _, row in pd.read_csv(kept).iterrows()][:samples]
     models = {c: published("larynx", condyle=c) for c in ("planar", "curved")}
     for k in range(samples):
         own = {name: float(rng.uniform(*ends)) for name, ends in PRIOR.items()}
+        if k < len(rows):
+            continue
         condyle = ("planar", "curved")[k % 2]
         jaw = models[condyle].copy(deep=True)
         jaw["muscle_passive_fraction"][:] = own["passive"]
@@ -168,6 +171,9 @@ def parameters(samples: int) -> pd.DataFrame:
             found = dict.fromkeys(WANTED, np.nan)
         met = sum(low <= found[name] <= high for name, (low, high) in WANTED.items())
         rows.append({"condyle": condyle, **own, **found, "met": met})
+        if kept is not None:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            pd.DataFrame(rows).to_csv(kept, index=False)
         print(f"{k + 1} of {samples}: {met} of {len(WANTED)} met", flush=True)
     return pd.DataFrame(rows)
 
@@ -202,83 +208,22 @@ def correlations(table: pd.DataFrame) -> pd.DataFrame:
     return found.rename_axis("outcome").reset_index()
 
 
-def steps() -> pd.DataFrame:
-    """Error at 0.2 s and processor time per simulated second of opening, over integrator and step."""
-    jaw = template_jaw(preset="woman")
-    task = Task("", 0.2, {"bi_ad": [(0.0, 0.0), (0.1, 0.5)], "bi_ip": [(0.0, 0.0), (0.1, 0.3)]})
-
-    def end(integrator: Any, step: float) -> tuple[np.ndarray, float]:
-        began = time.process_time()
-        motion = run_task(jaw, task, step=step, output=0.02, integrator=integrator)
-        spent = time.process_time() - began
-        return motion["position"].transpose("time", "marker", "axis").values, spent
-
-    end(sim.LinearlyImplicitEuler(), 1e-2)
-    truth = end(sim.LinearlyImplicitTrapezoidal(), 5e-5)[0]
-    rows = list[dict[str, Any]]()
-    for scheme in (sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal):
-        for step in (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4):
-            x, spent = end(scheme(), step)
-            miss = 1e3 * np.linalg.norm(x - truth, axis=2)
-            rows.append(
-                {
-                    "integrator": scheme.__name__,
-                    "step ms": 1e3 * step,
-                    "largest error mm": f"{miss.max():.2g}",
-                    "error at the end mm": f"{miss[-1].max():.2g}",
-                    "times real time": round(0.2 / spent, 1),
-                }
-            )
-    return pd.DataFrame(rows)
-
-
-def stability() -> pd.DataFrame:
-    """Outcome of the generated jaw under stiff muscles, long steps, bad starts and impossible tasks."""
-    jaw = template_jaw(preset="woman")
-    stiff = jaw.copy(deep=True)
-    stiff["spring_stiffness"][:] = 100.0 * stiff["spring_stiffness"]
-    off = jaw.copy(deep=True)
-    off["joint_origin"][0] = off["joint_origin"][0] + [0.0, 0.0, 1e-3]
-    both = Task("", 0.4, {"bi_open": [(0.0, 1.0)], "bi_close": [(0.0, 1.0)]})
-    cases = {
-        "spring stiffness x 100, opening": (stiff, TASKS["open"], {"duration": 0.4}),
-        "start 1 mm off the joint surface": (off, TASKS["open"], {"duration": 0.4}),
-        "all openers and closers at 1 from t = 0": (jaw, both, {}),
-        "10 s of clench": (jaw, TASKS["clench"], {"duration": 10.0}),
-        **{
-            f"opening, steps of {h:g} ms": (jaw, TASKS["open"], {"duration": 0.4, "step": 1e-3 * h})
-            for h in (0.1, 1.0, 10.0, 50.0)
-        },
-    }
-    rows = list[dict[str, Any]]()
-    for name, (model, task, options) in cases.items():
-        row: dict[str, Any] = {"case": name}
-        try:
-            motion = run_task(model, task, output=0.05, **options)
-            d = displacement(motion, "lower_incisor")
-            half = len(d) // 2
-            row |= {
-                "result": "finished",
-                "interincisal mm": round(float(interincisal(motion)[-1]), 2),
-                "drift of second half mm": f"{np.linalg.norm(d[-1] - d[half]):.2g}",
-                "sideways mm": f"{np.abs(d[:, 0]).max():.2g}",
-            }
-        except sim.SimulationError as error:
-            row["result"] = f"{type(error).__name__}: {str(error)[:70]}"
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
 def main(part: str = "steps", samples: int = 60, out: Path | None = None) -> None:
     """Measure one part, print and store."""
     if part == "parameters":
-        drawn = parameters(samples)
+        drawn = parameters(samples, out)
         finish("jaw_parameters", drawn, out)
         finish("jaw_parameters_ranks", correlations(drawn), out)
         if out is not None:
             _figure(drawn, out)
         return
-    parts = {"reference": reference, "damping": damping, "steps": steps, "stability": stability}
+    parts = {
+        "reference": reference,
+        "damping": damping,
+        "variants": jaw_variants.variants,
+        "causes": jaw_variants.causes,
+        **{n: getattr(jaw_generated, n) for n in ("steps", "stability", "extremes", "emg")},
+    }
     finish(f"jaw_{part}", parts[part](), out)
 
 

@@ -76,7 +76,7 @@ class Multibody:
         n, m, k, p = self.n, len(self.rows.kind), len(self.table.column), len(self.table.body)
         shapes = {
             **dict.fromkeys(("frames", "ahead"), (k, 7)),
-            **dict.fromkeys(("q", "arm", "force", "carried"), (p, 3)),
+            **dict.fromkeys(("q", "v", "arm", "force", "carried"), (p, 3)),
             **dict.fromkeys(("w0", "w1", "p", "r", "g"), (n,)),
             **dict.fromkeys(("c", "drift", "target", "f", "held"), (m,)),
             **dict.fromkeys(("G", "Y"), (m, n)),
@@ -162,7 +162,8 @@ def lay_out_multibody(
 def _joined(tables: Sequence[LineTable]) -> LineTable:
     none = np.zeros(0)
     index = none.astype(np.int64)
-    first = LineTable(index, none, none, index, np.zeros((0, PARAMETERS)), none, none)
+    laws, relation = np.zeros((0, PARAMETERS)), np.zeros((0, 3))
+    first = LineTable(index, none, none, index, laws, none, none, relation)
     return LineTable(*(np.concatenate(column) for column in zip(first, *tables, strict=True)))
 
 

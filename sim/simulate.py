@@ -131,7 +131,7 @@ def simulate(
                 passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]
         shifted = (report.indefinite + report.shifts for _, report in passed if report is not None)
-        if sum(shifted) > 0 or snapped(system, before, state, control(state.t)):
+        if sum(shifted) > 0 or snapped(system, before, state, control(state.t), work.bodies):
             unstable += [before.t, state.t]
         for at, report in passed:
             whole = None

@@ -103,7 +103,7 @@ class System(Described):
     def multibody(self) -> Multibody | None:
         """Tables for the fused steps of a scene of rigid bodies without tissue, otherwise None."""
         scene = self.scene
-        if scene.constraints or self.damping_law is not None or self.rate_terms:
+        if scene.constraints or self.damping_law is not None:
             return None
         names = self._memory_names()
         return lay_out_multibody(

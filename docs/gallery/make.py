@@ -15,6 +15,7 @@ ORDER = (
     "signal_to_motion",
     "whole_study",
     "what_rho_means",
+    "jaw_from_emg",
     "published_tables",
     "laws",
 )

@@ -1,5 +1,6 @@
-"""``emgface jaw``: import a jaw model, and move it by tasks or excitations."""
+"""``emgface jaw``: import or build a jaw model, move it by tasks, excitations or sEMG, and score it."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -7,6 +8,7 @@ import typer
 
 from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
+from emgface.cli.options import BandOption, FeatureOption, MappingOption
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -116,7 +118,8 @@ def run(
     task: Annotated[
         str | None,
         typer.Option(
-            help="rest, close, open, open_head, gape, protrude, lateral, clench, chew, swallow or pull."
+            help="rest, close, open, open_head, gape, protrude, lateral, clench, effort, cycles, chew, "
+            "swallow or pull."
         ),
     ] = None,
     excitation: Annotated[
@@ -131,29 +134,108 @@ def run(
     step: StepOption = 1e-3,
 ) -> None:
     """Move a jaw by a task or by excitations."""
-    from emgface.anatomy.jaw.run import run_task
+    from emgface.anatomy.jaw.run import run_excitation, run_task
     from emgface.anatomy.jaw.series import read_excitation
-    from emgface.anatomy.jaw.tasks import Task, with_series
+    from emgface.anatomy.jaw.tasks import with_series
     from emgface.schema.netcdf import read_netcdf, write_netcdf
 
     jaw = read_netcdf(path, "jaw_model")
+    options: dict[str, object] = {"law": law, "step": step}
+    options |= {} if duration is None else {"duration": duration}
     if excitation is not None:
-        given = read_excitation(excitation)
-        chosen, name = Task(excitation.stem, float(given.time[-1])), excitation.stem
-        options: dict[str, object] = {"excitation": given}
+        name, simulated = excitation.stem, partial(run_excitation, jaw, read_excitation(excitation))
     else:
         name = task or "rest"
-        chosen, options = with_series(name, series)
-    options |= {"law": law, "step": step} | ({} if duration is None else {"duration": duration})
+        chosen, own = with_series(name, series)
+        simulated = partial(run_task, jaw, chosen, **own)
     announce_compilation()
     with progress(f"simulating {name}") as bar:
-        motion = run_task(jaw, chosen, progress=bar.show, **options)
+        motion = simulated(progress=bar.show, **options)
     motion.attrs["task"] = name
     write_netcdf(motion, out_path, "jaw_motion")
     clipped = motion.attrs["clipped_excitation"]
     if clipped < 0.0:
         say(f"Negative excitations, down to {clipped:.3g}, were set to zero.")
     say(f"Wrote {out_path}: {name} of the {jaw.attrs['name']}, simulated.")
+
+
+@app.command()
+def record(
+    path: Annotated[Path, typer.Argument(help="Motion of a jaw (netCDF).")],
+    out_path: Annotated[Path, typer.Option("--out", help="Recording to write (netCDF).")],
+    person: Annotated[int, typer.Option(min=0, help="Seed of the person's amplitudes.")] = 0,
+    repetition: Annotated[int, typer.Option(min=1, help="Seed of the signals.")] = 1,
+) -> None:
+    """Simulate a recording of a motion: sEMG of temporalis, masseter and digastric, and the incisor."""
+    from emgface.anatomy.jaw.recorded import simulated_recording
+    from emgface.recordings.dataset import write_recording
+    from emgface.schema.netcdf import read_netcdf
+
+    motion = read_netcdf(path, "jaw_motion")
+    write_recording(simulated_recording(motion, person=person, repetition=repetition), out_path)
+    say(f"Wrote {out_path}: simulated recording of {path.name}.")
+
+
+@app.command()
+def activate(
+    path: Annotated[Path, typer.Argument(help="Recording with channels such as MAS_L.")],
+    out_path: Annotated[Path, typer.Option("--out", help="Excitations to write (netCDF).")],
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(help="Recording of maximum effort, whose range normalises; repeatable."),
+    ] = None,
+    mapping: MappingOption = None,
+    band: BandOption = None,
+    feature: FeatureOption = None,
+    clip: Annotated[
+        bool, typer.Option("--clip", help="Limit excitations that exceed the range to 0-1.")
+    ] = False,
+) -> None:
+    """Compute excitations of a jaw from the sEMG of temporalis, masseter and digastric."""
+    from emgface.anatomy.jaw.emg import excitation_of
+    from emgface.choices import configure
+    from emgface.cli.options import chain_with
+    from emgface.recordings.dataset import read_recording
+    from emgface.schema.netcdf import write_netcdf
+    from emgface.signals.parameters import SignalChain
+
+    chain = chain_with(SignalChain(), band=band, feature=feature)
+    if clip:
+        values = chain.model_dump()
+        values["normalisation"]["outside"] = "clip"
+        chain = configure(SignalChain, values, where="options")
+    given = (read_recording(one, mapping=mapping) for one in reference or ())
+    excitation = excitation_of(read_recording(path, mapping=mapping), chain, reference=given)
+    write_netcdf(excitation, out_path, "jaw_excitation")
+    if passive := excitation.attrs["passive"]:
+        say(f"No channel drives {passive}: they stay passive.")
+    if (clipped := excitation.attrs["clipped_fraction"]) > 0.0:
+        say(f"{100.0 * clipped:.2g} % of the samples exceeded the range of the reference.")
+    say(f"Wrote {out_path}: {excitation.sizes['exciter']} exciters.")
+
+
+@app.command()
+def score(
+    recording: Annotated[Path, typer.Argument(help="Recording with positions of the jaw.")],
+    motion: Annotated[Path, typer.Argument(help="Motion written by 'run'.")],
+    out_path: Annotated[Path, typer.Option("--out", help="Scores to write (netCDF).")],
+    mapping: MappingOption = None,
+) -> None:
+    """Align the recorded points of a jaw with a motion, and score every one."""
+    from analysis.flags import FLAGS, flags_of
+    from emgface.anatomy.jaw.recorded import score_motion
+    from emgface.cli.tables import score_rows
+    from emgface.recordings.dataset import read_recording
+    from emgface.schema.netcdf import read_netcdf, write_netcdf
+
+    given = read_recording(recording, mapping=mapping)
+    scores = score_motion(given, read_netcdf(motion, "jaw_motion"))
+    write_netcdf(scores, out_path, "scores")
+    title = f"{recording.name} ({scores.attrs['origin']}), shift {float(scores['shift']):.3f} s"
+    show_table(score_rows(scores), title)
+    for name in flags_of(scores):
+        say(f"Flag {name}: {FLAGS[name]}.")
+    say(f"Wrote {out_path}.")
 
 
 @app.command()

@@ -5,7 +5,7 @@
 import math
 
 from sim._kernels.frames import add, cross, inner_product, minus, vector
-from sim._kernels.lines import tension
+from sim._kernels.lines import passive_tension, tension, velocity_factor
 from sim._kernels.options import inner
 
 
@@ -108,12 +108,24 @@ def _add_segment(table, a, b, e, across, along, scratch):
 
 
 @inner
+def _rate(table, k, scratch):
+    """Rate of the length of fibre k at the start of the step [m/s]."""
+    rate = 0.0
+    for i in range(table.start[k], table.start[k + 1] - 1):
+        a, b = table.point[i], table.point[i + 1]
+        e, _ = _segment(scratch.q, a, b)
+        rate += inner_product(e, minus(vector(scratch.v, b), vector(scratch.v, a)))
+    return rate
+
+
+@inner
 def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
     """Forces of fibre k on its points, and its share of A.
 
     With the length L of the path the stiffness is F' g g' + F d2L/dx2, and the damping d g g', g =
     dL/dw. The rotation of lever arms is added with the forces of all terms; segments between points of
-    one body contribute nothing.
+    one body contribute nothing. A force-velocity relation is linear about the rate r of the start of the
+    step, with the force F_act (f_v(r) - 1 - f_v' r) and the damping F_act f_v'.
     """
     A, g, n = scratch.A, scratch.g, len(scratch.g)
     total, first, last = 0.0, table.start[k], table.start[k + 1] - 1
@@ -121,7 +133,14 @@ def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
         _, size = _segment(scratch.q, table.point[i], table.point[i + 1])
         total += size
     _, F, slope = tension(lines, k, total, activation)
-    along = by_stiffness * slope + by_damping * lines.damping[k]
+    damping, excess = lines.damping[k], 0.0
+    if lines.relation[k, 0] > 0.0:
+        rate = _rate(table, k, scratch)
+        active = F - passive_tension(lines, k, total)
+        excess, steep = velocity_factor(lines, k, rate)
+        excess = active * (excess - steep * rate)
+        damping += active * steep
+    along = by_stiffness * slope + by_damping * damping
     one = last == first + 1
     for i in range(n):
         g[i] = 0.0
@@ -136,7 +155,7 @@ def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
         add(scratch.force, b, 0, e, -F)
         across = by_stiffness * F / size
         _add_segment(table, a, b, e, across, (along if one else 0.0) - across, scratch)
-    pull = lines.damping[k] * rate
+    pull = damping * rate + excess
     if pull != 0.0:
         for i in range(n):
             scratch.r[i] -= pull * g[i]

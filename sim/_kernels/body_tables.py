@@ -60,6 +60,7 @@ class Scratch(NamedTuple):
     frames: Array
     ahead: Array
     q: Array
+    v: Array
     arm: Array
     force: Array
     carried: Array

@@ -30,6 +30,7 @@ class LineTable(NamedTuple):
     rest : length at rest [m].
     code, parameters : (n,), (n, PARAMETERS) of the law, as `sim.laws.line.LineLaw` tells them.
     stiffness, damping : of a spring and a damper along the fibre [N/m], [N s/m].
+    relation : (n, 3) force-velocity relation: v_max [1/s], 0 without one, curvature, lengthening.
     """
 
     muscle: Index
@@ -39,6 +40,7 @@ class LineTable(NamedTuple):
     parameters: Array
     stiffness: Array
     damping: Array
+    relation: Array
 
 
 @inner
@@ -157,6 +159,31 @@ def tension(table, k, length, activation):
     share, spring, strain = table.share[k], table.stiffness[k], length - table.rest[k]
     w = share * w + 0.5 * spring * strain * strain
     return w, share * F + spring * strain, share * slope + spring
+
+
+@inner
+def velocity_factor(table, k, rate):
+    """Factor of the active tension at a rate of length [m/s], less 1, and its slope [s/m].
+
+    As `sim.laws.rate.ForceVelocity`.
+    """
+    scale = table.relation[k, 0] * table.rest[k]
+    curvature, more = table.relation[k, 1], table.relation[k, 2] - 1.0
+    u, slope = rate / scale, 1.0 + 1.0 / curvature
+    if u <= -1.0:
+        return -1.0, 0.0
+    if u <= 0.0:
+        below = 1.0 - u / curvature
+        return (1.0 + u) / below - 1.0, slope / (below * below * scale)
+    above = 1.0 + slope * u / more
+    return more - more / above, slope / (above * above * scale)
+
+
+@inner
+def passive_tension(table, k, length):
+    """Tension [N] of fibre k without activation, with its spring."""
+    _, F, _ = _law(table.code[k], table.parameters, k, length, table.rest[k], 0.0)
+    return table.share[k] * F + table.stiffness[k] * (length - table.rest[k])
 
 
 @kernel

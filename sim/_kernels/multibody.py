@@ -35,6 +35,19 @@ def _place_points(table, frames, scratch):
 
 
 @inner
+def _velocities(table, twists, scratch, v):
+    """Velocities of points at the lever arms of `scratch.arm`."""
+    for p in range(len(table.body)):
+        b = table.body[p]
+        for d in range(3):
+            v[p, d] = 0.0
+        if b >= 0:
+            u = cross((twists[b, 3], twists[b, 4], twists[b, 5]), vector(scratch.arm, p))
+            for d in range(3):
+                v[p, d] = twists[b, d] + u[d]
+
+
+@inner
 def _carry(table, led, i, scratch):
     """Velocities of points by the prescribed bodies at the end of step i."""
     for p in range(len(table.body)):
@@ -127,6 +140,23 @@ def _equation(table, lines, activation, whole, h, theta, scratch):
 
 
 @kernel
+def force_bodies(
+    table: BodyTable, lines: LineTable, scratch: Scratch, frames: Array, activation: Array
+) -> None:
+    """Generalised forces of loads and line muscles at some frames, without morsels: `scratch.r`."""
+    scratch.frames[:] = frames
+    _place_points(table, scratch.frames, scratch)
+    scratch.A[:] = 0.0  # no share of a matrix is added to it
+    scratch.r[:] = 0.0
+    scratch.carried[:] = 0.0
+    scratch.v[:] = 0.0  # forces of rates are omitted
+    scratch.force[:] = table.load
+    for k in range(len(table.start) - 1):
+        add_line(table, lines, k, activation, scratch, 0.0, 0.0)
+    add_points(table, scratch, 0.0)
+
+
+@kernel
 def advance_bodies(
     table: BodyTable,
     lines: LineTable,
@@ -154,8 +184,14 @@ def advance_bodies(
     the values of rows to `drift`. Morsels are `whole` from a distance above their diameter to `gone`.
     """
     done, still = 0, np.zeros_like(twists)
+    rated = False
+    for k in range(len(lines.relation)):
+        rated = rated or lines.relation[k, 0] > 0.0
     for i in range(len(h)):
         scratch.frames[:] = frames
+        if rated:
+            _place_points(table, frames, scratch)
+            _velocities(table, twists, scratch, scratch.v)
         scratch.ahead[:] = frames
         for k in range(len(led.body)):
             scratch.frames[led.body[k]] = led.frames[i, k]
@@ -197,13 +233,6 @@ def advance_bodies(
             d = morsel_gap(table, k, scratch)
             whole[k] = d > table.plane[k, 6] or (whole[k] and d >= gone)
     _place_points(table, frames, scratch)
-    for p in range(len(table.body)):
-        b = table.body[p]
-        for d in range(3):
-            q[p, d] = scratch.q[p, d]
-            v[p, d] = 0.0
-        if b >= 0:
-            u = cross((twists[b, 3], twists[b, 4], twists[b, 5]), vector(scratch.arm, p))
-            for d in range(3):
-                v[p, d] = twists[b, d] + u[d]
+    _velocities(table, twists, scratch, v)
+    q[:] = scratch.q
     return done

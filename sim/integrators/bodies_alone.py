@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim._kernels.body_tables import Led, Scratch
-from sim._kernels.multibody import advance_bodies
+from sim._kernels.multibody import advance_bodies, force_bodies
 from sim.joints.compiled import DRIFT, PROJECTIONS
 from sim.joints.contract import REACTIONS
 from sim.multibody import Multibody
-from sim.state import Array, ControlAt, State
+from sim.state import Array, Control, ControlAt, State
 from sim.system import System
 from sim.terms.crushable import GONE
 
@@ -76,6 +76,12 @@ class BodiesAlone:
         memory = {REACTIONS: reaction} if done and len(reaction) else {}
         memory |= {name: np.array([float(w)]) for name, w in zip(eaten, whole, strict=True)}
         return State(time[done], q, v, memory, frames, twists), done
+
+    def force(self, state: State, control: Control) -> Array:
+        """Generalised forces (n,) of all terms outside a step, as of `System.force`."""
+        tables, scratch = self.tables, self.scratch
+        force_bodies(tables.table, tables.lines, scratch, state.frames, control.activation)
+        return scratch.r.copy()
 
     def _led(self, times: Sequence[float]) -> Led:
         """Motion of prescribed bodies at some times."""

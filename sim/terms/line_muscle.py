@@ -34,7 +34,7 @@ class LineMuscles:
         Of a passive spring along every fibre [N/m], which also resists shortening.
     damping : float
         Of a damper along every fibre, force per rate of lengthening [N s/m].
-    relation : ForceVelocity or None
+    relation : ForceVelocity, or one per name, or None
         Factor on the active tension at the rate of stretch dL/dt/L_rest.
     tolerance : float
         Tolerance for embedded points outside the mesh, as `sim.embedding.embed`.
@@ -55,7 +55,7 @@ class LineMuscles:
     law: LineLaw | Sequence[LineLaw] = field(default_factory=ConstantForce)
     stiffness: float = 0.0
     damping: float = 0.0
-    relation: ForceVelocity | None = None
+    relation: ForceVelocity | Sequence[ForceVelocity] | None = None
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
@@ -68,8 +68,9 @@ class LineMuscles:
             raise SceneError(
                 f"a line fibre refers to muscle {max(found)}, expected 0..{len(self.names) - 1}"
             )
-        if isinstance(self.law, Sequence) and len(self.law) != len(self.names):
-            raise SceneError(f"{len(self.law)} line laws for {len(self.names)} muscles")
+        for what, given in (("line laws", self.law), ("relations", self.relation)):
+            if isinstance(given, Sequence) and len(given) != len(self.names):
+                raise SceneError(f"{len(given)} {what} for {len(self.names)} muscles")
         for name, unit in (("stiffness", "N/m"), ("damping", "N s/m")):
             value = getattr(self, name)
             if not 0.0 <= value < np.inf:
@@ -80,6 +81,12 @@ class LineMuscles:
         if isinstance(self.law, Sequence):
             return tuple(self.law)
         return (self.law,) * len(self.names)
+
+    def relations(self) -> tuple[ForceVelocity, ...]:
+        """One relation per name; none without."""
+        if self.relation is None or isinstance(self.relation, Sequence):
+            return tuple(self.relation or ())
+        return (self.relation,) * len(self.names)
 
     def muscle_names(self) -> tuple[str, ...]:
         """Names of the muscles."""
@@ -98,7 +105,7 @@ class LineMuscles:
     def compile(self, layout: Layout) -> "CompiledLineMuscles":
         """Lay out segments and the map from them to the matrix."""
         if self.relation is not None:
-            return RateLineMuscles(self, self.relation, layout)
+            return RateLineMuscles(self, layout)
         return (DampedLineMuscles if self.damping else CompiledLineMuscles)(self, layout)
 
 
@@ -183,9 +190,13 @@ class DampedLineMuscles(CompiledLineMuscles):
 class RateLineMuscles(DampedLineMuscles):
     """Line muscles with a force-velocity relation, f = -(dL/dq)' F_act (f_v(dL/dt/L_rest) - 1)."""
 
-    def __init__(self, term: LineMuscles, relation: ForceVelocity, layout: Layout) -> None:
+    def __init__(self, term: LineMuscles, layout: Layout) -> None:
         super().__init__(term, layout)
-        self._relation = relation
+        own, relations = np.array([fibre.muscle for fibre in term.fibres]), term.relations()
+        self._relations = [
+            (relation, np.flatnonzero([relations[k] == relation for k in own]))
+            for relation in dict.fromkeys(relations)
+        ]
 
     def add_rate_force(self, q: Array, v: Array, control: Control, f: Array, D: Array) -> None:
         """F += forces at velocities v (n_nodes, 3), and D += -df/dv."""
@@ -194,7 +205,9 @@ class RateLineMuscles(DampedLineMuscles):
         rate = np.bincount(self._fibre, lengthening, self._n_fibres) / self.table.rest
         passive = Control(np.zeros_like(control.activation), control.t)
         active = self._tension(total, control)[1] - self._tension(total, passive)[1]
-        factor, slope = self._relation.evaluate(rate)
+        factor, slope = np.ones_like(rate), np.zeros_like(rate)
+        for relation, fibres in self._relations:
+            factor[fibres], slope[fibres] = relation.evaluate(rate[fibres])
         f -= product_of(self._Dt, (active * (factor - 1.0))[self._fibre][:, None] * direction)
         s, t = self._first, self._second
         along = (active * slope / self.table.rest)[self._fibre[s], None, None]
@@ -211,6 +224,10 @@ def _table(term: LineMuscles, layout: Layout, rest: Array) -> LineTable:
         parameters[k, : len(own)] = own
     names = [term.names[fibre.muscle] for fibre in term.fibres]
     number = [layout.muscles.index(n) if n in layout.muscles else -1 for n in names]
+    relation = np.zeros((len(laws), 3))
+    for k, fibre in enumerate(term.fibres if term.relation is not None else ()):
+        own = term.relations()[fibre.muscle]
+        relation[k] = own.v_max, own.curvature, own.lengthening
     return LineTable(
         np.array(number, dtype=np.int64),
         np.array([fibre.share for fibre in term.fibres], dtype=np.float64),
@@ -219,4 +236,5 @@ def _table(term: LineMuscles, layout: Layout, rest: Array) -> LineTable:
         parameters,
         np.full(len(laws), term.stiffness),
         np.full(len(laws), term.damping),
+        relation,
     )

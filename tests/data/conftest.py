@@ -238,6 +238,12 @@ def reduced_face() -> xr.Dataset:
     )
 
 
+def jaw_excitation() -> xr.Dataset:
+    time = {"time": ("time", [0.0, 0.005], S)}
+    values = (("exciter", "time"), np.full((1, 2), 0.5), ONE)
+    return xr.Dataset({"excitation": values}, {"exciter": ["m_L"], **time}, {"origin": "simulated"})
+
+
 VALID: dict[str, Callable[[], xr.Dataset]] = {
     "recording": recording,
     "activation": activation,
@@ -247,6 +253,7 @@ VALID: dict[str, Callable[[], xr.Dataset]] = {
     "scores": scores,
     "sound": sound,
     "cube": cube,
+    "jaw_excitation": jaw_excitation,
     "jaw_model": small_jaw,
     "jaw_motion": jaw_motion,
 }

@@ -19,6 +19,7 @@ KINDS = (
     "activation",
     "cube",
     "face_model",
+    "jaw_excitation",
     "jaw_model",
     "jaw_motion",
     "recording",

@@ -119,7 +119,14 @@ def test_line(law, activation, stretch):
     assert law.has_slope or at(stretch)[2] == 0.0
     one = np.zeros(1, dtype=np.int64)
     table = LineTable(
-        one, np.full(1, 2.0), np.ones(1), one + law.code, parameters(law, 6)[None], 0 * NONE, NONE
+        one,
+        np.full(1, 2.0),
+        np.ones(1),
+        one + law.code,
+        parameters(law, 6)[None],
+        0 * NONE,
+        NONE,
+        np.zeros((1, 3)),
     )
     F, slope = np.empty(1), np.empty(1)
     energy = tensions(table, np.array([stretch]), np.array([activation]), F, slope)

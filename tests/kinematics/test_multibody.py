@@ -31,7 +31,10 @@ def scene(*joints, motion=swing, **more) -> sim.Scene:
         sim.LineFibre(k, np.array(path)) for k, path in enumerate(((0, 1, 3), (2, 4), (1, 3)))
     ]
     laws = sim.Peck(20.0, tendon_ratio=0.2), sim.ConstantForce(3.0), sim.Peck(5.0)
-    lines = sim.LineMuscles(("a", "b", "c"), fibres, laws, stiffness=300.0, damping=2.0)
+    relation = [sim.ForceVelocity(v_max) for v_max in (0.5, 2.0, 10.0)]
+    lines = sim.LineMuscles(
+        ("a", "b", "c"), fibres, laws, stiffness=300.0, damping=2.0, relation=relation
+    )
     load = sim.NodeLoad(np.array([3]), np.array([[0.1, 0.0, -0.2]]))
     springs = sim.AxialSprings(
         (np.array([0, 3]), np.array([1, 4])), 200.0, 3.0, np.array([0.05, 0.06])
@@ -99,6 +102,10 @@ def test_fused_steps_equal_the_general_path(integrator, joints):
         there = getattr(b, name)
         np.testing.assert_allclose(getattr(a, name), there, atol=1e-11 * np.abs(there).max())
     np.testing.assert_allclose(fused.body_position, general.body_position, atol=1e-12)
+    control = sim.activation.Driven(system, drive(0.06))(0.03)
+    bodies = sim.Workspace(system).bodies
+    f = system.kinematics.generalised_force(system.force(b.q, control).f, b.pose)
+    np.testing.assert_allclose(bodies.force(b, control), f, atol=1e-12 * np.abs(f).max())
     np.testing.assert_array_equal(fused.steps, general.steps)
     if joints:
         for name in ("joint_force", "joint_moment"):

@@ -54,6 +54,22 @@ def spring(values: Mapping[str, float]) -> LineLaw:
     return sim.LinearSpring(values["force_max"], per_strain, values.get("stretch_opt", 1.0))
 
 
+def fibre_velocity(values: Mapping[str, float]) -> sim.ForceVelocity:
+    """Force-velocity relation of fibres that shorten by at most ten optimal lengths per second.
+
+    The tendon is taken as rigid, so that the rate of the fibres is that of the muscle.
+    """
+    fibres = (1.0 - values["tendon_ratio"]) * values.get("stretch_opt", 1.0)
+    return sim.ForceVelocity(v_max=10.0 * fibres)
+
+
+RELATIONS: dict[str, Callable[[Mapping[str, float]], sim.ForceVelocity]] = {
+    "hill": fibre_velocity,
+    "pennate": fibre_velocity,
+}
+"""Relations of the laws with one; they replace the dampers of muscles."""
+
+
 LAWS: dict[str, MuscleLaw] = {
     "peck": peck,
     "hill": hill,

@@ -21,6 +21,8 @@ PUBLISHED = {
     "protrude": "self-limited, in the midline",
     "lateral": "-",
     "clench": "-",
+    "effort": "-",
+    "cycles": "-",
     "chew": "20.1 mm down, 5.8 back, 2.3 lateral there; 6.1 mm lateral in closing",
     "swallow": "larynx up and forward, and back",
     "pull": "stored result: 33.6 mm down, 16.3 back at 4.56 N",

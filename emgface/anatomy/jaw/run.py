@@ -118,6 +118,8 @@ def simulate_jaw(
         "head_rotation_deg": float(head),
         "clipped_excitation": negative,
     }
+    if excitation.recorded_start is not None:
+        motion.attrs["recorded_start"] = excitation.recorded_start
     return validate(motion, "jaw_motion")
 
 
@@ -133,6 +135,13 @@ def run_task(jaw: xr.Dataset, task: Task, **options: object) -> xr.Dataset:
     return simulate_jaw(jaw, **given)  # pyright: ignore[reportArgumentType]
 
 
+def run_excitation(jaw: xr.Dataset, excitation: Excitation, **options: object) -> xr.Dataset:
+    """Simulate a jaw until the last instant of excitations; options as of `simulate_jaw`."""
+    duration = OUTPUT * int(float(excitation.time[-1]) / OUTPUT + 1e-9)  # whole outputs
+    given = {"duration": duration} | options
+    return simulate_jaw(jaw, excitation, **given)  # pyright: ignore[reportArgumentType]
+
+
 def _probes(parts: JawScene) -> tuple[Probe, ...]:
     numbers = np.array(list(parts.points.values()))
     ends = np.array([line.ends for line in parts.muscles.values()])
@@ -146,14 +155,11 @@ def _probes(parts: JawScene) -> tuple[Probe, ...]:
 
 
 def _forces(parts: JawScene, motion: xr.Dataset) -> Floats:
-    """Tension of every muscle over time, with that of its damper [N]."""
-    found = list[Floats]()
-    for name, line in parts.muscles.items():
-        row = motion.sel(muscle=name)
-        length, a = row["muscle_length"].values, row["activation"].values
-        _, tension, _ = line.law.evaluate(length, np.full_like(length, line.rest), a)
-        found.append(tension + line.damping * row["muscle_rate"].values)
-    return np.array(found)
+    """Tension of every muscle over time [N]."""
+    rows = (motion[name].values for name in ("muscle_length", "muscle_rate", "activation"))
+    return np.array(
+        [line.tension(*own) for line, *own in zip(parts.muscles.values(), *rows, strict=True)]
+    )
 
 
 def _morsel_force(jaw: xr.Dataset, motion: xr.Dataset, side: str) -> Floats:
@@ -216,4 +222,4 @@ class Lines:
         return length, (way * rate).sum(axis=1) / length
 
 
-__all__ = ["AXES", "OUTPUT", "STEP", "run_task", "simulate_jaw"]
+__all__ = ["AXES", "OUTPUT", "STEP", "run_excitation", "run_task", "simulate_jaw"]

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.anatomy.jaw.laws import LAWS, MuscleLaw
+from emgface.anatomy.jaw.laws import LAWS, RELATIONS
 from emgface.anatomy.jaw.model import AXES, KINDS, Floats
 from emgface.errors import JawError
 from sim.bodies import Motion
@@ -27,6 +27,17 @@ class MuscleLine:
     law: LineLaw
     damping: float
     rest: float
+    relation: sim.ForceVelocity | None = None
+
+    def tension(self, length: Floats, rate: Floats, activation: Floats) -> Floats:
+        """Tension (n,) at lengths [m], rates [m/s] and activations, with that of the damper [N]."""
+        rest = np.full_like(length, self.rest)
+        _, F, _ = self.law.evaluate(length, rest, activation)
+        F = F + self.damping * rate
+        if self.relation is not None:
+            _, passive, _ = self.law.evaluate(length, rest, np.zeros_like(activation))
+            F = F + (F - passive) * (self.relation.evaluate(rate / self.rest)[0] - 1.0)
+        return F
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +95,7 @@ def jaw_scene(
     if law not in LAWS:
         raise JawError(f"muscle law {law!r}, expected one of {', '.join(LAWS)}")
     parts = _Parts(jaw, head)
-    lines, muscles = _muscles(jaw, parts, LAWS[law])
+    lines, muscles = _muscles(jaw, parts, law)
     springs = _springs(jaw, parts)
     points = {
         str(name): parts.add(parts.names[b], x)
@@ -150,17 +161,22 @@ class _Parts:
 
 def _body(row: xr.Dataset) -> sim.Body:
     name, turning = str(row["body"].values), float(row["body_turn_damping"])
+    damping = float(row["body_damping"]) * _damped_at_centre(row)
     return sim.Body(
         name,
         float(row["body_mass"]),
         row["body_inertia"].values,
         row["body_centre"].values,
-        (0.0, turning),
+        (damping, turning),
     )
 
 
+def _damped_at_centre(row: xr.Dataset) -> bool:
+    return np.array_equal(row["body_damped_at"].values, row["body_centre"].values)
+
+
 def _dampers(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
-    """Damping of the translation of bodies, at the point whose velocity is damped.
+    """Damping of the translation of bodies at another point than their centre.
 
     Three dampers to points at such distances that their directions remain those of the axes.
     """
@@ -168,7 +184,7 @@ def _dampers(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
     for name in parts.bodies:
         row = jaw.sel(body=name)
         damping, at = float(row["body_damping"]), row["body_damped_at"].values
-        if damping > 0.0:
+        if damping > 0.0 and not _damped_at_centre(row):
             near = parts.add(name, at)
             far = [parts.add("", at + FAR * axis) for axis in np.eye(3)]
             fibres = [sim.LineFibre(0, np.array([node, near])) for node in far]
@@ -190,9 +206,7 @@ def _by_damping(damping: Floats) -> list[tuple[float, list[int]]]:
     return [(float(d), np.flatnonzero(damping == d).tolist()) for d in np.unique(damping)]
 
 
-def _muscles(
-    jaw: xr.Dataset, parts: _Parts, law: MuscleLaw
-) -> tuple[list[Term], dict[str, MuscleLine]]:
+def _muscles(jaw: xr.Dataset, parts: _Parts, law: str) -> tuple[list[Term], dict[str, MuscleLine]]:
     names = [str(name) for name in jaw["muscle"].values]
     prefix = "muscle_"
     columns = {
@@ -202,14 +216,19 @@ def _muscles(
     }
     found, lines = list[Term](), dict[str, MuscleLine]()
     rest = np.linalg.norm(np.diff(jaw["muscle_position"].values, axis=1)[:, 0], axis=1)
-    for damping, chosen in _by_damping(jaw["muscle_damping"].values):
-        laws = [law({name: float(values[i]) for name, values in columns.items()}) for i in chosen]
+    relation_of = RELATIONS.get(law)
+    damped = jaw["muscle_damping"].values * (relation_of is None)
+    for damping, chosen in _by_damping(damped):
+        values = [{name: float(x[i]) for name, x in columns.items()} for i in chosen]
+        laws = [LAWS[law](own) for own in values]
+        relations = None if relation_of is None else [relation_of(own) for own in values]
         fibres = _fibres(jaw, "muscle", parts, chosen)
         own = tuple(names[i] for i in chosen)
-        found.append(sim.LineMuscles(own, fibres, laws, damping=damping))
+        found.append(sim.LineMuscles(own, fibres, laws, damping=damping, relation=relations))
         for k, i in enumerate(chosen):
             a, b = (int(node) for node in fibres[k].points)
-            lines[names[i]] = MuscleLine((a, b), laws[k], damping, float(rest[i]))
+            relation = None if relations is None else relations[k]
+            lines[names[i]] = MuscleLine((a, b), laws[k], damping, float(rest[i]), relation)
     return found, {name: lines[name] for name in names}
 
 

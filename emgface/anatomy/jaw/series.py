@@ -30,10 +30,13 @@ class Excitation:
     ----------
     time : (n,) ascending [s].
     values : (n,) by exciter [1].
+    recorded_start : float, optional
+        Instant at time 0 of the recording that they were computed from [s].
     """
 
     time: Floats
     values: Mapping[str, Floats]
+    recorded_start: float | None = None
 
     def activation(self, jaw: xr.Dataset) -> tuple[xr.DataArray, float]:
         """Activation (muscle, time) of a jaw model, and the most negative value set to zero."""
@@ -125,7 +128,8 @@ def read_probes(
 def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     """Excitations of a CSV table with a column ``time`` [s], or of a netCDF file, by exciter.
 
-    A netCDF file holds ``excitation`` or ``activation`` over ``exciter`` or ``muscle``, and ``time``.
+    A netCDF file holds ``excitation`` or ``activation`` over ``exciter`` or ``muscle``, and ``time``, as
+    `emgface jaw activate` writes it.
 
     Raises
     ------
@@ -136,24 +140,29 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     try:
         if path.suffix == ".nc":
             with xr.open_dataset(path, engine="netcdf4") as opened:
-                table = _table_of(opened.load())
+                given = excitation_in(opened.load())
         else:
-            table = pd.read_csv(path).set_index("time")
-        time = table.index.to_numpy(dtype=np.float64)
-        values = {str(name): column.to_numpy(dtype=np.float64) for name, column in table.items()}
+            table = pd.read_csv(path).set_index("time").astype(np.float64)
+            values = {str(name): column.to_numpy() for name, column in table.items()}
+            given = Excitation(table.index.to_numpy(dtype=np.float64), values)
     except (OSError, KeyError, ValueError, RuntimeError) as error:
         raise JawError(
             f"{path} holds no excitations ({one_line(error)}): expected a table with a column time in "
             "seconds and one per exciter, or a netCDF file with activation over muscle and time"
         ) from error
-    if not (len(time) and (np.diff(time) > 0.0).all()):
+    if not (len(given.time) and (np.diff(given.time) > 0.0).all()):
         raise JawError(f"{path}: the times do not ascend")
-    return Excitation(time, values)
+    return given
 
 
-def _table_of(dataset: xr.Dataset) -> pd.DataFrame:
-    name = "excitation" if "excitation" in dataset else "activation"
-    values = dataset[name]
-    (row,) = (dim for dim in values.dims if dim != "time")
-    values = values.transpose("time", row)
-    return pd.DataFrame(values.values, values["time"].values, values[row].values.tolist())
+def excitation_in(dataset: xr.Dataset) -> Excitation:
+    """Excitations of a Dataset with ``excitation`` or ``activation`` over time and one other dim."""
+    rows = dataset["excitation" if "excitation" in dataset else "activation"]
+    (row,) = (dim for dim in rows.dims if dim != "time")
+    values = rows.transpose(row, "time").values.astype(np.float64)
+    names, start = map(str, rows[row].values), dataset.attrs.get("recorded_start")
+    return Excitation(
+        rows["time"].values.astype(np.float64),
+        dict(zip(names, values, strict=True)),
+        None if start is None else float(start),
+    )

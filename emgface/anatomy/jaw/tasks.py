@@ -74,6 +74,29 @@ TASKS = {
         _rising(ip_L=0.5, bi_close=1e-2),
     ),
     "clench": Task("clenching, closers at 10 %", 0.6, _rising(bi_close=0.1)),
+    "effort": Task(
+        "maximum effort: clenching, then opening",
+        1.2,
+        {
+            "bi_close": [(0.1, 0.0), (0.2, 1.0), (0.5, 1.0), (0.6, 0.0)],
+            "bi_open": [(0.7, 0.0), (0.8, 1.0), (1.1, 1.0), (1.2, 0.0)],
+        },
+    ),
+    "cycles": Task(
+        "opening and closing twice",
+        2.0,
+        {
+            name: [(t + c, u) for t in (0.1, 1.0) for c, u in corners]
+            for name, corners in (
+                ("bi_ad", [(0.0, 0.0), (0.15, 0.4), (0.35, 0.4), (0.45, 0.0)]),
+                ("bi_my", [(0.0, 0.0), (0.15, 0.3), (0.35, 0.3), (0.45, 0.0)]),
+                ("bi_ip", [(0.0, 0.0), (0.15, 0.3), (0.35, 0.3), (0.45, 0.0)]),
+                ("bi_t", [(0.0, 0.02), (0.1, 0.0), (0.35, 0.0), (0.55, 0.08), (0.8, 0.02)]),
+                ("bi_m", [(0.0, 0.02), (0.1, 0.0), (0.4, 0.0), (0.6, 0.12), (0.8, 0.02)]),
+                ("bi_mp", [(0.0, 0.02), (0.1, 0.0), (0.4, 0.0), (0.6, 0.1), (0.8, 0.02)]),
+            )
+        },
+    ),
     "chew": Task("chewing, from published series", 1.0, morsel="L", series=True),
     "swallow": Task(
         "swallowing, suprahyoid muscles for 0.5 s",

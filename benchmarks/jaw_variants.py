@@ -1,0 +1,209 @@
+"""Published jaw model: published and computed outcomes of every variant, and causes of differences.
+
+Parts of ``python -m benchmarks jaw``; they need the published model.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+import sim
+from emgface.anatomy.jaw.outcomes import displacement, interincisal, separation
+from emgface.anatomy.jaw.published import import_jaw
+from emgface.anatomy.jaw.run import run_task
+from emgface.anatomy.jaw.series import read_probes
+from emgface.anatomy.jaw.tasks import TASKS, Task
+
+SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
+PULLS = {1.14: (-12.75, 4.4), 2.28: (-19.69, 8.2), 3.42: (-26.57, 12.0), 4.56: (-33.59, 16.3)}
+"""Stored incisor of the published program, up and back [mm], by the downward force [N]."""
+
+
+def published(variant: str, **options: Any) -> xr.Dataset:
+    """The published model."""
+    return import_jaw(SHARED / "artisynth_models" / "jaw_larynx", variant=variant, **options)  # pyright: ignore[reportArgumentType]
+
+
+def two_sided(jaw: xr.Dataset) -> xr.Dataset:
+    """The model whose condyles cannot leave their path."""
+    held = jaw.copy(deep=True)
+    own = [str(name).startswith("tmj") for name in jaw["joint"].values]
+    held["joint_one_sided"][:] = np.where(own, 0, held["joint_one_sided"])
+    return held
+
+
+def models() -> dict[str, xr.Dataset]:
+    """Variants of condylar path and hyoid."""
+    found = {
+        f"{condyle}, hyoid {hyoid}": published(variant, condyle=condyle)
+        for condyle in ("planar", "curved")
+        for hyoid, variant in (("fixed", "fixed"), ("free", "larynx"))
+    }
+    return found | {"curved two-sided, hyoid free": two_sided(found["curved, hyoid free"])}
+
+
+def variants() -> pd.DataFrame:
+    """Published outcomes beside those of every variant [mm]."""
+    columns = {name: outcomes(jaw) for name, jaw in models().items()}
+    rows = [
+        {
+            "outcome": key,
+            "published": known,
+            **{name: own.get(key) for name, own in columns.items()},
+        }
+        for key, known in KNOWN.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+KNOWN = {
+    "rest at 0.04 %, from contact": "3 to 5",
+    "rest at 0.04 %, between edges": "",
+    "open, largest": "35 to 38",
+    "open, at 2 s": "35 to 38",
+    "head 15 degrees back, largest": "50 to 51",
+    "head 15 degrees back, at 2 s": "50 to 51",
+    "inferior lateral pterygoids, forward": "self-limited",
+    **{
+        f"pull {force} N, {way}": f"{x}"
+        for force, stored in PULLS.items()
+        for way, x in zip(("up", "back"), stored, strict=True)
+    },
+    "chew, down": "20.1",
+    "chew, back": "5.8",
+    "chew, lateral": "2.3",
+    "chew, time s": "0.334",
+    "chew, largest lateral": "6.1",
+    "chew, hyoid up": "3.4",
+    "chew, hyoid forward": "1.6",
+    "swallow, thyroid up": "",
+    "swallow, thyroid forward": "",
+}
+
+
+def outcomes(jaw: xr.Dataset) -> dict[str, float | str]:
+    """Outcomes of all tasks [mm]; the name of the error of a task that did not finish."""
+    found = dict[str, float | str]()
+
+    def measure(task: Task, read: Callable[[xr.Dataset], dict[str, float]], **options: Any) -> None:
+        try:
+            found.update(
+                {k: round(float(x), 3) for k, x in read(run_task(jaw, task, **options)).items()}
+            )
+        except sim.SimulationError as error:
+            found.update(dict.fromkeys(read(_nothing(jaw)), type(error).__name__))
+
+    def rest(motion: xr.Dataset) -> dict[str, float]:
+        name = "rest at 0.04 %, "
+        return {
+            name + "from contact": separation(motion)[-1],
+            name + "between edges": interincisal(motion)[-1],
+        }
+
+    def opened(name: str) -> Callable[[xr.Dataset], dict[str, float]]:
+        return lambda motion: {
+            f"{name}, largest": separation(motion).max(),
+            f"{name}, at 2 s": separation(motion)[-1],
+        }
+
+    def pulled(force: float) -> Callable[[xr.Dataset], dict[str, float]]:
+        def read(motion: xr.Dataset) -> dict[str, float]:
+            d = displacement(motion, "lower_incisor")[-1]
+            return {f"pull {force} N, up": d[2], f"pull {force} N, back": -d[1]}
+
+        return read
+
+    measure(TASKS["rest"], rest)
+    measure(TASKS["open"], opened("open"), duration=2.0)
+    measure(TASKS["open_head"], opened("head 15 degrees back"), duration=2.0)
+    alone = Task("", 2.0, {"bi_ip": [(0.0, 0.0), (0.2, 1.0)]})
+    measure(
+        alone,
+        lambda motion: {
+            "inferior lateral pterygoids, forward": displacement(motion, "lower_incisor")[-1, 1]
+        },
+    )
+    for force in PULLS:
+        measure(TASKS["pull"], pulled(force), load=(0.0, 0.0, -force))
+    series = read_probes(SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew")
+    measure(TASKS["chew"], chewed, excitation=series, duration=0.7)
+    measure(TASKS["swallow"], swallowed)
+    return found
+
+
+def chewed(motion: xr.Dataset) -> dict[str, float]:
+    """Incisor at the largest opening, largest lateral displacement, and hyoid [mm]."""
+    d = displacement(motion, "lower_incisor")
+    k = int(np.argmin(d[:, 2]))
+    found = {"down": -d[k, 2], "back": -d[k, 1], "lateral": abs(d[k, 0])}
+    found |= {"time s": float(motion["time"][k]), "largest lateral": np.abs(d[:, 0]).max()}
+    hyoid = displacement(motion, "hyoid")[: k + 1]
+    found |= {"hyoid up": hyoid[:, 2].max(), "hyoid forward": hyoid[:, 1].max()}
+    return {f"chew, {name}": x for name, x in found.items()}
+
+
+def swallowed(motion: xr.Dataset) -> dict[str, float]:
+    """Largest displacement of the thyroid cartilage [mm]; none where it stays."""
+    if "thyroid" not in motion["marker"].values:
+        return {}
+    d = displacement(motion, "thyroid")
+    return {"swallow, thyroid up": d[:, 2].max(), "swallow, thyroid forward": d[:, 1].max()}
+
+
+def _nothing(jaw: xr.Dataset) -> xr.Dataset:
+    """A motion of two instants, whose outcomes have the names of those of a task."""
+    return run_task(jaw, Task("", 5e-3, {"bi_close": [(0.0, 4e-4)]}), step=5e-3)
+
+
+def causes() -> pd.DataFrame:
+    """Chewing and opening with the head back under changes of one setting each [mm, s]."""
+    jaw = published("larynx")
+    series = read_probes(SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew")
+    rows = list[dict[str, Any]]()
+
+    def chew(name: str, **options: Any) -> None:
+        model = options.pop("jaw", jaw)
+        found = chewed(run_task(model, TASKS["chew"], excitation=series, duration=0.5, **options))
+        found = {key.removeprefix("chew, "): round(float(x), 3) for key, x in found.items()}
+        rows.append({"case": f"chew, {name}", **found})
+
+    chew("Peck, damping 1 N s/m")
+    chew("Peck, damping 1 N s/m, steps of 0.25 ms", step=2.5e-4)
+    for law in ("hill", "pennate", "spring"):
+        chew(law, law=law)
+    inert = jaw.copy(deep=True)
+    inert["body_mass"][:] = 3.0 * inert["body_mass"]
+    inert["body_inertia"][:] = 3.0 * inert["body_inertia"]
+    chew("three times the mass", jaw=inert)
+
+    def back(name: str, model: xr.Dataset, task: Task = TASKS["open_head"]) -> None:
+        gape = separation(run_task(model, task, duration=2.0))
+        rows.append(
+            {
+                "case": f"head back, {name}",
+                "largest": round(gape.max(), 1),
+                "end": round(gape[-1], 1),
+            }
+        )
+
+    back("as published", jaw)
+    weak = jaw.copy(deep=True)
+    weak["muscle_passive_fraction"][:] = 0.1 * weak["muscle_passive_fraction"]
+    back("passive forces a tenth", weak)
+    tight = jaw.copy(deep=True)
+    tight["muscle_passive_fraction"][:] = 3.0 * tight["muscle_passive_fraction"]
+    back("passive forces three times", tight)
+    for degrees in (5.0, 7.5, 10.0):
+        part = Task("", 2.0, TASKS["open_head"].excitation, head=degrees)
+        back(f"{degrees:g} degrees", jaw, part)
+    for level in (0.2, 0.5):
+        corners = {
+            n: [(t, level * u) for t, u in c] for n, c in TASKS["open_head"].excitation.items()
+        }
+        back(f"openers at {level:g}", jaw, Task("", 2.0, corners, head=15.0))
+    return pd.DataFrame(rows)

@@ -1,0 +1,143 @@
+"""Excitation of a jaw from surface EMG of temporalis, masseter and submental muscles.
+
+The stages are those of the face (`emgface.signals.activation`): band-pass, amplitude feature of every
+channel, normalisation by Eq. 8 of Eskes et al. 2017, combination of channels, and resampling.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import JawError
+from emgface.schema.validation import validate
+from emgface.signals.activation import IDENTITY, emg_of
+from emgface.signals.envelope import muscle_activation
+from emgface.signals.features import feature_of
+from emgface.signals.filters import bandpass
+from emgface.signals.normalisation import normalise
+from emgface.signals.parameters import SignalChain
+from emgface.signals.resampling import resample, simulation_times
+
+CHANNELS: Final = {
+    "TEM": "anterior temporalis",
+    "MAS": "masseter",
+    "DIG": "anterior digastric (submental electrodes)",
+}
+"""Electrode pairs of a side; channels are called ``TEM_L``."""
+
+WEIGHTS: Final[Mapping[str, Mapping[str, float]]] = {
+    "t": {"TEM": 1.0},
+    "m": {"MAS": 1.0},
+    "mp": {"MAS": 1.0},
+    "ad": {"DIG": 1.0},
+    "my": {"DIG": 1.0},
+    "ip": {"DIG": 1.0},
+}
+"""Channels that drive the exciters of a side. Medial and lateral pterygoid cannot be recorded from the
+skin. The medial pterygoid is assumed to be active with the masseter in closing, mylohyoid and
+inferior lateral pterygoid with the digastric in opening."""
+
+PERIOD: Final = 5e-3
+"""Sampling period of excitations [s]."""
+
+
+def excitation_of(
+    recording: xr.Dataset,
+    chain: SignalChain | None = None,
+    *,
+    reference: Iterable[xr.Dataset] = (),
+    weights: Mapping[str, Mapping[str, float]] = WEIGHTS,
+) -> xr.Dataset:
+    """Compute the excitation of the exciters of a jaw from one recording.
+
+    u_e(t) = sum_c w_ec a_c(t) with the normalised features a_c of the channels of one side.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        ``emg`` (channel, time_emg) [V], with channels such as ``MAS_L``.
+    chain : SignalChain, optional
+        Its filter, feature and normalisation apply.
+    reference : iterable of xarray.Dataset
+        Recordings of maximum effort, whose range of the features normalises; by default that of the
+        recording.
+    weights : mapping
+        Channels of every exciter, without sides.
+
+    Returns
+    -------
+    xarray.Dataset
+        Of schema jaw_excitation: ``excitation`` (exciter, time) [1], from time 0;
+        ``recorded_start`` is that instant in the recording [s], ``passive`` lists exciters without
+        channel.
+
+    Raises
+    ------
+    JawError
+        No channel is known.
+    SchemaError, UnitsError, SignalError, ActivationError
+        As `emgface.signals.activation.activation_of`.
+    """
+    chain = chain or SignalChain()
+    feature = _feature(recording, chain)
+    held = [str(name) for name in feature["channel"].values]
+    extent = _range([_feature(one, chain, held) for one in reference])
+    normalised = normalise(feature, extent, chain.normalisation)
+    if chain.feature.kind == "envelope":
+        normalised = muscle_activation(normalised, chain.feature.A)
+    rows, passive = dict[str, xr.DataArray](), list[str]()
+    for exciter, sources in weights.items():
+        for side in ("_L", "_R"):
+            known = {c + side: w for c, w in sources.items() if c + side in held}
+            if len(known) < len(sources):
+                passive.append(exciter + side)
+                continue
+            parts = [w * normalised.sel(channel=c, drop=True) for c, w in known.items()]
+            rows[exciter + side] = xr.concat(parts, "part").sum("part")
+    if not rows:
+        raise JawError(
+            "no exciter has all of its channels: record both of a pair, or change weights"
+        )
+    u = xr.concat(list(rows.values()), "exciter").assign_coords(exciter=list(rows))
+    u = u.transpose("exciter", "time").clip(0.0, 1.0)
+    sampling = chain.resampling.model_copy(update={"steps": None, "period": PERIOD})
+    start, stop = (float(u["time"][k]) for k in (0, -1))
+    u = resample(u, simulation_times(start, stop, sampling), bounded=True)
+    u = u.assign_coords(time=("time", PERIOD * np.arange(u.sizes["time"]), {"units": "s"}))
+    u.attrs = {"units": "1", "long_name": "excitation"}
+    attrs = {name: recording.attrs[name] for name in IDENTITY if name in recording.attrs}
+    attrs |= {
+        "recorded_start": start,
+        "passive": " ".join(passive),
+        "clipped_fraction": float(normalised.attrs["clipped_fraction"]),
+        "parameters": chain.model_dump_json(include={"filter", "feature", "normalisation"}),
+    }
+    return validate(xr.Dataset({"excitation": u}, attrs=attrs), "jaw_excitation")
+
+
+def _feature(
+    recording: xr.Dataset, chain: SignalChain, channels: list[str] | None = None
+) -> xr.DataArray:
+    """Amplitude feature (channel, time) of the known channels, or of some that are required."""
+    emg = emg_of(recording)
+    found = [str(name) for name in emg["channel"].values]
+    known = [f"{name}{side}" for side in ("_L", "_R") for name in CHANNELS]
+    chosen = [name for name in known if name in found] if channels is None else channels
+    lacking = [name for name in chosen if name not in found]
+    if lacking or not chosen:
+        raise JawError(
+            f"recording has the channels {', '.join(found) or 'none'}, expected "
+            f"{', '.join(lacking or known)}: assign the labels of the file by a mapping"
+        )
+    filtered = bandpass(emg.sel(channel=chosen), chain.filter)
+    return feature_of(filtered, chain.feature, phase=chain.filter.phase)
+
+
+def _range(features: list[xr.DataArray]) -> xr.Dataset | None:
+    if not features:
+        return None
+    low = xr.concat([f.min("time") for f in features], "trial").min("trial")
+    high = xr.concat([f.max("time") for f in features], "trial").max("trial")
+    return xr.Dataset({"minimum": low, "maximum": high})
