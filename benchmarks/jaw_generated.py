@@ -223,10 +223,11 @@ def _true(jaw: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     a, values = truth["activation"], dict[str, np.ndarray]()
     for exciter, sources in WEIGHTS.items():
         for side in ("_L", "_R"):
-            values[exciter + side] = sum(
+            parts = [
                 weight * share * a.sel(muscle=muscle + side).values
                 for channel, weight in sources.items()
                 for muscle, share in PICKUP[channel].items()
-            )  # pyright: ignore[reportArgumentType]  # a sum of arrays
+            ]
+            values[exciter + side] = np.sum(parts, axis=0)
     given = Excitation(truth["time"].values, values, 0.0)
     return run_excitation(jaw, given, step=DRAFT)

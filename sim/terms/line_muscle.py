@@ -192,10 +192,10 @@ class RateLineMuscles(DampedLineMuscles):
 
     def __init__(self, term: LineMuscles, layout: Layout) -> None:
         super().__init__(term, layout)
-        own, relations = np.array([fibre.muscle for fibre in term.fibres]), term.relations()
+        own = [term.relations()[fibre.muscle] for fibre in term.fibres]
         self._relations = [
-            (relation, np.flatnonzero([relations[k] == relation for k in own]))
-            for relation in dict.fromkeys(relations)
+            (relation, np.array([k for k, other in enumerate(own) if other == relation]))
+            for relation in dict.fromkeys(own)
         ]
 
     def add_rate_force(self, q: Array, v: Array, control: Control, f: Array, D: Array) -> None:
