@@ -97,22 +97,27 @@ def face_conduction(face: xr.Dataset) -> Conduction:
         for muscle in MODELLED
         for home in LIPS.get(muscle, (_home(muscle),))
     )
+    places = np.stack([_electrode(face, skin, channel) for channel in CHANNELS])
     shape = (len(CHANNELS), len(sources))
     distance, along = np.empty(shape), np.empty(shape)
-    for row, channel in enumerate(CHANNELS):
-        name, side = channel.split("_")
-        over, where = ELECTRODES[name]
-        first = _resampled(fibres_of(face, f"{over}_{side}")[0])
-        place, _, _ = nearest_on_triangles(first[round(where * (len(first) - 1))], skin)
-        for column, source in enumerate(sources):
-            fibres = [_resampled(f) for f in fibres_of(face, source.muscle)]
-            if source.muscle[:-2] in LIPS:
-                half = len(fibres[0]) // 2
-                upper = source.home.startswith("OOS")
-                fibres = [f[: half + 1] if upper else f[half:] for f in fibres]
-            distance[row, column] = distance_to_fibres(place[None], fibres)[0]
-            along[row, column] = min(map(lambda f: _along(place, f), fibres))
+    for column, source in enumerate(sources):
+        fibres = [_resampled(f) for f in fibres_of(face, source.muscle)]
+        if source.muscle[:-2] in LIPS:
+            half = len(fibres[0]) // 2
+            upper = source.home.startswith("OOS")
+            fibres = [f[: half + 1] if upper else f[half:] for f in fibres]
+        distance[:, column] = distance_to_fibres(places, fibres)
+        along[:, column] = np.min([_along(places, fibre) for fibre in fibres], axis=0)
     return Conduction(sources, distance, along)
+
+
+def _electrode(face: xr.Dataset, skin: np.ndarray, channel: str) -> np.ndarray:
+    """Position of the electrodes of a channel on the skin [m]."""
+    name, side = channel.split("_")
+    over, where = ELECTRODES[name]
+    first = _resampled(fibres_of(face, f"{over}_{side}")[0])
+    place, _, _ = nearest_on_triangles(first[round(where * (len(first) - 1))], skin)
+    return place
 
 
 def _home(muscle: str) -> str:
@@ -135,8 +140,8 @@ def _resampled(fibre: np.ndarray, points: int = 61) -> np.ndarray:
     return np.stack([np.interp(at, length, fibre[:, k]) for k in range(3)], axis=1)
 
 
-def _along(place: np.ndarray, fibre: np.ndarray) -> float:
-    """Distance along a fibre from its middle to the point closest to a position [m]."""
-    nearest = int(np.argmin(np.linalg.norm(fibre - place, axis=1)))
+def _along(places: np.ndarray, fibre: np.ndarray) -> np.ndarray:
+    """Distances (n,) along a fibre from its middle to the points closest to positions (n, 3) [m]."""
+    nearest = np.argmin(np.linalg.norm(fibre - places[:, None], axis=2), axis=1)
     step = float(np.linalg.norm(fibre[1] - fibre[0]))
-    return abs(nearest - (len(fibre) - 1) // 2) * step
+    return np.abs(nearest - (len(fibre) - 1) // 2) * step

@@ -122,19 +122,22 @@ def discharges(
     rate may change within an interval. Times are in ascending order for each unit.
     """
     units, times = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
-    for unit, own in enumerate(rate):
-        fires = bool(own.any())
-        total = np.cumsum(own) / sampling_rate if fires else np.zeros(1)
-        # Silent units draw also, so that the others do not depend on them.
+    fires: np.ndarray = np.any(rate, axis=1)
+    totals = iter(np.cumsum(rate[fires], axis=1) / sampling_rate)
+    for unit in range(len(rate)):
+        if not fires[unit]:
+            # Silent units draw also, so that the others do not depend on them.
+            rng.standard_normal(10)
+            rng.uniform()
+            continue
+        total = next(totals)
         interval = np.maximum(rng.normal(1.0, INTERVAL_VARIATION, int(total[-1] * 1.2 + 10)), 0.1)
         interval[0] *= rng.uniform()
-        if not fires:
-            continue
         at = np.cumsum(interval)
         at = at[at < total[-1]]
         # The sample in which the integral reaches the value, and the fraction of that sample.
         sample = np.searchsorted(total, at)
-        left = (total[sample] - at) / own[sample]
+        left = (total[sample] - at) / rate[unit, sample]
         times.append((sample + 1) / sampling_rate - left)
         units.append(np.full(at.size, unit))
     return np.concatenate(units), np.concatenate(times)
