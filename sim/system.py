@@ -123,11 +123,18 @@ class System(Described):
         terms it is this system itself. The energy is the contribution of the terms to the potential of
         the step, which differs from the stored energy by the dissipation.
         """
-        if not any(isinstance(term, Remembers | StopsMoves) for term in self.terms):
+        if not self._history:
             return self
         names = self._memory_names()
         terms = tuple(_over(*row, state, h) for row in zip(self.terms, names, strict=True))
         return replace(self, terms=terms, sparse=None, _in_step=True)
+
+    # Tests of terms against a protocol take longer than a small force, hence they are done once.
+
+    @cached_property
+    def _history(self) -> bool:
+        """True if any term depends on the start of a step."""
+        return any(isinstance(term, Remembers | StopsMoves) for term in self.terms)
 
     @cached_property
     def stops(self) -> tuple[StopsMoves, ...]:
@@ -187,11 +194,12 @@ class System(Described):
 
     def remember(self, q: Array) -> Mapping[str, Array]:
         """Memory of all terms after a step that ends at positions q; of a system `during` a step."""
-        return {
-            name: term.remember(q)
-            for name, term in zip(self._memory_names(), self.terms, strict=True)
-            if isinstance(term, Remembering)
-        }
+        return {name: term.remember(q) for name, term in self._remembering}
+
+    @cached_property
+    def _remembering(self) -> tuple[tuple[str, Remembering], ...]:
+        rows = zip(self._memory_names(), self.terms, strict=True)
+        return tuple((name, term) for name, term in rows if isinstance(term, Remembering))
 
     def _memory_names(self) -> list[str]:
         return [f"{type(term).__name__}[{i}]" for i, term in enumerate(self.scene.terms)]
@@ -242,7 +250,11 @@ class System(Described):
 
     def products_of_points(self, q: Array) -> tuple[Product, ...]:
         """Matrix-free products of the points' stiffness, in addition to `tangent`."""
-        return tuple(term.product(q) for term in self.terms if isinstance(term, HasProduct))
+        return tuple(term.product(q) for term in self._with_product)
+
+    @cached_property
+    def _with_product(self) -> tuple[HasProduct, ...]:
+        return tuple(term for term in self.terms if isinstance(term, HasProduct))
 
     @cached_property
     def products_at_rest(self) -> tuple[Product, ...]:
@@ -252,12 +264,16 @@ class System(Described):
     @property
     def has_products(self) -> bool:
         """True if the stiffness has matrix-free products."""
-        return any(isinstance(term, HasProduct) for term in self.terms)
+        return bool(self._with_product)
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all terms that deform (inf if none does), and its element."""
-        found = [term.smallest_J(q) for term in self.terms if isinstance(term, Deforms)]
+        found = [term.smallest_J(q) for term in self._deforming]
         return min(found, key=_nan_is_worst, default=(float("inf"), -1))
+
+    @cached_property
+    def _deforming(self) -> tuple[Deforms, ...]:
+        return tuple(term for term in self.terms if isinstance(term, Deforms))
 
     def control(self, activation: Array, t: float = 0.0) -> Control:
         """Checked control at time t [s].
