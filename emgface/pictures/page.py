@@ -133,9 +133,13 @@ def svg_of(figure: "Figure", name: str, description: str) -> Markup:
     `name` is unique in the page and prefixes every id; `description` is the text for screen
     readers.
     """
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     buffer = io.StringIO()
+    figure.set_dpi(130)
     with settings(WRITTEN):
-        figure.savefig(buffer, format="svg", dpi=130, metadata={"Date": None})
+        # ``savefig`` would draw twice, first for a layout that drawing computes anyway.
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
