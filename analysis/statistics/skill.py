@@ -127,17 +127,20 @@ def _ratio(
     top = top[kept]
     if not len(top):
         return nothing
-    estimate, drawn = float(np.nanmean(top)), replicates(top, "mean", draws, seed)
+    estimate = float(np.nanmean(top))
     if bottom is not None:
-        # With the same seed and shape, the same volunteers and repetitions are drawn.
         bottom = bottom[kept]
-        room, drawn_room = float(np.nanmean(bottom)), replicates(bottom, "mean", draws, seed)
+        room = float(np.nanmean(bottom))
         if room < LEAST_ROOM:
             return nothing
         estimate /= room
-        drawn = np.where(drawn_room > 0, drawn / drawn_room, np.sign(drawn) * np.inf)
     if len(top) < LEAST_VOLUNTEERS:
         return estimate, np.nan, np.nan
+    drawn = replicates(top, "mean", draws, seed)
+    if bottom is not None:
+        # With the same seed and shape, the same volunteers and repetitions are drawn.
+        drawn_room = replicates(bottom, "mean", draws, seed)
+        drawn = np.where(drawn_room > 0, drawn / drawn_room, np.sign(drawn) * np.inf)
     drawn = drawn[~np.isnan(drawn)]
     lower, upper = (
         float(np.quantile(drawn, tail, method="inverted_cdf"))
