@@ -1,6 +1,8 @@
 """Shared fixtures: template faces; published geometry and recordings, if available."""
 
 import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded
@@ -10,6 +12,7 @@ import pytest
 import xarray as xr
 
 ROOT = Path(__file__).resolve().parents[1]
+MadeOnce = Callable[[str, Callable[[Path], object]], Path]
 
 
 def shared_folder() -> Path | None:
@@ -33,21 +36,46 @@ def root() -> Path:
 
 
 @pytest.fixture(scope="session")
-def coarse() -> xr.Dataset:
-    from emgface.face.template import template_face  # not all tests need it
+def made_once(tmp_path_factory) -> MadeOnce:
+    """Folder by name, which one of the parallel processes of a run fills; not to be changed."""
+    from sim._kernels.cache import in_one_process
 
-    return template_face(resolution="coarse")
+    own = tmp_path_factory.getbasetemp()
+    common = own.parent if "PYTEST_XDIST_WORKER" in os.environ and os.name == "posix" else own
+
+    def made(name: str, fill: Callable[[Path], object]) -> Path:
+        folder = common / name
+        with in_one_process(common / f"{name}.lock"):
+            if not (folder / "complete").exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                fill(folder)
+                (folder / "complete").touch()
+        return folder
+
+    return made
+
+
+def template(made_once: MadeOnce, resolution: str) -> xr.Dataset:
+    from emgface.face.file import load_face, save_face  # not all tests need them
+    from emgface.face.template import template_face
+
+    def fill(folder: Path) -> None:
+        save_face(template_face(resolution=resolution), folder / "face.nc")
+
+    return load_face(made_once(f"face-{resolution}", fill) / "face.nc")
 
 
 @pytest.fixture(scope="session")
-def medium() -> xr.Dataset:
-    from emgface.face.template import template_face  # not all tests need it
-
-    return template_face(resolution="medium")
+def coarse(made_once: MadeOnce) -> xr.Dataset:
+    return template(made_once, "coarse")
 
 
 @pytest.fixture(scope="session")
-def fine() -> xr.Dataset:
-    from emgface.face.template import template_face  # not all tests need it
+def medium(made_once: MadeOnce) -> xr.Dataset:
+    return template(made_once, "medium")
 
-    return template_face(resolution="fine")
+
+@pytest.fixture(scope="session")
+def fine(made_once: MadeOnce) -> xr.Dataset:
+    return template(made_once, "fine")

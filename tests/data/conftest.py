@@ -1,6 +1,7 @@
 """One small valid dataset of each kind."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -187,6 +188,15 @@ def sound() -> xr.Dataset:
     )
 
 
+@cache
+def jaw_made_once() -> xr.Dataset:
+    return small_jaw()
+
+
+def jaw_model() -> xr.Dataset:
+    return jaw_made_once().copy(deep=True)
+
+
 def jaw_motion() -> xr.Dataset:
     time = {"time": ("time", [0.0, 0.005], S)}
     still = np.broadcast_to([[[1.0], [0.0], [0.0], [0.0]]], (1, 4, 2))
@@ -254,7 +264,7 @@ VALID: dict[str, Callable[[], xr.Dataset]] = {
     "sound": sound,
     "cube": cube,
     "jaw_excitation": jaw_excitation,
-    "jaw_model": small_jaw,
+    "jaw_model": jaw_model,
     "jaw_motion": jaw_motion,
 }
 

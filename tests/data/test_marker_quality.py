@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.face.template import template_face
 from emgface.muscles import CHANNELS
 from emgface.recordings.check import check_recording, problems
 from emgface.recordings.quality import marker_quality, swapped_markers, swapped_sides
@@ -99,8 +98,8 @@ def test_equal_sides_raise_no_suspicion() -> None:
     assert swapped_sides(recording(noise())).empty
 
 
-def test_the_markers_of_a_generated_face_are_not_suspected() -> None:
-    model = template_face(resolution="coarse")
+def test_the_markers_of_a_generated_face_are_not_suspected(coarse: xr.Dataset) -> None:
+    model = coarse
     lips = model["position"].values[model["marker_node"].values]
     places = np.concatenate([model["face_marker_position"].values, lips])
     named = positions(np.repeat(places[:, :, None], 5, axis=2))

@@ -48,8 +48,10 @@ def test_every_kind_has_its_figure(face: xr.Dataset, motion: xr.Dataset) -> None
     }
     for name, (data, said) in given.items():
         assert kind(data) == name
-        assert said in figure(data).get_suptitle(), name
-        assert f"<title>{figure(data).get_suptitle()[:20]}" in page(data), "a page with the figure"
+        title = figure(data).get_suptitle()
+        assert said in title, name
+        if name in ("recording", "cube"):
+            assert f"<title>{title[:20]}" in page(data), "a page with the figure"
     assert kind(face) == "face_model" and kind(markers[["position"]].drop_attrs()) == "recording"
     with pytest.raises(
         DataError, match="the dataset holds height, expected a recording, activation"

@@ -1,5 +1,6 @@
 """Slab of tissue with twenty muscles, whose simulation is fast."""
 
+import shutil
 import warnings
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from emgface.study.run import run_study
 from emgface.volunteers.simulate import make_volunteers
 from sim import grid_cells
 from sim.threads import set_thread_count, thread_count
+from tests.conftest import MadeOnce
 
 STEP = 0.02
 """Time step [s] of everything simulated here."""
@@ -121,19 +123,22 @@ def slab() -> xr.Dataset:
 
 
 @pytest.fixture(scope="session")
-def laboratory(slab: xr.Dataset, tmp_path_factory) -> Path:
+def laboratory(slab: xr.Dataset, made_once: MadeOnce, tmp_path_factory) -> Path:
     """Folder with the slab as face.nc and one simulated volunteer with instructions B and E."""
-    folder = tmp_path_factory.mktemp("laboratory")
-    save_face(slab, folder / "face.nc")
-    make_volunteers(
-        slab,
-        folder,
-        n=1,
-        instructions=("B", "E"),
-        seed=2,
-        parameters=configure(SimulationParameters, MECHANICS),
-    )
-    return folder
+
+    def fill(folder: Path) -> None:
+        save_face(slab, folder / "face.nc")
+        make_volunteers(
+            slab,
+            folder,
+            n=1,
+            instructions=("B", "E"),
+            seed=2,
+            parameters=configure(SimulationParameters, MECHANICS),
+        )
+
+    own = tmp_path_factory.mktemp("laboratory")  # tests write studies into it
+    return Path(shutil.copytree(made_once("laboratory", fill), own, dirs_exist_ok=True))
 
 
 def leave_out_figures(patch: pytest.MonkeyPatch) -> None:

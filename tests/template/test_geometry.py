@@ -201,8 +201,8 @@ def test_markers_stay_where_they_are_at_every_resolution(
         np.testing.assert_allclose(points, one, atol=1e-9)
 
 
-def test_sides_can_differ() -> None:
-    even = template_face(resolution="coarse")
+def test_sides_can_differ(coarse: xr.Dataset) -> None:
+    even = coarse
     odd = template_face(resolution="coarse", measures={"width_asymmetry": 0.1, "droop": 4e-3})
     at = dict(zip(LIP_MARKERS, odd["position"].values[odd["marker_node"].values], strict=True))
     was = dict(zip(LIP_MARKERS, even["position"].values[even["marker_node"].values], strict=True))
@@ -217,9 +217,9 @@ def test_sides_can_differ() -> None:
     assert 0.8 < turned.min() < 1 - 1e-4
 
 
-def test_file_round_trip(coarse: xr.Dataset, tmp_path) -> None:
-    read = load_face(save_face(coarse, tmp_path / "face.nc"))
-    xr.testing.assert_identical(read, coarse)
+def test_file_round_trip(tmp_path) -> None:
+    made = template_face(resolution="coarse")
+    xr.testing.assert_identical(load_face(save_face(made, tmp_path / "face.nc")), made)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -232,7 +232,7 @@ def test_presets_have_valid_elements(preset: str, resolution: str) -> None:
     assert quality.scaled_jacobian.min() > 0.2
 
 
-@pytest.mark.parametrize(("resolution", "n"), [("coarse", 14), ("fine", 7)])
+@pytest.mark.parametrize(("resolution", "n"), [("coarse", 7), ("fine", 7)])
 def test_volunteers_have_valid_elements(resolution: str, n: int) -> None:
     """A sample of the thousand faces of `docs/template/make.py volunteers`."""
     grid = make_grid(resolution)
