@@ -1,6 +1,6 @@
 """Comparison of measured and simulated trajectories: alignment, scores, cubes, inference.
 
-Everything takes and returns labelled xarray objects. Figures are in `analysis.figures` and further
+All functions take and return labelled xarray objects. Figures are in `analysis.figures` and further
 tests in `analysis.statistics`; the first imports matplotlib.
 """
 

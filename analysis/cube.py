@@ -48,7 +48,7 @@ PER_TRIAL: Final = {
     "motion": ("m", "largest displacement of a simulated marker"),
 }
 OF_RUN: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion", "inaccurate")
-"""Members of `PER_TRIAL` that a trial has without scores."""
+"""Members of `PER_TRIAL` that are also known for a trial without scores."""
 TEXTS: Final = {
     "status": ("missing", "ok, missing, excluded, or failed"),
     "reason": ("no result was passed", "reason for missing scores, or remark on them"),

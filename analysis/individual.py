@@ -80,8 +80,8 @@ def asymmetry(
     Returns
     -------
     float
-        From -1, only the right side moves, to 1, only the left. NaN if nothing moves, or a side has
-        no marker without gaps.
+        1 if only the left side moves, -1 if only the right side does; NaN if nothing moves or a
+        side has no marker without gaps.
     """
     data = held(position)
     names = np.array([str(name) for name in data["marker"].values])

@@ -54,7 +54,7 @@ def registered(
     motions : sequence of xarray.Dataset or xarray.DataArray
         Positions, dims (marker, axis, time) [m], the same markers.
     reference : xarray.Dataset or xarray.DataArray
-        The motion all are aligned with.
+        Motion with which all others are aligned.
     options : mapping, optional
         Of `analysis.align.align`.
 

@@ -24,8 +24,11 @@ Reference = Literal["mean", "first", "origin"]
 ROUNDING: Final = 64 * float(np.finfo(np.float64).eps)
 """Displacement relative to the position below which a motion is due to rounding."""
 
-DROWNED: Final = "measured moves no more than noise"
+DROWNED: Final = "the measured motion does not exceed its noise"
 """Reason of a marker whose motion cannot be distinguished from the noise."""
+
+MEASURED_STILL: Final = "the measured marker does not move"
+SIMULATED_STILL: Final = "the simulated marker does not move"
 
 CARRIED: Final = (
     "shift", "scale", "sign", "sign_by_direction", "b_correlation", "overlap", "unseen_ends",
@@ -260,13 +263,13 @@ def _reason(
         below = both.root("measured") ** 2 < (1.0 + smallest_snr) * noise**2
         drowned = below & ~still["measured"]
         still["measured"] = still["measured"] | below
-    reason = xr.full_like(gaps["measured"], "", dtype="U36")
+    reason = xr.full_like(gaps["measured"], "", dtype="U48")
     for what, one_of in (("does not move", still), ("has gaps", gaps)):
         bad_both = one_of["measured"] & one_of["simulated"]
         for role, bad in one_of.items():
-            reason = reason.where(~bad, f"{role} {what}")
+            reason = reason.where(~bad, f"the {role} marker {what}")
         reason = reason.where(~bad_both, "neither moves" if one_of is still else "both have gaps")
-    reason = reason.where(~(drowned & (reason == "measured does not move")), DROWNED)
+    reason = reason.where(~(drowned & (reason == MEASURED_STILL)), DROWNED)
     return _named(texts(reason), "reason", {"long_name": "reason for which rho is undefined"})
 
 
@@ -287,8 +290,8 @@ def _correlation(both: Pair, defined: xr.DataArray, form: Form) -> xr.DataArray:
 def _ratio(both: Pair, reason: xr.DataArray) -> xr.DataArray:
     """Ratio of amplitudes where the measured marker moves, as `amplitude_ratio`."""
     size_v, size_w = (each**0.5 for each in both.squares.values())
-    ratio = size_w / size_v.where(reason.isin(["", "simulated does not move"]))
-    ratio = ratio.where(reason != "simulated does not move", 0.0)
+    ratio = size_w / size_v.where(reason.isin(["", SIMULATED_STILL]))
+    ratio = ratio.where(reason != SIMULATED_STILL, 0.0)
     attrs = {"units": "1", "long_name": "simulated divided by measured amplitude of movement"}
     return _named(ratio, "amplitude_ratio", attrs)
 

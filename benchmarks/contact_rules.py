@@ -7,14 +7,14 @@ orbicularis oris peripheralis rising to 0.1 in 0.1 s, no gravity, contact of the
 bones. Rows of the table:
 
 none        no contact
-kept        contact of this package: what starts inside bone may stay
-removed     contact of this package: what starts inside bone is moved out at once
+kept        contact of this package: tissue that starts inside bone may remain there
+removed     contact of this package: tissue that starts inside bone is moved out at once
 published   all published rules (`published_contact`)
 NAME        all published rules but NAME, which is replaced by that of this package, or left out:
             direction, released, mass, volumes, corners, bones, tolerance
 
 With --symmetric, the input is replaced by its mean with its mirror image: nodes, fibre directions,
-surfaces of the lips and bones. How far it is from its mirror image is printed first.
+surfaces of the lips and bones. Its differences from its mirror image are printed first.
 """
 
 import json
@@ -91,7 +91,7 @@ def symmetric_pairing(pairing: Pairing, X: Floats) -> Pairing:
 
 
 def asymmetric_triangles(triangles: Integers, points: Floats) -> int:
-    """Number of triangles whose mirror image is no triangle of the surface."""
+    """Number of triangles whose mirror image is not a triangle of the surface."""
     image = partners(points)[triangles]
     known = {tuple(sorted(row)) for row in triangles.tolist()}
     return sum(tuple(sorted(row)) not in known for row in image.tolist())

@@ -137,6 +137,6 @@ def main(out: Path, kills: int = 50, workers: int = 1, seed: int = 0) -> None:
         shutil.rmtree(folder)
     print(
         f"{killed} kills ({early} before anything was stored) in {studies} studies: {bad} faults; "
-        f"{unindexed} results were whole without their index and were computed again"
+        f"{unindexed} complete results without an index were computed again"
     )
     raise SystemExit(1 if bad else 0)

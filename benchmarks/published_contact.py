@@ -1,4 +1,4 @@
-"""Contact of the published simulator as a time step of its own, each rule of which can be replaced.
+"""Contact of the published simulator as a separate time step, each rule of which can be replaced.
 
 A step of the trapezoidal rule with hard volumes, in the published order: velocities under the rows of
 contact, positions from the velocities, search, correction of the positions. The integrators of `sim`
@@ -43,11 +43,10 @@ class Rules:
     ----------
     direction : "face": normal of the nearest face; "point": direction to its nearest point.
     released : rows that have pulled in a step are left out of the next.
-    mass : positions are corrected by the masses of the nodes, otherwise as the tissue gives way.
-    volumes : volumes are held while positions are corrected, otherwise restored afterwards.
-    corners : rows beside the nodes that both lips share; otherwise none.
-    bones : vertices of the bones are tested against the tissue, too.
-    tolerance : depth that a correction leaves [m].
+    mass : positions are corrected by the masses of the nodes, otherwise along the compliance of the
+    tissue. volumes : volumes are held while positions are corrected, otherwise restored afterwards.
+    corners : rows beside the nodes that both lips share; otherwise none. bones : vertices of the
+    bones are tested against the tissue, too. tolerance : depth that a correction leaves [m].
     """
 
     direction: str = "face"

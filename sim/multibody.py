@@ -72,7 +72,7 @@ class Multibody:
     n: int
 
     def scratch(self) -> Scratch:
-        """New memory for steps."""
+        """Empty memory for steps."""
         n, m, k, p = self.n, len(self.rows.kind), len(self.table.column), len(self.table.body)
         shapes = {
             **dict.fromkeys(("frames", "ahead"), (k, 7)),

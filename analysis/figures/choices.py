@@ -32,7 +32,7 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
     Raises
     ------
     FigureError
-        The dataset is no result of `sensitivity`, or contains no choice.
+        The dataset is not a result of `sensitivity`, or contains no choice.
     """
     if "reach" not in found or not found.sizes.get("choice"):
         raise FigureError("expected the result of analysis.sensitivity with at least one choice")

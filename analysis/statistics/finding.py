@@ -116,7 +116,7 @@ def collected(
     method : str
         Name of the method, with its source.
     level : float
-        Nominal level of the intervals [1]; NaN if the bounds are no confidence interval.
+        Nominal level of the intervals [1]; NaN if the bounds are not a confidence interval.
     attrs : mapping
         Further attributes; ``units`` are those of estimate and interval.
 

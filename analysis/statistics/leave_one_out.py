@@ -54,7 +54,7 @@ def _finding(data: Paired, estimates: np.ndarray, chances: np.ndarray) -> Findin
     sentence = (
         f"{data.shown(estimate)} over {persons(n)}, from {data.shown(low)} to "
         f"{data.shown(high)} without one of them, with the largest change without {most}; "
-        f"{'the sign holds' if not changes else f'the sign changes without {changes} of them'}; "
+        f"{'the sign is unchanged' if not changes else f'the sign changes without {changes} of them'}; "
         f"largest {shown_p(p)} of {persons(n - 1)} (smallest possible {2.0 / 2 ** (n - 1):.2g})."
     )
     least, further = min(1.0, 2.0 / 2 ** (n - 1)), {"sign_changes": float(changes)}

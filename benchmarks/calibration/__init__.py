@@ -90,9 +90,9 @@ def intervals(out: Path, count: int, seed: int) -> None:
         ),
         "simulated",
         f"{3 * count} cubes per row, seed {seed}, ± Monte Carlo error; difference of two strategies "
-        "in z, standard deviations of volunteer x strategy and instruction x strategy 0.3. Rows "
-        "below the least numbers are what would be covered: no interval is given there. Made by "
-        "python -m benchmarks calibration.",
+        "in z, standard deviations of volunteer x strategy and instruction x strategy 0.3. Rows with "
+        "fewer volunteers or instructions than required show the coverage that an interval would "
+        "have; none is given there. Made by python -m benchmarks calibration.",
     )  # fmt: skip
     (out / "intervals.md").write_text(table.markdown(), encoding="utf-8")
     rows = listed(covered, ("coverage",), table.title)
@@ -114,7 +114,7 @@ def sizes(out: Path, count: int, seed: int) -> None:
         "instructions, two repetitions, three markers. Conditions: standard deviation in z of "
         "volunteer x strategy and instruction x strategy; departures with both 0.3. The truth is "
         "that of the instructions drawn, except in the rows 'mixed model, instructions' and 'mixed "
-        "model, misread' (the test of these instructions taken for one of instructions in "
+        "model, misread' (the test of these instructions interpreted as one of instructions in "
         "general). Made by python -m benchmarks calibration."
     )
     parts = [

@@ -137,8 +137,9 @@ def actions() -> str:
 constraints, at 0.8 s; displacement in mm, x positive medially (left markers), y forward, z up.
 `opening` (mm): height of the upper above the lower margin in the midline, negative where one lip has
 come in front of the other; `lips in lips` (mm): depth to which the lips penetrate each other. `agrees`:
-all displacements named by the action have its direction and exceed 0.1 mm, the lips do not penetrate
-each other, and a muscle that closes them moves both margins and closes at least half of the opening.
+every displacement that defines the action has the stated direction and exceeds 0.1 mm, the lips do
+not penetrate each other, and a muscle that closes them moves both margins and closes at least half
+of the opening.
 
 {markdown(table.reset_index(), ".2f")}"""
 

@@ -55,7 +55,7 @@ def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
     if variable not in given:
         raise SchemaError(
             f"the dataset contains {', '.join(map(str, given.data_vars)) or 'no variable'}, expected "
-            f"{variable}, as of a stored {kind}: give the result of the stage before"
+            f"{variable}, as of a stored {kind}: pass the result of the preceding stage"
         )
     return given
 

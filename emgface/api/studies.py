@@ -64,7 +64,7 @@ def study(
 
     if out is None:
         raise ConfigurationError(
-            "a study was given no folder for its results, expected one: name it as "
+            "no folder for the results of the study was specified, expected one: pass it as in "
             'ef.study(..., out="results")'
         )
     plan = study_of(study)

@@ -73,7 +73,7 @@ def convert(
     ] = None,
     notch_width: Annotated[float, typer.Option(help="Width of each notch [Hz].")] = 2.0,
     subject: Annotated[
-        str | None, typer.Option(help="Volunteer, where the recordings name none or a wrong one.")
+        str | None, typer.Option(help="Volunteer, if the recordings specify none or a wrong one.")
     ] = None,
     task: Annotated[str | None, typer.Option(help="Instruction, likewise.")] = None,
     run: Annotated[int | None, typer.Option(min=1, help="Repetition, likewise.")] = None,
@@ -102,8 +102,8 @@ def convert(
             if target in taken:
                 raise DataError(
                     f"{file} and {taken[target]} would both be written as {target}, expected "
-                    "different names: convert them into different folders, or give each its "
-                    "--run"
+                    "different names: convert them into different folders, or specify "
+                    "--run for each"
                 )
             taken[target] = file
             if notch is not None and "emg" in recording:

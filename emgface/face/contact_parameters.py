@@ -21,10 +21,10 @@ class ContactParameters(Parameters):
     )
     between: tuple[Literal["lips", "teeth"], ...] | None = choice(
         None,
-        "Surfaces that may touch: 'lips' (each other), 'teeth' (lips and cheeks); absent: both, where "
+        "Surfaces that may touch: 'lips' (each other), 'teeth' (lips and cheeks); default: both, if "
         "the face has them.",
         source=f"{STAVNESS}, Contact handling",
-        note="where `support` stands for the teeth, absent means the lips alone",
+        note="if `support` represents the teeth, the default is the lips alone",
     )
     friction: float = parameter(
         0.0,

@@ -52,7 +52,7 @@ def check_movie(path: Path) -> str:
     Raises DataError if the format is unknown, or the program is not found.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise DataError(f"{path.name} is no movie, expected a name that ends in .gif or .mp4")
+        raise DataError(f"{path.name} is not a movie, expected a name that ends in .gif or .mp4")
     return ffmpeg() if path.suffix.lower() == ".mp4" else ""
 
 

@@ -31,7 +31,7 @@ class FirstMotion:
     ready : callable
         Receives the page, or the error that prevented it.
     beside : bool
-        In a thread, where other processes do the other work; otherwise when it is asked for.
+        In a thread, if other processes do the other work; otherwise on request.
     """
 
     def __init__(

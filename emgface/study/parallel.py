@@ -60,7 +60,7 @@ def kept_processes(workers: int, modules: Sequence[str] = ()) -> Iterator[None]:
     workers : int
         Number of processes.
     modules : sequence of str
-        What they import at once, while this process goes on.
+        Modules that they import immediately, while this process continues.
     """
     global _kept
     if workers == 1:

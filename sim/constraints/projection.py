@@ -14,7 +14,7 @@ SHARE = 1e-10
 """Largest relative change of the multipliers in the last iteration."""
 
 PATIENCE = 9
-"""Number of iterations with a factor after which it is made again for the next projection."""
+"""Number of iterations with a factor after which it is renewed for the next projection."""
 
 LIMIT = 60
 """Largest number of iterations."""
@@ -65,7 +65,7 @@ class Projection:
         Raises
         ------
         SingularSystem
-            The constraints repeat each other.
+            The constraints are linearly dependent.
         """
         self.factorisations = 0
         if self._made_of is None or self._due:

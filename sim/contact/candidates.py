@@ -12,15 +12,16 @@ Lists = tuple[Index, Index]
 
 
 ROUNDING = 2e-9
-"""Distance by which lists are longer, for equally close faces and rounding [m]."""
+"""Additional radius of the lists, for equally close faces and rounding [m]."""
 
 
 class Candidates:
     """Faces that points may meet (a Verlet list), which are searched again only after motions.
 
     A point that has moved by a and a face that has moved by b are closer by at most a + b. Lists of all
-    faces within the radius of a point and a skin serve as long as neither exceeds half the skin. The
-    faces found among them are those found among all, so that the skin affects the run time alone.
+    faces within the radius of a point and a skin are valid as long as neither exceeds half the
+    skin. The faces found among them are those found among all, so that the skin affects the run
+    time alone.
 
     Parameters
     ----------

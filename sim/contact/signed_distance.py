@@ -49,12 +49,13 @@ class Recent(Generic[Result]):
 
 
 Normals = tuple[Array, Array, Array]
-"""Unit normals of faces (m, 3) and of vertices (n, 3), and how flat the surface is at vertices (n,)."""
+"""Unit normals of faces (m, 3) and vertices (n, 3), and flatness of the surface at vertices
+(n,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Met:
-    """Features that points meet, those of a point together.
+    """Features that points meet, grouped by point.
 
     Attributes
     ----------
@@ -141,7 +142,8 @@ class SignedFaces:
 
         An edge has the same index for both its faces, and a vertex for all; weights are on the feature.
         """
-        # of faces that share a feature the first, closest or earliest, whatever their numbers
+        # the first of the faces that share a feature, closest or earliest, irrespective of their
+        # numbering
         found = found.take(np.argsort(found.value, kind="stable"))
         place, weight = np.empty(len(found.point), dtype=np.int64), found.weight.copy()
         about = self._across, self._free, self._edge, place
@@ -167,7 +169,7 @@ class SignedFaces:
         They are the closest face, edge or vertex, or all equally close ones, with the mean normal of
         the faces that meet there. A point in a groove also meets the face adjacent to the closest one at
         a concave edge, if it is above both. A point inside, midway between faces with opposite normals,
-        meets the first alone.
+        meets only the first.
 
         Parameters
         ----------

@@ -26,22 +26,22 @@ class ContactTolerances:
 
     @property
     def residual(self) -> float:
-        """Gap or slip that an iteration leaves; ten times larger, fewer updates and visible gaps [m]."""
+        """Remaining gap or slip of an iteration [m]; ten times larger values cause visible gaps."""
         return self._residuals(1.0)
 
     @property
     def solution(self) -> float:
-        """Error of an iterative linear solution; larger than the residual, gaps do not settle [m]."""
+        """Error of an iterative linear solution [m], below the residual, so that gaps converge."""
         return self._residuals(0.3)
 
     @property
     def converged(self) -> float:
-        """Residual of a converged step, whose correction removes what is left [m]."""
+        """Residual of a converged step [m], which the correction of positions removes."""
         return self._residuals(2.0)
 
     @property
     def noticed(self) -> float:
-        """Penetration from which positions are corrected; larger, it remains [m]."""
+        """Smallest penetration that is corrected [m]; smaller ones remain."""
         return self._residuals(3.0)
 
     @property
@@ -51,7 +51,7 @@ class ContactTolerances:
 
     @property
     def accepted(self) -> float:
-        """Violation of rows that is left to the correction; larger, vertices enter unnoticed [m]."""
+        """Violation of rows that the correction removes [m]; limited, so that no vertex enters."""
         return self._residuals(10.0)
 
     @property
@@ -61,7 +61,7 @@ class ContactTolerances:
 
     @property
     def considerable(self) -> float:
-        """Depth of an active row above which a step is solved again; smaller, steps are longer [m]."""
+        """Depth of an active row above which a step is solved again [m]."""
         return 0.2 * self.length
 
     @property

@@ -105,7 +105,8 @@ def _newton_step(
 ) -> tuple[Array, Array, int, int]:
     """Step, multipliers, numbers of factorisations and of shifts of the saddle system.
 
-    Its inertia is right; `error` [m] is what an iterative solution leaves in the step.
+    The inertia of the matrix is correct; `error` [m] is the remaining error of an iterative
+    solution.
     """
     scale, shifted, tau, made, saddle = potential.scale, A, 1.0, 0, work.constraints.saddle
     diagonal = potential.system.pattern.diagonal
@@ -114,7 +115,8 @@ def _newton_step(
         step, y = saddle.solve(-scale * point.g, -c, np.zeros(len(point.g)), error)
         made, convex = made + saddle.factorisations, saddle.definite
         if convex is None:
-            # Without a count of negative pivots the curvature along the step tells, up to its error.
+            # Without a count of negative pivots the curvature along the step decides, up to its
+            # error.
             unknown = error * float(np.abs(point.g).sum())
             convex = dot(step, point.g) <= dot(y, c) / scale + unknown
         if convex or shifts == MAX_SHIFTS:
@@ -122,7 +124,7 @@ def _newton_step(
         shifted = A.copy()
         shifted[diagonal] += tau * potential.shift
         tau *= 4.0
-        saddle.forget()  # only a factor of the shifted matrix tells its inertia
+        saddle.forget()  # only a factor of the shifted matrix yields its inertia
     raise AssertionError("unreachable: the loop returns")
 
 

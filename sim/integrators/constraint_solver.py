@@ -77,7 +77,7 @@ class ConstraintSolver:
     def restore(self, arrays: Mapping[str, Array]) -> None:
         """Restore the memory from `arrays`."""
         self.multipliers = part_of(arrays, "step").get("multipliers")
-        # what has not been used yet is in its initial state
+        # unused parts are in their initial state
         if (saddle := part_of(arrays, "saddle")) or self._saddle is not None:
             self.saddle.restore(saddle)
         if (projection := part_of(arrays, "projection")) or self._projection is not None:

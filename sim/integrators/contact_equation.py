@@ -35,8 +35,8 @@ MAX_FLIPS = 6
 """Number of changes of a row after which it is released for the step."""
 
 SHORT, STALLED = 0.1, 8
-"""Length of a step along its direction that is no progress, and number of successive ones that end the
-iteration. Ordinary steps take two to four passes at full length."""
+"""Relative step length below which an iteration counts as stalled, and number of successive stalled
+iterations that end it. Ordinary steps take two to four passes at full length."""
 
 PASSES, HALVINGS = 60, 40
 
@@ -181,7 +181,7 @@ class ContactEquation:
             acting, last = multipliers.at(self.displacement(x)), np.inf
         if miss > self.tolerances.accepted:
             left = acting.miss(multipliers)
-            raise NotConverged((), self._until, f"contact did not converge, {left:.2g} m are left")
+            raise NotConverged((), self._until, f"contact did not converge; {left:.2g} m remain")
         assert solve is not None  # The loop is executed at least once.
         return x, acting, solve
 
@@ -238,8 +238,9 @@ class ContactEquation:
 
             def under(r: Array, error: float) -> Array:
                 start = np.zeros(len(r)) if self._settling else None
-                # The first motion leads to the conditions, and later ones along them. Multipliers are
-                # those of the whole step while it is settled, and of a small motion afterwards.
+                # The first solution moves x onto the constraints, later ones remain on them.
+                # Multipliers are those of the whole step while it is settled, and of a small motion
+                # afterwards.
                 found, _ = saddle.solve(r, gamma, start, error)
                 gamma[:] = 0.0
                 self.factorisations += saddle.factorisations

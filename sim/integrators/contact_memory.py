@@ -17,7 +17,8 @@ class ContactMemory:
     Attributes
     ----------
     stiffness : (Key, (n,)) or None
-        Integrator and step, and the diagonal of their stiffness that penalties follow [N/m].
+        Integrator and step, and the diagonal of their stiffness, to which penalties are
+        proportional [N/m].
     """
 
     def __init__(self, newton: NewtonFactor, n: int) -> None:

@@ -151,7 +151,7 @@ class StepSolver:
         return whole
 
     def columns(self, of: Index, solve: Callable[[Array], Array]) -> Array:
-        """Solutions (k, n) for unit vectors as `Solution.roughly` gives them, kept with a factor."""
+        """Solutions (k, n) for unit vectors by `Solution.roughly`, stored with a factor."""
         linear = self._solver.linear
         made_of = linear.factored if isinstance(linear, ReusedFactor) else None
         if self._columns is None or made_of is None or self._columns[0] is not made_of:
@@ -163,7 +163,7 @@ class StepSolver:
     def extrapolated(self, t: float, h: float, v: Array) -> Array:
         """Initial guess of the velocities at t + h from those at t.
 
-        Remembers them for the next step.
+        The latter are stored for the next step.
         """
         before, self._before = self._before, (t, t + h, v)
         if before is None or not math.isclose(before[1], t, rel_tol=1e-12, abs_tol=1e-12):

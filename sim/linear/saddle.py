@@ -97,7 +97,7 @@ class QuasiDefinite:
         if not left <= FAILURE * size:
             raise SingularSystem(
                 f"the constrained system was solved to {left / size:.1e} only, expected {FAILURE:g}: "
-                "the conditions contradict or repeat each other"
+                "the constraints are contradictory or linearly dependent"
             )
         return z
 

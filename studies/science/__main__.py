@@ -127,7 +127,7 @@ def _figures() -> str:
 
 
 def _cost(spent: "pd.Series[float]") -> str:
-    """Section on the measured time of the page."""
+    """Section on the measured run time of the page."""
     minutes = spent / 60.0
     parts = ", ".join(f"{name} {value:.1f}" for name, value in minutes.items())
     return (

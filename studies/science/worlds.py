@@ -57,7 +57,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             f"({', '.join(RECORDING)}), which change the EMG alone, and those of the person "
             f"({', '.join(PERSON)}). {found['volunteer'].nunique()} volunteers, instructions "
             f"{', '.join(subset())} only, the first repetition only; the worlds in which both are "
-            "matched or mismatched are cut out of the studies of all instructions and repetitions "
+            "matched or mismatched are parts of the studies of all instructions and repetitions "
             "below. All worlds use the same persons, instructions and random numbers. Of "
             f"{trials} trials, {lost} have no score.",
             "",

@@ -19,7 +19,7 @@ def scores(seed: int, markers: tuple[str, ...] = MARKERS, **attrs: object) -> xr
             "rho": ("marker", rng.uniform(-1, 1, n), {"units": "1"}),
             "amplitude_ratio": ("marker", rng.uniform(0, 2, n), {"units": "1"}),
             "rmse": ("marker", rng.uniform(0, 5e-3, n), {"units": "m"}),
-            "reason": ("marker", np.full(n, "", dtype="U24")),
+            "reason": ("marker", np.full(n, "", dtype="U40")),
             "shift": ((), rng.normal(0, 0.02), {"units": "s"}),
         },
         coords={"marker": list(markers)},
@@ -53,7 +53,7 @@ def results() -> list[Trial]:
                     if label == ("v1", "A", 1, "act_all"):
                         found["rho"][1] = np.nan
                         found["amplitude_ratio"][1] = 0.0
-                        found["reason"][1] = "simulated does not move"
+                        found["reason"][1] = "the simulated marker does not move"
                     made.append(
                         Trial(*label, found, sigma_max=300e3, steps=160, run_time=1.5 * seed)
                     )

@@ -41,7 +41,7 @@ def test_import_loads_only_the_standard_library(fresh):
 
 def test_accessor_is_there_once_xarray_is_imported_after_the_package(fresh):
     assert fresh[2] == [True, True]
-    assert fresh[3], "its module waits for the first use"
+    assert fresh[3], "its module is imported at the first use"
 
 
 def test_completion_lists_the_public_names(fresh):

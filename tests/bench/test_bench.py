@@ -55,7 +55,7 @@ def test_errors_fall_with_step_and_order_and_failures_are_named(measured):
     assert (table[TIME][:3] > 0.0).all()
     euler10, euler5, sdirk10 = table["change of rho"][:3]
     assert 0.0 < sdirk10 < euler5 < euler10 < 0.5
-    assert table["Pareto"][table["model"] == "element"].all(), "another model is no rival"
+    assert table["Pareto"][table["model"] == "element"].all(), "Pareto sets are those of one model"
 
 
 def test_error_control_reports_requested_and_achieved_errors(measured):
@@ -194,7 +194,7 @@ def test_tables_are_drawn_as_lines_or_as_bars():
     np.testing.assert_array_equal(lines[0].get_ydata(), [4.0, 3.0])
     assert [axes.get_title() for axes in figure.axes] == ["x", "y"]
     b = [line.get_color() for line in (figure.axes[0].get_lines()[1], *figure.axes[1].get_lines())]
-    assert b[0] == b[1] != lines[0].get_color(), "a name looks alike in all panels"
+    assert b[0] == b[1] != lines[0].get_color(), "equal names have equal colours"
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
     assert figure.get_suptitle() == "errors (simulated)"
     bars = draw(table, Chart("of", ("mm", "time"), "all [ms]"), "cost").axes[0]

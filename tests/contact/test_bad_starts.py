@@ -67,7 +67,8 @@ def test_an_overlapping_start_is_refused_or_does_not_deepen(method, integrator, 
 def test_blocks_whose_sides_and_nodes_coincide_are_refused_or_rest_on_each_other(
     method, integrator, depth
 ):
-    """For any rounding of the contact; with a larger overlap they stay at rest."""
+    """They rest on each other for any rounding of the gap; with a larger overlap they stay at
+    rest."""
     mesh, a, b = two_bodies(grid((2, 2, 2), BLOCK), grid((2, 2, 2), BLOCK), [0, 0, 0.01 - depth])
     system, error = refused(method, mesh, sim.Pairing(a, b))
     if error is not None:

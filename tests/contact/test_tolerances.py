@@ -35,9 +35,9 @@ def landed(integrator, scale):
 
 @pytest.mark.parametrize("integrator", [sim.LinearlyImplicitEuler(), sim.ConvergedEuler()])
 def test_bodies_of_another_size_move_alike(integrator):
-    """A length of the package itself would let a scene of a hundred times the size move otherwise.
+    """With fixed lengths, a scene of a hundred times the size would move differently.
 
-    One is left, the distance of 1e-6 m from an edge within which a point is on it
+    One fixed length remains, the distance of 1e-6 m from an edge within which a point is on it
     (`sim._kernels.signed`); the block does not yet tip over an edge in this time.
     """
     original = landed(integrator, 1.0)

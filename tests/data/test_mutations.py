@@ -168,7 +168,7 @@ FORMATS: dict[str, Callable[[Path], tuple[Path, Path]]] = {
 
 
 def mutated(whole: bytes, rng: random.Random) -> bytes:
-    """Damage a file in one of the ways files are damaged."""
+    """Damage a file in one of seven typical ways."""
     kind = rng.randrange(7)
     data = bytearray(whole)
     early = rng.randrange(min(len(data), 1024))  # headers lie at the beginning
@@ -182,7 +182,7 @@ def mutated(whole: bytes, rng: random.Random) -> bytes:
     elif kind == 2:  # huge or negative counts
         size = rng.choice([2, 4, 8])
         data[early : early + size] = rng.choice([b"\xff", b"\x7f", b"\x00", b"9"]) * size
-    elif kind == 3:  # bytes that are no UTF-8
+    elif kind == 3:  # bytes that are not UTF-8
         data[early:early] = bytes(rng.randrange(128, 256) for _ in range(4))
     elif kind == 4:  # bytes from another place
         other = rng.randrange(len(data))

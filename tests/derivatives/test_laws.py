@@ -99,7 +99,7 @@ def test_an_unknown_code_gives_nan():
 
 
 def lines():
-    """Every line law, and the special cases of that with a tendon."""
+    """Every line law, and the special cases of the law with a tendon."""
     found = [cls(force_max=3.0, passive_fraction=0.2) for cls in LINE_LAWS]
     hill = found[-1]
     return [*found, replace(hill, pennation=0.4), replace(hill, tendon_strain=0.0)]
@@ -142,7 +142,7 @@ def test_hill_has_the_force_of_its_definition():
     assert rigid.evaluate(one, one, one)[1][0] == pytest.approx(5.0 * np.cos(0.3), rel=1e-12)
     elastic = Hill(5.0, tendon_ratio=0.4, pennation=0.3, tendon_strain=0.05)
     F = elastic.evaluate(one, one, one)[1][0]
-    y = 1.0 - 0.4 * (1.0 + 0.05 * F / 5.0)  # what the stretched tendon leaves to the fibres
+    y = 1.0 - 0.4 * (1.0 + 0.05 * F / 5.0)  # length of the fibres beside the stretched tendon
     l_opt = 0.6 / np.cos(0.3)
     length = np.hypot(y, l_opt * np.sin(0.3))
     active = np.exp(-((length / l_opt - 1.0) ** 2) / 0.45)

@@ -97,7 +97,7 @@ def test_isotropy(cls):
 
 @pytest.mark.parametrize("cls", ISOCHORIC_LAWS)
 def test_projection_gives_the_derivatives_by_C(cls):
-    """W(J^(-2/3) C) of the scalar laws, whose C-derivatives central differences give."""
+    """W(J^(-2/3) C) of the scalar laws: derivatives by C against central differences."""
     law, C, h = cls(), strain((1.3, 0.8, 1.25)), 1e-6
     code = kernel.ISOCHORIC_FIRST + law.code
 

@@ -50,7 +50,7 @@ def test_invalid_morsels_are_refused():
 
 
 def test_fused_steps_crush_a_morsel_as_the_general_path_does():
-    """A morsel is loaded and crushed, left, and a new one is loaded."""
+    """A morsel is loaded, crushed and unloaded, and a new one is loaded."""
 
     def heights(fused):
         system = falling(0.0101, diameter=0.01, force_max=0.5)

@@ -20,7 +20,7 @@ def top(moments=MOMENTS) -> sim.System:
 
 
 def moving(system: sim.System, *twist: float) -> sim.State:
-    """Rest with a twist of the first free body."""
+    """State at the rest positions with a twist of the first free body."""
     w = np.zeros(system.pattern.n)
     w[system.kinematics.first :][:6] = twist
     return system.kinematics.state(system.rest_state().pose, w, {})

@@ -48,7 +48,7 @@ def test_gif(short: xr.Dataset, tmp_path: Path) -> None:
             pixels.append(np.asarray(picture.convert("RGB")).astype(int))
     rows = [np.flatnonzero(np.ptp(p[:-30], axis=2).max(axis=1) > 30)[0] for p in pixels]
     assert done == [(1, 2), (2, 2)] and rows[1] < rows[0], "the face rises"
-    with pytest.raises(DataError, match=r"a.avi is no movie, expected .*\.gif or \.mp4"):
+    with pytest.raises(DataError, match=r"a.avi is not a movie, expected .*\.gif or \.mp4"):
         write_movie(short, tmp_path / "a.avi")
 
 

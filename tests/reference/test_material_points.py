@@ -1,7 +1,8 @@
 """Stress and spatial moduli at material points against those of another simulator.
 
 Provenance: ArtiSynth 3.9 (see the README beside the data). Its moduli are the push-forward
-D_ijkl = F_iI F_jJ F_kK F_lL D_IJKL / J of the material ones, in the component order of ours.
+D_ijkl = F_iI F_jJ F_kK F_lL D_IJKL / J of the material ones, in the component order of this
+package.
 """
 
 import json
@@ -47,7 +48,7 @@ def pushed_forward(F, S, D):
 
 
 def isochoric(F, add):
-    """Both of an isochoric law, given what adds its derivatives by the isochoric C."""
+    """Stress and moduli of an isochoric law, from the function that adds its derivatives."""
     J, C = np.linalg.det(F), F.T @ F
     Sb, Db, S, D = (np.zeros(shape) for shape in (6, (6, 6), 6, (6, 6)))
     add(J, six(C), Sb, Db)

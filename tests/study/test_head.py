@@ -191,7 +191,7 @@ def test_a_dropout_at_an_end_is_not_filled_and_the_rest_is_kept(frames):
     truth = still_face_moving_lips()
     moved = head_motion(truth)
     moved[frames, 7] = np.nan
-    moved[30:33, 7] = np.nan  # one between frames is bridged as ever
+    moved[30:33, 7] = np.nan  # a gap between frames is interpolated as before
     result = frames_of(in_head_frame(positions_of(moved), PARAMETERS, reference()))
     lost = np.isnan(result[:, 7, 0])
     assert np.flatnonzero(lost).tolist() == np.arange(FRAMES)[frames].tolist()

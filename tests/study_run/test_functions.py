@@ -101,7 +101,7 @@ def test_changes_keep_the_other_settings_of_a_study():
 
 
 def test_errors_are_reported(file, laboratory, tmp_path, slab):
-    with pytest.raises(ConfigurationError, match="folder for its results"):
+    with pytest.raises(ConfigurationError, match="folder for the results"):
         ef.study()
     with pytest.raises(ConfigurationError, match="did you mean 'sigma_max'"):
         ef.simulate(file, slab, sigmamax=1e5)

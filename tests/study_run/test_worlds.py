@@ -302,7 +302,7 @@ def test_recordings_have_the_stated_signal_to_noise_ratio(emg: str) -> None:
             rng=np.random.default_rng(seed),
         ).values  # fmt: skip
 
-    # The movements that the noise was chosen by, with other action potentials and other noise.
+    # The movements by which the noise was chosen, with other action potentials and other noise.
     moved = [trial_excitation(PERSON, instruction, 1, own) for instruction in INSTRUCTIONS]
     trials = [heard(one, 10 * run + k) for run in range(3) for k, one in enumerate(moved)]
     rest = heard(0.0 * trial_excitation(PERSON, "A", 1, own), 99)

@@ -89,7 +89,7 @@ def test_a_smile_looks_like_a_smile(coarse: xr.Dataset, positions: dict[str, np.
         assert 5.5 < np.linalg.norm(mouth.moved(q, "corner_left")) < 14.0
         assert 40.0 < np.degrees(np.arctan2(up, -side)) < 56.0
         assert 0.12 < mouth.widening(q) < 0.35
-        assert mouth.upper_margin(q) > 0.5, "the upper lip does not dip"
+        assert mouth.upper_margin(q) > 0.5, "the upper lip does not descend"
         for marker in ("upper_paramedian_left", "upper_lateral_left"):
             assert mouth.moved(q, marker)[2] > 0.5
     assert mouth.opening(positions["D"]) > 5.0 > mouth.opening(mouth.rest)

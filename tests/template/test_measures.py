@@ -24,7 +24,7 @@ def test_every_measure_has_a_norm_with_source_and_standing() -> None:
     assumed = table["standing"] == "assumption"
     assert (table["standing"][~assumed] == "found").all()
     assert 5 <= (~assumed).sum() < len(table)
-    assert (table["note"][assumed].str.len() > 5).all(), "an assumption says what it rests on"
+    assert (table["note"][assumed].str.len() > 5).all(), "an assumption states its basis"
     assert (table[["men_sd", "women_sd"]] > 0).all(axis=None)
     for sex in ("men", "women"):
         assert (table["smallest"] < table[sex] - table[f"{sex}_sd"]).all()
@@ -84,7 +84,7 @@ def test_measures_without_a_valid_mesh_are_refused_by_name(
 
 @pytest.mark.slow
 def test_any_measures_give_a_valid_face_or_are_refused_by_name() -> None:
-    """Half of the measures have any value within their bounds."""
+    """Half of the measures are drawn from the whole range between their bounds."""
     rng, built = np.random.default_rng(3), 0
     for _ in range(8):
         values = {n.name: 1e-3 * rng.uniform(*n.bounds) for n in NORMS if rng.random() < 0.5}

@@ -19,7 +19,7 @@ def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, f
     ----------
     muscles : names with sides ``_L`` and ``_R``.
     groups : mapping
-        Members that are no muscle of the model are left out.
+        Members that are not muscles of the model are omitted.
 
     Returns
     -------

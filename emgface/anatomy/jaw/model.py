@@ -28,7 +28,7 @@ class JawBody:
     ----------
     name : str
     mass : float
-        [kg]; 0 where it stays.
+        [kg]; 0 if the body is fixed.
     centre : (3,) [m]
     inertia : (3, 3) about the centre [kg m^2].
     damping : (2,) of the translation [kg/s] and of the rotation [kg m^2/s].
@@ -78,11 +78,11 @@ class JawJoint:
     point : str
         Guided point; for a hinge, the name of the second body.
     one_sided : bool
-        Whether the point may leave to the side of the normal.
+        True if the point may move away to the side of the normal.
     forward : (3,) direction along the curve.
-    coefficients : (4,) of the height over the way x along the curve, sum_k c_k x^k [m^(1 - k)].
+    coefficients : (4,) of the height sum_k c_k x^k at the distance x along the curve [m^(1 - k)].
     length : float
-        Way over which the polynomial applies [m]; it goes straight on beyond.
+        Distance for which the polynomial applies [m]; beyond it the curve is straight.
     """
 
     name: str

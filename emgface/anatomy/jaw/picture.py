@@ -1,4 +1,4 @@
-"""Moving page of a jaw: bones, muscles coloured by activation, paths and forces."""
+"""Page with a moving jaw: bones, muscles coloured by activation, paths and forces."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 BONE, CARTILAGE, STILL = (0.90, 0.86, 0.76), (0.66, 0.77, 0.82), (0.80, 0.79, 0.78)
 RELAXED, ACTIVE = (0.86, 0.62, 0.58), (0.60, 0.02, 0.10)
-"""Colours of bones, cartilages, bones that stay, and of muscles at activation 0 and 1."""
+"""Colours of bones, cartilages, fixed bones, and of muscles at activation 0 and 1."""
 FRAMES = 60.0
 """Most frames per second."""
 THINNED = 0.35
@@ -132,7 +132,7 @@ def _geometry(motion: xr.Dataset) -> tuple[Floats, NDArray[np.int64], Floats, ND
 
 
 def _moved(motion: xr.Dataset, X: Floats, body: NDArray[np.integer]) -> Floats:
-    """Positions (time, n, 3) of points at X (n, 3) at rest on bodies (n,), -1 for those that stay."""
+    """Positions (time, n, 3) of points at X (n, 3) at rest on bodies (n,), -1 for fixed ones."""
     position = motion["body_position"].transpose("time", "body", "axis").values
     q = motion["body_quaternion"].transpose("time", "body", "part").values
     still = np.broadcast_to(X, (len(position), *X.shape)).copy()

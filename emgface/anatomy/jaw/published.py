@@ -258,7 +258,7 @@ def _joints(points: dict[str, tuple[str, Floats]], free: bool, condyle: Condyle)
 
 
 def _path() -> tuple[float, float, float, float]:
-    """Depth of the condylar path over the way forward, in powers of it [m].
+    """Coefficients of the depth of the condylar path as a polynomial of the anterior distance [m].
 
     z(0) = 0, z'(0) = -40 pi/180, z(12 mm) = -5 mm, z'(12 mm) = -10 pi/180: the program takes the angles
     in radians as slopes.

@@ -77,7 +77,7 @@ CONDYLE_SLOPE, BITE_SLOPE, WALL_TURN = 40.0, 10.0, 1.0
 CURVE_LENGTH, CURVE_DEPTH, CURVE_END_SLOPE = 12.0, 5.0, 10.0
 """Condylar path: horizontal length and depth [mm], slope of its end [degrees]."""
 CURVE_STRIPS = 20
-"""Plane strips of the path; it goes on along the last one, whose slope is that in its middle."""
+"""Number of plane strips of the path, which is straight beyond the middle of the last one."""
 
 HINGE = (0.0, 23.0, -24.0)
 MEMBRANES = {"thMem": ("hyoid", "thyroid", 0.0), "ctrMem": ("cricoid", "sternum", 10.0)}

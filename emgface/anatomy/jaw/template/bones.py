@@ -154,7 +154,7 @@ def _cheek(p: Mapping[str, Floats]) -> list[_Station]:
 
 
 def _eminence(p: Mapping[str, Floats], jaw: JawMeasures) -> list[_Station]:
-    """Roof of the joint over the way of the condyle."""
+    """Roof of the joint along the path of the condyle."""
     from emgface.anatomy.jaw.template.joints import path_depth
 
     top = p["condyle"] + [0.0, 0.0, 1e-3 + CONDYLE[2]]
@@ -166,7 +166,7 @@ def _eminence(p: Mapping[str, Floats], jaw: JawMeasures) -> list[_Station]:
 
 
 def _sections(stations: list[_Station]) -> tuple[Floats, Floats]:
-    """Centres (k, 3) and half sizes (k, 2) [m] at equal parts of the way along a smooth curve."""
+    """Centres (k, 3) and half sizes (k, 2) [m] at equal distances along a smooth curve."""
     centres = np.array([np.asarray(s.centre, dtype=np.float64) for s in stations])
     sizes = 1e-3 * np.array([(s.across, s.along) for s in stations])
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(centres, axis=0), axis=1))])
@@ -191,7 +191,7 @@ def _rings(centres: Floats, sizes: Floats) -> Floats:
     """Sections (k, AROUND, 3): ellipses across the curve, with one axis horizontal."""
     along = np.gradient(centres, axis=0)
     if centres[-1, 0] == 0.0:
-        along[-1] = [-1.0, 0.0, 0.0]  # it goes on in its mirror image
+        along[-1] = [-1.0, 0.0, 0.0]  # the mirror image continues it
     t = along / np.linalg.norm(along, axis=1)[:, None]
     outward = np.column_stack([-t[:, 1], t[:, 0], np.zeros(len(t))])
     outward *= np.where(outward @ [1.0, 1e-3, 0.0] < 0.0, -1.0, 1.0)[:, None]

@@ -30,7 +30,7 @@ Anatomy) and limit protrusion; length and stiffness are chosen so that it is wit
 
 
 def path_depth(way: float, length: float) -> float:
-    """Depth of the condylar path below its start [m] after a horizontal way [m].
+    """Depth of the condylar path below its start [m] after a horizontal distance [m].
 
     A parabola of slope tan 40 degrees at the start, level at the crest of the eminence.
     """

@@ -25,9 +25,10 @@ Floats = NDArray[np.float64]
 class Muscle(NamedTuple):
     """Bodies, places and architecture of the muscle of a side.
 
-    A place is a landmark and the way from it to the right, forward and up [mm]; the first number of a
-    landmark in the midline is the distance from it. ``force`` is the largest active force [N], ``fibre``
-    the optimal length of the fibres [mm], and ``stretch`` that length over their length at rest.
+    A place is a landmark and the displacement from it to the right, forward and up [mm]; the first
+    number of a landmark in the midline is the distance from it. ``force`` is the largest active force
+    [N], ``fibre`` the optimal length of the fibres [mm], and ``stretch`` that length over their length
+    at rest.
     """
 
     title: str
