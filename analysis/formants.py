@@ -103,15 +103,16 @@ def formant_table(cube: xr.Dataset) -> Table | None:
     for instruction in cube["instruction"].values:
         for strategy in cube["strategy"].values:
             one = selected(cube, {"instruction": instruction, "strategy": strategy})
-            start = one["formant_frequency"].isel(instant=0)
-            known = int(np.isfinite(one["formant_change"].sel(formant=1).values).sum())
-            row: list[Any] = [str(instruction), str(strategy), known]
-            row.append(_quantile(one["rho"], 0.5))
-            row += [_quantile(start.sel(formant=k), 0.5) for k in (1, 2)]
-            for k in (1, 2):
-                change = one["formant_change"].sel(formant=k)
-                row += [_quantile(change, q) for q in (0.5, 0.25, 0.75)]
-            row += [_quantile(one["formant_change"].sel(formant=k), 0.5) for k in (3, 4)]
+            change = one["formant_change"].transpose(..., "formant").values.reshape(-1, FORMANTS)
+            over = one["formant_frequency"].transpose(..., "formant", "instant").values
+            start = over.reshape(-1, FORMANTS, INSTANTS)[:, :, 0]
+            row: list[Any] = [str(instruction), str(strategy), int(np.isfinite(change[:, 0]).sum())]
+            row += [
+                _quantile(one["rho"].values, 0.5),
+                *(_quantile(start[:, k], 0.5) for k in (0, 1)),
+            ]
+            row += [_quantile(change[:, k], q) for k in (0, 1) for q in (0.5, 0.25, 0.75)]
+            row += [_quantile(change[:, k], 0.5) for k in (2, 3)]
             rows.append(tuple(row))
     origin = origin_of(cube)
     note = (
@@ -123,6 +124,6 @@ def formant_table(cube: xr.Dataset) -> Table | None:
     return Table(title, tuple(columns), tuple(rows), origin, note)
 
 
-def _quantile(values: xr.DataArray, q: float) -> float:
-    known = values.values[np.isfinite(values.values)]
+def _quantile(values: np.ndarray, q: float) -> float:
+    known = values[np.isfinite(values)]
     return float(np.quantile(known, q)) if known.size else float("nan")

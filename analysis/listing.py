@@ -19,7 +19,7 @@ def trials(cube: xr.Dataset) -> pd.DataFrame:
     ``n_undefined`` markers (both 0 for a trial that is not ok), the values per trial, and the names
     of the ``flags`` that are raised.
     """
-    stacked = cube.transpose(*MARKER_DIMS)
+    stacked = cube.transpose(*MARKER_DIMS, ...)
     rho = stacked["rho"].values.reshape(-1, stacked.sizes["marker"])
     table = pd.DataFrame(
         list(np.ndindex(*(stacked.sizes[dim] for dim in TRIAL_DIMS))), columns=list(TRIAL_DIMS)

@@ -136,7 +136,7 @@ def _outcome(case: dict[str, object]) -> dict[str, object]:
         "outcome": "ok" if good else "GROWS",
         "sound Pa": float(np.abs(p).max()),
         "glottis Pa": float(np.abs(sound.pressure).max()),
-        "jump": jump_ratio(p, rate, 0.08),
+        "jump": jump_ratio(p, rate, max(0.08, 0.2 * len(p) / rate)),
     }
 
 
@@ -267,7 +267,7 @@ def _lips_before_u(
     from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
     from emgface.anatomy.airway.sound import with_formants
     from emgface.face.contact_parameters import NO_CONTACT
-    from emgface.face.lip_shape import lip_rim, lip_shape
+    from emgface.face.mouth import Mouth
     from emgface.face.muscle_parameters import SIGMA_MAX
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.face.support import WALL
@@ -278,10 +278,8 @@ def _lips_before_u(
     )
     drive = {f"{muscle}_{side}": 1.0 for side in "LR"}
     found = equilibria(face, drive, base.model_copy(update=changes), levels=levels)
-    rim, kept = lip_rim(face), found.sel(level=list(LEVELS))
-    shapes = [lip_shape(face, rim, q) for q in kept["node_position"].values]
-    area = np.array([shape["area"] for shape in shapes])
-    forward = np.array([shape["margin_protrusion"] for shape in shapes])
+    mouth, kept = Mouth.of(face), found.sel(level=list(LEVELS))
+    area, forward = np.array([mouth.measure(q) for q in kept["node_position"].values]).T
     tract = with_formants(with_lips(ideal_vowel("u"), area, forward, np.arange(float(len(area)))))
     F = tract["formant_frequency"].values
     return pd.DataFrame(

@@ -12,9 +12,6 @@ from emgface.face.check import sheet_nodes
 from emgface.face.parts import OUTER
 from emgface.face.surface import boundary_edges, faces_among
 from emgface.muscles import LIP_MARKERS
-from sim import State, StepReport, System
-from sim.probes import Variable
-from sim.state import Control
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -109,54 +106,25 @@ def lip_shape(face: xr.Dataset, rim: LipRim, position: Floats) -> dict[str, floa
     `margin_protrusion`, that of the two margins in the midline [m].
     """
     top, bottom = (int(node) for node in face["lip_opening_node"].values)
-    gap, width = _gap(rim, position)
-    step = width / (SAMPLES - 1)
+    upper, lower = position[rim.upper], position[rim.lower]
+    ends = np.array([upper[0, 0], upper[-1, 0]])
+    low, high = float(ends.min()), float(ends.max())
+    x = np.linspace(low, high, SAMPLES)
+    gap = _height(upper, x) - _height(lower, x)
+    step = (high - low) / (SAMPLES - 1)
     node = face["marker_node"].values
     paramedian = [node[k] for k, name in enumerate(LIP_MARKERS) if "paramedian" in name]
     forward = (position - face["position"].values)[:, 1]
     height = lip_opening(face, position)
     return {
-        "width": width,
+        "width": high - low,
         "height": height,
         "area": float(np.maximum(gap, 0.0).sum() * step),
         "overlap": float(np.maximum(-gap, 0.0).sum() * step),
-        "roundness": height / width,
+        "roundness": height / (high - low),
         "protrusion": float(forward[paramedian].mean()),
         "margin_protrusion": float(forward[[top, bottom]].mean()),
     }
-
-
-@dataclass(frozen=True, eq=False)
-class MouthProbe:
-    """Area of the mouth opening and protrusion of the margins of the lips, as in `lip_shape`.
-
-    `face` is the face model whose geometry the protrusion refers to.
-    """
-
-    face: xr.Dataset
-    rim: LipRim
-
-    def variables(self) -> tuple[Variable, ...]:
-        """Name, unit and dims of the recorded variables."""
-        return (Variable("mouth_area", "m2", ()), Variable("lip_protrusion", "m", ()))
-
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[float, ...]:
-        """Return area [m^2] and protrusion [m] of a state."""
-        gap, width = _gap(self.rim, state.q)
-        margins = self.face["lip_opening_node"].values
-        forward = (state.q[margins] - self.face["position"].values[margins])[:, 1].mean()
-        return float(np.maximum(gap, 0.0).sum() * width / (SAMPLES - 1)), float(forward)
-
-
-def _gap(rim: LipRim, position: Floats) -> tuple[Floats, float]:
-    """Height of the upper above the lower margin at `SAMPLES` places across the mouth; its width."""
-    upper, lower = position[rim.upper], position[rim.lower]
-    ends = np.array([upper[0, 0], upper[-1, 0]])
-    low, high = float(ends.min()), float(ends.max())
-    x = np.linspace(low, high, SAMPLES)
-    return _height(upper, x) - _height(lower, x), high - low
 
 
 def _height(margin: Floats, x: Floats) -> Floats:

@@ -10,7 +10,8 @@ import xarray as xr
 from emgface.errors import ActivationError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.integration import integrator_of, steps_of
-from emgface.face.lip_shape import UP, MouthProbe, has_mouth, lip_rim
+from emgface.face.lip_shape import UP, has_mouth
+from emgface.face.mouth import Mouth
 from emgface.face.numerical_error import largest_motion, numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
@@ -143,7 +144,7 @@ def simulate_face(
 
     The result contains ``position(marker, axis, time)`` [m] of the lip markers from time 0, with
     ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each
-    other), ``mouth_area`` [m^2] and ``lip_protrusion`` [m] (`MouthProbe`) of a face with a mouth
+    other), ``mouth_area`` [m^2] and ``lip_protrusion`` [m] (`Mouth`) of a face with a mouth
     opening, energies [J] and ``numerical_error`` [m] of the markers
     (`emgface.face.numerical_error`). Its attributes are ``solver``, ``contact``, ``step`` and
     ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated"; ``unstable_from_s``,
@@ -241,7 +242,7 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
         probes.append(Opening(upper, lower, UP))
     if has_mouth(face):
-        probes.append(MouthProbe(face, lip_rim(face)))
+        probes.append(Mouth.of(face))
     return (*probes, StepErrors(nodes, names), SmallestJ(), Energies(), Iterations())
 
 

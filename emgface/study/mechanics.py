@@ -16,6 +16,7 @@ MECHANICS: Final = (
     "emgface.face.lips",
     "emgface.face.parts",
     "emgface.face.motion",
+    "emgface.face.mouth",
     "emgface.face.numerical_error",
     "emgface.face.quality",
     "emgface.face.recipe",

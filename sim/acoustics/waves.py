@@ -124,10 +124,9 @@ def _at_nodes(half: Floats) -> Floats:
     return np.pad(half, ((0, 0), (0, 1))) + np.pad(half, ((0, 0), (1, 0)))
 
 
-def _wide(x: Floats, value: float = 0.0) -> Floats:
-    """Fill rows up to a whole number of `LANES`, and at least one entry."""
-    more = LANES - x.shape[1] % LANES
-    return np.pad(x, ((0, 0), (0, more)), constant_values=value)
+def _filled(nodes: int) -> int:
+    """Entries of arrays of some nodes: a whole number of `LANES`, one of them closed at least."""
+    return LANES * (nodes // LANES + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +183,12 @@ class _Layout:
         m, N = self.medium, self.sections
         flux, mean, h, C = self.at(times)
         V, surface = _at_nodes(0.5 * mean * h), _at_nodes(0.5 * C * h)
-        per = _wide(_middle(surface) / _middle(V))
+        width = _filled(V.shape[1])
+
+        def wide(x: Floats, value: float = 0.0) -> Floats:
+            return np.pad(x, ((0, 0), (0, width - x.shape[1])), constant_values=value)
+
+        per = wide(_middle(surface) / _middle(V))
         S = _middle(flux)
         rate = np.zeros_like(S)
         rate[:, S[0] > 0.0] = m.friction_rate(S[:, S[0] > 0.0])
@@ -200,7 +204,7 @@ class _Layout:
         if self.branch is not None:
             inverse[:, N] = 0.0
         return _Grid(
-            _wide(flux), _wide(V, 1.0), _wide(inverse), _wide(rate), m.yielding * per,
+            wide(flux), wide(V, 1.0), wide(inverse), wide(rate), m.yielding * per,
             m.heat_rate * per, load, np.stack([narrow.astype(np.float64), loss], axis=1),
         )  # fmt: skip
 
@@ -315,7 +319,7 @@ def simulate_tube(
     left = np.pad((1.0 - beta) / (1.0 + beta), fill)
     gain = np.pad(2.0 * beta * weight / (1.0 + beta) ** 2, fill)
     losses = float(np.sum(weight / (1.0 + beta))), left, gain
-    width = LANES * (nodes // LANES + 1)
+    width = _filled(nodes)
     lines = [np.zeros(width) for _ in range(4)]
     memory = [np.zeros((len(left), width)) for _ in range(2)]
     ports, motion, out = np.zeros(4), np.zeros(4), np.zeros((n, 5))

@@ -1,7 +1,5 @@
 """Area functions of tables, surfaces and lips; their sound, files and commands."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -21,7 +19,8 @@ from emgface.anatomy.airway.sections import centre_line, sections
 from emgface.anatomy.airway.sound import source_of, synthesise, with_formants, write_wave
 from emgface.errors import ConfigurationError, DataError
 from emgface.face.contact_parameters import NO_CONTACT
-from emgface.face.lip_shape import MouthProbe, lip_rim, lip_shape
+from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.face.mouth import Mouth
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from sim.acoustics import SMALLEST
@@ -165,19 +164,32 @@ def test_rounding_lips_lower_the_formants():
     assert "only the lips move" in tract.attrs["assumptions"]
 
 
-def test_the_lips_of_a_trajectory_are_those_of_its_face(coarse):
-    rim, q = lip_rim(coarse), coarse["position"].values.copy()
-    q[np.union1d(rim.upper, rim.lower), 1] += 0.004
-    q[rim.upper, 2] += 0.002
-    probe, shape = MouthProbe(coarse, rim), lip_shape(coarse, rim, q)
-    found = probe.record(None, SimpleNamespace(q=q), None, None)
-    assert found == pytest.approx((shape["area"], shape["margin_protrusion"]))
-    area = ("time", [1e-4, found[0]])
-    motion = xr.Dataset({"mouth_area": area, "lip_protrusion": ("time", [0.0, found[1]])})
-    at, forward, time = lips_of_trial(motion.assign_coords(time=[0.0, 0.1]))
+def test_the_opening_of_the_mouth_is_what_one_sees_through_it(coarse):
+    """Less than between the margins; it grows by the width times a shift and ends at closure."""
+    mouth, rim, rest = Mouth.of(coarse), lip_rim(coarse), coarse["position"].values
+    area, forward = mouth.measure(rest)
+    assert 0.0 < area < lip_shape(coarse, rim, rest)["area"] and forward == 0.0
+    upper = np.setdiff1d(mouth.upper, mouth.lower)
+    moved = rest.copy()
+    moved[upper] += [0.0, 0.0, 0.003]
+    moved[mouth.margins, 1] += 0.004
+    opened, forward = mouth.measure(moved)
+    width = np.ptp(rest[mouth.corners, 0])
+    assert opened - area == pytest.approx(0.003 * width, rel=0.1)
+    assert forward == pytest.approx(0.004)
+    moved[upper] -= [0.0, 0.0, 0.008]
+    assert mouth.measure(moved)[0] < 0.02 * area
+    assert mouth.measure(rest + [0.1, 0.2, 0.3])[0] == pytest.approx(area)
+
+
+def test_the_lips_of_a_trajectory_are_interpolated():
+    motion = xr.Dataset(
+        {"mouth_area": ("time", [1e-4, 2e-4]), "lip_protrusion": ("time", [0.0, 0.004])},
+        {"time": [0.0, 0.1]},
+    )
+    area, forward, time = lips_of_trial(motion)
     assert time == pytest.approx(np.linspace(0.0, 0.1, 11)) and (np.diff(forward) > 0.0).all()
-    assert at[[0, -1]] == pytest.approx([1e-4, shape["area"]])
-    assert forward[-1] == pytest.approx(0.004)
+    assert area[[0, -1]] == pytest.approx([1e-4, 2e-4]) and forward[-1] == pytest.approx(0.004)
     with pytest.raises(DataError, match="no mouth_area"):
         lips_of_trial(motion.drop_vars("mouth_area"))
 

@@ -8,6 +8,7 @@ from analysis.cube import build_cube
 from analysis.errors import FigureError
 from analysis.figures import formant_plot
 from analysis.formants import INSTANTS, formant_table, with_formants
+from analysis.listing import trials
 from analysis.trial import Trial
 from emgface.anatomy.airway import sound
 from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
@@ -67,6 +68,7 @@ def test_the_table_of_formants_states_what_moves(cube):
     assert row["change of F2"] < row["change of F1"] < 0.0 < row["F1 at the start"]
     assert table.rows[1][2] == 0
     assert formant_table(cube.drop_vars("formant_change")) is None
+    assert list(trials(cube)["strategy"]) == ["act_all", "act_3"]  # lists the trials of such a cube
 
 
 def test_the_figure_of_formants(cube, tmp_path):

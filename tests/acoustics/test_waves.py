@@ -1,5 +1,7 @@
 """Waves in time: formants, bandwidths, energy, order, sampling, closure, changing shapes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from sim.acoustics import (
     resonances,
     rosenberg,
     simulate_tube,
+    waves,
 )
 from sim.errors import AcousticsError, CourantError
 from tests.acoustics.shapes import AH, EE, TABLE, tubes
@@ -57,6 +60,19 @@ def test_a_nasal_branch_agrees_with_the_matrix_method():
     assert len(sharp) > 3  # more formants than without the branch
     found, _ = response(*AH, Medium(), branch=branch)
     assert nearest(found, sharp) == pytest.approx(sharp, rel=0.012)
+
+
+@pytest.mark.parametrize("sections", [14, 15, 16, 31])
+def test_every_array_of_the_kernel_has_an_entry_for_every_node(monkeypatch, sections):
+    """Kernels do not check their indices; the numbers of cells and nodes are filled together."""
+    widths = set[int]()
+
+    def inspect(dt, block, air, wall, losses, state, w, motion, grid, *_):
+        widths.update(x.shape[-1] for x in (*state, *grid[:6]))
+
+    monkeypatch.setattr(waves, "kernels", SimpleNamespace(advance=inspect))
+    simulate_tube(*AH, CLICK, duration=0.01, sections=sections)
+    assert len(widths) == 1 and widths.pop() > sections
 
 
 def test_energy_of_the_lossless_tube_is_constant():

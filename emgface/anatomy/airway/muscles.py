@@ -9,7 +9,7 @@ import xarray as xr
 from emgface.anatomy.airway.area_function import with_lips
 from emgface.anatomy.airway.parameters import LIPS
 from emgface.anatomy.airway.sound import with_formants
-from emgface.face.lip_shape import lip_rim, lip_shape
+from emgface.face.mouth import Mouth
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.actions import steady_positions
 from emgface.muscles import MODELLED
@@ -56,12 +56,10 @@ def formants_by_muscle(
     ActivationError, ControlError, InvertedElement, NotConverged
         As `steady_positions`.
     """
-    rim = lip_rim(face)
+    mouth = Mouth.of(face)
     runs = [{}, *({f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles)]
     position, _ = steady_positions(face, runs, parameters=parameters)
-    found = [lip_shape(face, rim, q) for q in position]
-    area = np.array([shape["area"] for shape in found])
-    forward = np.array([shape["margin_protrusion"] for shape in found])
+    area, forward = np.array([mouth.measure(q) for q in position]).T
     time = np.arange(float(len(runs)))
     moved = with_formants(with_lips(tract, area, forward, time, lips=lips))
     values = np.column_stack([1e6 * area, 1e3 * forward, moved["formant_frequency"].values])
