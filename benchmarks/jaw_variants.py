@@ -16,7 +16,7 @@ import sim
 from emgface.anatomy.jaw.outcomes import displacement, interincisal, separation
 from emgface.anatomy.jaw.published import import_jaw
 from emgface.anatomy.jaw.run import run_task
-from emgface.anatomy.jaw.series import read_probes
+from emgface.anatomy.jaw.series import Excitation, read_probes
 from emgface.anatomy.jaw.tasks import TASKS, Task
 
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
@@ -131,6 +131,8 @@ def outcomes(jaw: xr.Dataset) -> dict[str, float | str]:
     for force in PULLS:
         measure(TASKS["pull"], pulled(force), load=(0.0, 0.0, -force))
     series = read_probes(SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew")
+    known = set(jaw["exciter"].values.tolist())  # a fixed hyoid has fewer muscles
+    series = Excitation(series.time, {k: u for k, u in series.values.items() if k in known})
     measure(TASKS["chew"], chewed, excitation=series, duration=0.7)
     measure(TASKS["swallow"], swallowed)
     return found
