@@ -61,6 +61,18 @@ def cost() -> pd.DataFrame:
             {"method": "staggered", "sections": sections, "terms": terms, "rate Hz": sound.rate,
              "error %": 100.0 * np.abs(error).max(), "s per s": spent, "times real time": 1 / spent}
         )  # fmt: skip
+    moving = _closing(20e-3) | {"duration": 0.3}
+    still = {"areas": AH[0], "length": AH[1], "duration": 0.3}
+    for name, how in (("folds and noise", still), ("folds and noise, lips move", moving)):
+        simulate_tube(source=Folds(), turbulence=Turbulence(), **how)  # pyright: ignore
+        start = time.process_time()
+        for _ in range(3):
+            simulate_tube(source=Folds(), turbulence=Turbulence(), **how)  # pyright: ignore
+        spent = (time.process_time() - start) / 0.9
+        rows.append(
+            {"method": f"staggered, {name}", "sections": 60, "terms": 4, "rate Hz": 132_300.0,
+             "error %": np.nan, "s per s": spent, "times real time": 1 / spent}
+        )  # fmt: skip
     areas, click = np.repeat(AH[0], 4), np.zeros(40_000)
     click[1] = 1e-6
     kelly_lochbaum(areas, AH[1], click)
