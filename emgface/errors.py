@@ -57,5 +57,13 @@ class StoreError(EmgfaceError):
     """Results cannot be written, or their parameters cannot be expressed as JSON."""
 
 
+class ExecutionError(EmgfaceError):
+    """Jobs cannot be executed: no scheduler, workers of other code, or no common file system."""
+
+
+class WorkerDied(ExecutionError):
+    """A process that executed a job was killed or ran out of memory."""
+
+
 class FeatureWarning(UserWarning):
     """A feature is zero, saturated, or of a narrowed pass-band."""

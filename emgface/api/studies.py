@@ -13,6 +13,7 @@ def study(
     out: "File | None" = None,
     *,
     workers: int = 1,
+    scheduler: str | None = None,
     accuracy: str | None = None,
     progress: bool | None = None,
     **tables: Any,
@@ -27,6 +28,8 @@ def study(
         Folder of the results. Results that are stored there are not computed again.
     workers : int
         Number of processes that simulate.
+    scheduler : str, optional
+        Address of a dask.distributed scheduler whose workers compute instead.
     accuracy : str, optional
         "draft", "study", "reference", "published", or the desired error such as "0.1 mm".
     progress : bool, optional
@@ -48,7 +51,9 @@ def study(
     DataError
         No recording can be used, or the face is not valid.
     StoreError
-        Results cannot be written.
+        Results cannot be read or written.
+    ExecutionError
+        The scheduler or its workers cannot compute.
 
     Examples
     --------
@@ -59,6 +64,7 @@ def study(
     from emgface.api.given import changed, simulation_of, study_of
     from emgface.api.progress import shown
     from emgface.errors import ConfigurationError
+    from emgface.study.cluster import DaskWorkers
     from emgface.study.run import run_study
     from emgface.study.variants import check_axes
 
@@ -72,4 +78,10 @@ def study(
     plan = changed(plan, tables, "study").model_copy(update={"simulation": simulation})
     check_axes(plan, where="study")
     with shown(progress, f"study {plan.name}") as line:
-        return run_study(plan, Path(out), workers=workers, observer=line)
+        if scheduler is None:
+            return run_study(plan, Path(out), workers=workers, observer=line)
+        chosen = DaskWorkers(scheduler)
+        try:
+            return run_study(plan, Path(out), workers=chosen, observer=line)
+        finally:
+            chosen.end()

@@ -18,6 +18,7 @@ from emgface.cli import (
     simulate,
     sound,
     study,
+    study_state,
     trial,
     volunteers,
 )
@@ -55,6 +56,14 @@ def common(
 
 
 app.command()(study.demo)
+for state in (
+    study_state.status,
+    study_state.explain,
+    study_state.gc,
+    study_state.export,
+    study_state.reproduce,
+):
+    study.app.command()(state)
 app.add_typer(study.app, name="study")
 app.add_typer(face.app, name="face")
 app.add_typer(jaw.app, name="jaw")

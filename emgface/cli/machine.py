@@ -1,8 +1,12 @@
 """Properties of the machine: cores, threads, compiled kernels."""
 
 import os
+import signal
 import sys
+import threading
 import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from emgface.cli.console import say
@@ -34,6 +38,32 @@ def announce_compilation() -> None:
             "Compiling the numerical kernels; this is done once and takes about ten seconds "
             f"(stored in {cache_root()})."
         )
+
+
+@contextmanager
+def graceful_stop() -> Iterator[Callable[[], bool]]:
+    """Ask a long run to stop at the first Ctrl-C or SIGTERM, and interrupt it at the second.
+
+    Yields a function that returns True after the first.
+    """
+    received: list[int] = []
+
+    def receive(number: int, _: object) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+        say("Stopping after the trials that have begun; press Ctrl-C again to stop at once.")
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False  # only the main thread receives signals
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, receive) for number in numbers]
+    try:
+        yield lambda: bool(received)
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
 
 
 def show_page(page: Path) -> None:

@@ -1,17 +1,19 @@
 """``emgface study``, ``report`` and ``demo``."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from emgface.cli.console import BAD_INPUT, PARTIAL, Bar, progress, say, tell
-from emgface.cli.machine import announce_compilation, cores, show_page
+from emgface.cli.machine import announce_compilation, cores, graceful_stop, show_page
 from emgface.cli.options import AccuracyOption, OutPath, WorkersOption
 
 if TYPE_CHECKING:
     from emgface.report.kept import KeptReport, Page
     from emgface.study.configuration import StudyConfiguration
+    from emgface.study.parallel import Workers
     from emgface.study.report import Report
     from emgface.study.run import StudyResult
     from emgface.volunteers.settings import VolunteerParameters
@@ -39,13 +41,36 @@ def run(
     path: Annotated[Path, typer.Argument(help="Study file (TOML).")],
     out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
     workers: WorkersOption = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="dask.distributed scheduler whose workers compute, such as tcp://host:8786; they "
+            "must share the folder of the results.",
+        ),
+    ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the stored results, which studies may share; default: in --out."
+        ),
+    ] = None,
     accuracy: AccuracyOption = None,
 ) -> None:
-    """Run a study, or complete one that was interrupted."""
+    """Run a study, or complete one that was interrupted.
+
+    Ctrl-C and SIGTERM complete the trials that have begun; a second one stops at once.
+    """
+    from emgface.study.cluster import DaskWorkers
     from emgface.study.file import load_study
 
     configuration = _as_accurate(load_study(path), accuracy)
-    raise typer.Exit(_run(configuration, out_path, workers or cores()))
+    chosen = DaskWorkers(scheduler) if scheduler else workers or cores()
+    try:
+        raise typer.Exit(_run(configuration, out_path, chosen, store))
+    finally:
+        if not isinstance(chosen, int):
+            chosen.end()
 
 
 def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "StudyConfiguration":
@@ -56,9 +81,15 @@ def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "
     return configuration.model_copy(update={"simulation": simulation})
 
 
-def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> int:
+def _run(
+    configuration: "StudyConfiguration",
+    out_path: Path,
+    workers: "int | Workers",
+    store: Path | None,
+) -> int:
     """Run a study, print its tables and return the exit code."""
-    result, report = _results(configuration, out_path, workers)
+    with graceful_stop() as stopping:
+        result, report = _results(configuration, out_path, workers, store, stopping)
     tell(report.summary)
     for sentence in report.meaning:
         tell(sentence)
@@ -69,7 +100,11 @@ def _run(configuration: "StudyConfiguration", out_path: Path, workers: int) -> i
 
 
 def _results(
-    configuration: "StudyConfiguration", out_path: Path, workers: int
+    configuration: "StudyConfiguration",
+    out_path: Path,
+    workers: "int | Workers",
+    store: Path | None = None,
+    stopping: Callable[[], bool] = lambda: False,
 ) -> "tuple[StudyResult, Report]":
     """Run a study and write its tables."""
     from emgface.study.report import write_report
@@ -77,7 +112,14 @@ def _results(
 
     announce_compilation()
     with progress(f"study {configuration.name}") as bar:
-        result = run_study(configuration, out_path, workers=workers, observer=bar)
+        result = run_study(
+            configuration,
+            out_path,
+            workers=workers,
+            observer=bar,
+            store=store,
+            stopping=stopping,
+        )
     return result, write_report(result.cube, out_path)
 
 

@@ -8,7 +8,7 @@ from typing import Final
 from emgface.report import figures
 from emgface.report.figures import Drawn
 from emgface.report.results import Results, open_results, study_cube
-from emgface.study.parallel import in_processes
+from emgface.study.parallel import run_jobs
 
 PARTS: Final = ("trial_figures", "score_figures", "baseline_figure", "formant_figure")
 """Functions of `emgface.report.figures` that depend on the folder of a study alone."""
@@ -33,7 +33,7 @@ def begin_figures(results: Results, workers: int) -> Future[Figures]:
 
 def _drawn(results: Results, jobs: Sequence[tuple[str, Path]], workers: int) -> Figures:
     made: Figures = {}
-    for index, (drawn, notes) in in_processes(_part, jobs, workers, begin=_begin, arguments=()):
+    for index, (drawn, notes) in run_jobs(_part, jobs, workers, begin=_begin, arguments=()):
         made[jobs[index][0]] = drawn
         results.notes += notes
     return made

@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,10 @@ from analysis.baselines import (
 from analysis.errors import AnalysisError
 from analysis.individual import asymmetry, instants, within_instruction
 from analysis.registration import mean_motion
-from analysis.trial import Trial
 from emgface.muscles import LIP_MARKERS
+from emgface.study.journal import Entry
 from emgface.study.measured import measured_during
+from emgface.study.motions import StoredMotion
 from emgface.study.observer import Observer
 from emgface.study.stages import ALIGNED, SCORES, Laboratory
 from emgface.study.store import Result, Stage
@@ -43,16 +45,27 @@ Person = tuple[str, str]
 
 @dataclass(frozen=True)
 class _Recorded:
-    """One recorded trial: lip positions, and simulated motions by strategy."""
+    """One recorded trial with its simulated motions by strategy."""
 
     recording: Recording
-    measured: xr.Dataset
-    motions: Mapping[str, Result]
+    motions: dict[str, StoredMotion]
+
+    @property
+    def first(self) -> StoredMotion:
+        """Motion of the first strategy."""
+        return next(iter(self.motions.values()))
+
+    @cached_property
+    def measured(self) -> xr.Dataset:
+        """Measured lip positions during the simulation."""
+        laboratory = self.first.laboratory
+        head = laboratory.study.signals.head_frame
+        return measured_during(self.recording.dataset, self.first.dataset, laboratory.face, head)
 
     @property
     def pace(self) -> float:
         """Recorded time per simulated time [1]."""
-        return float(next(iter(self.motions.values())).dataset.attrs["recorded_pace"])
+        return float(self.first.dataset.attrs["recorded_pace"])
 
     def digests(self, label: str) -> dict[str, str]:
         """Digests of the recording and of its motions, by name."""
@@ -64,63 +77,55 @@ def add_baselines(
     laboratory: Laboratory,
     cube: xr.Dataset,
     planned: Sequence[PlannedTrial],
-    results: Sequence[Trial],
+    entries: Mapping[tuple[str, str, int, str], Entry],
     extents: Mapping[str, Result],
     observer: Observer,
 ) -> xr.Dataset:
     """Add the baselines of its scores, computed from stored motions, to the cube of a study.
 
-    `planned` and `results` belong to the trials of the cube; `extents` contains the range of the
-    features per volunteer, if required. The result has the variables of
+    `planned` and `entries` are the trials of the cube and their outcomes; `extents` contains the
+    range of the features per volunteer, if required. The result has the variables of
     `analysis.baselines.VARIABLES`, NaN for trials that were not scored.
     """
-    persons: dict[Person, dict[int, _Recorded]] = defaultdict(dict)
-    for place, one in _recorded(laboratory, planned, results, extents).items():
-        persons[place[:2]][place[2]] = one
+    by_volunteer: dict[str, list[PlannedTrial]] = defaultdict(list)
+    for trial in planned:
+        by_volunteer[trial.place[0]].append(trial)
     typical: dict[Person, Result] = {}
-    for person, of in persons.items():
-        try:
-            typical[person] = _typical(laboratory, person, of)
-        except AnalysisError as error:
-            observer.message(f"No typical motion of {' '.join(person)}: {error}")
+    # Motions of one volunteer at a time are in memory.
+    for volunteer, trials in by_volunteer.items():
+        persons = _recorded(laboratory, trials, entries, extents.get(volunteer))
+        for person, of in persons.items():
+            try:
+                typical[person] = _typical(laboratory, person, of)
+            except AnalysisError as error:
+                observer.message(f"No typical motion of {' '.join(person)}: {error}")
     found: list[xr.Dataset] = []
-    for person, of in persons.items():
-        observer.working(f"baselines {' '.join(person)}")
-        others = {p: t for p, t in typical.items() if p[1] == person[1] and p[0] != person[0]}
-        elsewhere = {p[1]: r for p, r in persons.items() if p[0] == person[0] and p != person}
-        found.append(_baselines(laboratory, person, of, others, elsewhere).dataset)
+    for volunteer, trials in by_volunteer.items():
+        persons = _recorded(laboratory, trials, entries, extents.get(volunteer))
+        for person, of in persons.items():
+            observer.working(f"baselines {' '.join(person)}")
+            others = {p: t for p, t in typical.items() if p[1] == person[1] and p[0] != person[0]}
+            elsewhere = {p[1]: r for p, r in persons.items() if p != person}
+            found.append(_baselines(laboratory, person, of, others, elsewhere).dataset)
     return with_baselines(cube, _collected(cube, found))
 
 
 def _recorded(
     laboratory: Laboratory,
-    planned: Sequence[PlannedTrial],
-    results: Sequence[Trial],
-    extents: Mapping[str, Result],
-) -> dict[tuple[str, str, int], _Recorded]:
-    """Read the motions of all scored trials and the corresponding measured motions."""
-    recordings = {(*trial.place, trial.strategy): trial.recording for trial in planned}
-    motions: dict[tuple[str, str, int], dict[str, Result]] = defaultdict(dict)
-    for trial in results:
-        recording = recordings[trial.volunteer, trial.instruction, trial.repetition, trial.strategy]
-        if trial.scores is None or recording is None:
+    trials: Sequence[PlannedTrial],
+    entries: Mapping[tuple[str, str, int, str], Entry],
+    extent: Result | None,
+) -> dict[Person, dict[int, _Recorded]]:
+    """List the scored trials of one volunteer by instruction and repetition."""
+    persons: dict[Person, dict[int, _Recorded]] = defaultdict(dict)
+    for trial in trials:
+        entry = entries[*trial.place, trial.strategy]
+        if entry.status != "ok" or trial.recording is None:
             continue
-        extent = extents.get(trial.volunteer)
-        activation = laboratory.activation(recording, trial.strategy, extent).dataset["activation"]
-        motion = laboratory.motion(activation, trial.label, trial.sigma_max)
-        motions[recording.place][trial.strategy] = motion
-    by_place = {r.place: r for r in recordings.values() if r is not None}
-    head = laboratory.study.signals.head_frame
-    return {
-        place: _Recorded(
-            by_place[place],
-            measured_during(
-                by_place[place].dataset, next(iter(of.values())).dataset, laboratory.face, head
-            ),
-            of,
-        )
-        for place, of in motions.items()
-    }
+        of = persons[trial.place[:2]]
+        one = of.setdefault(trial.place[2], _Recorded(trial.recording, {}))
+        one.motions[trial.strategy] = StoredMotion(laboratory, trial, entry, extent)
+    return persons
 
 
 def _parameters(laboratory: Laboratory) -> dict[str, Any]:

@@ -52,9 +52,9 @@ def montages(recordings: Sequence[Recording], parameters: MontageParameters) -> 
     """
     trials: dict[str, list[str]] = {}
     for recording in recordings:
-        if "channel" in recording.dataset.coords:
-            names = map(str, recording.dataset["channel"].values)
-            trials.setdefault(montage_of(names, parameters).sentence, []).append(recording.label)
+        if recording.channels:
+            sentence = montage_of(recording.channels, parameters).sentence
+            trials.setdefault(sentence, []).append(recording.label)
     if len(trials) == 1:
         return next(iter(trials))
     return ". ".join(

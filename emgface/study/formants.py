@@ -7,11 +7,12 @@ import numpy as np
 import xarray as xr
 
 from analysis.formants import FORMANTS, INSTANTS, with_formants
-from analysis.trial import Trial
 from emgface.anatomy.airway import sound
 from emgface.anatomy.airway.area_function import lips_of_trial, tract_of, with_lips
 from emgface.face.lip_shape import has_mouth
 from emgface.study.digest import dataset_digest
+from emgface.study.journal import Entry
+from emgface.study.motions import StoredMotion
 from emgface.study.observer import Observer
 from emgface.study.stages import Laboratory
 from emgface.study.store import Result, Stage
@@ -34,7 +35,7 @@ def add_formants(
     laboratory: Laboratory,
     cube: xr.Dataset,
     planned: Sequence[PlannedTrial],
-    results: Sequence[Trial],
+    entries: Mapping[tuple[str, str, int, str], Entry],
     extents: Mapping[str, Result],
     observer: Observer,
 ) -> xr.Dataset:
@@ -51,17 +52,14 @@ def add_formants(
         observer.message("No formants are computed, because the face has no mouth opening.")
         return cube
     tract = tract_of(parameters)
-    recordings = {(*trial.place, trial.strategy): trial.recording for trial in planned}
     found: dict[tuple[str, str, int, str], xr.Dataset] = {}
-    for trial in results:
-        place = (trial.volunteer, trial.instruction, int(trial.repetition), trial.strategy)
-        recording = recordings[place]
-        if trial.scores is None or recording is None:
+    for trial in planned:
+        place = (*trial.place, trial.strategy)
+        entry = entries[place]
+        if entry.status != "ok":
             continue
         observer.working(f"formants {trial.label}")
-        extent = extents.get(trial.volunteer)
-        activation = laboratory.activation(recording, trial.strategy, extent).dataset["activation"]
-        motion = laboratory.motion(activation, trial.label, trial.sigma_max)
+        motion = StoredMotion(laboratory, trial, entry, extents.get(trial.place[0]))
         found[place] = laboratory.store.get_or_compute(
             SOUND,
             {"motion": motion.digest, "tract": dataset_digest(tract)},

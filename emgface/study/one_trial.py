@@ -6,7 +6,7 @@ import numpy as np
 
 from analysis.errors import AnalysisError
 from analysis.trial import Origin, Trial
-from emgface.errors import EmgfaceError
+from emgface.errors import EmgfaceError, ExecutionError, StoreError
 from emgface.face.numerical_error import largest_motion
 from emgface.face.stability import stability_warning
 from emgface.study.stages import Laboratory, StoredFailure, steps_of
@@ -21,13 +21,13 @@ EXPECTED = (EmgfaceError, AnalysisError, SimulationError)
 def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None = None) -> Trial:
     """Compute all stages of one trial: its scores, or the status and reason of its failure.
 
-    `extent` is the range of the features if the normalisation is not that of the trial.
+    `extent` is the range of the features if the normalisation is not that of the trial. Raises
+    StoreError if results cannot be read or written.
     """
     labels = (*trial.place, trial.strategy)
-    recording = trial.recording
+    recording, origin = trial.recording, origin_of(trial)
     if recording is None:
         return Trial(*labels, status="missing", reason="there is no recording of this trial")
-    origin: Origin = recording.dataset.attrs["origin"]
     if recording.excluded:
         return Trial(*labels, status="excluded", reason=recording.excluded, origin=origin)
     if recording.error is not None:
@@ -61,10 +61,19 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
             origin=origin,
             **_provenance([*stages, failure.result]),
         )
+    except (StoreError, ExecutionError):
+        raise  # a failure of the machine, which the other trials would share
     except EXPECTED as error:
         return Trial.failed(*labels, error, origin=origin, **known, **_provenance(stages))
     known["reason"] = stability_warning(motion.dataset)
     return Trial(*labels, scores=scores.dataset, origin=origin, **known, **_provenance(stages))
+
+
+def origin_of(trial: PlannedTrial) -> Origin | None:
+    """Origin of the recording of a trial, None without a recording."""
+    if trial.recording is None:
+        return None
+    return "simulated" if trial.recording.origin == "simulated" else "measured"
 
 
 def _provenance(stages: list[Result]) -> dict[str, Any]:

@@ -1,59 +1,164 @@
-"""Independent jobs in several processes of one thread each.
+"""Execution of independent jobs, in this process or by the workers of a small contract.
 
 Small meshes do not benefit from threads; independent trials benefit fully from processes. On Linux
-these are copies of one process that has imported the modules of their work, which takes seconds;
-elsewhere libraries may not survive being copied, and every process imports them.
+local processes are copies of one process that has imported the modules of their work, which takes
+seconds; elsewhere libraries may not survive being copied, and every process imports them.
 """
 
 import importlib
-import itertools
 import multiprocessing
 import os
+import queue
 import signal
 import sys
 import threading
+import uuid
+from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, Final, Protocol, TypeVar
+
+from emgface.errors import WorkerDied
 
 Job = TypeVar("Job")
 Done = TypeVar("Done")
 
-THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+BLAS: Final = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+ELEMENTS: Final = "NUMBA_NUM_THREADS"
+"""Environment variables of the number of threads of a process."""
+POLL: Final = 0.5
+"""Seconds between two questions for new workers or a request to stop, while no job ends."""
 
 
-class _Processes:
-    """Processes that begin their work when it arrives, and stop at once or after their jobs."""
+class Workers(Protocol):
+    """Interface of what executes jobs."""
 
-    def __init__(self, workers: int, modules: Sequence[str]) -> None:
-        self._others = {child.pid for child in multiprocessing.active_children()}
-        context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
-        context.set_forkserver_preload(list(modules))  # pyright: ignore[reportAttributeAccessIssue]
-        self._pool = ProcessPoolExecutor(workers, context, _prepare)
+    tries: int
+    """Number of workers that may die of the same job before it is given up."""
+
+    @property
+    def slots(self) -> int:
+        """Number of jobs that may be submitted at a time; may change during a run."""
+        ...
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Give a job to the next free process."""
-        return self._pool.submit(function, *arguments)
+        """Execute a module-level function in a worker."""
+        ...
+
+    def result(self, future: Future[Any]) -> Any:
+        """Return the result of a finished job, or raise its error; WorkerDied if its worker died."""
+        ...
+
+    def stop(self) -> None:
+        """Stop all jobs at once."""
+        ...
+
+    def end(self) -> None:
+        """Release the workers after the jobs that they have begun."""
+        ...
+
+
+class InProcess:
+    """Execution in this process, one job after another."""
+
+    tries, slots = 1, 1
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Execute a function at once; an interruption is raised here."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(function(*arguments))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def result(self, future: Future[Any]) -> Any:
+        """Return the result of a job, or raise its error."""
+        return future.result()
+
+    def stop(self) -> None:
+        """Do nothing."""
+
+    def end(self) -> None:
+        """Do nothing."""
+
+
+class LocalProcesses:
+    """Processes of this machine, each with an equal share of its threads.
+
+    Every process has its own pool, so that a process that dies (killed, out of memory) affects only
+    the job that it executed; the next job starts another one.
+    """
+
+    tries = 3
+
+    def __init__(self, workers: int, modules: Sequence[str]) -> None:
+        self.slots = workers
+        self._others = {child.pid for child in multiprocessing.active_children()}
+        self._context = multiprocessing.get_context(
+            "forkserver" if sys.platform == "linux" else "spawn"
+        )
+        self._context.set_forkserver_preload(list(modules))  # pyright: ignore[reportAttributeAccessIssue]
+        self._pools = [self._pool() for _ in range(workers)]
+        self._pending, self._lock = [0] * workers, threading.Lock()
+
+    def _pool(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, self._context, _prepare, (share_of_threads(self.slots),))
+
+    def each(self, function: Callable[..., Any], *arguments: Any) -> None:
+        """Give a job to every process, before any other."""
+        with one_blas_thread_in_children():
+            for pool in self._pools:
+                pool.submit(function, *arguments)
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Give a job to the process with the fewest jobs."""
+        with self._lock:
+            number = self._pending.index(min(self._pending))
+            self._pending[number] += 1
+            with one_blas_thread_in_children():
+                try:
+                    future = self._pools[number].submit(function, *arguments)
+                except BrokenProcessPool:
+                    self._pools[number] = self._pool()
+                    future = self._pools[number].submit(function, *arguments)
+        future.add_done_callback(lambda _: self._ended(number))
+        return future
+
+    def _ended(self, number: int) -> None:
+        with self._lock:
+            self._pending[number] -= 1
+
+    def result(self, future: Future[Any]) -> Any:
+        """Return the result of a job, or raise its error."""
+        try:
+            return future.result()
+        except BrokenProcessPool as error:
+            raise WorkerDied(
+                "a process ended while it computed (killed, or out of memory): use fewer "
+                "--workers or a coarser face if this recurs"
+            ) from error
 
     def stop(self) -> None:
         """Stop all jobs at once."""
         for child in multiprocessing.active_children():
             if child.pid not in self._others:
-                child.terminate()
+                child.kill()
 
     def end(self) -> None:
         """End the processes after the jobs that they have begun."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        for pool in self._pools:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
-_kept: _Processes | None = None
-_calls = itertools.count()
+_kept: LocalProcesses | None = None
 
 
 @contextmanager
 def kept_processes(workers: int, modules: Sequence[str] = ()) -> Iterator[None]:
-    """Let all calls of `in_processes` in the block share their processes.
+    """Let all calls of `run_jobs` in the block that ask for processes share them.
 
     Parameters
     ----------
@@ -66,69 +171,126 @@ def kept_processes(workers: int, modules: Sequence[str] = ()) -> Iterator[None]:
     if workers == 1:
         yield
         return
-    _kept = _Processes(workers, modules)
+    _kept = LocalProcesses(workers, modules)
     try:
-        with single_threaded_children():
-            for _ in range(workers):
-                _kept.submit(_import, tuple(modules))
+        _kept.each(_import, tuple(modules))
         yield
     finally:
         kept, _kept = _kept, None
         kept.end()
 
 
-def in_processes(
+def run_jobs(
     work: Callable[[Job], Done],
     jobs: Sequence[Job],
-    workers: int,
+    workers: int | Workers,
     *,
     begin: Callable[..., None],
     arguments: tuple[Any, ...],
     group: Callable[[Job], Hashable] = lambda job: None,
+    lost: Callable[[Job, WorkerDied], Done] | None = None,
+    starting: Callable[[int], bool] = lambda index: True,
 ) -> Iterator[tuple[int, Done]]:
-    """Run jobs in several processes; yield index and result of each job when it finishes.
+    """Execute jobs; yield index and result of each job when it finishes.
 
-    `work` is a module-level function of one job, which is pickled; `begin` is called once in every
-    process before its first job, with `arguments`. A process that has finished a job continues, if
-    possible, with one of the same `group`, for which it has prepared itself. The processes are those
-    of `kept_processes`, or `workers` new ones. If the caller stops (interruption, error), they are
-    stopped at once. Results are stored completely or not at all, so that no partial result remains.
+    Parameters
+    ----------
+    work : callable
+        Module-level function of one job, which is pickled.
+    jobs : sequence
+        Independent jobs.
+    workers : int or Workers
+        Number of processes (those of `kept_processes`, or new ones; 1 is this process), or workers.
+    begin, arguments : callable and tuple
+        Called once in every process before its first job. Arguments should be small, because they
+        travel with every job.
+    group : callable
+        A process that has finished a job continues, if possible, with one of the same group, for
+        which it has prepared itself.
+    lost : callable, optional
+        Result of a job of which `Workers.tries` workers have died; by default WorkerDied is raised.
+    starting : callable
+        Receives the index of a job that is about to begin; if it returns False, no further job
+        begins, and the iteration ends after those that have begun.
+
+    If the caller stops (interruption, error), all jobs are stopped at once. Results are stored
+    completely or not at all, so that no partial result remains.
     """
-    call, processes = next(_calls), _kept or _Processes(workers, [work.__module__])
-    waiting, running = list(range(len(jobs))), dict[Future[Done], int]()
+    own = isinstance(workers, int) and (workers == 1 or _kept is None)
+    executing = _workers(workers, work) if isinstance(workers, int) else workers
+    call, finished = uuid.uuid4().hex, queue.SimpleQueue[Future[Done]]()
+    waiting: dict[Hashable, deque[int]] = {}
+    for index, job in enumerate(jobs):
+        waiting.setdefault(group(job), deque()).append(index)
+    running, tries = dict[Future[Done], int](), dict[int, int]()
 
-    def start(last: Hashable = None) -> None:
-        """Begin the first job of the group `last`, of a group without a process, or of any."""
-        taken = {group(jobs[index]) for index in running.values()}
-        same = (index for index in waiting if group(jobs[index]) == last)
-        free = (index for index in waiting if group(jobs[index]) not in taken)
-        index = next(same, next(free, waiting[0]))
-        waiting.remove(index)
-        running[processes.submit(_run, call, begin, arguments, work, jobs[index])] = index
+    def following(last: Hashable) -> int | None:
+        """Take a job of the group `last`, of a group without a worker, or of any."""
+        if not waiting:
+            return None
+        taken = {group(jobs[index]) for index in running.values()} if len(waiting) > 1 else set()
+        chosen = next((g for g in waiting if g not in taken), next(iter(waiting)))
+        chosen = last if last in waiting else chosen
+        index = waiting[chosen].popleft()
+        if not waiting[chosen]:
+            del waiting[chosen]
+        return index
 
-    with single_threaded_children():
-        try:
-            for _ in range(min(workers, len(jobs))):
-                start()
-            while running:
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    index = running.pop(future)
-                    if waiting:
-                        start(group(jobs[index]))
-                    yield index, future.result()
-        except BaseException:
-            processes.stop()
-            raise
-        finally:
-            if processes is not _kept:
-                processes.end()
+    def submit(index: int) -> None:
+        future = executing.submit(_run, call, begin, arguments, work, jobs[index])
+        running[future] = index
+        future.add_done_callback(finished.put)
+
+    def fill(last: Hashable = None) -> None:
+        while len(running) < executing.slots and (index := following(last)) is not None:
+            if not starting(index):
+                waiting.clear()
+                return
+            submit(index)
+
+    try:
+        fill()
+        while running:
+            try:
+                future = finished.get(timeout=POLL)
+            except queue.Empty:
+                fill()
+                continue
+            index = running.pop(future)
+            try:
+                done = executing.result(future)
+            except WorkerDied as error:
+                tries[index] = tries.get(index, 0) + 1
+                if tries[index] < executing.tries and starting(index):
+                    submit(index)
+                    continue
+                if lost is None:
+                    raise
+                done = lost(jobs[index], error)
+            if not isinstance(executing, InProcess):
+                fill(group(jobs[index]))
+            yield index, done
+            fill(group(jobs[index]))
+    except BaseException:
+        executing.stop()
+        raise
+    finally:
+        if own:
+            executing.end()
+
+
+def _workers(count: int, work: Callable[..., Any]) -> Workers:
+    """Workers of a number of processes."""
+    if count == 1:
+        return InProcess()
+    return _kept or LocalProcesses(count, [work.__module__])
 
 
 @contextmanager
-def single_threaded_children() -> Iterator[None]:
-    """Restrict processes started in the block to one thread each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+def one_blas_thread_in_children() -> Iterator[None]:
+    """Restrict linear algebra in processes started in the block to one thread."""
+    before = {name: os.environ.get(name) for name in BLAS}
+    os.environ.update(dict.fromkeys(BLAS, "1"))
     try:
         yield
     finally:
@@ -139,9 +301,21 @@ def single_threaded_children() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _prepare() -> None:
-    # The parent receives the interruption and stops the workers.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def share_of_threads(workers: int) -> int:
+    """Threads of each of several processes: its share of the cores, or of NUMBA_NUM_THREADS."""
+    named = os.environ.get(ELEMENTS, "")
+    affinity = getattr(os, "sched_getaffinity", None)
+    cores = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+    return max(1, (int(named) if named.isdecimal() else cores) // workers)
+
+
+def _prepare(threads: int) -> None:
+    """Set the threads of the element loops; the parent receives all signals and stops its workers."""
+    os.environ[ELEMENTS] = str(threads)
+    if (loops := sys.modules.get("sim.threads")) is not None:
+        loops.set_thread_count(threads)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -150,22 +324,25 @@ def _import(modules: tuple[str, ...]) -> None:
         importlib.import_module(module)
 
 
-_begun: int | None = None
-"""Call of `in_processes` that this process has begun to work for."""
+_begun: str | None = None
+"""Call of `run_jobs` that this process has begun to work for."""
+_one_at_a_time = threading.RLock()
+"""Held by the job of this process; the netCDF library is not safe for several threads."""
 
 
 def _run(
-    call: int,
+    call: str,
     begin: Callable[..., None],
     arguments: tuple[Any, ...],
     work: Callable[[Job], Done],
     job: Job,
 ) -> Done:
     global _begun
-    if _begun != call:
-        begin(*arguments)
-        _begun = call
-    return work(job)
+    with _one_at_a_time:
+        if _begun != call:
+            begin(*arguments)
+            _begun = call
+        return work(job)
 
 
 def _end_with_parent() -> None:

@@ -1,9 +1,8 @@
 """Execution of a study, from configuration to cube, with resumption."""
 
-import json
-import time
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import xarray as xr
 
 from analysis.axes import combine_cubes, reference_cube
 from analysis.cube import build_cube
-from analysis.trial import Origin, Trial
+from analysis.trial import Origin
 from emgface.errors import EmgfaceError
 from emgface.muscles import LIP_MARKERS
 from emgface.schema.netcdf import write_netcdf
@@ -19,16 +18,25 @@ from emgface.study.axes import Label
 from emgface.study.baselines import add_baselines
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.description import described, merged_environments, montages, with_recordings
-from emgface.study.digest import dataset_digest
+from emgface.study.digest import code_version, dataset_digest
 from emgface.study.faces import study_face
 from emgface.study.formants import add_formants
+from emgface.study.journal import Entry, Journal, StoredFiles, events_of, read_trial
 from emgface.study.observer import Observer, Silent
-from emgface.study.one_trial import run_trial
+from emgface.study.outcomes import Entries, Run
+from emgface.study.parallel import Workers
+from emgface.study.provenance import CODE
 from emgface.study.stages import Laboratory
-from emgface.study.store import Event, Result, Store, write_text
-from emgface.study.table import Intake, PlannedTrial, plan_trials, take_in, take_in_references
+from emgface.study.store import Event, Result, Store
+from emgface.study.table import (
+    Intake,
+    PlannedTrial,
+    plan_trials,
+    take_in,
+    take_in_references,
+)
 from emgface.study.variants import variants
-from emgface.study.workers import in_parallel
+from emgface.study.workers import compute_trials
 from sim.described import Described
 from sim.threads import one_blas_thread
 
@@ -43,15 +51,21 @@ class StudyResult(Described):
         Scores and status of every trial.
     path : Path
         File of the cube.
-    events : list of Event
-        Computed and reused results, in order.
+    journal : Path
+        File of the events of this run.
+    entries : list of Entry
+        Outcome of every trial, also of those that were simulated again with a lower sigma_max.
+    others : list of Event
+        Results of no single trial: rest states, ranges of features, baselines.
     unreadable : dict of Path to EmgfaceError
         Files of the recordings' folder whose trial could not be identified.
     """
 
     cube: xr.Dataset
     path: Path
-    events: list[Event]
+    journal: Path
+    entries: list[Entry]
+    others: list[Event]
     unreadable: dict[Path, EmgfaceError] = field(default_factory=dict)
 
     def facts(self) -> dict[str, str]:
@@ -72,6 +86,12 @@ class StudyResult(Described):
             "computed": f"{len(self.computed())} of {len(self.events)} results",
         }
 
+    @cached_property
+    def events(self) -> list[Event]:
+        """Computed and reused results."""
+        trials = (event for entry in self.entries for event in events_of(entry, self.journal))
+        return [*trials, *self.others]
+
     def computed(self) -> list[Event]:
         """Return the events of results that were absent or damaged in the store."""
         return [event for event in self.events if event.outcome != "reused"]
@@ -82,18 +102,21 @@ def run_study(
     study: StudyConfiguration,
     out: Path,
     *,
-    workers: int = 1,
+    workers: int | Workers = 1,
     observer: Observer | None = None,
     store: Path | None = None,
+    stopping: Callable[[], bool] = lambda: False,
 ) -> StudyResult:
     """Run a study, computing only results that are not stored.
 
-    The folder `out` receives ``cube.nc``, ``times.jsonl`` and the stages under ``store``, or in the
-    folder `store`, which several studies may share; the results do not depend on the number of
-    processes, `workers`; `observer` receives messages and progress. A failure of one trial is
-    recorded with its status and reason in the cube. After an
-    interruption (KeyboardInterrupt), completed results remain stored. Raises DataError if no
-    recording can be used or the face is not valid, and StoreError if results cannot be written.
+    The folder `out` receives ``cube.nc``, the journal of the run under ``runs`` and the stages under
+    ``store``, or in the folder `store`, which several studies may share; the results do not depend
+    on `workers`, a number of processes or the workers of a scheduler; `observer` receives messages
+    and progress. A failure of one trial is recorded with its status and reason in the cube. After
+    an interruption (KeyboardInterrupt), completed results remain stored; if `stopping` returns
+    True, the trials that have begun are completed before KeyboardInterrupt is raised. Raises
+    DataError if no recording can be used or the face is not valid, StoreError if results cannot be
+    read or written, and ExecutionError if the workers cannot compute.
     """
     observer = observer or Silent()
     intake = take_in(study.recordings, study.exclude)
@@ -104,31 +127,44 @@ def run_study(
             observer.message(f"The exclusion of {exclusion.label} matches no recording.")
     trials = plan_trials(intake.recordings, study.strategy_names)
     made = variants(study)
-    observer.begin(len(trials) * len(made))
+    total = len(trials) * len(made)
+    observer.begin(total)
     kept = Store(store or out / "store", report=observer.message)
+    facts = {
+        "study": study.name,
+        "trials": total,
+        "workers": workers if isinstance(workers, int) else type(workers).__name__,
+        "store": "store" if store is None else str(store.resolve()),
+        "code": code_version(CODE),
+    }
+    journal = Journal(out, facts)
+    run = Run(journal, StoredFiles(kept.folder), workers, observer, stopping)
     cubes: dict[tuple[Label, ...], xr.Dataset] = {}
     reference: Laboratory | None = None
-    muted: set[str] = set()
+    outcome = "failed"
     try:
         for variant in made:
             laboratory = Laboratory(
                 kept, study_face(variant.study.face), variant.study, observer.message
             )
             reference = reference or laboratory
-            told = f"{variant.label}: " if variant.labels else ""
+            run.variant = variant.label
             extents = feature_extents(laboratory, intake)
-            results = _run_trials(laboratory, trials, extents, workers, observer, told)
-            cube = _cube(laboratory, intake, trials, results)
-            cube = add_baselines(laboratory, cube, trials, results, extents, observer)
+            entries = _run_trials(run, laboratory, trials, extents)
+            cube = _cube(laboratory, intake, trials, entries)
+            cube = add_baselines(laboratory, cube, trials, entries, extents, observer)
             cubes[variant.labels] = add_formants(
-                laboratory, cube, trials, results, extents, observer
+                laboratory, cube, trials, entries, extents, observer
             )
-            muted |= laboratory.muted
+        outcome = "finished"
+    except KeyboardInterrupt:
+        outcome = "interrupted"
+        raise
     finally:
-        _log_times(out / "times.jsonl", kept.events)
-    if muted:
+        journal.end(outcome, kept.events)
+    if run.muted:
         observer.message(
-            f"In {len(muted)} of {len(intake.recordings)} recordings the feature of at least "
+            f"In {len(run.muted)} of {len(intake.recordings)} recordings the feature of at least "
             "one muscle is zero or saturated throughout; it is listed in the attribute "
             f"'warnings' of the results in {kept.folder / 'activation'} ."
         )
@@ -146,7 +182,7 @@ def run_study(
         montage=montages(intake.recordings, study.signals.montage),
     )
     path = write_netcdf(cube, out / "cube.nc", "cube")
-    return StudyResult(cube, path, kept.events, dict(intake.unreadable))
+    return StudyResult(cube, path, journal.path, run.entries, kept.events, dict(intake.unreadable))
 
 
 def _combined(study: StudyConfiguration, cubes: dict[tuple[Label, ...], xr.Dataset]) -> xr.Dataset:
@@ -160,23 +196,21 @@ def _combined(study: StudyConfiguration, cubes: dict[tuple[Label, ...], xr.Datas
 
 
 def _run_trials(
+    run: Run,
     laboratory: Laboratory,
-    trials: list[PlannedTrial],
+    trials: Sequence[PlannedTrial],
     extents: dict[str, Result],
-    workers: int,
-    observer: Observer,
-    told: str,
-) -> list[Trial]:
+) -> Entries:
     """Compute all trials, with one sigma_max per volunteer if requested."""
-    results = _through_stages(laboratory, trials, extents, workers, observer, told)
+    done = _through_stages(run, laboratory, trials, extents)
     if laboratory.study.simulation.sigma_max_policy.scope == "trial":
-        return results
-    done = {(r.volunteer, r.instruction, r.repetition, r.strategy): r for r in results}
-    while again := sigma_max_to_share(done.values()):
+        return done
+    while again := sigma_max_to_share((place[0], entry) for place, entry in done.items()):
         for volunteer, lowest in again.items():
-            observer.message(
-                f"{told}{volunteer}: a trial required sigma_max = {lowest / 1e3:.4g} kPa, which holds "
-                "for all trials of the volunteer; trials with a higher value are simulated again"
+            run.observer.message(
+                f"{run.variant}{': ' if run.variant else ''}{volunteer}: a trial required "
+                f"sigma_max = {lowest / 1e3:.4g} kPa, which holds for all trials of the volunteer; "
+                "trials with a higher value are simulated again"
             )
             higher = [
                 trial
@@ -184,57 +218,44 @@ def _run_trials(
                 if trial.place[0] == volunteer
                 and done[*trial.place, trial.strategy].sigma_max > lowest
             ]
-            lowered = laboratory.lowered(lowest)
-            redone = _through_stages(lowered, higher, extents, workers, Silent(), told)
-            done |= {(r.volunteer, r.instruction, r.repetition, r.strategy): r for r in redone}
-            laboratory.muted |= lowered.muted
-    return list(done.values())
+            with run.silently():
+                done |= _through_stages(run, laboratory.lowered(lowest), higher, extents)
+    return done
 
 
-def sigma_max_to_share(results: Iterable[Trial]) -> dict[str, float]:
+def sigma_max_to_share(entries: Iterable[tuple[str, Entry]]) -> dict[str, float]:
     """Volunteers whose trials differ in sigma_max, and the smallest value of each [Pa].
 
     Trials that failed with every value are ignored, because theirs is the minimum of the policy.
     """
     used: dict[str, set[float]] = {}
-    for result in results:
-        if result.scores is not None:
-            used.setdefault(result.volunteer, set()).add(result.sigma_max)
+    for volunteer, entry in entries:
+        if entry.status == "ok":
+            used.setdefault(volunteer, set()).add(entry.sigma_max)
     return {volunteer: min(values) for volunteer, values in used.items() if len(values) > 1}
 
 
 def _through_stages(
+    run: Run,
     laboratory: Laboratory,
-    trials: list[PlannedTrial],
+    trials: Sequence[PlannedTrial],
     extents: dict[str, Result],
-    workers: int,
-    observer: Observer,
-    told: str,
-) -> list[Trial]:
-    results: list[Trial] = []
-    if workers == 1:
-        for trial in trials:
-            observer.working(told + trial.label)
-            outcome = run_trial(laboratory, trial, extents.get(trial.place[0]))
-            results.append(outcome)
-            observer.finished(told + trial.label, outcome.status)
-        return results
-    for trial, done in in_parallel(laboratory, trials, extents, workers):
-        results.append(done.outcome)
-        laboratory.store.events.extend(done.events)
-        laboratory.muted |= done.muted
-        for text in done.messages:
-            observer.message(text)
-        observer.finished(told + trial.label, done.outcome.status)
-    return results
+) -> Entries:
+    """Outcomes of trials under one configuration."""
+    return run.outcomes(
+        trials,
+        [laboratory.trial_key(trial, extents.get(trial.place[0])) for trial in trials],
+        lambda left: compute_trials(laboratory, left, extents, run.workers, run.starting),
+        laboratory.store.folder,
+    )
 
 
 def _cube(
-    laboratory: Laboratory, intake: Intake, trials: list[PlannedTrial], results: list[Trial]
+    laboratory: Laboratory, intake: Intake, trials: list[PlannedTrial], entries: Entries
 ) -> xr.Dataset:
     """Collect the results under one configuration."""
     cube = build_cube(
-        results,
+        map(read_trial, entries.values()),
         volunteers=list(dict.fromkeys(t.place[0] for t in trials)),
         instructions=list(dict.fromkeys(t.place[1] for t in trials)),
         repetitions=sorted({t.place[2] for t in trials}),
@@ -253,34 +274,22 @@ def feature_extents(laboratory: Laboratory, intake: Intake) -> dict[str, Result]
         return {}
     volunteers = sorted({r.place[0] for r in intake.recordings if intake.of(r.place[0])})
     if reach == "session":
-        return {
-            volunteer: laboratory.extent(
-                {r.digest: r.dataset for r in intake.of(volunteer)}, f"{volunteer}, session"
-            )
-            for volunteer in volunteers
-        }
 
+        def session(volunteer: str) -> Result:
+            of = intake.of(volunteer)
+            return laboratory.extent(
+                [r.digest for r in of], lambda: (r.dataset for r in of), f"{volunteer}, session"
+            )
+
+        return {volunteer: session(volunteer) for volunteer in volunteers}
     references = take_in_references(laboratory.study.recordings)
-    return {
-        volunteer: laboratory.extent(
-            {dataset_digest(r): r for r in references[volunteer]}, f"{volunteer}, reference"
-        )
-        for volunteer in volunteers
-        if volunteer in references
-    }
+
+    def reference(volunteer: str) -> Result:
+        of = references[volunteer]
+        return laboratory.extent(map(dataset_digest, of), lambda: of, f"{volunteer}, reference")
+
+    return {volunteer: reference(volunteer) for volunteer in volunteers if volunteer in references}
 
 
 def _origin(intake: Intake) -> Origin:
     return "simulated" if intake.origin == "simulated" else "measured"
-
-
-def _log_times(path: Path, events: Iterable[Event]) -> None:
-    """Add the results computed in this run to the log, one JSON object per line."""
-    now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    lines = (
-        json.dumps({"run_ended": now, **asdict(event), "seconds": round(event.seconds, 4)})
-        for event in events
-        if event.outcome != "reused"
-    )
-    old = path.read_text() if path.exists() else ""
-    write_text(old + "".join(f"{line}\n" for line in lines), path)

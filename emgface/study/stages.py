@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -17,13 +17,19 @@ from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.signals.activation import activation_of, feature_range
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
-from emgface.study.digest import dataset_digest, file_digest
+from emgface.study.digest import (
+    canonical_json,
+    code_version,
+    dataset_digest,
+    file_digest,
+    text_digest,
+)
 from emgface.study.measured import measured_during
 from emgface.study.mechanics import MECHANICS
 from emgface.study.policy import lower_sigma_max
-from emgface.study.skin import SkinMotions
+from emgface.study.skin import SKIN, SkinMotions
 from emgface.study.store import Result, Stage, Store
-from emgface.study.table import Recording
+from emgface.study.table import PlannedTrial, Recording
 from emgface.study.truth import true_activation_of
 from sim.errors import SimulationError
 
@@ -132,20 +138,37 @@ class Laboratory:
         study = self.study.model_copy(update={"simulation": simulation})
         return Laboratory(self.store, self.face, study, self.report)
 
-    def extent(self, recordings: Mapping[str, xr.Dataset], label: str) -> Result:
-        """Return minimum and maximum of the features over recordings, keyed by their digests."""
-        inputs = {f"recording_{k}": digest for k, digest in enumerate(recordings)}
+    def extent(
+        self, digests: Iterable[str], read: Callable[[], Iterable[xr.Dataset]], label: str
+    ) -> Result:
+        """Return minimum and maximum of the features over recordings with these digests."""
+        inputs = {f"recording_{k}": digest for k, digest in enumerate(digests)}
         chain = self.study.signals
         parameters = chain.model_dump(
             mode="json", include={"filter", "feature", "mapping", "montage"}
         )
         return self.store.get_or_compute(
-            RANGE,
-            inputs,
-            parameters,
-            lambda: feature_range(recordings.values(), chain),
-            label=label,
+            RANGE, inputs, parameters, lambda: feature_range(read(), chain), label=label
         )
+
+    def trial_key(self, trial: PlannedTrial, extent: Result | None) -> str:
+        """Digest of everything that the outcome of a trial depends on; empty if it has no inputs."""
+        recording = trial.recording
+        if recording is None or recording.error is not None or recording.excluded:
+            return ""
+        return text_digest(
+            f"{recording.digest} {trial.strategy} {extent.digest if extent else ''} "
+            f"{canonical_json(self.moved)} {self._study_digest}"
+        )
+
+    @cached_property
+    def _study_digest(self) -> str:
+        """Digest of the parameters and of the code of a trial."""
+        tables = {"activation_source", "signals", "simulation", "alignment", "score"}
+        modules = {name for stage in (*STAGES, SKIN) for name in stage.modules}
+        chosen = self.study.model_dump(mode="json", include=tables)
+        code = code_version((*sorted(modules), __name__, "emgface.study.one_trial"))
+        return text_digest(f"{canonical_json(chosen)} {code}")
 
     def activation(
         self, recording: Recording, strategy: str, extent: Result | None = None

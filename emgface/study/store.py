@@ -6,9 +6,15 @@ name, the digests of its inputs, its parameters and the source text of the modul
 A changed parameter, recording or line of code therefore changes the digest: outdated results are
 never used, and an interrupted study computes only missing results. Date and machine do not affect
 the digest.
+
+Several processes and machines may use one folder. Files are written under temporary names and then
+linked to their own, which only the first of several writers of a result can do; the others use its
+file. A file that does not agree with the size and SHA-256 in its index is computed again.
 """
 
 import json
+import os
+import shutil
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -120,57 +126,56 @@ class Store:
         key = self.key(stage, inputs, parameters)
         path = self.path(key)
         started = time.perf_counter()
-        damage = self._damage(path, key)
-        if damage is None:
-            dataset: xr.Dataset | None
-            try:
-                dataset = _load(path)
-            except (OSError, ValueError, RuntimeError) as error:
-                dataset, damage = None, f"cannot be read ({error})"
-            if dataset is not None:
-                self._log(stage, path, label, "reused", started)
-                return Result(dataset, path.stem, "reused", path, *_made(path))
+        damage, result = self._stored(path, key)
+        if result is not None:
+            self._log(stage, path, label, "reused", started)
+            return result
         if damage:
             self.report(
                 f"Stored result {path.name} of stage {stage.name} {damage}; it is computed again."
             )
         computed = compute()
         self._write(computed, path, key, label, time.perf_counter() - started)
-        dataset = _load(path)  # identical to what a later run reads, including attributes
         outcome: Outcome = "recomputed" if damage else "computed"
         self._log(stage, path, label, outcome, started)
-        return Result(dataset, path.stem, outcome, path, *_made(path))
+        # Identical to what a later run reads, including attributes.
+        return Result(_load(path), path.stem, outcome, path, *_made(path))
+
+    def _stored(self, path: Path, key: Mapping[str, Any]) -> tuple[str, Result | None]:
+        """Problem of a stored result, empty if it is absent; and the result if it is valid."""
+        try:
+            damage = damage_of(path, key)
+            if damage is not None:
+                return damage, None
+            return "", Result(_load(path), path.stem, "reused", path, *_made(path))
+        except PermissionError as error:
+            raise StoreError(
+                f"{path} cannot be read ({error.strerror}), expected the permission to read the "
+                "store: change its permissions, or specify another --store"
+            ) from error
+        except (OSError, ValueError, RuntimeError) as error:
+            return f"cannot be read ({error})", None
+
+    def read(self, stage: str, digest: str) -> xr.Dataset | None:
+        """Return the stored result with a digest, None if it is absent or damaged."""
+        path = self.folder / stage / f"{digest}.nc"
+        return _load(path) if damage_of(path) is None else None
 
     def _log(self, stage: Stage, path: Path, label: str, outcome: Outcome, started: float) -> None:
         seconds = time.perf_counter() - started
         self.events.append(Event(stage.name, path.stem, label, outcome, seconds))
 
-    def _damage(self, path: Path, key: Mapping[str, Any]) -> str | None:
-        """Problem of the stored file: None if it is valid, empty if it is absent."""
-        index = path.with_suffix(".json")
-        if not path.exists() and not index.exists():
-            return ""
-        if not path.exists():
-            return "is missing, but its index exists"
-        if not index.exists():
-            return "has no index, so that its origin is unknown"
-        try:
-            known = json.loads(index.read_text(encoding="utf-8"))
-            digest, size, recorded = known["sha256"], known["bytes"], known["key"]
-        except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError):
-            return "has an index that cannot be read"
-        if recorded != key:
-            return "was computed from other inputs"
-        if path.stat().st_size != size:
-            return f"has {path.stat().st_size} bytes, but {size} were written"
-        if file_digest(path) != digest:
-            return "differs from the written result"
-        return None
-
     def _write(
         self, dataset: xr.Dataset, path: Path, key: Mapping[str, Any], label: str, seconds: float
     ) -> None:
-        write_netcdf(dataset, path)
+        own = path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(4).hex()}.part")
+        try:
+            write_netcdf(dataset, own)
+            if damage_of(path, key) is None:
+                return  # another process has written the same result meanwhile
+            _put(own, path, keep=not path.with_suffix(".json").exists())
+        finally:
+            own.unlink(missing_ok=True)
         index = {
             "label": label,
             "written": now(),
@@ -182,6 +187,52 @@ class Store:
             "environment": json.loads(environment()),
         }
         write_text(json.dumps(index, indent=2) + "\n", path.with_suffix(".json"))
+
+
+def damage_of(path: Path, key: Mapping[str, Any] | None = None) -> str | None:
+    """Problem of a stored result: None if it is valid, empty if it is absent.
+
+    With `key`, it must have been computed from these inputs.
+    """
+    index = path.with_suffix(".json")
+    if not path.exists() and not index.exists():
+        return ""
+    if not path.exists():
+        return "is missing, but its index exists"
+    if not index.exists():
+        return "has no index, so that its origin is unknown"
+    try:
+        known = json.loads(index.read_text(encoding="utf-8"))
+        digest, size, recorded = known["sha256"], known["bytes"], known["key"]
+    except (json.JSONDecodeError, KeyError, TypeError, UnicodeDecodeError):
+        return "has an index that cannot be read"
+    if key is not None and recorded != key:
+        return "was computed from other inputs"
+    if path.stat().st_size != size:
+        return f"has {path.stat().st_size} bytes, but {size} were written"
+    if file_digest(path) != digest:
+        return "differs from the written result"
+    return None
+
+
+def _put(source: Path, path: Path, *, keep: bool) -> None:
+    """Give a complete file its name; with `keep` a complete file of that name remains.
+
+    Without an index the file may be that of another process, which is about to write the index;
+    both then describe the same file. With an index it is damaged and replaced.
+    """
+    try:
+        if keep and not path.exists():
+            try:
+                os.link(source, path)
+                return
+            except FileExistsError:
+                return
+            except OSError:  # a file system without links
+                pass
+        source.replace(path)
+    except OSError as error:
+        raise StoreError(f"{path} cannot be written ({error.strerror})") from error
 
 
 def _made(path: Path) -> tuple[str, str]:
@@ -217,5 +268,7 @@ def _replace(path: Path, write: Callable[[Path], object]) -> None:
         replace_file(path, write)
     except DataError as error:
         raise StoreError(str(error)) from error
-    except (TypeError, ValueError) as error:
-        raise StoreError(f"{path} cannot be written: {error}") from error
+    except (TypeError, ValueError, RuntimeError) as error:
+        free = shutil.disk_usage(path.parent).free if path.parent.is_dir() else 0
+        room = f"{free / 1e6:.1f} MB are free on its disk"
+        raise StoreError(f"{path} cannot be written ({error}); {room}") from error

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 
@@ -18,18 +19,22 @@ from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
 
 @dataclass(frozen=True)
 class Recording:
-    """Recording included in a study.
+    """Recording included in a study, of which only the description is kept in memory.
 
     Attributes
     ----------
     place : tuple of (str, str, int)
         Volunteer, instruction, repetition.
-    dataset : Dataset
-        The recording.
     digest : str
         Digest of its content.
     path : Path
         File of the recording.
+    mapping : Path or None
+        File that maps its labels to names.
+    origin, world : str
+        Measured or simulated, and the world of a simulated volunteer, otherwise empty.
+    channels : tuple of str
+        Recorded channels of the EMG.
     error : EmgfaceError or None
         Reason why it cannot be used, although it is identified.
     excluded : str
@@ -37,11 +42,22 @@ class Recording:
     """
 
     place: Place
-    dataset: xr.Dataset
     digest: str
     path: Path
+    mapping: Path | None
+    origin: str
+    world: str
+    channels: tuple[str, ...]
     error: EmgfaceError | None = None
     excluded: str = ""
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """Content, read from the file; the last few recordings are kept.
+
+        Raises DataError if the file has changed since it was included.
+        """
+        return _content(self.path, self.mapping, self.digest)
 
     @property
     def label(self) -> str:
@@ -73,12 +89,12 @@ class Intake:
     @property
     def origin(self) -> str:
         """Origin of the recordings, measured or simulated, equal for all."""
-        return str(self.recordings[0].dataset.attrs["origin"])
+        return self.recordings[0].origin
 
     @property
     def world(self) -> str:
         """World of simulated volunteers; empty for measured recordings."""
-        return str(self.recordings[0].dataset.attrs.get("world", ""))
+        return self.recordings[0].world
 
     def of(self, volunteer: str) -> tuple[Recording, ...]:
         """Return the usable recordings of one volunteer."""
@@ -116,12 +132,11 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
                 f"instruction {place[1]}, repetition {place[2]}: remove or relabel one"
             )
         try:
-            # The montage of the signal chain determines the treatment of missing channels.
-            given = validate(given, "recording", study=True, partial=("channel",))
+            given = _checked(given)
         except DataError as lacking:
             error = type(lacking)(f"{path.name}: {lacking}")
         why = reason_to_exclude(place, exclude)
-        found[place] = Recording(place, given, dataset_digest(given), path, error, why)
+        found[place] = as_recording(given, path, configuration.mapping, error, why)
     if not found and unreadable:
         path, first = next(iter(unreadable.items()))
         more = f" (and {len(unreadable) - 1} more files)" if len(unreadable) > 1 else ""
@@ -131,13 +146,13 @@ def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion]
             f"none of {n_files} recordings in {configuration.folder} is of the selected "
             "volunteers, instructions and repetitions: extend the selection"
         )
-    origins = {str(r.dataset.attrs["origin"]) for r in found.values()}
+    origins = {r.origin for r in found.values()}
     if len(origins) > 1:
         raise DataError(
             f"{configuration.folder} contains measured and simulated recordings, which "
             "cannot share a cube: run a study of each"
         )
-    worlds = {str(r.dataset.attrs.get("world", "")) for r in found.values()}
+    worlds = {r.world for r in found.values()}
     if len(worlds) > 1:
         raise DataError(
             f"{configuration.folder} contains volunteers of several worlds "
@@ -189,9 +204,48 @@ def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> l
 
 
 def load_recording(path: Path, configuration: RecordingsConfiguration) -> Recording:
-    """Read one recording again in a worker process, as `take_in` does."""
-    dataset = read_recording(path, mapping=configuration.mapping)
-    return Recording(place_of(dataset, path.name), dataset, dataset_digest(dataset), path)
+    """Describe one recording as `take_in` does."""
+    return as_recording(
+        _checked(read_recording(path, mapping=configuration.mapping)), path, configuration.mapping
+    )
+
+
+def as_recording(
+    dataset: xr.Dataset,
+    path: Path,
+    mapping: Path | None,
+    error: EmgfaceError | None = None,
+    excluded: str = "",
+) -> Recording:
+    """Describe a recording in memory that was read from a file."""
+    channels = dataset["channel"].values.tolist() if "channel" in dataset.coords else []
+    return Recording(
+        place_of(dataset, path.name),
+        dataset_digest(dataset),
+        path.absolute(),  # workers may have another working folder
+        None if mapping is None else mapping.absolute(),
+        str(dataset.attrs["origin"]),
+        str(dataset.attrs.get("world", "")),
+        tuple(map(str, channels)),
+        error,
+        excluded,
+    )
+
+
+@lru_cache(maxsize=4)
+def _content(path: Path, mapping: Path | None, digest: str) -> xr.Dataset:
+    dataset = _checked(read_recording(path, mapping=mapping))
+    if dataset_digest(dataset) != digest:
+        raise DataError(
+            f"{path.name} has changed since the study began, expected the same content: run the "
+            "study again"
+        )
+    return dataset
+
+
+def _checked(recording: xr.Dataset) -> xr.Dataset:
+    """Check a recording for a study; the montage treats missing channels."""
+    return validate(recording, "recording", study=True, partial=("channel",))
 
 
 def place_of(recording: xr.Dataset, name: str) -> Place:

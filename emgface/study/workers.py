@@ -1,46 +1,98 @@
-"""Execution of trials in several processes with a common store."""
+"""Computation of trials by workers with a common store.
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+Results go to the store, which is a folder on a file system of all workers. A job contains the names
+and digests of its inputs; a worker reads the face once, and a recording once for its strategies.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-
-import xarray as xr
+from typing import Final
 
 from analysis.trial import Trial
+from emgface.errors import DataError, ExecutionError, StoreError, WorkerDied
+from emgface.face.file import load_face, save_face
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.one_trial import run_trial
-from emgface.study.parallel import in_processes
+from emgface.study.digest import code_version, dataset_digest
+from emgface.study.one_trial import origin_of, run_trial
+from emgface.study.parallel import Workers, run_jobs
+from emgface.study.provenance import CODE
+from emgface.study.retention import FACES
 from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store
-from emgface.study.table import PlannedTrial, load_recording
+from emgface.study.table import PlannedTrial
+
+PAUSE: Final = 1.0
+"""Seconds after which a result that could not be written is tried once more."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """Output of a worker: result of the trial, stored results and messages."""
+    """Output of a worker: outcome of the trial, stored results, messages and duration [s]."""
 
     outcome: Trial
     events: list[Event]
-    muted: set[str]
+    muted: bool
     messages: list[str]
+    seconds: float
 
 
-def in_parallel(
+Job = tuple[PlannedTrial, Result | None]
+"""Trial, and the range of the features of its volunteer, if required."""
+
+
+def compute_trials(
     laboratory: Laboratory,
     trials: Sequence[PlannedTrial],
     extents: Mapping[str, Result],
-    workers: int,
+    workers: int | Workers,
+    starting: Callable[[PlannedTrial], bool],
 ) -> Iterator[tuple[PlannedTrial, Done]]:
-    """Run trials in several processes; yield each trial and its output when it finishes.
+    """Compute trials; yield each trial and its output when it finishes.
 
-    The workers receive store folder, face and configuration of the laboratory. `extents` contains the
-    range of the features per volunteer, if required.
+    `extents` contains the range of the features per volunteer, if required. `starting` receives a
+    trial that is about to begin; if it returns False, no further trial begins. A trial of which
+    several workers died fails with WorkerDied.
     """
-    laboratory.rest(laboratory.study.simulation)  # computed once here instead of in every worker
-    jobs = [(_without_data(trial), extents.get(trial.place[0])) for trial in trials]
-    arguments = (laboratory.study, laboratory.face, laboratory.store.folder)
-    for index, done in in_processes(_work, jobs, workers, begin=_begin, arguments=arguments):
+    jobs: list[Job] = [(trial, extents.get(trial.place[0])) for trial in trials]
+    if workers == 1:
+        begin, arguments = _use, (laboratory,)
+    else:
+        laboratory.rest(laboratory.study.simulation)  # computed once, instead of in every worker
+        folder = laboratory.store.folder.resolve()
+        _keep_face(laboratory, folder)
+        digest, code = laboratory.face_digest, code_version(CODE)
+        begin, arguments = _begin, (laboratory.study, folder, digest, code)
+    found = run_jobs(
+        _work,
+        jobs,
+        workers,
+        begin=begin,
+        arguments=arguments,
+        group=lambda job: job[0].place,
+        lost=_lost,
+        starting=lambda index: starting(trials[index]),
+    )
+    for index, done in found:
         yield trials[index], done
+
+
+def _lost(job: Job, error: WorkerDied) -> Done:
+    trial = job[0]
+    outcome = Trial.failed(*trial.place, trial.strategy, error, origin=origin_of(trial))
+    return Done(outcome, [], False, [], 0.0)
+
+
+def _keep_face(laboratory: Laboratory, store: Path) -> None:
+    """Write the face of a study to the store, unless it is there."""
+    path = store / FACES / f"{laboratory.face_digest}.nc"
+    try:
+        if dataset_digest(load_face(path)) == laboratory.face_digest:
+            return
+    except DataError:
+        pass
+    save_face(laboratory.face, path)
 
 
 _laboratory: Laboratory | None = None
@@ -48,26 +100,46 @@ _messages: list[str] = []
 """Laboratory of a worker process, and its messages."""
 
 
-def _begin(study: StudyConfiguration, face: xr.Dataset, folder: Path) -> None:
+def _use(laboratory: Laboratory) -> None:
+    """Compute trials in the process of the study."""
     global _laboratory
+    _laboratory = laboratory
+
+
+def _begin(study: StudyConfiguration, folder: Path, digest: str, code: str) -> None:
+    """Prepare a worker process, which must have the code and the files of the study."""
+    global _laboratory
+    if code_version(CODE) != code:
+        raise ExecutionError(
+            "a worker has other source code of emgface than the study, expected the same: install "
+            "the same version for the workers and start them again"
+        )
+    path = folder / FACES / f"{digest}.nc"
+    if not path.is_file():
+        raise ExecutionError(
+            f"a worker does not find {path}, expected a file system that all workers share: "
+            "specify a folder for the results that exists on all machines"
+        )
+    face = load_face(path)
+    if dataset_digest(face) != digest:
+        raise ExecutionError(f"{path} was changed while the study ran: run the study again")
     store = Store(folder, report=_messages.append)
     _laboratory = Laboratory(store, face, study, _messages.append)
 
 
-def _without_data(trial: PlannedTrial) -> PlannedTrial:
-    """Remove the samples of a usable recording, because a worker reads the file itself."""
-    recording = trial.recording
-    if recording is None or recording.error is not None or recording.excluded:
-        return trial
-    return replace(trial, recording=replace(recording, dataset=xr.Dataset(), digest=""))
-
-
-def _work(job: tuple[PlannedTrial, Result | None]) -> Done:
+def _work(job: Job) -> Done:
     assert _laboratory is not None, "the laboratory of a worker is not set"
     trial, extent = job
-    recording = trial.recording
-    if recording is not None and recording.error is None and not recording.excluded:
-        recording = load_recording(recording.path, _laboratory.study.recordings)
-    before, _messages[:] = len(_laboratory.store.events), []
-    outcome = run_trial(_laboratory, replace(trial, recording=recording), extent)
-    return Done(outcome, _laboratory.store.events[before:], set(_laboratory.muted), list(_messages))
+    events, _messages[:], started = _laboratory.store.events, [], time.perf_counter()
+    before = len(events)
+    try:
+        outcome = run_trial(_laboratory, trial, extent)
+    except StoreError:
+        # File systems of clusters fail for moments; a full disk fails again.
+        time.sleep(PAUSE)
+        outcome = run_trial(_laboratory, trial, extent)
+    own = events[before:]
+    del events[before:]
+    muted = bool(_laboratory.muted)
+    _laboratory.muted.clear()
+    return Done(outcome, own, muted, list(_messages), time.perf_counter() - started)

@@ -17,7 +17,7 @@ from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
 from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import in_processes
+from emgface.study.parallel import Workers, run_jobs
 from emgface.study.store import Store
 from emgface.volunteers.conduction import Conduction, face_conduction
 from emgface.volunteers.emg import Pools, draw_pools
@@ -51,7 +51,7 @@ def make_volunteers(
     seed: int = 0,
     parameters: SimulationParameters | None = None,
     settings: VolunteerParameters | None = None,
-    workers: int = 1,
+    workers: int | Workers = 1,
     observer: Observer | None = None,
     store: Path | None = None,
 ) -> list[Path]:
@@ -66,7 +66,8 @@ def make_volunteers(
     Each volunteer's face is a scaled copy of `face`, with the same mesh and muscles in every world,
     or a template face if it is None. sigma_max and tissue stiffness of `parameters` are replaced by
     the person's; `settings` are those of faces, sessions, electrodes and cameras. The recordings do
-    not depend on the number of processes, `workers`; `observer` receives messages and progress.
+    not depend on `workers`, a number of processes or the workers of a scheduler; `observer`
+    receives messages and progress.
 
     Raises ConfigurationError if an instruction is unknown, SimulationError if a motion cannot be
     simulated, and DataError or StoreError if a file cannot be written.
@@ -82,8 +83,8 @@ def make_volunteers(
         of_file = settings.world.without("mesh", "courses")
         settings = settings.model_copy(update={"world": of_file})
     setup = _Setup(
-        face, out, store or out / "store", seed, repetitions, parameters or SimulationParameters(),
-        settings,
+        face, out.resolve(), (store or out / "store").resolve(), seed, repetitions,
+        parameters or SimulationParameters(), settings,
     )  # fmt: skip
     # Volunteers vary fastest, so that every process begins with the rest state of another face.
     jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
@@ -93,25 +94,29 @@ def make_volunteers(
 
 
 def _recorded(
-    setup: "_Setup", jobs: list["_Place"], workers: int, observer: Observer
+    setup: "_Setup", jobs: list["_Place"], workers: int | Workers, observer: Observer
 ) -> dict["_Place", list[Path]]:
-    """Record all sessions, in this process or in several."""
+    """Record all sessions, in this process or by workers."""
+
+    def starting(index: int) -> bool:
+        observer.working("S{:02d} {}".format(*jobs[index]))
+        return True
+
     written: dict[_Place, list[Path]] = {}
-    if workers == 1:
-        recorder = _Recorder(setup, observer)
-        for job in jobs:
-            observer.working("S{:02d} {}".format(*job))
-            written[job] = recorder.record(job)
-            observer.finished("S{:02d} {}".format(*job), "ok")
-    else:
-        results = in_processes(
-            _work, jobs, workers, begin=_begin, arguments=(setup,), group=lambda place: place[0]
-        )
-        for k, (paths, messages) in results:
-            written[jobs[k]] = paths
-            for text in messages:
-                observer.message(text)
-            observer.finished("S{:02d} {}".format(*jobs[k]), "ok")
+    results = run_jobs(
+        _work,
+        jobs,
+        workers,
+        begin=_begin,
+        arguments=(setup,),
+        group=lambda place: place[0],
+        starting=starting,
+    )
+    for k, (paths, messages) in results:
+        written[jobs[k]] = paths
+        for text in messages:
+            observer.message(text)
+        observer.finished("S{:02d} {}".format(*jobs[k]), "ok")
     return written
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from emgface.study.parallel import THREADS, in_processes, kept_processes
+from emgface.errors import WorkerDied
+from emgface.study.parallel import BLAS, ELEMENTS, kept_processes, run_jobs, share_of_threads
 
 ROOT = Path(__file__).resolve().parents[2]
 _offset = 0
@@ -21,7 +22,7 @@ def begin(offset: int) -> None:
 
 
 def square(number: int) -> tuple[int, int, list[str | None]]:
-    return number**2 + _offset, os.getpid(), [os.environ.get(name) for name in THREADS]
+    return number**2 + _offset, os.getpid(), [os.environ.get(name) for name in (*BLAS, ELEMENTS)]
 
 
 def fail_at_two(number: int) -> int:
@@ -36,20 +37,21 @@ def mark_and_wait(folder: str) -> None:
 
 
 def test_every_job_is_done_once_in_another_process_of_one_thread() -> None:
-    before = {name: os.environ.get(name) for name in THREADS}
-    found = dict(in_processes(square, range(6), 2, begin=begin, arguments=(100,)))
+    before = {name: os.environ.get(name) for name in (*BLAS, ELEMENTS)}
+    found = dict(run_jobs(square, range(6), 2, begin=begin, arguments=(100,)))
     assert {index: result[0] for index, result in found.items()} == {
         number: number**2 + 100 for number in range(6)
     }
     assert os.getpid() not in {result[1] for result in found.values()}
-    assert all(result[2] == ["1"] * len(THREADS) for result in found.values())
-    assert {name: os.environ.get(name) for name in THREADS} == before
+    expected = ["1"] * len(BLAS) + [str(share_of_threads(2))]
+    assert all(result[2] == expected for result in found.values())
+    assert {name: os.environ.get(name) for name in before} == before
 
 
 def test_kept_processes_serve_several_calls_and_begin_for_each() -> None:
     with kept_processes(2, ("json",)):
         calls = [
-            dict(in_processes(square, range(4), 2, begin=begin, arguments=(offset,)))
+            dict(run_jobs(square, range(4), 2, begin=begin, arguments=(offset,)))
             for offset in (100, 200)
         ]
     for offset, found in zip((100, 200), calls, strict=True):
@@ -71,14 +73,53 @@ def test_a_process_continues_with_its_group(tmp_path: Path) -> None:
     """The first process to end its job passes over a job of the group that the other has begun."""
     jobs = [(str(tmp_path), *job) for job in (("a", 0.0), ("b", 1.0), ("b", 0.0), ("a", 0.0))]
     found = dict(
-        in_processes(meet_and_wait, jobs, 2, begin=begin, arguments=(0,), group=lambda job: job[1])
+        run_jobs(meet_and_wait, jobs, 2, begin=begin, arguments=(0,), group=lambda job: job[1])
     )
     assert found[3] == found[0] != found[1]
 
 
 def test_a_failure_of_a_job_reaches_the_caller() -> None:
     with pytest.raises(ZeroDivisionError):
-        dict(in_processes(fail_at_two, range(4), 2, begin=begin, arguments=(0,)))
+        dict(run_jobs(fail_at_two, range(4), 2, begin=begin, arguments=(0,)))
+
+
+def die_once(path: str) -> int:
+    """Kill this process at the first call of a job."""
+    if Path(path).name == "deadly" or not Path(path).exists():
+        Path(path).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return os.getpid()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_the_job_of_a_process_that_died_is_repeated_and_then_given_up(tmp_path: Path) -> None:
+    jobs = [str(tmp_path / name) for name in ("a", "deadly", "b")]
+    (tmp_path / "b").touch()
+    lost: list[str] = []
+
+    def given_up(job: str, error: WorkerDied) -> int:
+        lost.append(job)
+        return -1
+
+    found = dict(run_jobs(die_once, jobs, 2, begin=begin, arguments=(0,), lost=given_up))
+    assert lost == [jobs[1]] and found[1] == -1
+    assert found[0] > 0 and found[2] > 0
+    with pytest.raises(WorkerDied, match="out of memory"):
+        dict(run_jobs(die_once, jobs[1:2], 2, begin=begin, arguments=(0,)))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_no_job_begins_after_a_request_to_stop(workers: int) -> None:
+    begun: list[int] = []
+
+    def starting(index: int) -> bool:
+        begun.append(index)
+        return len(begun) < 4
+
+    found = dict(
+        run_jobs(square, range(9), workers, begin=begin, arguments=(0,), starting=starting)
+    )
+    assert sorted(found) == [0, 1, 2] and begun == [0, 1, 2, 3]
 
 
 def is_running(pid: int) -> bool:
@@ -94,10 +135,10 @@ def is_running(pid: int) -> bool:
 def test_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals) -> None:
     program = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from emgface.study.parallel import in_processes\n"
+        "from emgface.study.parallel import run_jobs\n"
         "from tests.study_run.test_parallel import begin, mark_and_wait\n"
         "if __name__ == '__main__':\n"
-        f"    list(in_processes(mark_and_wait, [{str(tmp_path)!r}] * 2, 2, begin=begin, "
+        f"    list(run_jobs(mark_and_wait, [{str(tmp_path)!r}] * 2, 2, begin=begin, "
         "arguments=(0,)))\n"
     )
     script = tmp_path / "parent.py"

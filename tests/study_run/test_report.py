@@ -37,6 +37,7 @@ from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.first_motion import FirstMotion
 from emgface.study.run import run_study
+from emgface.study.runs import lines, run_files
 from tests.study_run.test_run import configured
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
@@ -133,8 +134,8 @@ def test_the_skin_is_kept_when_trials_run_and_not_simulated_again(page: Path) ->
     results = open_results(page.parent / "study")
     assert results.laboratory is not None
     trial = results.trial(("S01", "B", 1), "act_rel")
-    runs = (page.parent / "study" / "times.jsonl").read_text(encoding="utf-8")
-    stages = [json.loads(line)["stage"] for line in runs.splitlines()]
+    runs = [line for path in run_files(page.parent / "study") for _, line in lines(path)]
+    stages = [stage["stage"] for line in runs for stage in line.get("stages", ())]
     assert stages.count("skin") == stages.count("motion") > 0  # by the study, not by the report
     before = len(results.laboratory.store.events)
     sigma_max = float(trial.motion.attrs["sigma_max"])

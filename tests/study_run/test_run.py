@@ -19,6 +19,7 @@ from emgface.schema.netcdf import read_netcdf
 from emgface.study import run as run_module
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
+from emgface.study.runs import lines, run_files
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
 from emgface.volunteers.world import MATCHED
@@ -175,8 +176,11 @@ def test_an_interrupted_study_is_resumed(laboratory, finished, tmp_path, monkeyp
         resumed.cube.drop_vars(["run_time", "computed"]),
         finished.cube.drop_vars(["run_time", "computed"]),
     )
-    log = [json.loads(line) for line in (out / "times.jsonl").read_text().splitlines()]
-    assert len({line["digest"] for line in log}) == len(log) == 15  # 7 stages x 2 trials + rest
+    runs = [[line for _, line in lines(path)] for path in run_files(out)]
+    assert [run[-1]["outcome"] for run in runs] == ["interrupted", "finished"]
+    log = [s["digest"] for run in runs for line in run for s in line.get("stages", ())
+           if s["outcome"] == "computed"]  # fmt: skip
+    assert len(set(log)) == len(log) == 15  # 7 stages x 2 trials + rest
 
 
 def test_two_processes_give_the_cube_of_one(laboratory, finished, tmp_path: Path) -> None:

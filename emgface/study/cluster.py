@@ -1,0 +1,104 @@
+"""Execution of jobs by the workers of a dask.distributed scheduler.
+
+The scheduler transports jobs and records of a few kilobytes; data are read from and written to the
+store, which lies on a file system shared by all workers. dask.distributed retries a job whose
+worker died (setting ``distributed.scheduler.allowed-failures``, three by default).
+"""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from contextlib import suppress
+from typing import Any, Final
+
+from emgface.errors import ConfigurationError, ExecutionError, WorkerDied
+
+TIMEOUT: Final = 30.0
+"""Seconds to wait for a scheduler to answer."""
+REFRESH: Final = 2.0
+"""Seconds between two counts of the workers."""
+AHEAD: Final = 2
+"""Jobs submitted per thread of the workers, so that no worker waits for the next one."""
+
+
+class DaskWorkers:
+    """Workers of a dask.distributed scheduler, which may join and leave during a run.
+
+    Raises ConfigurationError if the package distributed is not installed, and ExecutionError if no
+    scheduler answers at `address`, such as ``tcp://host:8786``.
+    """
+
+    tries = 1
+
+    def __init__(self, address: str, timeout: float = TIMEOUT) -> None:
+        try:
+            from distributed import Client  # pyright: ignore[reportMissingImports]
+        except ImportError as error:
+            raise ConfigurationError(
+                "a scheduler requires the package distributed, which is not installed: install "
+                "'emgface[distributed]', or use --workers without --scheduler"
+            ) from error
+        self.address = address
+        try:
+            self._client = Client(address, timeout=timeout, set_as_default=False)
+        except (OSError, ValueError) as error:  # a timeout is an OSError
+            raise ExecutionError(
+                f"no scheduler answers at {address} ({error}): start one with 'dask scheduler', or "
+                "correct the address"
+            ) from error
+        self._executor = self._client.get_executor(pure=False)
+        self._counted, self._threads = -REFRESH, 0
+
+    @property
+    def threads(self) -> int:
+        """Number of threads of all workers, counted every few seconds."""
+        if time.monotonic() - self._counted >= REFRESH:
+            try:
+                self._threads = sum(self._client.nthreads().values())
+            except Exception as error:  # the connection has many ways to be closed
+                raise self._lost() from error
+            self._counted = time.monotonic()
+        return self._threads
+
+    @property
+    def slots(self) -> int:
+        """Jobs to submit: some for each thread, one for a worker that is still to come."""
+        return max(1, AHEAD * self.threads)
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Give a job to the scheduler."""
+        try:
+            return self._executor.submit(function, *arguments)
+        except Exception as error:
+            raise self._lost() from error
+
+    def result(self, future: Future[Any]) -> Any:
+        """Return the result of a job, or raise its error."""
+        from distributed import KilledWorker  # pyright: ignore[reportMissingImports]
+
+        try:
+            return future.result()
+        except KilledWorker as error:
+            raise WorkerDied(
+                f"{error.allowed_failures + 1} workers died while they computed it (killed, or "
+                "out of memory): give the workers more memory, or use a coarser face"
+            ) from error
+        except CancelledError as error:
+            raise self._lost() from error
+
+    def _lost(self) -> ExecutionError:
+        return ExecutionError(
+            f"the scheduler at {self.address} does not answer any more: completed results are "
+            "stored; start it again and run the same command to continue"
+        )
+
+    def stop(self) -> None:
+        """Cancel all jobs that have not begun; a job that runs ends with its result stored."""
+        with suppress(Exception):  # the scheduler may have gone
+            self._executor.shutdown(wait=False)
+            self._executor = self._client.get_executor(pure=False)
+
+    def end(self) -> None:
+        """Disconnect from the scheduler."""
+        with suppress(Exception):
+            self._client.close(timeout=5)

@@ -1,0 +1,263 @@
+"""Journal of the present run of a study, and the trials of earlier ones."""
+
+import errno
+import json
+import os
+import socket
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+
+from analysis.trial import Trial
+from emgface.errors import StoreError
+from emgface.study.provenance import now
+from emgface.study.runs import FOLDER, Line, check, lines, parsed, run_files
+from emgface.study.store import Event
+
+NOT_FINAL: Final = ("WorkerDied", "StoreError", "ExecutionError")
+"""Failures of the machine, not of a trial: a later run computes the trial again."""
+SCALARS: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Position of the line of a trial, and what a resumed run needs to know of it."""
+
+    path: Path
+    offset: int
+    status: str
+    sigma_max: float
+    muted: bool
+    files: tuple[tuple[str, str, int, int], ...]
+    """Stage, digest, size [bytes] and modification time [ns] of the stored results."""
+
+    @classmethod
+    def of(cls, path: Path, offset: int, line: Line) -> "Entry":
+        """Describe the line of a trial."""
+        sigma_max = line["sigma_max"]
+        return cls(
+            path,
+            offset,
+            line["status"],
+            np.nan if sigma_max is None else sigma_max,
+            line["muted"],
+            tuple((s["stage"], s["digest"], *s["file"]) for s in line["stages"]),
+        )
+
+    @property
+    def final(self) -> bool:
+        """Return True if the same computation would have the same outcome."""
+        return self.status.removeprefix("failed:") not in NOT_FINAL
+
+
+class Journal:
+    """Events of one run, and the trials of all runs in the same folder.
+
+    `folder` is that of the study; `facts` are written to the first line. Raises StoreError if the
+    file cannot be written.
+    """
+
+    def __init__(self, folder: Path, facts: Mapping[str, Any]) -> None:
+        self.known: dict[str, Entry] = {}
+        for path in run_files(folder):
+            for offset, line in lines(path):
+                if line["event"] == "trial" and line["key"]:
+                    self.known[line["key"]] = Entry.of(path, offset, line)
+        self._started, self._torn = time.monotonic(), False
+        host, process = socket.gethostname(), os.getpid()
+        day = now().replace(":", "").replace("-", "")
+        # A clock may jump back and a process number recur; an existing file is never continued.
+        self.path = folder / FOLDER / f"{day}-{host}-{process}-{os.urandom(3).hex()}.jsonl"
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = self.path.open("xb", buffering=0)
+        except OSError as error:
+            raise StoreError(
+                f"the journal {self.path} cannot be written ({error.strerror}): specify a "
+                "writable folder"
+            ) from error
+        self.write("run", host=host, process=process, **facts)
+
+    def write(self, event: str, **fields: Any) -> int:
+        """Write an event and return the position of its line."""
+        at = round(time.monotonic() - self._started, 3)
+        line = {"event": event, "time": now(), "at": at, **fields}
+        text = json.dumps(line, separators=(",", ":"), allow_nan=False)
+        data = f'{text[:-1]},"check":"{check(text)}"}}\n'.encode()
+        try:
+            if self._torn:
+                data = b"\n" + data
+            offset = self._stream.tell() + int(self._torn)
+            self._torn = True
+            if self._stream.write(data) != len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            self._torn = False
+            if event != "begin":
+                os.fsync(self._stream.fileno())
+        except OSError as error:
+            raise StoreError(
+                f"the journal {self.path} cannot be written ({error.strerror}): completed results "
+                "are stored; free space and run the same command to continue"
+            ) from error
+        return offset
+
+    def trial(
+        self,
+        key: str,
+        trial: Trial,
+        events: list[Event],
+        store: Path,
+        *,
+        variant: str,
+        seconds: float,
+        muted: bool,
+    ) -> Entry:
+        """Write the outcome of a trial and its stored results."""
+        files = [(event, _stat(store / event.stage / f"{event.digest}.nc")) for event in events]
+        line: Line = {
+            "trial": [trial.volunteer, trial.instruction, int(trial.repetition), trial.strategy],
+            "variant": variant,
+            "key": key,
+            "status": trial.status,
+            "reason": trial.reason,
+            "origin": trial.origin,
+            "computed": trial.computed,
+            "environments": list(trial.environments),
+            **{name: _number(getattr(trial, name)) for name in SCALARS},
+            "scores": None if trial.scores is None else _packed(trial.scores),
+            "seconds": round(seconds, 4),
+            "muted": muted,
+            "stages": [asdict(e) | {"seconds": round(e.seconds, 4), "file": f} for e, f in files],
+        }
+        offset = self.write("trial", **line)
+        entry = Entry.of(self.path, offset, line)
+        if key:
+            self.known[key] = entry
+        return entry
+
+    def end(self, outcome: str, events: list[Event]) -> None:
+        """Write the outcome of the run and its results of no single trial, and close the file."""
+        try:
+            self.write("end", outcome=outcome, stages=[asdict(event) for event in events])
+        except StoreError:
+            if outcome == "finished":
+                raise
+        finally:
+            self._stream.close()
+
+
+def read_line(entry: Entry) -> Line:
+    """Read the line of a trial again; StoreError if it cannot be read any more."""
+    try:
+        with entry.path.open("rb") as stream:
+            stream.seek(entry.offset)
+            line = parsed(stream.readline())
+    except OSError as error:
+        raise StoreError(f"{entry.path} cannot be read ({error.strerror})") from error
+    if line is None:
+        raise StoreError(
+            f"{entry.path} was changed while the study ran, expected a file that only grows: run the "
+            "study again"
+        )
+    return line
+
+
+def events_of(entry: Entry, run: Path) -> list[Event]:
+    """Results of a trial; those recorded by another run than `run` were reused."""
+    if entry.path != run:
+        return [Event(stage, digest, "", "reused", 0.0) for stage, digest, *_ in entry.files]
+    names = ("stage", "digest", "label", "outcome", "seconds")
+    return [Event(*(stage[name] for name in names)) for stage in read_line(entry)["stages"]]
+
+
+def read_trial(entry: Entry) -> Trial:
+    """Read the outcome of a trial again; StoreError if it cannot be read any more."""
+    line = read_line(entry)
+    volunteer, instruction, repetition, strategy = line["trial"]
+    return Trial(
+        volunteer,
+        instruction,
+        repetition,
+        strategy,
+        None if line["scores"] is None else _unpacked(line["scores"]),
+        line["status"],
+        line["reason"],
+        **{name: np.nan if line[name] is None else line[name] for name in SCALARS},
+        origin=line["origin"],
+        computed=line["computed"],
+        environments=tuple(line["environments"]),
+    )
+
+
+def _stat(path: Path) -> tuple[int, int]:
+    """Size [bytes] and modification time [ns] of a file, zeros if it does not exist."""
+    try:
+        found = path.stat()
+    except OSError:
+        return 0, 0
+    return found.st_size, found.st_mtime_ns
+
+
+class StoredFiles:
+    """Sizes and modification times of all results of a store, from one listing of its folders."""
+
+    def __init__(self, store: Path) -> None:
+        self.found: dict[tuple[str, str], tuple[int, int]] = {}
+        if not store.is_dir():
+            return
+        for stage in os.scandir(store):
+            if stage.is_dir():
+                for file in os.scandir(stage.path):
+                    name, dot, suffix = file.name.rpartition(".")
+                    if suffix == "nc" and dot and not name.startswith("."):
+                        told = file.stat()
+                        self.found[stage.name, name] = told.st_size, told.st_mtime_ns
+
+    def intact(self, entry: Entry) -> bool:
+        """Return True if the results of a trial are those that it recorded."""
+        return all(self.found.get((s, d)) == (size, at) for s, d, size, at in entry.files)
+
+
+def _number(value: float) -> float | None:
+    value = float(value)
+    return None if value != value else value
+
+
+def _plain(value: Any) -> Any:
+    """Return values as JSON, NaN as null."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return _number(value) if isinstance(value, float) else value
+
+
+def _packed(scores: xr.Dataset) -> Line:
+    """Scores as JSON; every digit of a number is kept."""
+    return {
+        "attrs": {str(k): _plain(v) for k, v in scores.attrs.items()},
+        "variables": {
+            str(name): [
+                list(v.dims),
+                "U" if v.dtype.kind in "OUT" else v.dtype.str,
+                _plain(v.values),
+            ]
+            for name, v in scores.variables.items()
+        },
+    }
+
+
+def _unpacked(packed: Line) -> xr.Dataset:
+    """Scores from `_packed`."""
+    made: dict[str, Any] = {}
+    for name, (dims, kind, values) in packed["variables"].items():
+        data = np.array(values, dtype=str if kind == "U" else np.dtype(kind))
+        made[name] = (dims, data)
+    dims = {dim for found, _ in made.values() for dim in found}
+    coords = {name: made.pop(name) for name in [*made] if name in dims}
+    return xr.Dataset(made, coords=coords, attrs=packed["attrs"])

@@ -1,0 +1,38 @@
+"""Simulated motions of scored trials, read from the store one at a time."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import xarray as xr
+
+from emgface.study.journal import Entry
+from emgface.study.stages import MOTION, Laboratory
+from emgface.study.store import Result
+from emgface.study.table import PlannedTrial
+
+
+@dataclass(frozen=True)
+class StoredMotion:
+    """Simulated motion of a trial, read when it is needed."""
+
+    laboratory: Laboratory
+    trial: PlannedTrial
+    entry: Entry
+    extent: Result | None
+
+    @property
+    def digest(self) -> str:
+        """Digest of the stored result."""
+        return [digest for stage, digest, *_ in self.entry.files if stage == MOTION.name][-1]
+
+    @cached_property
+    def dataset(self) -> xr.Dataset:
+        """Stored motion, computed again if it is damaged."""
+        found = self.laboratory.store.read(MOTION.name, self.digest)
+        if found is not None:
+            return found
+        assert self.trial.recording is not None, "a scored trial has a recording"
+        activation = self.laboratory.activation(
+            self.trial.recording, self.trial.strategy, self.extent
+        ).dataset["activation"]
+        return self.laboratory.motion(activation, self.trial.label, self.entry.sigma_max).dataset

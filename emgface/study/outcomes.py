@@ -1,0 +1,100 @@
+"""Trials of one run: those that are known, and the record of those that are computed."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from emgface.study.journal import Entry, Journal, StoredFiles
+from emgface.study.observer import Observer, Silent
+from emgface.study.parallel import Workers
+from emgface.study.table import Place, PlannedTrial
+from emgface.study.workers import Done
+
+Entries = dict[tuple[str, str, int, str], Entry]
+"""Outcomes of the trials by volunteer, instruction, repetition and strategy."""
+
+
+@dataclass
+class Run:
+    """Journal and execution of one run, and the outcomes of all its trials.
+
+    `stopping` returns True if no further trial should begin; `variant` is the label of the present
+    variant of the study.
+    """
+
+    journal: Journal
+    stored: StoredFiles
+    workers: int | Workers
+    observer: Observer
+    stopping: Callable[[], bool]
+    variant: str = ""
+    entries: list[Entry] = field(default_factory=list)
+    muted: set[Place] = field(default_factory=set)
+
+    def label(self, trial: PlannedTrial) -> str:
+        """Readable label of a trial of the present variant."""
+        return f"{self.variant}: {trial.label}" if self.variant else trial.label
+
+    @contextmanager
+    def silently(self) -> Iterator[None]:
+        """Do not count trials that are computed again as progress."""
+        observer, self.observer = self.observer, Silent()
+        try:
+            yield
+        finally:
+            self.observer = observer
+
+    def starting(self, trial: PlannedTrial) -> bool:
+        """Note that a trial begins, unless the run is to stop."""
+        if self.stopping():
+            return False
+        self.journal.write("begin", trial=[*trial.place, trial.strategy], variant=self.variant)
+        self.observer.working(self.label(trial))
+        return True
+
+    def outcomes(
+        self,
+        trials: Sequence[PlannedTrial],
+        keys: Sequence[str],
+        compute: Callable[[list[PlannedTrial]], Iterator[tuple[PlannedTrial, Done]]],
+        store: Path,
+    ) -> Entries:
+        """Return the outcomes of trials, computed if they are unknown or their results damaged.
+
+        `keys` are the digests of all inputs of the trials; `compute` yields trials and their
+        outputs in any order, and `store` is the folder of their results. Raises KeyboardInterrupt
+        if `compute` stops early, and StoreError if the journal cannot be written.
+        """
+        found: Entries = {}
+        absent: dict[tuple[Place, str], str] = {}
+        for trial, key in zip(trials, keys, strict=True):
+            entry = self.journal.known.get(key)
+            if entry is None or not entry.final or not self.stored.intact(entry):
+                absent[trial.place, trial.strategy] = key
+                continue
+            found[*trial.place, trial.strategy] = entry
+            if entry.muted:
+                self.muted.add(trial.place)
+            self.observer.finished(self.label(trial), entry.status)
+        left = [trial for trial in trials if (trial.place, trial.strategy) in absent]
+        for trial, done in compute(left):
+            entry = self.journal.trial(
+                absent[trial.place, trial.strategy],
+                done.outcome,
+                done.events,
+                store,
+                variant=self.variant,
+                seconds=done.seconds,
+                muted=done.muted,
+            )
+            found[*trial.place, trial.strategy] = entry
+            if done.muted:
+                self.muted.add(trial.place)
+            for text in done.messages:
+                self.observer.message(text)
+            self.observer.finished(self.label(trial), done.outcome.status)
+        if len(found) < len(trials):
+            raise KeyboardInterrupt
+        self.entries += found.values()
+        return {(*t.place, t.strategy): found[*t.place, t.strategy] for t in trials}

@@ -1,0 +1,55 @@
+"""Journal of the runs of a study: one line of JSON per event, in one file per run.
+
+A run writes ``runs/<date>-<host>-<process>.jsonl`` in the folder of its study, and no other process
+writes to that file, so that simultaneous runs do not affect each other. Lines are written and
+synchronised when they happen. The last field of a line, ``check``, is a checksum of the others: a
+line that was cut off or damaged is ignored, and its trial is computed or read again.
+
+The line of a trial contains its outcome with its scores, a few kilobytes, and names its stored
+results with their sizes. A later run with the same key (`Laboratory.trial_key`) reuses the trial
+without opening these results, as long as their sizes and modification times are the recorded ones.
+Dates are for the reader, ``at`` counts seconds from the start of the run; nothing depends on the
+order of clocks.
+"""
+
+import json
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+FOLDER: Final = "runs"
+Line = dict[str, Any]
+
+
+def run_files(folder: Path) -> list[Path]:
+    """Files of the runs of a study, the one that was changed last at the end."""
+    return sorted((folder / FOLDER).glob("*.jsonl"), key=lambda path: path.stat().st_mtime_ns)
+
+
+def lines(path: Path) -> Iterator[tuple[int, Line]]:
+    """Read the events of a run with their positions, without damaged lines."""
+    offset = 0
+    with path.open("rb") as stream:
+        for data in stream:
+            line = parsed(data)
+            if line is not None:
+                yield offset, line
+            offset += len(data)
+
+
+def parsed(data: bytes) -> Line | None:
+    """Event of a line, or None if it is damaged or incomplete."""
+    try:
+        text = data.decode()
+        head, _, tail = text.rpartition(',"check":"')
+        if tail != check(head + "}") + '"}\n':
+            return None
+        return json.loads(text)
+    except ValueError:
+        return None
+
+
+def check(text: str) -> str:
+    """Checksum (CRC-32) of a line without it."""
+    return f"{zlib.crc32(text.encode()):08x}"

@@ -1,0 +1,136 @@
+"""Status, explanation, removal, copies and repetition of a finished study."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from emgface.cli import app
+from emgface.errors import DataError, StoreError
+from emgface.report.results import study_cube
+from emgface.study.audit import explain, reproduce
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.digest import file_digest
+from emgface.study.retention import export, unused_files
+from emgface.study.run import run_study
+from emgface.study.runs import lines, run_files
+from emgface.study.state import read_state
+from emgface.study.store import write_netcdf
+
+pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+
+
+@pytest.fixture
+def folder(shown: Path, tmp_path: Path) -> Path:
+    """Copy of a finished study of one trial under two strategies, which names its own store."""
+    copy = tmp_path / "study"
+    export(shown, copy)
+    return copy
+
+
+def configuration(folder: Path) -> StudyConfiguration:
+    return StudyConfiguration.model_validate_json(study_cube(folder).attrs["configuration"])
+
+
+def with_simulation(study: StudyConfiguration, **changes) -> StudyConfiguration:
+    return study.model_copy(update={"simulation": study.simulation.model_copy(update=changes)})
+
+
+def test_status_counts_trials_and_sizes_as_text_and_json(shown: Path) -> None:
+    told = CliRunner().invoke(app, ["study", "status", str(shown)])
+    assert told.exit_code == 0, told.output
+    assert "2 of 2 trials have an outcome (2 ok)" in told.stdout and "finished" in told.stdout
+    state = json.loads(CliRunner().invoke(app, ["study", "status", str(shown), "--json"]).stdout)
+    assert state["status"] == {"ok": 2} and state["running"] == [] and state["failures"] == []
+    size = sum(path.stat().st_size for path in (shown / "store" / "motion").glob("*.nc"))
+    assert state["stored"]["motion"] == {"results": 2, "bytes": size}
+    with pytest.raises(DataError, match="has no journal"):
+        read_state(shown / "store")
+
+
+def test_damaged_and_unfinished_lines_of_a_journal_are_ignored(folder: Path) -> None:
+    (path,) = run_files(folder)
+    whole = path.read_bytes().splitlines(keepends=True)
+    trials = [k for k, line in enumerate(whole) if b'"event":"trial"' in line]
+    changed = whole[trials[0]].replace(b'"status":"ok"', b'"status":"on"')
+    path.write_bytes(b"".join([*whole[: trials[0]], changed, whole[trials[1]][:300]]))
+    assert [line["event"] for _, line in lines(path)] == ["run", "begin"]
+    assert read_state(folder).runs[-1].state == "running"  # by this process, which wrote it
+    again = run_study(configuration(folder), folder)
+    assert again.computed() == [] and (again.cube["status"] == "ok").all()
+    assert read_state(folder).status == {"ok": 2}
+
+
+def test_explain_names_what_changed(folder: Path) -> None:
+    study, store = configuration(folder), folder / "store"
+    told = explain(study, folder, store, ["S01"])
+    assert len(told) == 2 and all("is up to date (ok" in sentence for sentence in told)
+    (told,) = explain(
+        with_simulation(study, sigma_max=90e3), folder, store, "S01 B 1 act_rel".split()
+    )
+    assert "from stage motion on: sigma_max changed from 100000.0 to 90000.0" in told
+    next((store / "scores").glob("*.json")).write_text("{")
+    told = explain(study, folder, store, [])
+    assert [" scores on: its result has an index that cannot be read" in t for t in told].count(
+        True
+    ) == 1
+    with pytest.raises(DataError, match="there is no trial 'S02'"):
+        explain(study, folder, store, ["S02"])
+
+
+def test_gc_finds_what_no_study_uses_and_nothing_else(folder: Path) -> None:
+    line, store = run_files(folder)[0], folder / "store"
+    assert unused_files([folder]).files == []
+    unused = [store / "motion" / f"{'0' * 32}.nc", store / "scores" / ".x.nc.12.ab.part"]
+    for path in unused:
+        path.write_bytes(b"12345")
+    found = unused_files([folder])
+    assert sorted(found.files) == sorted(unused) and found.size == 10
+    told = CliRunner().invoke(app, ["study", "gc", str(folder)])
+    assert "2 files" in told.stdout and all(path.exists() for path in unused)
+    CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
+    assert not any(path.exists() for path in unused)
+    whole = line.read_bytes().splitlines(keepends=True)
+    line.write_bytes(b"".join(whole[:-1]))  # the run of this process has not ended
+    with pytest.raises(StoreError, match="is running"):
+        unused_files([folder])
+
+
+def test_an_exported_study_is_complete(shown: Path, folder: Path, tmp_path: Path) -> None:
+    again = run_study(configuration(folder), folder)
+    assert again.computed() == []
+    xr.testing.assert_identical(again.cube, study_cube(shown))
+    export(folder, tmp_path / "small", without=["skin"])
+    assert not (tmp_path / "small" / "store" / "skin").exists()
+    with pytest.raises(DataError, match="expected a new folder"):
+        export(folder, tmp_path / "small")
+
+
+def test_reproduce_passes_and_detects_a_planted_change(folder: Path) -> None:
+    study, store = configuration(folder), folder / "store"
+    choice = {"wanted": ["S01", "B", "1", "act_rel"], "report": lambda text: None}
+    (found,) = reproduce(study, folder, store, **choice)
+    assert found.differences == [] and found.equal == 5
+    line = next(
+        line for _, line in lines(run_files(folder)[0]) if line.get("trial", [""])[-1] == "act_rel"
+        and line["event"] == "trial"
+    )  # fmt: skip
+    digest = next(s["digest"] for s in line["stages"] if s["stage"] == "motion")
+    path = store / "motion" / f"{digest}.nc"
+    motion = xr.load_dataset(path, decode_times=False).drop_encoding()
+    motion["position"][2, 1, 5] += 1e-9
+    write_netcdf(motion, path)
+    index = json.loads(path.with_suffix(".json").read_text())
+    index |= {"bytes": path.stat().st_size, "sha256": file_digest(path)}
+    path.with_suffix(".json").write_text(json.dumps(index))
+    (found,) = reproduce(study, folder, store, **choice)
+    assert found.equal == 4 and found.differences == ["motion: position differs by up to 1e-09 m"]
+
+
+def test_a_trial_is_computed_again_if_its_results_are_gone(folder: Path) -> None:
+    study = configuration(folder)
+    shutil.rmtree(folder / "store" / "aligned")
+    assert {event.stage for event in run_study(study, folder).computed()} == {"aligned"}

@@ -1,0 +1,61 @@
+"""Workers of a dask.distributed scheduler; skipped where the package is not installed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emgface.errors import ConfigurationError, ExecutionError
+from emgface.study.cluster import DaskWorkers
+from emgface.study.parallel import run_jobs
+from tests.study_run.test_parallel import begin, die_once, fail_at_two, square
+
+
+def installed() -> bool:
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+needed = pytest.mark.skipif(not installed(), reason="the extra 'distributed' is not installed")
+
+
+@pytest.mark.skipif(installed(), reason="the package distributed is installed")
+def test_a_scheduler_without_the_package_is_refused_with_the_extra_to_install() -> None:
+    with pytest.raises(ConfigurationError, match=r"emgface\[distributed\]"):
+        DaskWorkers("tcp://127.0.0.1:1")
+
+
+@needed
+def test_a_scheduler_that_does_not_answer_is_named() -> None:
+    with pytest.raises(ExecutionError, match="no scheduler answers at tcp://127.0.0.1:1 "):
+        DaskWorkers("tcp://127.0.0.1:1", timeout=0.2)
+
+
+@needed
+@pytest.mark.slow
+def test_jobs_are_done_by_workers_that_may_die_and_the_loss_of_the_scheduler_is_an_error(
+    tmp_path: Path,
+) -> None:
+    from distributed import LocalCluster
+
+    cluster = LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+    )
+    workers = DaskWorkers(cluster.scheduler_address)
+    try:
+        found = dict(run_jobs(square, range(6), workers, begin=begin, arguments=(100,)))
+        assert {k: result[0] for k, result in found.items()} == {k: k**2 + 100 for k in range(6)}
+        with pytest.raises(ZeroDivisionError):
+            dict(run_jobs(fail_at_two, range(4), workers, begin=begin, arguments=(0,)))
+        jobs = [str(tmp_path / name) for name in ("a", "b")]
+        again = dict(run_jobs(die_once, jobs, workers, begin=begin, arguments=(0,)))
+        assert len(again) == 2 and all(np.array(list(again.values())) > 0)
+        cluster.close()
+        with pytest.raises(ExecutionError, match="does not answer any more"):
+            dict(run_jobs(square, range(6), workers, begin=begin, arguments=(0,)))
+    finally:
+        workers.end()
+        cluster.close()
