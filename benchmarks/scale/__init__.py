@@ -1,0 +1,124 @@
+"""Studies over many workers: overhead, throughput, faults, and a simulation of 1000 workers.
+
+    python -m benchmarks scale FOLDER PART
+
+PART is one of
+
+    many        10 000 stub trials: memory of the driver, status, resumption
+    throughput  stub trials of 0.1 s with 1, 2 and 4 processes, and dask workers started by hand
+    thousand    1000 simulated workers and a real driver, over the duration of a trial
+    faults      killed processes, full disk, damaged files and others: what happens to the results
+    plan        10 000 volunteers, extrapolated from the results in --store
+    picture     draws the results of `throughput` and `thousand`
+
+Trials are stubs (`benchmarks.scale.stub`): execution, journal and store are those of a study, and
+the computation is replaced by waiting. Results are written to FOLDER/PART.json.
+"""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.scale.cluster import StartedByHand
+from benchmarks.scale.faults import faults
+from benchmarks.scale.plan import plan
+from benchmarks.scale.simulated import thousand
+from benchmarks.scale.stub import run
+from emgface.study.cluster import DaskWorkers
+from emgface.study.state import read_state
+
+PARTS = ("many", "throughput", "thousand", "faults", "plan", "picture")
+
+
+def main(folder: Path, part: str, trials: int = 10_000, store: Path = Path("store")) -> None:
+    """Measure one part and print it as a table."""
+    if part not in PARTS:
+        raise SystemExit(f"there is no part {part!r}, expected one of {', '.join(PARTS)}")
+    folder.mkdir(parents=True, exist_ok=True)
+    if part == "picture":
+        from benchmarks.scale.picture import picture
+
+        print(picture(folder))
+        return
+    rows = {
+        "many": lambda: many(folder / "many", trials),
+        "throughput": lambda: throughput(folder / "throughput"),
+        "thousand": lambda: thousand(folder / "thousand"),
+        "faults": lambda: faults(folder / "faults"),
+        "plan": lambda: plan(store),
+    }[part]()
+    (folder / f"{part}.json").write_text(json.dumps(rows, indent=1))
+    heads = list(rows[0])
+    print("| " + " | ".join(heads) + " |\n|" + "---|" * len(heads))
+    for row in rows:
+        print("| " + " | ".join(_cell(row[head]) for head in heads) + " |")
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def many(folder: Path, trials: int) -> list[dict[str, Any]]:
+    """Many stub trials: memory of the driver, time of status and of resumption."""
+    made = run(folder, trials, 1)
+    began = time.perf_counter()
+    code = "from emgface.cli import main; main()"
+    status = subprocess.run(
+        [sys.executable, "-c", code, "study", "status", str(folder)],
+        check=True,
+        capture_output=True,
+    )
+    told = time.perf_counter() - began
+    began, spent = time.perf_counter(), time.process_time()
+    read_state(folder)
+    state, state_cpu = time.perf_counter() - began, time.process_time() - spent
+    spent = time.process_time()
+    again = run(folder, trials, 1)
+    resumed = time.process_time() - spent
+    new = trials - made["known"]
+    size = sum(path.stat().st_size for path in (folder / "runs").iterdir())
+    rows = [
+        ("trials computed in this call", new),
+        ("processor time per trial, driver and store [ms]", 1e3 * made["driver_cpu_s"] / max(new, 1)),
+        ("memory of the driver at the start [MB]", made["memory_MB"][0]),
+        ("memory after each thousand trials [MB]", made["memory_MB"][1:]),
+        ("journal per trial [kB]", size / 1e3 / trials),
+        ("state read, wall / processor [s]", f"{state:.2f} / {state_cpu:.2f}"),
+        ("'emgface study status', new process, wall [s]", told),
+        ("resumption, until done, wall / processor [s]", f"{again['wall_s']:.2f} / {resumed:.2f}"),
+    ]  # fmt: skip
+    print(status.stdout.decode())
+    return [{"quantity": name, "value": value} for name, value in rows]
+
+
+def throughput(folder: Path, trials: int = 60, seconds: float = 0.1) -> list[dict[str, Any]]:
+    """Trials per second by the number of workers; trials wait instead of computing."""
+    rows: list[dict[str, Any]] = []
+
+    def add(name: str, workers: int, found: dict[str, Any]) -> None:
+        rate = trials / found["wall_s"]
+        rows.append({
+            "workers": name, "number": workers, "trials per second": rate,
+            "of the ideal": rate * seconds / workers,
+            "driver, processor ms per trial": 1e3 * found["driver_cpu_s"] / trials,
+        })  # fmt: skip
+
+    for workers in (1, 2, 4):
+        name = "in this process" if workers == 1 else "processes"
+        add(name, workers, run(folder / f"local_{workers}", trials, workers, seconds))
+    try:
+        import distributed  # noqa: F401  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        return rows
+    for workers in (1, 2, 4):
+        with StartedByHand(folder, workers) as started:
+            chosen = DaskWorkers(started.address)
+            while chosen.threads < workers:
+                time.sleep(1.0)
+            run(folder / f"warm_{workers}", 2 * workers, chosen)
+            add("dask", workers, run(folder / f"dask_{workers}", trials, chosen, seconds))
+            chosen.end()
+    return rows

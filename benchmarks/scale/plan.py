@@ -1,0 +1,43 @@
+"""Resources of a large study, extrapolated from the stored results of a small one."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+STAGES_OF_TRIAL = ("activation", "motion", "skin", "aligned", "scores")
+DRIVER, RECORD = 4e-3, 2.5e3
+"""Processor time of the driver [s] and size of the record [bytes] per trial (``thousand``, ``many``)."""
+
+
+def plan(store: Path, volunteers: int = 10_000, workers: int = 1000) -> list[dict[str, Any]]:
+    """Core-hours, storage, files and traffic of a study of volunteers with 72 trials each.
+
+    `store` contains the results of a study, whose indices state sizes and durations.
+    """
+    trials, seconds, stored = 72 * volunteers, 0.0, 0.0
+    for stage in STAGES_OF_TRIAL:
+        indices = [json.loads(path.read_text()) for path in (store / stage).glob("*.json")]
+        seconds += sum(index["seconds"] for index in indices) / len(indices)
+        size = sum(path.stat().st_size for path in (store / stage).iterdir()) / len(indices)
+        stored += size
+    persons = [json.loads(path.read_text()) for path in (store / "baselines").glob("*.json")]
+    others = len({index["label"].split()[0] for index in persons}) - 1
+    baseline = sum(index["seconds"] for index in persons) / len(persons)
+    elapsed = trials * seconds / workers
+    rows = [
+        ("trials", f"{trials:,}"),
+        ("computing time per trial in this study [s]", f"{seconds:.1f}"),
+        ("core-hours", f"{trials * seconds / 3600:,.0f}"),
+        (f"duration with {workers} workers [h]", f"{elapsed / 3600:.1f}"),
+        ("stored per trial [kB]", f"{stored / 1e3:.0f}"),
+        ("stored [GB]", f"{trials * stored / 1e9:,.0f}"),
+        ("files [millions]", f"{2 * len(STAGES_OF_TRIAL) * trials / 1e6:.1f}"),
+        ("written by all workers [MB/s]", f"{trials * stored / elapsed / 1e6:.1f}"),
+        ("through the scheduler [MB/s]", f"{trials * RECORD / elapsed / 1e6:.2f}"),
+        ("journal [GB]", f"{trials * RECORD / 1e9:.1f}"),
+        ("driver, share of a core", f"{trials * DRIVER / elapsed:.2f}"),
+        (f"baselines per volunteer and instruction, {others} other volunteers [s]", f"{baseline:.1f}"),
+        ("baselines in the driver, if that time did not grow [h]",
+         f"{6 * volunteers * baseline / 3600:,.0f}"),
+    ]  # fmt: skip
+    return [{"quantity": name, "value": value} for name, value in rows]
