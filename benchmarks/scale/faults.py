@@ -14,8 +14,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
+
 from benchmarks.scale import stub
 from benchmarks.scale.cluster import StartedByHand
+from emgface.study.digest import dataset_digest
 from emgface.study.journal import Entry, read_trial
 from emgface.study.runs import lines, run_files
 from emgface.study.store import damage_of
@@ -58,7 +61,7 @@ def wait_for(folder: Path, trials: int) -> None:
 
 
 def content(folder: Path) -> dict[str, Any]:
-    """Scores of all trials and the bytes of their valid results, by label."""
+    """Scores of all trials and the digests of their valid results, by label."""
     found: dict[str, Any] = {}
     for path in run_files(folder):
         for offset, line in lines(path):
@@ -69,7 +72,11 @@ def content(folder: Path) -> dict[str, Any]:
                 file = folder / "store" / stage / f"{digest}.nc"
                 whole = bool(stage) and damage_of(file) is None
                 scores = None if trial.scores is None else trial.scores["rho"].values.tobytes()
-                found[trial.label] = (trial.status, scores, file.read_bytes() if whole else b"")
+                found[trial.label] = (
+                    trial.status,
+                    scores,
+                    dataset_digest(xr.load_dataset(file)) if whole else "",
+                )
     return found
 
 

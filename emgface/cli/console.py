@@ -202,20 +202,22 @@ class Bar:
     """Progress bar, also as `emgface.study.observer.Observer`."""
 
     def __init__(self, shown: Progress, task: Any) -> None:
-        self._shown, self._task = shown, task
+        self._shown, self._task, self._failed = shown, task, 0
 
     def begin(self, total: int) -> None:
         """Set the total."""
         self._shown.update(self._task, total=total, completed=0)
 
     def working(self, label: str) -> None:
-        """Set the description."""
-        self._shown.update(self._task, description=label)
+        """Set the description, with the number of failures so far."""
+        failed = f" ({self._failed} failed)" if self._failed else ""
+        self._shown.update(self._task, description=f"{label}{failed}")
 
     def finished(self, label: str, status: str) -> None:
         """Advance by one, and report a failed trial."""
         self._shown.advance(self._task)
         if status.startswith("failed"):
+            self._failed += 1
             self.message(f"{label}: {status}")
 
     def show(self, done: int, total: int) -> None:

@@ -115,12 +115,12 @@ def explain(
     `folder` contains the journal of the study. One sentence per trial and variant. Raises DataError
     if there is no such trial.
     """
-    told: list[str] = []
-    kept = _ReadOnly(store, report=told.append)
+    kept = _ReadOnly(store, report=lambda text: None)
     files = StoredFiles(store)
-    for one in planned_trials(study, folder, kept, wanted):
-        told.append(f"{one.label}: {_reason(one, kept, files)}")
-    return told
+    return [
+        f"{one.label}: {_reason(one, kept, files)}"
+        for one in planned_trials(study, folder, kept, wanted)
+    ]
 
 
 def _reason(one: Planned, store: Store, files: StoredFiles) -> str:
