@@ -58,10 +58,11 @@ def unused_files(folders: Iterable[Path]) -> Unused:
             raise StoreError(f"the study in {folder} is running, expected none: wait for its end")
     files: list[Path] = []
     for store, used in used_results(folders).items():
-        for stage in sorted(path for path in store.iterdir() if path.is_dir()):
+        # Other folders may belong to simulated volunteers, or to nobody who is known here.
+        for stage in sorted({store / stage for stage, _ in used if (store / stage).is_dir()}):
             for path in sorted(stage.iterdir()):
                 part = path.name.startswith(".") and path.suffix == ".part"
-                result = path.suffix in (".nc", ".json") and stage.name != FACES
+                result = path.suffix in (".nc", ".json")
                 if part or (result and (stage.name, path.stem) not in used):
                     files.append(path)
     return Unused(files, sum(path.stat().st_size for path in files))

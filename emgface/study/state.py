@@ -2,6 +2,7 @@
 
 import os
 import socket
+import sys
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,7 +31,7 @@ class Run:
         """Outcome of the run; "running", "killed", or "unknown" if it is on another machine."""
         if self.outcome:
             return self.outcome
-        if self.first["host"] != socket.gethostname():
+        if self.first["host"] != socket.gethostname() or sys.platform == "win32":
             return f"unknown (on {self.first['host']}, last line of {self.last_time})"
         try:
             os.kill(int(self.first["process"]), 0)
