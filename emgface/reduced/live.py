@@ -98,7 +98,7 @@ class LiveFace:
         nodes = face["marker_node"].values.astype(np.int64)
         rows = self.reduced.modes[nodes]
         self._rest, self._moving = self.reduced.rest[nodes], rows[..., :r]
-        self._omitted = rows[..., r:]
+        self._omitted, self._estimate = rows[..., r:], 0.0
 
     def __call__(self, activation: Floats) -> tuple[Floats, float, float]:
         """Markers (n, 3) [m] after one step, the bound of their error [m], and the distance [1]."""
@@ -107,9 +107,8 @@ class LiveFace:
         )
         attrs = self.reduced.dataset.attrs
         moved = self._omitted @ self._state.memory[OMITTED][0]
-        bound = attrs["error_factor"] * (
-            float(np.linalg.norm(moved, axis=1).max()) + attrs["error_floor"]
-        )
+        self._estimate = max(self._estimate, float(np.linalg.norm(moved, axis=1).max()))
+        bound = attrs["error_factor"] * (self._estimate + attrs["error_floor"])
         distance = float(self.reduced.distances(activation[None])[0])
         return self._rest + self._moving @ self._state.q.reshape(-1), bound, distance
 

@@ -10,11 +10,11 @@ from emgface.choices import Parameters, choice, parameter, positive
 class ReductionParameters(Parameters):
     """Size and training of a reduced face."""
 
-    modes: int = parameter(42, "Number of modes that move, a multiple of three.", ge=3, le=240)
+    modes: int = parameter(30, "Number of modes that move, a multiple of three.", ge=3, le=240)
     omitted: int = parameter(
-        18, "Number of further modes, whose forces estimate the error of leaving them out.", ge=1
+        12, "Number of further modes, whose forces estimate the error of leaving them out.", ge=1
     )
-    points: int = parameter(400, "Largest number of quadrature points with a weight.", ge=10)
+    points: int = parameter(200, "Largest number of quadrature points with a weight.", ge=10)
     sample_tolerance: float = positive(
         1e-5,
         "Displacement that the errors of the sampled forces may cause, root mean square over the "

@@ -49,7 +49,7 @@ SNAPSHOTS: Final = Stage(
 )
 STEP: Final = 0.01
 """Time step of training and reduced motions [s]."""
-FLOOR: Final = 2e-5
+FLOOR: Final = 1e-4
 """Smallest estimate of the error before calibration [m]."""
 WEAKER: Final = 0.8
 """Factor on a drive of the plan after an inverted element."""

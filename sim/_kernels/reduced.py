@@ -18,15 +18,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.lanes import LANES, load, store, total
 from sim._kernels.laws import bulk, fibre, fibre_rests, isochoric
 from sim._kernels.options import inner, kernel
 
 Reals = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# rows of the scratch array: F, cofactor, stress, direction of a fibre (F a0) a0', moduli, A G
-_F, _C, _P, _T, _A, _AG = map(np.int64, (0, 1, 2, 3, 4, 13))
-ROWS = 22
+# rows of the scratch array: F, cofactor, stress, direction of a fibre (F a0) a0', moduli
+_F, _C, _P, _T, _A = map(np.int64, (0, 1, 2, 3, 4))
+ROWS = 13
 DONE, INVERTED, SINGULAR = 0, 1, 2
 
 
@@ -37,7 +38,8 @@ class PointTable(NamedTuple):
     ----------
     place : (p,) 8 e + k of point k of element e.
     F0 : (p, 9) deformation gradient where all coordinates are zero, row by row.
-    G : (p, 9, n) its derivative by the coordinates [1/m].
+    G : (p * 9 * blocks, 8) its derivative by the coordinates [1/m]: the n columns of entry c of point
+        p in rows (9 p + c) blocks.., filled with zeros.
     volume : (p,) stress-free volume [m^3], times the weight of the point.
     law : (p,) row of the passive parameters.
     isochoric_code, isochoric_p, bulk_code, kappa : parameters of every law.
@@ -81,12 +83,14 @@ def _cofactor(w):
 
 @inner
 def _deform(t, p, y, w):
-    """Write F and its cofactor at a point; return det F."""
+    """Write F and its cofactor at a point; return det F. y has eight numbers in each row."""
+    blocks = t.G.shape[0] // (9 * t.volume.size)
     for c in range(9):
-        s = t.F0[p, c]
-        for j in range(y.size):
-            s += t.G[p, c, j] * y[j]
-        w[_F, c] = s
+        row = (9 * p + c) * blocks
+        s = load(t.G, row) * load(y, 0)
+        for k in range(1, y.shape[0]):
+            s += load(t.G, row + k) * load(y, k)
+        w[_F, c] = t.F0[p, c] + total(s)
     return _cofactor(w)
 
 
@@ -173,37 +177,65 @@ def _stress(t, p, J, activation, with_moduli, w):
 
 @inner
 def _add_force(t, p, f, w):
-    """Subtract G'P of a point."""
-    for c in range(9):
-        s = w[_P, c]
-        for j in range(f.size):
-            f[j] -= s * t.G[p, c, j]
+    """Subtract G'P of a point from rows of eight numbers."""
+    blocks = f.shape[0]
+    for k in range(blocks):
+        row = 9 * p * blocks + k
+        s = load(f, k)
+        for c in range(9):
+            s -= w[_P, c] * load(t.G, row + c * blocks)
+        store(f, k, s)
 
 
 @inner
-def _add_stiffness(t, p, K, w):
-    """Add G'A G of a point to the lower triangle of K."""
-    n = K.shape[0]
-    for c in range(9):
-        for j in range(n):
-            w[_AG + c, j] = 0.0
-        for d in range(9):
-            s = w[_A + c, d]
-            for j in range(n):
-                w[_AG + c, j] += s * t.G[p, d, j]
-    for i in range(n):
-        g0, g1, g2 = t.G[p, 0, i], t.G[p, 1, i], t.G[p, 2, i]
-        g3, g4, g5 = t.G[p, 3, i], t.G[p, 4, i], t.G[p, 5, i]
-        g6, g7, g8 = t.G[p, 6, i], t.G[p, 7, i], t.G[p, 8, i]
-        for j in range(i + 1):
-            s = g0 * w[_AG, j] + g1 * w[_AG + 1, j] + g2 * w[_AG + 2, j]
-            s += g3 * w[_AG + 3, j] + g4 * w[_AG + 4, j] + g5 * w[_AG + 5, j]
-            s += g6 * w[_AG + 6, j] + g7 * w[_AG + 7, j] + g8 * w[_AG + 8, j]
-            K[i, j] += s
+def _product(w, c, g0, g1, g2, g3, g4, g5, g6, g7, g8):
+    """Row c of the moduli times nine lanes."""
+    a = _A + c
+    s = w[a, 0] * g0 + w[a, 1] * g1 + w[a, 2] * g2
+    s += w[a, 3] * g3 + w[a, 4] * g4 + w[a, 5] * g5
+    s += w[a, 6] * g6 + w[a, 7] * g7 + w[a, 8] * g8
+    return s
 
 
 @inner
-def _sum(t, y, activation, with_moduli, w, f, K):
+def _add_stiffness(t, p, K, n, w):
+    """Add G'A G of a point to the lower triangle of K, row i in rows i blocks.. of eight numbers."""
+    every, blocks = t.G.shape[0] // (9 * t.volume.size), K.shape[0] // n
+    first = 9 * p * every
+    for k in range(blocks):
+        r = first + k
+        g0, g1, g2 = load(t.G, r), load(t.G, r + every), load(t.G, r + 2 * every)
+        g3, g4 = load(t.G, r + 3 * every), load(t.G, r + 4 * every)
+        g5, g6 = load(t.G, r + 5 * every), load(t.G, r + 6 * every)
+        g7, g8 = load(t.G, r + 7 * every), load(t.G, r + 8 * every)
+        h0 = _product(w, 0, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        h1 = _product(w, 1, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        h2 = _product(w, 2, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        h3 = _product(w, 3, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        h4 = _product(w, 4, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        h5 = _product(w, 5, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        h6 = _product(w, 6, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        h7 = _product(w, 7, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        h8 = _product(w, 8, g0, g1, g2, g3, g4, g5, g6, g7, g8)
+        for i in range(LANES * k, n):
+            q, m = first + i // LANES, i % LANES
+            s = load(K, i * blocks + k)
+            s += t.G[q, m] * h0 + t.G[q + every, m] * h1 + t.G[q + 2 * every, m] * h2
+            s += t.G[q + 3 * every, m] * h3 + t.G[q + 4 * every, m] * h4
+            s += t.G[q + 5 * every, m] * h5 + t.G[q + 6 * every, m] * h6
+            s += t.G[q + 7 * every, m] * h7 + t.G[q + 8 * every, m] * h8
+            store(K, i * blocks + k, s)
+
+
+@inner
+def _fill(rows, x):
+    """Write x into rows of eight numbers."""
+    for i in range(x.size):
+        rows[i // LANES, i % LANES] = x[i]
+
+
+@inner
+def _sum(t, y, activation, with_moduli, w, f, K, n):
     """Add force and stiffness of all points; return energy, smallest det F and its point."""
     energy, least, at = 0.0, math.inf, -1
     for p in range(t.volume.size):
@@ -215,19 +247,28 @@ def _sum(t, y, activation, with_moduli, w, f, K):
         energy += _stress(t, p, J, activation, with_moduli, w)
         _add_force(t, p, f, w)
         if with_moduli:
-            _add_stiffness(t, p, K, w)
+            _add_stiffness(t, p, K, n, w)
     return energy, least, at
 
 
 @kernel
 def evaluate(
-    t: PointTable, y: Reals, activation: Reals, with_moduli: bool, w: Reals, f: Reals, K: Reals
+    t: PointTable,
+    y: Reals,
+    activation: Reals,
+    with_moduli: bool,
+    w: Reals,
+    f: Reals,
+    K: Reals,
+    n: int,
 ) -> tuple[float, float, int]:
-    """Add the forces f (n,) and, if requested, the stiffness K (r, r, lower triangle) at y (r,).
+    """Add the forces f and, if requested, the lower triangle of the stiffness K (n, n) at y.
+
+    y, f and the rows of K are filled to rows of eight numbers.
 
     Returns the energy, the smallest det F and its point; the sum ends at a point with det F <= 0.
     """
-    return _sum(t, y, activation, with_moduli, w, f, K)
+    return _sum(t, y, activation, with_moduli, w, f, K, n)
 
 
 @kernel
@@ -282,7 +323,7 @@ def _solve(A, x, n):
 @kernel
 def advance(
     t: PointTable,
-    load: Reals,
+    constant: Reals,
     D: Reals,
     K_rest: Reals,
     relaxed: Reals,
@@ -293,8 +334,11 @@ def advance(
     e: Reals,
     u: Reals,
     w: Reals,
+    x: Reals,
     f: Reals,
+    K: Reals,
     A: Reals,
+    b: Reals,
 ) -> tuple[int, float, int, int]:
     """One linearly implicit Euler step, in place.
 
@@ -304,7 +348,7 @@ def advance(
     Parameters
     ----------
     t : PointTable
-    load : (n,) constant generalised force [N].
+    constant : (n,) constant generalised force [N].
     D : (n, n) damping [1/s].
     K_rest : (n, n) stiffness at rest [1/s^2].
     relaxed : (n - r, n - r) inverse of 1 + h D + h^2 K_rest of the omitted coordinates.
@@ -313,45 +357,49 @@ def advance(
     activation : at the end of the step.
     y, v : (r,) coordinates and velocities.
     e, u : (n - r,) those of the omitted ones.
-    w, f, A : scratch, (ROWS, n), (n,) and (r, r).
+    w, x, f, K : scratch: (ROWS, 9); coordinates, forces and stiffness in rows of eight numbers.
+    A, b : scratch, (r, r) and (n,).
 
     Returns
     -------
     status, smallest det F at the end or at the failure, its point, number of negative pivots.
     """
-    r, n = y.size, load.size
-    f[:] = load
-    A[:] = 0.0
-    _, J, at = _sum(t, y, activation, np.bool_(True), w, f, A)
+    r, n = y.size, constant.size
+    blocks = x.shape[0]
+    _fill(x, y)
+    _fill(f, constant)
+    K[:] = 0.0
+    _, J, at = _sum(t, x, activation, np.bool_(True), w, f, K, r)
     if not (J > 0.0):
         return INVERTED, J, at, 0
     for i in range(r):
         for j in range(i + 1):
-            A[i, j] = h * D[i, j] + h * h * A[i, j]
+            A[i, j] = h * D[i, j] + h * h * K[i * blocks + j // LANES, j % LANES]
         A[i, i] += 1.0
-        f[i] = v[i] + h * f[i]
+        b[i] = v[i] + h * f[i // LANES, i % LANES]
     negative = _factorise(A, r)
     if negative < 0:
         return SINGULAR, J, at, 0
-    _solve(A, f, r)
+    _solve(A, b, r)
     for i in range(r):
-        v[i] = f[i]
+        v[i] = b[i]
         y[i] += h * v[i]
-    f[:] = load
-    _, J, at = _sum(t, y, activation, np.bool_(False), w, f, A)
+    _fill(x, y)
+    _fill(f, constant)
+    _, J, at = _sum(t, x, activation, np.bool_(False), w, f, K, r)
     if not (J > 0.0):
         return INVERTED, J, at, negative
     for i in range(r, n):
-        s = f[i]
+        s = f[i // LANES, i % LANES]
         for j in range(r):
             s -= D[i, j] * v[j]
         for j in range(r, n):
             s -= K_rest[i, j] * e[j - r]
-        w[0, i - r] = u[i - r] + h * s
+        b[i] = u[i - r] + h * s
     for i in range(n - r):
         s = 0.0
         for j in range(n - r):
-            s += relaxed[i, j] * w[0, j]
+            s += relaxed[i, j] * b[r + j]
         u[i] = s
         e[i] += h * s
     return DONE, J, at, negative

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim._kernels.lanes import LANES
 from sim._kernels.reduced import ROWS, PointTable, point_stresses
 from sim.scene import Index
 from sim.state import Array
@@ -69,12 +70,14 @@ def sampled(
         Of the random combinations of equations, whose norm replaces that of all equations.
     """
     rng = np.random.default_rng(seed)
-    p, n = len(table.volume), table.G.shape[2]
+    p, n, r = len(table.volume), len(stiffness), states.shape[1]
     equations = np.zeros((SKETCH, p))
-    stress, w = np.zeros((p, 9)), np.zeros((ROWS, max(n, 9)))
+    stress, w = np.zeros((p, 9)), np.zeros((ROWS, 9))
+    G, x = table.G.reshape(p, 9, -1)[..., :n], np.zeros((-(-r // LANES), LANES))
     for y, a in zip(states, activations, strict=True):
-        point_stresses(table, y, a, w, stress)
-        forces = np.einsum("pcn,pc->np", table.G, stress, optimize=True)
+        x.reshape(-1)[:r] = y
+        point_stresses(table, x, a, w, stress)
+        forces = np.einsum("pcn,pc->np", G, stress, optimize=True)
         mixed = rng.standard_normal((SKETCH, n)) @ np.linalg.inv(stiffness)
         equations += mixed @ forces
     equations /= np.sqrt(SKETCH * len(states) * total_mass)

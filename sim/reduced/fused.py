@@ -62,8 +62,11 @@ class FusedEuler:
             omitted[0],
             omitted[1],
             term.scratch,
+            term.at,
             term.force,
+            term.stiffness,
             term.matrix,
+            term.right,
         )
         if status == INVERTED:
             raise InvertedElement(int(solid.table.place[at]) // 8, float(J), state.t + h)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sim._kernels.lanes import LANES
 from sim._kernels.reduced import PointTable
 from sim.errors import SceneError
 from sim.scene import Index
@@ -63,7 +64,7 @@ def point_table(
     return PointTable(
         place=places,
         F0=np.concatenate(F0),
-        G=np.concatenate(G),
+        G=_in_lanes(np.concatenate(G)),
         volume=np.concatenate(volume),
         law=found.region[owner],
         isochoric_code=found.isochoric_code,
@@ -81,13 +82,14 @@ def point_table(
 
 def weighted(table: PointTable, points: Index, weights: Array) -> PointTable:
     """The chosen points of a table with factors on their volumes."""
+    rows = len(table.G) // max(len(table.volume), 1) or 1
     counts = np.diff(table.start)[points]
     start = np.append(0, np.cumsum(counts)).astype(np.int64)
     row = _rows(table.start[points], counts)
     return table._replace(
         place=table.place[points],
         F0=table.F0[points],
-        G=np.ascontiguousarray(table.G[points]),
+        G=table.G.reshape(-1, rows, LANES)[points].reshape(-1, LANES),
         volume=table.volume[points] * weights,
         law=table.law[points],
         start=start,
@@ -95,6 +97,15 @@ def weighted(table: PointTable, points: Index, weights: Array) -> PointTable:
         direction=np.ascontiguousarray(table.direction[row]),
         share=table.share[row],
     )
+
+
+def _in_lanes(G: Array) -> Array:
+    """Rows of eight numbers of (p, 9, n), filled with zeros."""
+    p, _, n = G.shape
+    blocks = -(-n // LANES)
+    found = np.zeros((p, 9, blocks * LANES))
+    found[..., :n] = G
+    return found.reshape(-1, LANES)
 
 
 def _rows(first: Index, counts: Index) -> Index:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim._kernels.lanes import LANES
 from sim._kernels.reduced import ROWS, PointTable, evaluate
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout, Stiffness
@@ -48,15 +49,23 @@ class ReducedSolid:
         return CompiledReducedSolid(self, 3 * layout.mesh.n_nodes)
 
 
+def _rows_of_lanes(n: int) -> int:
+    return -(-n // LANES)
+
+
 class CompiledReducedSolid:
     """Compiled reduced solid; the buffers contain no state between calls."""
 
     def __init__(self, solid: ReducedSolid, r: int) -> None:
         self.solid, self.r = solid, r
         n = len(solid.load)
-        self.scratch: Array = np.zeros((ROWS, max(n, 9)))
-        self.force: Array = np.zeros(n)
+        self.rows = _rows_of_lanes(r), _rows_of_lanes(n)
+        self.scratch: Array = np.zeros((ROWS, 9))
+        self.at: Array = np.zeros((self.rows[0], LANES))
+        self.force: Array = np.zeros((self.rows[1], LANES))
+        self.stiffness: Array = np.zeros((r * self.rows[0], LANES))
         self.matrix: Array = np.zeros((r, r))
+        self.right: Array = np.zeros(n)
         self._upper = np.triu_indices(r)
         self._relaxed: tuple[float, Array] = (0.0, np.zeros((0, 0)))
 
@@ -70,13 +79,15 @@ class CompiledReducedSolid:
         return self._relaxed[1]
 
     def _add(self, q: Array, control: Control, f: Array, tangent: bool) -> Contribution:
-        y = np.ascontiguousarray(q.reshape(-1))
-        self.force[:] = self.solid.load
+        y, table, w = q.reshape(-1), self.solid.table, self.scratch
+        self.at.reshape(-1)[: self.r] = y
+        self.force.reshape(-1)[: len(self.solid.load)] = self.solid.load
         if tangent:
-            self.matrix[:] = 0.0
-        table, w = self.solid.table, self.scratch
-        energy, J, at = evaluate(table, y, control.activation, tangent, w, self.force, self.matrix)
-        f += self.force[: self.r].reshape(-1, 3)
+            self.stiffness[:] = 0.0
+        energy, J, at = evaluate(
+            table, self.at, control.activation, tangent, w, self.force, self.stiffness, self.r
+        )
+        f += self.force.reshape(-1)[: self.r].reshape(-1, 3)
         element = int(table.place[at]) // 8 if at >= 0 else -1
         return Contribution(energy - float(self.solid.load[: self.r] @ y), J, element)
 
@@ -87,13 +98,14 @@ class CompiledReducedSolid:
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """As `add_force`, and K += stiffness in the values of the pattern."""
         found = self._add(q, control, f, True)
-        np.add(K, self.matrix.T[self._upper], out=K)
+        np.add(K, self.stiffness.reshape(self.r, -1)[:, : self.r].T[self._upper], out=K)
         return found
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F of the chosen points, and its element."""
         table = self.solid.table
-        F = (table.F0 + table.G[:, :, : self.r] @ q.reshape(-1)).reshape(-1, 3, 3)
+        G = table.G.reshape(len(table.volume), 9, -1)[..., : self.r]
+        F = (table.F0 + G @ q.reshape(-1)).reshape(-1, 3, 3)
         J = np.linalg.det(F)
         at = int(np.argmin(J))
         return float(J[at]), int(table.place[at]) // 8
