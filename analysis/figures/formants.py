@@ -39,7 +39,7 @@ def formant_plot(cube: xr.Dataset) -> "Figure":
     if "formant_frequency" not in cube or not np.isfinite(cube["formant_frequency"].values).any():
         raise FigureError("the cube contains no formants: add a table [tract] to study.toml")
     instructions = cube["instruction"].values
-    figure = blank(max(6.5, 1.2 + 1.5 * len(instructions)), 4.6)
+    figure = blank(max(7.5, 1.2 + 1.5 * len(instructions)), 4.6)
     panels = grid(figure, 2, len(instructions), sharex=True, sharey="row")
     lines: dict[str, Any] = {}
     for column, instruction in enumerate(instructions):
@@ -57,7 +57,7 @@ def formant_plot(cube: xr.Dataset) -> "Figure":
         panels[0][column].set_title(str(instruction))
         panels[1][column].set_xlabel("part of the trial")
     legend(figure, list(lines.values()), list(lines))
-    heading(figure, "formants of the simulated lips", origin_of(cube))
+    heading(figure, "formants", origin_of(cube))
     return figure
 
 
