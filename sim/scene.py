@@ -138,6 +138,15 @@ class RateDependent(Protocol):
 
 
 @runtime_checkable
+class ActsLocally(Protocol):
+    """A compiled term that knows the nodes of each muscle."""
+
+    def nodes_of_muscle(self, muscle: int) -> Index:
+        """Nodes on which the activation of a muscle of the scene has an effect."""
+        ...
+
+
+@runtime_checkable
 class Stiffens(Protocol):
     """A compiled term whose passive moduli depend on the activation.
 

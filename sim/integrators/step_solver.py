@@ -127,6 +127,12 @@ class StepSolver:
         def solve(rhs: Array) -> Array:
             with self._timed("solution"):
                 x, size = approximate(rhs), np.abs(rhs).max(axis=1, initial=0.0)
+                if not len(rhs):
+                    return x
+                hardest = int(np.argmax(size))
+                left = rhs[hardest] - A.times(x[hardest])
+                if np.abs(left).max(initial=0.0) <= REFINED * size[hardest]:
+                    return x  # a factor in double precision
                 for _ in range(REFINEMENTS):
                     left = rhs - np.array([A.times(row) for row in x])
                     if (np.abs(left).max(axis=1, initial=0.0) <= REFINED * size).all():

@@ -1,5 +1,6 @@
 """Inverse simulation: activations of muscles from motion, with and without measured activations."""
 
+from sim.inverse.posterior import Posterior, in_words, laplace
 from sim.inverse.quadratic import Minimum, minimise_in_box
 from sim.inverse.response import (
     ActiveForces,
@@ -18,11 +19,14 @@ __all__ = [
     "MeasuredActivation",
     "Minimum",
     "PointTarget",
+    "Posterior",
     "Response",
     "Target",
     "Together",
     "Weights",
     "equilibrium_response",
+    "in_words",
+    "laplace",
     "minimise_in_box",
     "require_affine",
     "step_response",

@@ -33,7 +33,9 @@ class Minimum:
     violation: float
 
 
-def minimise_in_box(Q: Array, c: Array, low: Array, high: Array) -> Minimum:
+def minimise_in_box(
+    Q: Array, c: Array, low: Array, high: Array, start: Array | None = None
+) -> Minimum:
     """Minimiser of x'Qx/2 - c'x for low <= x <= high, by a primal active-set method.
 
     Parameters
@@ -41,6 +43,8 @@ def minimise_in_box(Q: Array, c: Array, low: Array, high: Array) -> Minimum:
     Q : (n, n) symmetric, positive definite on the free variables; made so by any positive weight on
         the size or on the change.
     c, low, high : (n,)
+    start : (n,) or None
+        First guess, which determines the first active set.
 
     Returns
     -------
@@ -55,7 +59,7 @@ def minimise_in_box(Q: Array, c: Array, low: Array, high: Array) -> Minimum:
     Optimization, section 16.5.
     """
     n = len(c)
-    x = np.clip(np.zeros(n), low, high)
+    x = np.clip(np.zeros(n) if start is None else start, low, high)
     fixed = low >= high
     at_low, at_high = (x <= low) | fixed, (x >= high) & ~fixed
     scale = float(np.abs(c).max(initial=0.0)) + float(np.abs(Q @ x).max(initial=0.0)) + 1e-300

@@ -14,7 +14,7 @@ from sim.integrators.contract import require_no_barrier
 from sim.integrators.held import held_solution
 from sim.integrators.linearly_implicit import LinearStep
 from sim.integrators.workspace import Workspace
-from sim.scene import CompiledTerm, Stiffens
+from sim.scene import ActsLocally, CompiledTerm, Index, Stiffens
 from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
 from sim.step_matrices import damping_matrix, stiffness_matrix
 from sim.system import System
@@ -111,6 +111,7 @@ class ActiveForces:
 
         kept = (t for t in system.terms if (force(t, silent) != force(t, loud)).any())
         self._driven = replace(system, terms=tuple(kept))
+        self._groups = self._disjoint(n)
         self.damping_varies = False
         if system.is_damped:
             v = NEAR * some
@@ -127,13 +128,36 @@ class ActiveForces:
         a, kinematics = control.activation, self._system.kinematics
         here = self._driven.force(pose.q, control).f
         out = np.empty((len(a), self._system.pattern.n))
-        for i in range(len(a)):
+        for group in self._groups:
             other = a.copy()
-            step = ALTERED if a[i] + ALTERED <= 1.0 else -ALTERED
-            other[i] += step
-            f = self._driven.force(pose.q, Control(other, control.t)).f
-            out[i] = kinematics.generalised_force((f - here) / step, pose)
+            for i, _ in group:
+                other[i] += ALTERED if a[i] + ALTERED <= 1.0 else -ALTERED
+            changed = self._driven.force(pose.q, Control(other, control.t)).f - here
+            for i, nodes in group:
+                own = np.zeros_like(changed)
+                own[nodes] = changed[nodes] / (other[i] - a[i])
+                out[i] = kinematics.generalised_force(own, pose)
         return out
+
+    def _disjoint(self, n: int) -> list[list[tuple[int, Index]]]:
+        """Groups of muscles, with their nodes, that have no node in common."""
+        groups: list[tuple[set[int], list[tuple[int, Index]]]] = []
+        everywhere = np.arange(len(self._system.mesh.X))
+        local = all(isinstance(term, ActsLocally) for term in self._driven.terms)
+        for i in range(n):
+            nodes = everywhere
+            if local:
+                parts = (t for t in self._driven.terms if isinstance(t, ActsLocally))
+                nodes = np.unique(np.concatenate([t.nodes_of_muscle(i) for t in parts]))
+            own = set(nodes.tolist())
+            for taken, group in groups:
+                if not taken & own:
+                    taken |= own
+                    group.append((i, nodes))
+                    break
+            else:
+                groups.append((own, [(i, nodes)]))
+        return [group for _, group in groups]
 
 
 def step_response(
@@ -188,22 +212,22 @@ def step_response(
         touched = LinearContact(whole, state, equation, h, work).solve()
 
     def loads(w: Array) -> Array:
-        F = forces.columns(pose, control)
         if form == "affine":
-            return h * F
+            return h * forces.columns(pose, control)
         if forces.damping_varies:
             return _differences(integrator, whole, state, line, equation, w, work)
         theta = integrator.theta
         along = w + (1.0 - theta) / theta * w0
         fastest = float(np.abs(kinematics.displacements(along, pose)).max(initial=0.0))
         if fastest == 0.0:
-            return h * F
+            return h * forces.columns(pose, control)
         near = NEAR / fastest
         ahead, behind = (
             forces.columns(kinematics.advance(pose, way * along, pose.t), control)
             for way in (near, -near)
         )
-        return h * F + (theta * h) ** 2 * (ahead - behind) / (2.0 * near)
+        half, slope = 0.5 * (ahead + behind), (ahead - behind) / (2.0 * near)
+        return h * half + (theta * h) ** 2 * slope
 
     if system.rows is not None:
         found, _ = held_solution(

@@ -201,7 +201,7 @@ def track(
                 system, integrator, state, around, h, work, forces, weights.form
             )
             problem = _problem(system, response, target, state, last, chase, weights, measured)
-            found = minimise_in_box(problem.Q, problem.c, problem.low, problem.high)
+            found = minimise_in_box(problem.Q, problem.c, problem.low, problem.high, last)
             moved = float(np.abs(found.x - a).max())
             a, rounds = found.x, rounds + 1
             if rounds >= weights.rounds or moved < 1e-9:

@@ -209,6 +209,16 @@ class CompiledSolid:
         """
         return self._add(q, control, f, K, weight)
 
+    def nodes_of_muscle(self, muscle: int) -> Index:
+        """Nodes on which the fibres of a muscle of the scene act."""
+        fibres = self._fibres
+        owner = np.repeat(np.arange(len(fibres.start) - 1), np.diff(fibres.start))
+        own = np.unique(owner[fibres.muscle == muscle])
+        tensor = (elements.part for elements in (*self._elastic, *self._relaxing))
+        parts = (*self._scalar_parts, *tensor)
+        found = [part.nodes[np.isin(part.element, own)].ravel() for part in parts]
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
+
     def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
         """F -= dE/dq, shape (n_nodes, 3) [N]."""
         return self._add(q, control, f, None)

@@ -1,0 +1,154 @@
+"""Activations of simulated volunteers from their markers and sEMG, by variant, and the cost of a step.
+
+    python -m benchmarks inverse RECORDING.nc ... --out FIGURE.png [--emg-weights 0.01,0.1,1,10]
+
+The recordings contain their true activation. The face that inverts is the coarse template without
+contact and gravity, so that shape, tissue and strength of every volunteer differ from it. Compared are
+all twenty muscles over the whole trial. Two markers are left out of the targets.
+"""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+import typer
+import xarray as xr
+
+import sim
+from analysis.figures.style import COLOURS, blank, styled
+from emgface.face.motion import settle_face, simulate_face
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+from emgface.inverse.run import InverseParameters, invert, targets_of
+from emgface.inverse.variants import VARIANTS
+from emgface.recordings.dataset import read_recording
+from sim.inverse import PointTarget, Weights, track
+
+HELD_OUT = ("upper_paramedian_left", "lower_lateral_right")
+SIMULATION = SimulationParameters(
+    solver="linearly_implicit", gravity=False, contact={"method": "none"}
+)
+
+
+def measures(found: xr.Dataset, recording: xr.Dataset, face: xr.Dataset, rest) -> dict:
+    """Errors of activations against the truth, and of the markers of a forward simulation."""
+    at = found["time"].values
+    truth = recording["true_activation"].interp(time_true=at).sel(muscle=found["muscle"].values)
+    a, b = found["activation"].values, truth.values
+    moved = simulate_face(face, found["activation"], SIMULATION, settled=rest)
+    wanted = targets_of(recording, face, rest, at)
+    gap = moved["position"].transpose("time", "marker", "axis").values - wanted.values
+    distance = np.sqrt(np.nanmean((gap**2).sum(axis=2), axis=0))
+    out = np.isin(wanted["marker"].values, HELD_OUT)
+    inferred = ("LAO", "BUC", "OOM", "DLI")
+    recorded = np.array([not m.startswith(inferred) for m in found["muscle"].values])
+    return {
+        "correlation": _correlation(a, b),
+        "without electrode": _correlation(a[~recorded], b[~recorded]),
+        "rms": np.sqrt(np.mean((a - b) ** 2)),
+        "slope": np.polyfit(b.ravel(), a.ravel(), 1)[0],
+        "tracked [mm]": 1e3 * np.sqrt(np.mean(distance[~out] ** 2)),
+        "left out [mm]": 1e3 * np.sqrt(np.mean(distance[out] ** 2)),
+    }
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    return np.nan if a.std() == 0.0 else float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
+
+
+def cost(face: xr.Dataset) -> str:
+    """Processor time of a tracked step over that of a forward step, kernels warm."""
+    system = sim.compile_scene(compose_scene(face, SIMULATION))
+    work, nodes = sim.Workspace(system), face["marker_node"].values.astype(np.int64)
+    goal = system.mesh.X[nodes][None] + np.array([0.0, 0.0, 1e-3])
+    target = PointTarget(nodes, np.zeros(1), goal, 1e-3)
+    integrator, pairs = sim.LinearlyImplicitEuler(), []
+    for k in range(5):
+        state, begun = system.rest_state(), time.process_time()
+        for i in range(10):
+            control = sim.Control(np.full(20, 0.01 * i), state.t + 0.01)
+            state, _ = integrator.step(system, state, control, 0.01, work)
+        middle = time.process_time()
+        track(system, [target], duration=0.1, weights=Weights(chase=0.05), work=work)
+        if k:
+            pairs.append((middle - begun, time.process_time() - middle))
+    forward, tracked = np.median(pairs, axis=0) / 10
+    return (
+        f"forward step {1e3 * forward:.1f} ms, tracked step {1e3 * tracked:.1f} ms, ratio "
+        f"{tracked / forward:.2f} (20 muscles, {system.pattern.n} unknowns)"
+    )
+
+
+@styled
+def draw(found: dict[str, xr.Dataset], truth: xr.DataArray, title: str):
+    """Activation of eight muscles over time for each variant, with the truth."""
+    shown = truth.max("time_true").sortby(truth.max("time_true"), ascending=False)
+    names = [str(m) for m in shown["muscle"].values[:8]]
+    figure = blank(11.0, 5.2)
+    axes = figure.subplots(2, 4, sharex=True, sharey=True).ravel()
+    for panel, name in zip(axes, names, strict=True):
+        panel.plot(truth["time_true"], truth.sel(muscle=name), color="black", lw=2.0, label="truth")
+        for k, (variant, one) in enumerate(found.items()):
+            panel.plot(
+                one["time"], one["activation"].sel(muscle=name), color=COLOURS[k], label=variant
+            )
+        panel.set_title(name)
+        panel.set_ylim(0.0, 1.0)
+    for panel in axes[4:]:
+        panel.set_xlabel("time [s]")
+    for panel in axes[::4]:
+        panel.set_ylabel("activation")
+    axes[0].legend(fontsize=7)
+    figure.suptitle(title)
+    return figure
+
+
+def main(
+    recordings: list[Path],
+    out: Annotated[Path, typer.Option()],
+    emg_weights: str = "0.1,1,10",
+) -> None:
+    """Invert, compare, print and draw."""
+    face = template_face(resolution="coarse")
+    rest = settle_face(face, SIMULATION)
+    print(cost(face), flush=True)
+    rows, drawn = [], {}
+    for path in recordings:
+        recording = read_recording(path)
+        settings = [
+            InverseParameters(variant=v, left_out=HELD_OUT) for v in VARIANTS if v != "assisted"
+        ]
+        settings += [
+            InverseParameters(emg_weight=float(w), left_out=HELD_OUT)
+            for w in emg_weights.split(",")
+        ]
+        for p in settings:
+            label = p.variant + (f" {p.emg_weight:g}" if p.variant == "assisted" else "")
+            world = str(recording.attrs.get("world", "")).removesuffix(" world")
+            begin = {"world": world, "trial": path.stem, "variant": label}
+            try:
+                found = invert(recording, face, SIMULATION, parameters=p, settled=rest)
+                rows.append(begin | measures(found, recording, face, rest))
+            except sim.SimulationError as error:
+                rows.append(begin | {"failure": type(error).__name__})
+                continue
+            if path == recordings[-1] and (p.variant != "assisted" or p.emg_weight == 1.0):
+                drawn[label] = found
+        print(
+            pd.DataFrame([r for r in rows if r["trial"] == path.stem]).round(3).to_string(),
+            flush=True,
+        )
+    table = pd.DataFrame(rows)
+    table.to_csv(out.with_suffix(".csv"), index=False)
+    means = (
+        table.drop(columns=["trial", "failure"], errors="ignore")
+        .groupby(["world", "variant"])
+        .mean()
+    )
+    print(f"\nmeans over {len(recordings)} simulated trials\n{means.round(2).to_string()}")
+    truth = read_recording(recordings[-1])["true_activation"]
+    title = f"SIMULATED volunteer {recordings[-1].stem}, {table['world'].iloc[-1]} world"
+    draw(drawn, truth, title).savefig(out, dpi=110)

@@ -1,0 +1,1 @@
+"""Activations of the face from measured lip motion, with and without sEMG."""

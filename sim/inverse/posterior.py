@@ -1,0 +1,113 @@
+"""Laplace approximation of the activations given the motion: intervals and unresolved directions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from sim.state import Array
+
+CHAINS, BURN = 64, 30
+"""Number of chains, and sweeps before the first draw."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Normal density N(mean, covariance) of the activations, restricted to the box 0-1.
+
+    Attributes
+    ----------
+    mean : (n,) of the density without the box; it may lie outside of it.
+    covariance : (n, n)
+    """
+
+    mean: Array
+    covariance: Array
+
+    def draws(self, n: int = 1000, seed: int = 0) -> Array:
+        """Draws (n, n_muscles) within the box, by Gibbs sampling of `CHAINS` chains.
+
+        Source: Geweke 1991, Efficient simulation from the multivariate normal subject to linear
+        constraints.
+        """
+        rng = np.random.default_rng(seed)
+        precision = np.asarray(np.linalg.inv(self.covariance), dtype=np.float64)
+        sd = 1.0 / np.sqrt(np.diag(precision))
+        spread = np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
+        x = self.mean + rng.standard_normal((CHAINS, len(sd))) @ spread.T
+        x = np.clip(x, 0.0, 1.0)
+        found: list[Array] = []
+        for sweep in range(BURN + -(-n // CHAINS)):
+            for i in range(len(sd)):
+                left = (x - self.mean) @ precision[i] - (x[:, i] - self.mean[i]) * precision[i, i]
+                centre = self.mean[i] - left / precision[i, i]
+                low = np.asarray(ndtr(-centre / sd[i]), dtype=np.float64)
+                high = np.asarray(ndtr((1.0 - centre) / sd[i]), dtype=np.float64)
+                u = np.clip(low + (high - low) * rng.random(CHAINS), 1e-300, 1.0 - 1e-16)
+                x[:, i] = np.clip(centre + sd[i] * np.asarray(ndtri(u)), 0.0, 1.0)
+            if sweep >= BURN:
+                found.append(x.copy())
+        return np.concatenate(found)[:n]
+
+    def intervals(self, level: float = 0.9, n: int = 1000, seed: int = 0) -> Array:
+        """Central intervals (2, n_muscles) of the marginal densities within the box."""
+        tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
+        return np.asarray(np.quantile(self.draws(n, seed), tails, axis=0), dtype=np.float64)
+
+    def unresolved(self, prior_sd: Array, share: float = 0.7) -> Array:
+        """Directions (k, n) that the motion leaves at more than `share` of their prior deviation.
+
+        They are the eigenvectors of the posterior covariance in units of the prior deviations, the
+        least determined first.
+        """
+        scaled = self.covariance / np.outer(prior_sd, prior_sd)
+        found = np.linalg.eigh(scaled)
+        size = np.asarray(found.eigenvalues, dtype=np.float64)
+        vectors = np.asarray(found.eigenvectors, dtype=np.float64)
+        chosen = vectors[:, size > share**2][:, ::-1]
+        return (chosen * prior_sd[:, None]).T
+
+
+def laplace(
+    J: Array, residual: Array, activation: Array, prior: Array, prior_precision: Array
+) -> Posterior:
+    """Posterior of the activations about a linearisation x(a) = x + J (a - activation).
+
+    The precision is J'J + diag(prior_precision), and the mean that of linear regression.
+
+    Parameters
+    ----------
+    J : (m, n) derivatives of the targets over their standard deviations.
+    residual : (m,) wanted minus reached targets over their standard deviations; NaN is left out.
+    activation : (n,) of the linearisation.
+    prior : (n,) activation from sEMG, or any other prior mean.
+    prior_precision : (n,) inverse variances of the prior, positive.
+    """
+    seen = np.isfinite(residual)
+    J, residual = J[seen], residual[seen]  # pyright: ignore[reportConstantRedefinition]
+    precision = J.T @ J + np.diag(prior_precision)
+    right = J.T @ (residual + J @ activation) + prior_precision * prior
+    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
+    return Posterior(covariance @ right, covariance)
+
+
+def in_words(directions: Array, muscles: Sequence[str], least: float = 0.3) -> list[str]:
+    """Sentences that name the muscles of unresolved directions.
+
+    A muscle counts if its component is at least `least` of the largest. Components of opposite sign
+    replace each other; those of one sign act together on nothing that is measured.
+    """
+    told: list[str] = []
+    for d in directions:
+        part: list[float] = (d / d[int(np.argmax(np.abs(d)))]).tolist()
+        named = list(zip(part, muscles, strict=True))
+        up = [muscle for share, muscle in named if share >= least]
+        down = [muscle for share, muscle in named if share <= -least]
+        if down:
+            told.append(f"{' and '.join(up)} cannot be told apart from {' and '.join(down)}")
+        elif len(up) > 1:
+            told.append(f"the sum of {' and '.join(up)} is not determined by the motion")
+        else:
+            told.append(f"{up[0]} is not determined by the motion")
+    return told
