@@ -1,10 +1,10 @@
 """Numba code of the mechanics, with a separate cache.
 
 A kernel takes contiguous arrays and scalars, writes into buffers of the caller, uses no classes and
-reports trouble by value; the Python around it raises.
+returns failures as values; the Python code that calls it raises.
 
-The decorators of `sim._kernels.options` specify how they are compiled, so that what is compiled in a
-process is the very code that others load from the cache, and gives the same bits.
+The decorators of `sim._kernels.options` specify how they are compiled, so that the code
+compiled in a process is the code that others load from the cache, and yields the same bits.
 """
 
 from pathlib import Path

@@ -14,7 +14,7 @@ CHANGES, SINGLE = 20, 400
 """Largest number of updates of the whole active set, and of single rows after them."""
 
 REPEATED, SOFTENED = 1e-9, 1e-8
-"""Share of its own mobility from which a row repeats others, and by which all then yield more."""
+"""Fraction of its mobility below which a row depends on others, and relative increase of all then."""
 
 KEPT = 1e-9
 """Violation of rows up to which an earlier factor corrects them [m, rad]."""

@@ -1,6 +1,6 @@
 """Tension of line muscles: energy, force and slope by the length of a fibre.
 
-A new law is one function and one line in `_law`; its class in `sim.laws.line` carries the code.
+A new law is one function and one line in `_law`; its class in `sim.laws.line` has its code number.
 """
 
 # pyright: basic

@@ -1,4 +1,4 @@
-"""Faces near points: lists that stay complete while little moves, and the closest faces of a list."""
+"""Faces near points: lists that remain complete for small motions, and the closest faces of a list."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -52,9 +52,9 @@ def listed(
 
     Parameters
     ----------
-    p, radius, moves : points, their radii and the distances by which point and face may move in all.
+    p, radius, moves : points, their radii and the sum of the distances by which point and face may move.
     node : vertex of each point, -1 for none; faces that have it are omitted.
-    every : whether farther faces are listed as well, since closer ones may be omitted in a search.
+    every : True if farther faces are also listed, because closer ones may be omitted in a search.
     reach : set to the distance up to which faces are listed, infinite if up to the closest one and twice
         the motion, which suffices for every radius.
     start : (n + 1,) set to the places of the first faces.
@@ -116,7 +116,7 @@ def complete(
     moves: Reals,
     reach: Reals,
 ) -> bool:
-    """Test if lists made at points p and vertices x serve a motion from p0, x0 to p1, x1."""
+    """Test if lists made at points p and vertices x are complete for a motion from p0, x0 to p1, x1."""
     farthest = 0.0
     for a in used:
         one = two = 0.0

@@ -230,7 +230,7 @@ def _grouped(
                 sums[lead, c] += own[j, c]
             if not gaps[lead] >= here:  # a number rather than NaN
                 gaps[lead] = here if here == here else gaps[lead]
-            # of faces that share the feature the closest, whatever their numbers, tells the place
+            # of faces that share the feature, the closest determines the place, independent of numbering
             if squared[k] < squared[tie[nearest[lead]]]:
                 nearest[lead] = j
             continue
