@@ -5,18 +5,17 @@ from dataclasses import replace
 import numpy as np
 
 from sim.constraints.union import unite
-from sim.contact.constraint import ConstraintContact
 from sim.errors import SceneError
 from sim.joints.compiled import Rows
 from sim.kinematics import Kinematics, lay_out_kinematics
 from sim.mesh import Mesh
 from sim.scene import (
     CompiledTerm,
+    HasApart,
     HasMass,
     HasMuscles,
     HasSparse,
     Layout,
-    MeasuresContact,
     Scene,
     StopsMoves,
 )
@@ -41,23 +40,25 @@ def compile_scene(scene: Scene) -> System:
             mass += term.node_mass(mesh)
         if isinstance(term, HasMuscles):
             names.extend(term.muscle_names())
-    if sum(isinstance(term, ConstraintContact) for term in scene.terms) > 1:
+    if sum(isinstance(term, HasApart) for term in scene.terms) > 1:
         raise SceneError("a scene has two ConstraintContact, expected one with all pairings")
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:
         raise SceneError(f"muscle name {sorted(repeated)[0]!r} occurs twice, expected unique names")
-    empty = [np.empty(0, dtype=np.int64)]
+    empty, declared = [np.empty(0, dtype=np.int64)], scene.terms
+    if scene.bodies or scene.joints:  # the matrix of points has no entries for rows of contact
+        declared = tuple(t.apart() if isinstance(t, HasApart) else t for t in declared)
     keys = np.concatenate(
-        empty + [part.pair_keys(mesh) for part in (*scene.terms, *scene.constraints)]
+        empty + [part.pair_keys(mesh) for part in (*declared, *scene.constraints)]
     )
     pattern, kinematics = lay_out_kinematics(mesh, mass, keys, scene.bodies, scene.reductions)
     layout = Layout(mesh, mass, pattern, tuple(names))
-    terms = tuple(term.compile(layout) for term in scene.terms)
-    apart = scene.constraints or any(isinstance(term, MeasuresContact) for term in terms)
-    if (kinematics.matrix_varies or scene.joints) and apart:
+    terms = tuple(term.compile(layout) for term in declared)
+    alone = scene.constraints or any(isinstance(term, StopsMoves) for term in terms)
+    if (kinematics.matrix_varies or scene.joints) and alone:
         raise SceneError(
-            "contact and hard volumes are not implemented for scenes with bodies, joints or "
-            "attachments: leave one of the two out"
+            "barriers and hard volumes are not implemented for scenes with bodies, joints or "
+            "attachments: use ConstraintContact or a soft volume, or leave one of the two out"
         )
     conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
     sparse = _sparse(scene, terms)

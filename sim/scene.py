@@ -218,6 +218,15 @@ class StopsMoves(CompiledTerm, Protocol):
 
 
 @runtime_checkable
+class HasApart(Protocol):
+    """Term whose rows may be solved apart, without entries in the matrix of points."""
+
+    def apart(self) -> "Term":
+        """Term without these entries."""
+        ...
+
+
+@runtime_checkable
 class MeasuresContact(Protocol):
     """Compiled contact term that measures its contacts."""
 

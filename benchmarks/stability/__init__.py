@@ -1,4 +1,4 @@
-"""Stability battery: eleven rows of extreme cases, each simulated with every suitable integrator.
+"""Stability battery: twelve rows of extreme cases, each simulated with every suitable integrator.
 
 Rows 3, 4, 9 and 11 require a face, that of --face or the coarse template. Prints, for every
 parameter that is varied, the range in which each integrator succeeds and the errors outside it;
@@ -25,11 +25,12 @@ from benchmarks.stability.motion_rows import (
     time_steps,
     turned,
 )
+from benchmarks.stability.rigid_rows import rigid
 from benchmarks.stability.trial import Outcome, run
 
 BLOCK_ROWS = (
     bulk_moduli, stiff_layers, time_steps, jumps, bad_starts, gravity_and_rotation, slivers, masses,
-    bad_input, quiet,
+    bad_input, quiet, rigid,
 )  # fmt: skip
 """Functions of the rows on small bodies."""
 

@@ -1,6 +1,7 @@
 """Contact: surfaces, search, distance, and constraints or a potential."""
 
 from sim.contact.barrier import BarrierContact
+from sim.contact.bodies import body_surfaces
 from sim.contact.constraint import ConstraintContact
 from sim.contact.pairing import Pairing
 from sim.contact.surfaces import NodeSurface, RigidShell, boundary_surface
@@ -18,5 +19,6 @@ __all__ = [
     "NodeSurface",
     "Pairing",
     "RigidShell",
+    "body_surfaces",
     "boundary_surface",
 ]

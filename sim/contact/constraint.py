@@ -138,6 +138,10 @@ class ConstraintContact:
                 keys.append(other.edges[:, 0] * mesh.n_nodes + other.edges[:, 1])
         return distinct(np.concatenate(keys))
 
+    def apart(self) -> "Apart":
+        """Return this contact without entries for its rows in the matrix of points."""
+        return Apart(self)
+
     def compile(self, layout: Layout) -> CompiledContact:
         """Lay out the directions of all pairings."""
         speed = self.removal_speed if self.initial_penetration == "removed" else 0.0
@@ -159,3 +163,20 @@ class RowsApart:
     def compile(self, layout: Layout) -> CompiledContact:
         """Return the compiled contact."""
         return self.compiled.apart(layout.pattern)
+
+
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """Contact whose rows have no entries in the matrix, as declared."""
+
+    contact: ConstraintContact
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """No pairs, after the checks of the pairings."""
+        for pairing in self.contact.pairings:
+            pairing.check(mesh)
+        return np.empty(0, dtype=np.int64)
+
+    def compile(self, layout: Layout) -> CompiledContact:
+        """Lay out the directions of all pairings."""
+        return self.contact.compile(layout).apart(layout.pattern)

@@ -1,16 +1,17 @@
 """Fused steps of scenes of rigid bodies without tissue."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim._kernels.body_tables import Led, Scratch
+from sim._kernels.free_bodies import run_free_bodies
 from sim._kernels.multibody import advance_bodies, force_bodies
 from sim.joints.compiled import DRIFT, PROJECTIONS
 from sim.joints.contract import REACTIONS
 from sim.multibody import Multibody
-from sim.state import Array, Control, ControlAt, State
+from sim.state import Array, Control, ControlAt, Pose, State
 from sim.system import System
 from sim.terms.crushable import GONE
 
@@ -82,6 +83,20 @@ class BodiesAlone:
         tables, scratch = self.tables, self.scratch
         force_bodies(tables.table, tables.lines, scratch, state.frames, control.activation)
         return scratch.r.copy()
+
+    @property
+    def are_free(self) -> bool:
+        """True if nothing but constant forces on points and damping acts on the bodies."""
+        tables = self.tables
+        return not (len(tables.led) or len(tables.rows.kind) or len(tables.lines.rest))
+
+    def run_free(self, state: State, ends: Sequence[float]) -> State:
+        """State after steps of the classical Runge-Kutta method that end at the given times [s]."""
+        frames, twists, maps = state.frames.copy(), state.twists.copy(), self.system.kinematics
+        run_free_bodies(self.tables.table, np.diff([state.t, *ends]), frames, twists)
+        t, still = float(ends[-1]), np.zeros(self.tables.n)
+        q = maps.advance(Pose(state.q, frames, t), still, t).q
+        return maps.state(Pose(q, frames, t), maps.velocities(replace(state, twists=twists)), {})
 
     def _led(self, times: Sequence[float]) -> Led:
         """Motion of prescribed bodies at some times."""

@@ -1,7 +1,7 @@
 """Linearly implicit step with contact: one linear system per active set."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from sim.contact.step import ContactStep, penalties, pressed
 from sim.errors import NotConverged
 from sim.integrators.contact_equation import ContactEquation, Equation
 from sim.integrators.workspace import Workspace
-from sim.state import Array, State
+from sim.state import Array, Pose, State
 from sim.system import System
 
 PENALTY = 30.0
@@ -28,14 +28,14 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Touched:
-    """Independent velocities w and positions q of a step with contact, and its report.
+    """Independent velocities w and pose of a step with contact, and its report.
 
     `pushed` (n_nodes, 3) are the contact forces at its end [N] and `active` their rows; `roughly` solves
-    with its matrix and the stiffness of its active rows.
+    with its matrix and the stiffness of its active rows; `reaction` are the forces of joints.
     """
 
     w: Array
-    q: Array
+    pose: Pose
     memory: Mapping[str, Array]
     pushed: Array
     roughly: Callable[[Array], Array]
@@ -43,6 +43,7 @@ class Touched:
     factorisations: int
     definite: bool
     active: Rows
+    reaction: Array | None = None
 
 
 class LinearContact:
@@ -99,7 +100,7 @@ class LinearContact:
         q = step.moved_out(q, out_of, opened)
         return Touched(
             x / h,
-            q,
+            replace(pose, q=q, t=pose.t + h),
             step.memory(q, near, multipliers, acting),
             multipliers.rows.spread(acting.on_vertices(multipliers.rows), len(q)),
             lambda rhs: solve(rhs, step.tolerances.solution),

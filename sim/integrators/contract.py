@@ -80,3 +80,13 @@ def require_no_contact(system: System, integrator: str) -> None:
             f"{integrator} does not support contact constraints: use Sdirk2, ConvergedEuler or "
             "LinearlyImplicitEuler"
         )
+
+
+def require_fixed_contact(
+    system: System, user: str, instead: str = "use LinearlyImplicitEuler"
+) -> None:
+    """Raise SceneError for contact in scenes with bodies, attachments or joints."""
+    if system.contact is not None and (system.kinematics.matrix_varies or system.rows is not None):
+        raise SceneError(
+            f"{user} does not support contact in scenes with bodies, attachments or joints: {instead}"
+        )

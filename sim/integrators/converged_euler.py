@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.integrators.contract import require_upright
-from sim.integrators.stage import Converged, Stage, report_of
+from sim.integrators.stage import Converged, Stage, by_joints, final_state, report_of
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.step_matrices import damping_matrix
@@ -65,8 +65,9 @@ class ConvergedEuler(Converged):
         if end.contact is not None:
             # forces of closed rows do not change the motion, so that those at the end are used
             f0 = f0 + end.contact.pushed
-        Q0 = kinematics.generalised_force(f0, state.pose)
+        loads = kinematics.generalised_force(f0, state.pose)
+        Q0 = loads + by_joints(system, state.pose, end.reaction)
         u1 = kinematics.inertial(end.w, end.pose)
         gained = kinematics.momentum(u1 - u0, end.pose) - h * (Q0 - D.force(w0))
         error = self._freed(system, 0.5 * h * (end.w - w0), 0.5 * gained, D, h, state, end, work)
-        return kinematics.state(end.pose, end.w, memory), report_of(h, [end], error)
+        return final_state(system, end, end.w, memory, h), report_of(h, [end], error)

@@ -1,7 +1,10 @@
 """Explicit methods for scenes that are not stiff, with a bounded step."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
+
+import numpy as np
 
 from sim.errors import SceneError
 from sim.integrators.contract import require_no_barrier, require_no_contact, require_upright
@@ -89,6 +92,9 @@ class RungeKutta4:
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `SymplecticEuler.step`."""
+        if work.bodies is not None and work.bodies.are_free:
+            state, reports = self.run(system, state, control, (state.t + h,), work)
+            return state, reports[0]
         kinematics, pose = system.kinematics, state.pose
         at_start = system.during(state, 0.0)
         line = control.moments(state.t, h, (0.0, 0.5, 1.0))
@@ -105,3 +111,22 @@ class RungeKutta4:
             sum_rate, sum_a = sum_rate + weight * rate, sum_a + weight * a
         end = kinematics.advance(pose, h / 6.0 * sum_rate, state.t + h)
         return _finish(system, end, w0 + h / 6.0 * sum_a, state, h)
+
+    def run(
+        self,
+        system: System,
+        state: State,
+        control: ControlAt,
+        ends: Sequence[float],
+        work: Workspace,
+    ) -> tuple[State, list[StepReport]]:
+        """Advance by steps that end at the given times [s]; errors as of `step`."""
+        lengths = np.diff([state.t, *ends])
+        if work.bodies is not None and work.bodies.are_free:
+            state, least = work.bodies.run_free(state, ends), float("inf")
+            return state, [StepReport(float(lengths.min()), least, len(ends), 0, 0, 0)]
+        reports: list[StepReport] = []
+        for h in lengths.tolist():
+            state, report = self.step(system, state, control, h, work)
+            reports.append(report)
+        return state, reports

@@ -1,5 +1,7 @@
 """Incremental potential of one implicit stage, and base class shared with equilibria."""
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,11 +26,22 @@ class PotentialOfMoves(BySecants):
     control : Control
     work : Workspace
         Of the run times.
+
+    Attributes
+    ----------
+    duration : float
+        Time in which motions take place; infinite for an equilibrium [s].
+    sigma : float
+        Stiffness that the factor has in addition, on velocities that joints act on.
+    reaction, held : of a minimum under joints, as of `sim.integrators.joined`.
     """
 
     def __init__(self, system: System, base: Pose, control: Control, work: Workspace) -> None:
         self.system = system
         self.base, self._control, self._work = base, control, work
+        self.duration, self.sigma = math.inf, 0.0
+        self.reaction: Array | None = None
+        self.held: Callable[[Array], Array] | None = None
 
     def pose(self, d: Array) -> Pose:
         """Pose after a motion, at the time of the control."""
@@ -41,6 +54,10 @@ class PotentialOfMoves(BySecants):
     def coordinates(self, pose: Pose) -> Array:
         """Motion d (n,) from the base to a pose."""
         return self.system.kinematics.between(self.base, pose)
+
+    def at(self, point: Point) -> Point:
+        """Return the point itself, whose potential is exact."""
+        return point
 
     def largest_step(self, d: Array, direction: Array) -> float:
         """Largest feasible fraction in (0, 1] of a displacement by `direction` from d."""
@@ -91,6 +108,7 @@ class IncrementalPotential(PotentialOfMoves):
         super().__init__(system, base, control, work)
         self.scale, self.shift = s * s, system.mass
         self._s, self._D, self._u = s, D, u
+        self.duration = s
         self._momentum = system.kinematics.momentum(u, base) / s
         if D.offset is not None:
             self._momentum = self._momentum - D.offset
@@ -180,11 +198,15 @@ class VaryingInertia(IncrementalPotential):
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
         """As `BySecants.direction`, with the quadratic of this iterate."""
+        return super().direction(self.at(point), work)
+
+    def at(self, point: Point) -> Point:
+        """Point with the quadratic of this iterate."""
         kinematics, d = self.system.kinematics, point.d
         self._at = self.pose(d)
         exact = kinematics.gradient(self._resistance(d, self._at), d)
         self._pull = self._quadratic(d) - exact
-        return super().direction(replace(point, phi=self._phi(d, point.here)), work)
+        return replace(point, phi=self._phi(d, point.here))
 
     def inertial_guess(self) -> Array:
         """Motion of the momentum of the base."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.errors import InvertedElement
+from sim.integrators.contact_held import HeldContact
 from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_no_barrier, require_upright
 from sim.integrators.estimate import relaxed
@@ -124,8 +125,11 @@ def linear_step(
     A, rhs, moves = equation.A, equation.rhs, equation.moves
     conditions, touched, forces = system.constraints, None, None
     if system.contact is not None:
-        touched = LinearContact(system, state, equation, h, work).solve()
-        v1, pose = touched.w, replace(pose0, q=touched.q, t=t1)
+        if kinematics.matrix_varies or system.rows is not None:
+            touched = HeldContact(system, state, equation, h, error, work).solve()
+        else:
+            touched = LinearContact(system, state, equation, h, work).solve()
+        v1, pose, forces = touched.w, touched.pose, touched.reaction
         counts = touched.solutions, touched.factorisations
         found = Solution(v1, *counts, touched.definite, touched.roughly)
     elif system.rows is not None:

@@ -33,6 +33,8 @@ class NewtonFactor:
         Counter of factors.
     secants, inverse_secants
         Updates of the factor.
+    on_rows : (int, object) or None
+        Number of a factor, and its solutions for the velocities on which joints act.
     """
 
     def __init__(self, solver: AnalysedSolver, clock: PhaseClock) -> None:
@@ -40,6 +42,7 @@ class NewtonFactor:
         self.key: Key | None = None
         self.number = 0
         self.secants, self.inverse_secants = SecantMemory(), InverseSecants()
+        self.on_rows: tuple[int, object] | None = None
         self._made_of: Array | None = None
         self._beside: Matrix | None = None
 

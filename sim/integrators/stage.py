@@ -7,13 +7,15 @@ from functools import reduce
 import numpy as np
 
 from sim.contact.step import ContactStep
-from sim.errors import SceneError
 from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import Settled, minimise_in_contact
+from sim.integrators.contract import require_fixed_contact
 from sim.integrators.estimate import relaxed
-from sim.integrators.incremental import IncrementalPotential, VaryingInertia
+from sim.integrators.incremental import IncrementalPotential, PotentialOfMoves, VaryingInertia
+from sim.integrators.joined import minimise_joined
 from sim.integrators.newton import Iteration, Point, Tolerances, minimise
 from sim.integrators.workspace import Workspace
+from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
 from sim.state import Array, Control, Evaluation, Line, Pose, State, StepReport
 from sim.step_matrices import damping_matrix
@@ -51,17 +53,19 @@ class Iterative:
 
         Factors belong to this integrator and s, its implicit part of a step [s].
         """
-        if system.rows is not None:
-            raise SceneError(
-                f"{type(self).__name__} does not hold joints: use LinearlyImplicitEuler or RungeKutta4"
-            )
+        require_fixed_contact(system, type(self).__name__)
         tolerances = Tolerances(
             self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
         )
 
+        key = type(self).__name__, s
+
         def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
+            if system.rows is not None:
+                assert isinstance(potential, PotentialOfMoves)  # without contact
+                return minimise_joined(potential, point, work, key, tolerances, until)
             if system.constraints is None:
-                return minimise(potential, point, work, (type(self).__name__, s), tolerances, until)
+                return minimise(potential, point, work, key, tolerances, until)
             return minimise_constrained(potential, point, work, tolerances, until)
 
         return settle
@@ -95,13 +99,18 @@ class Stage:
 
 @dataclass(frozen=True)
 class Solved:
-    """Pose and independent velocities w (n,) at the end of a stage, its iteration and contact."""
+    """Pose and independent velocities w (n,) at the end of a stage, its iteration, contact and joints.
+
+    `reaction` are the forces of the rows of joints, and `held` solves with the matrix under them.
+    """
 
     pose: Pose
     w: Array
     here: Evaluation
     went: Iteration
     contact: Settled | None = None
+    reaction: Array | None = None
+    held: Callable[[Array], Array] | None = None
 
     @property
     def memory(self) -> Mapping[str, Array]:
@@ -135,7 +144,8 @@ class Converged(Iterative):
 
         if system.contact is None:
             end, went = settle(phi, start)
-            return Solved(phi.pose(end.d), phi.velocities(end.d), end.here, went)
+            pose, w = phi.pose(end.d), phi.velocities(end.d)
+            return Solved(pose, w, end.here, went, None, phi.reaction, phi.held)
         key = (type(self).__name__, stage.s)
         contact = ContactStep(system.contact, state, stage.t)
         v = system.kinematics.displacements(stage.u, stage.base)
@@ -163,10 +173,13 @@ class Converged(Iterative):
         Other arguments and result as of `relaxed`. Vertices that have touched since the start of the
         step, at `state`, stay on their faces.
         """
+        held = end.held
 
         def solve(rhs: Array) -> Array:
             if end.contact is not None and system.contact is not None:
                 return end.contact.held(rhs, system.contact.pushing(state))
+            if held is not None:
+                return held(rhs)
             return (
                 work.newton.solve(rhs)
                 if system.constraints is None
@@ -174,6 +187,25 @@ class Converged(Iterative):
             )
 
         return relaxed(system, error, momentum, D, s, solve, end.pose)
+
+
+def final_state(
+    system: System, end: Solved, w: Array, memory: Mapping[str, Array], h: float
+) -> State:
+    """State of a step that ends with a stage, with velocities w, brought back to the rows of joints."""
+    pose, rows = end.pose, system.rows
+    if rows is None or end.reaction is None:
+        return system.kinematics.state(pose, w, memory)
+    pose, w, impulse = rows.projected(pose, w)
+    return system.kinematics.state(pose, w, {**memory, REACTIONS: end.reaction + impulse / h})
+
+
+def by_joints(system: System, pose: Pose, reaction: Array | None) -> Array:
+    """Generalised force (n,) of the rows of joints at a pose; zero without."""
+    out, rows = np.zeros(system.pattern.n), system.rows
+    if rows is not None and reaction is not None:
+        out[rows.columns] = rows.evaluate(pose).G.T @ reaction
+    return out
 
 
 def middle_damping(system: System, state: State, control: Line, h: float) -> Matrix:

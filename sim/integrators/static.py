@@ -12,6 +12,7 @@ from sim.integrators.incremental import PotentialOfMoves
 from sim.integrators.newton import Point
 from sim.integrators.stage import Iterative
 from sim.integrators.workspace import Workspace
+from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
 from sim.state import Array, Control, ControlAt, State, StepReport
 from sim.step_matrices import stiffness_matrix
@@ -72,6 +73,8 @@ class Static(Iterative):
         pose = energy.pose(end.d)
         if moved is not None:
             pose = replace(pose, q=moved)
+        if energy.reaction is not None:
+            memory[REACTIONS] = energy.reaction
         still = np.zeros(system.pattern.n)
         new = system.kinematics.state(pose, still, {**system.remember(pose.q), **memory})
         return new, StepReport(h=h, smallest_J=least, **asdict(went))

@@ -4,7 +4,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.integrators.contract import require_no_contact, require_upright
-from sim.integrators.stage import Converged, Stage, middle_damping, report_of
+from sim.integrators.held import forces_at
+from sim.integrators.stage import (
+    Converged,
+    Stage,
+    by_joints,
+    final_state,
+    middle_damping,
+    report_of,
+)
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.system import System
@@ -42,11 +50,15 @@ class Trapezoidal(Converged):
             D = middle_damping(over, state, line, h)
         kinematics = system.kinematics
         w0 = kinematics.velocities(state)
-        Q0 = kinematics.generalised_force(here.f, state.pose) - D.force(w0)
+        force = kinematics.generalised_force(here.f, state.pose) - D.force(w0)
+        if system.rows is not None:
+            # forces of the motion at the start, not of the step before, which would ring
+            reaction = forces_at(system, state, line.at(0.0))
+            force = force + by_joints(system, state.pose, reaction)
         base = kinematics.advance(state.pose, half * w0, state.t + half)
         u0 = kinematics.inertial(w0, state.pose)
-        u = kinematics.kicked(u0, half * Q0, half, state)
+        u = kinematics.kicked(u0, half * force, half, state)
         stage = Stage(t1, base, u, half, line.at(1.0), D)
         end = self._solve(over, stage, state, work)
         memory = over.remember(end.pose.q)
-        return kinematics.state(end.pose, end.w, memory), report_of(h, [end])
+        return final_state(system, end, end.w, memory, h), report_of(h, [end])

@@ -10,7 +10,7 @@ from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
 from sim.errors import SceneError
 from sim.integrators.contact_linear import LinearContact
-from sim.integrators.contract import require_no_barrier
+from sim.integrators.contract import require_fixed_contact, require_no_barrier
 from sim.integrators.held import held_solution
 from sim.integrators.linearly_implicit import LinearStep
 from sim.integrators.workspace import Workspace
@@ -194,6 +194,7 @@ def step_response(
         As of the step.
     """
     require_no_barrier(system, "inverse tracking")
+    require_fixed_contact(system, "inverse tracking", "leave one of the two out")
     if system.constraints is not None:
         raise SceneError(
             "the response under hard volumes is not implemented: use incompressibility by a bulk law, "
@@ -256,6 +257,7 @@ def equilibrium_response(
     Active contacts of the state hold, as in `step_response`. Raises SingularSystem if the stiffness
     cannot be factorised.
     """
+    require_fixed_contact(system, "inverse tracking", "leave one of the two out")
     whole = system.during(state, math.inf)
     pose = state.pose
     here, K = whole.tangent(pose.q, control)

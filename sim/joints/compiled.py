@@ -11,6 +11,7 @@ from sim.contact.pushes import pushes
 from sim.errors import SceneError
 from sim.joints.contract import Joint, Row, number_of
 from sim.kinematics import Kinematics
+from sim.kinematics.rotations import vector_gradient
 from sim.state import Array, Pose
 
 Index = NDArray[np.int64]
@@ -88,6 +89,8 @@ class Rows:
             first = self._number[side]
             touched[(first[first >= 0][:, None] + np.arange(6)).ravel()] = True
         self.columns: Index = np.flatnonzero(touched)
+        own = self._number[self._number >= 0] + 3
+        self._turning: Index = np.unique(own[touched[own]])
         self._require_independent(rest)
 
     def evaluate(self, pose: Pose) -> RowValues:
@@ -116,6 +119,15 @@ class Rows:
                 drift[k] += (slope[k] * twists[side[k]]).sum(axis=1)
             drift[held] += (JP[held] * moved[table.point[held]]).sum(axis=1)
         return RowValues(c, G, drift)
+
+    def by_motion(self, G: Array, d: Array) -> Array:
+        """Derivatives (m, k) by the motion d (n,) to a pose, from those by the velocities there."""
+        out = G.copy()
+        for first in self._turning.tolist():
+            place = np.flatnonzero(self.columns == first) + np.arange(3)
+            theta = np.broadcast_to(d[first : first + 3], (len(G), 3))
+            out[:, place] = vector_gradient(theta, G[:, place])
+        return out
 
     def reactions(self, pose: Pose, f: Array) -> tuple[Array, Array]:
         """Force [N] and moment [N m] (n_joints, 3) that each joint exerts on its body b, or its point.

@@ -1,0 +1,125 @@
+"""Forces of equations, inequalities and Coulomb contacts that share one Delassus matrix."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, lstsq
+
+from sim._kernels.coulomb import sweep
+from sim.scene import Index
+from sim.state import Array
+
+SWEEPS, TURNS = 100, 40
+"""Sweeps between two attempts to solve directly for the present states of all contacts; attempts."""
+
+SINGULAR = 1e-12
+"""Relative size of singular values that are due to rows that repeat each other."""
+
+SLIP = 1e-9
+"""Share of the largest rate up to which a direct solution may violate a row."""
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Kinds of the unknown forces of m rows.
+
+    Attributes
+    ----------
+    equations : rows with S f + r = 0.
+    first : (k,) first row of every other block.
+    friction : (k,) Coulomb's coefficient; 0 for an inequality of one row, else the row is followed by
+        two of tangential directions.
+    """
+
+    equations: Index
+    first: Index
+    friction: Array
+
+    @property
+    def rest(self) -> Index:
+        """Rows of all blocks."""
+        size = np.where(self.friction > 0.0, 3, 1)
+        start = np.repeat(self.first, size)
+        return start + np.arange(len(start)) - np.repeat(np.cumsum(size) - size, size)
+
+
+def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> tuple[Array, float]:
+    """Forces (m,), and the largest change of a rate that a further sweep would make.
+
+    Equations are eliminated. Sweeps over the other blocks find which contacts are open, stick or slide;
+    a direct solution for these states then satisfies the rows to rounding, also where rows repeat each
+    other.
+
+    Parameters
+    ----------
+    S : (m, m) symmetric positive semi-definite.
+    r : (m,) rates without forces.
+    blocks : Blocks
+    before : (m,) initial forces.
+    error : float
+        Tolerance of the rates.
+
+    Notes
+    -----
+    Source: Jean 1999, The non-smooth contact dynamics method, Comput. Methods Appl. Mech. Eng. 177,
+    235-257. The fixed points of the sweeps obey Coulomb's law, not the associated one that a quadratic
+    programme over the friction cones has.
+    """
+    e, u = blocks.equations, blocks.rest
+    f, left = np.zeros(len(r)), 0.0
+    Seu = S[e[:, None], u]
+    found = np.zeros((len(e), len(u) + 1))
+    if len(e):
+        found = np.linalg.solve(S[e[:, None], e], np.column_stack([Seu, r[e]]))
+    if len(u):
+        W = np.ascontiguousarray(S[u[:, None], u] - Seu.T @ found[:, :-1])
+        b, x = r[u] - Seu.T @ found[:, -1], before[u].copy()
+        first = np.searchsorted(u, blocks.first) if len(u) else blocks.first
+        for _ in range(TURNS):
+            left = sweep(W, b, first, blocks.friction, x, SWEEPS, error)
+            if left <= error:
+                break
+            direct = _direct(W, b, first, blocks.friction, x)
+            if direct is not None:
+                x, left = direct, 0.0
+                break
+        f[u] = x
+    f[e] = -found[:, -1] - found[:, :-1] @ f[u]
+    return f, left
+
+
+def _direct(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Array | None:
+    """Forces for the states of contacts at x, or None if these are not those of the solution."""
+    n, rubs = first, np.flatnonzero(friction > 0.0)
+    closed = x[n] > 0.0
+    tangent = n[rubs, None] + np.array([1, 2])
+    bound, size = friction[rubs] * x[n[rubs]], np.linalg.norm(x[tangent], axis=1)
+    slides = closed[rubs] & (size >= bound * (1.0 - 1e-9))
+    sticks = closed[rubs] & ~slides
+    rows = np.concatenate([n[closed], tangent[sticks].ravel()])
+    if not len(rows):
+        return None
+    # friction of sliding contacts is a multiple of their normal force
+    columns = W[:, rows].copy()
+    pushes = np.searchsorted(n[closed], n[rubs[slides]])
+    along = friction[rubs[slides], None] * x[tangent[slides]] / size[slides, None]
+    for k, place, direction in zip(pushes, tangent[slides], along, strict=True):
+        columns[:, k] += W[:, place] @ direction
+    try:
+        found = lstsq(columns[rows], -b[rows], cond=SINGULAR, check_finite=False)[0]
+    except LinAlgError:
+        return None
+    new = np.zeros_like(x)
+    new[rows] = found
+    new[tangent[slides]] = along * new[n[rubs[slides]], None]
+    rate = W @ new + b
+    limit = SLIP * max(float(np.abs(b).max()), np.finfo(float).tiny)
+    good = (new[n] >= 0.0).all() and (rate[n] >= -limit).all()
+    good = good and float(np.abs(rate[rows]).max()) <= limit
+    held = np.linalg.norm(new[tangent[sticks]], axis=1)
+    good = good and (held <= friction[rubs[sticks]] * new[n[rubs[sticks]]] * (1.0 + 1e-9)).all()
+    slip = rate[tangent[slides]]
+    across = slip[:, 0] * along[:, 1] - slip[:, 1] * along[:, 0]
+    good = good and (np.einsum("ki,ki->k", slip, along) <= limit).all()
+    good = good and float(np.abs(across).max(initial=0.0)) <= limit
+    return new if good else None
