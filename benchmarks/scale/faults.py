@@ -31,7 +31,7 @@ Fault = Callable[[Path], str]
 
 def start(folder: Path, *options: str) -> subprocess.Popen[str]:
     """Start a study of stub trials in another process."""
-    command = [sys.executable, "-m", "benchmarks.scale.stub", str(folder), str(TRIALS),
+    command = [sys.executable, "-W", "ignore", "-m", "benchmarks.scale.stub", str(folder), str(TRIALS),
                "--seconds", str(SECONDS), *options]  # fmt: skip
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
