@@ -8,7 +8,7 @@ import xarray as xr
 
 from analysis.cube import TRIAL_DIMS
 from analysis.tables import Column, Table, origin_of, recordings
-from analysis.typed import selected
+from analysis.typed import relabelled, selected
 
 FORMANTS: Final = 4
 """Number of formants."""
@@ -68,14 +68,11 @@ def with_formants(
     }
     number = {"units": "1", "long_name": "number of the formant"}
     instant = {"units": "1", "long_name": "fraction of the duration of the trial"}
-    return (
-        cube.assign(added)
-        .assign_coords(
-            formant=("formant", np.arange(1, FORMANTS + 1), number),
-            instant=("instant", np.linspace(0.0, 1.0, INSTANTS), instant),
-        )
-        .assign_attrs(tract=assumptions)
-    )
+    coords = {
+        "formant": ("formant", np.arange(1, FORMANTS + 1), number),
+        "instant": ("instant", np.linspace(0.0, 1.0, INSTANTS), instant),
+    }
+    return relabelled(cube.assign(added), coords).assign_attrs(tract=assumptions)
 
 
 def _largest(change: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from typing import Final
 
 MECHANICS: Final = (
     "sim",
+    "emgface.files",
     "emgface.schema.demands",
     "emgface.schema.rules",
     "emgface.schema.declaration",
@@ -28,6 +29,8 @@ MECHANICS: Final = (
     "emgface.reduced.model",
     "emgface.reduced.motion",
     "emgface.schema.migration",
+    "emgface.schema.netcdf",
     "emgface.schema.validation",
+    "emgface.study.digest",
 )
 """Modules of the mechanics and of the scene, and their imports."""
