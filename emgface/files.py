@@ -1,11 +1,15 @@
 """Atomic writing of files."""
 
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 from emgface.errors import DataError
+
+LEAST_SPACE = 2**20
+"""Free space [bytes] below which a disk counts as full."""
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -27,9 +31,14 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
         temporary.replace(path)
-    except OSError as error:
+    except (OSError, RuntimeError) as error:
+        # The netCDF library reports a full disk as missing permission or "HDF error".
+        full = path.parent.is_dir() and shutil.disk_usage(path.parent).free < LEAST_SPACE
+        if not (full or isinstance(error, OSError)):
+            raise
+        reason = "the disk is full" if full else getattr(error, "strerror", None) or error
         raise DataError(
-            f"Cannot write {path}: {error.strerror or error}; expected a writable folder "
+            f"Cannot write {path}: {reason}; expected a writable folder "
             "with enough space: specify another one."
         ) from error
     finally:

@@ -188,4 +188,6 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    from benchmarks.scale.stub import main as named  # dask pickles functions of __main__ by value
+
+    typer.run(named)
