@@ -377,12 +377,12 @@ def test_a_partial_study_exits_1_and_names_each_failure_once(
 
 
 def test_an_interruption_is_reported_and_exits_130(laboratory, tmp_path, monkeypatch) -> None:
-    from emgface.study import run as run_module
+    from emgface.study import workers
 
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run_module, "run_trial", interrupted)
+    monkeypatch.setattr(workers, "run_trial", interrupted)
     study = study_file(laboratory, tmp_path)
     result = run("study", "run", study, "--out", tmp_path / "out", "--workers", 1)
     assert result.exit_code == 130
