@@ -9,7 +9,7 @@ NOT_ESTIMATED: Final = (
     "With contact, the estimated error excludes the effect of vertices that slip off an edge earlier "
     "or later than with shorter steps"
 )
-"""What the estimate does not contain."""
+"""Sentence on the errors that the estimate excludes."""
 
 
 def largest_motion(trajectory: xr.Dataset) -> float:
