@@ -49,6 +49,9 @@ class Commands(TyperGroup):
                 "Interrupted. Completed results are stored; run the same command again to continue."
             )
             raise typer.Exit(INTERRUPTED) from None
+        except BrokenPipeError:  # the reader, for example ``head``, has read enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit() from None
         except Exception as error:
             if debugging() or not is_expected(error):
                 raise

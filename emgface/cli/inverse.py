@@ -1,5 +1,6 @@
 """``emgface inverse``: activations of all muscles from lip markers, with and without sEMG."""
 
+import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -39,7 +40,7 @@ def run(
 ) -> None:
     """Estimate the activations of all muscles by which the face follows the lip markers."""
     from emgface.api.given import face_of, recording_of, study_of
-    from emgface.inverse.run import InverseParameters, invert
+    from emgface.inverse.run import FOLLOWED, InverseParameters, invert
     from emgface.inverse.variants import trust_of
     from emgface.schema.netcdf import write_netcdf
 
@@ -68,5 +69,12 @@ def run(
     say(
         f"Wrote {out_path}: {variant}, {found.sizes['time']} steps in "
         f"{found.attrs['run_time_s']:.1f} s, rms distance of the tracked markers {rms:.2f} mm per "
-        f"coordinate, at most {int(found['saturated'].max())} muscles at their bound."
+        f"coordinate ({found.attrs['misfit_ratio']:.0%} of their motion), "
+        f"at most {int(found['saturated'].max())} muscles at their bound."
     )
+    if not found.attrs["misfit_ratio"] <= FOLLOWED:
+        warnings.warn(
+            f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
+            "Check names, axes and unit of the markers (`emgface data check`) before using the result.",
+            stacklevel=1,
+        )

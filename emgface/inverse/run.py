@@ -22,6 +22,8 @@ from sim.inverse import MeasuredActivation, PointTarget, Weights, track
 
 REST = 0.1
 """Duration at the start of a recording whose mean is the position at rest [s]."""
+FOLLOWED = 0.5
+"""Misfit over motion of the targets above which the face does not follow the markers [1]."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ def invert(
         An activation (`activation(muscle, time)` [1], strategy "inverse" or "assisted") on the time of
         the recording, with ``misfit(time)`` [m], the root mean square distance per coordinate of the
         tracked markers, ``violation(time)`` and ``saturated(time)``, and ``emg_activation(muscle,
-        time)``, the estimate from sEMG.
+        time)``, the estimate from sEMG. Attribute ``misfit_ratio`` [1] is the root mean square of the
+        misfit over that of the displacements wanted.
 
     Raises
     ------
@@ -138,7 +141,8 @@ def invert(
             work=Workspace(system, simulation.linear_solver),
             progress=progress,
         )
-    return _result(recording, found, emg, values, start, p, scale, noise)
+    moved = float(np.sqrt(np.nanmean((wanted - state.q[nodes]) ** 2)))
+    return _result(recording, found, emg, values, start, p, scale, noise, moved)
 
 
 _HELD: dict[str, Any] = {"bounds_error": False, "fill_value": 0.0}
@@ -176,6 +180,7 @@ def _result(
     p: InverseParameters,
     scale: float,
     noise: float,
+    moved: float,
 ) -> xr.Dataset:
     time = start + found["time"].values
     result = found[["activation", "violation", "saturated"]].assign_coords(
@@ -194,6 +199,7 @@ def _result(
         parameters=json.dumps(asdict(p)),
         mouth_ratio=scale,
         marker_noise=noise,
+        misfit_ratio=float(np.sqrt(np.mean(misfit**2))) / moved if moved > 0 else np.nan,
         run_time_s=found.attrs["run_time_s"],
     )
 

@@ -17,6 +17,8 @@ from emgface.signals.parameters import HeadFrameParameters
 
 COLLINEAR = 1e-2
 """Second over first singular value below which markers are regarded as collinear."""
+MIRRORED = 0.75
+"""Misfit of the mirror image over that of the markers below which the axes are regarded as mirrored."""
 
 
 def in_head_frame(
@@ -57,7 +59,8 @@ def in_head_frame(
     Raises
     ------
     MarkerError, UnitsError, SignalError
-        A marker is missing, a lip marker is never visible or lost for longer than `max_gap`, a frame
+        A marker is missing, the markers fit the mirror image of the reference better than the
+        reference, a lip marker is never visible or lost for longer than `max_gap`, a frame
         other than at the ends lacks three face markers that are not collinear, positions are not in
         metres, or the frames are not uniformly spaced.
     """
@@ -166,10 +169,26 @@ def _aligned_mean(points: np.ndarray, present: np.ndarray, target: np.ndarray) -
 
 
 def _placed(own: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Rotate and translate a configuration onto a reference of another shape."""
+    """Rotate and translate a configuration onto a reference of another shape.
+
+    Raises MarkerError if the mirror image of the configuration fits better. Markers in one plane fit
+    equally well, so that their mirror image cannot be detected.
+    """
     known = np.isfinite(own[:, 0])[None]
-    rotation, origin, goal = _fit(own[None], known, reference)
-    return (own - origin[0]) @ rotation[0].T + goal[0]
+
+    def fitted(points: np.ndarray) -> tuple[np.ndarray, float]:
+        rotation, origin, goal = _fit(points[None], known, reference)
+        moved = (points - origin[0]) @ rotation[0].T + goal[0]
+        return moved, float(np.linalg.norm((moved - reference)[known[0]]))
+
+    (placed, given), (_, mirrored) = fitted(own), fitted(own * [-1.0, 1.0, 1.0])
+    if mirrored < MIRRORED * given:
+        raise MarkerError(
+            f"face markers are {given / np.sqrt(known.sum()) * 1e3:.3g} mm (rms) from the reference "
+            f"and their mirror image {mirrored / np.sqrt(known.sum()) * 1e3:.3g} mm, expected the "
+            "reverse: left and right are exchanged in the names, or one axis has the wrong sign"
+        )
+    return placed
 
 
 def _given_reference(reference: xr.DataArray) -> np.ndarray:

@@ -25,10 +25,11 @@ def measured_during(
     frame with all lip markers; ``noise(marker)`` [m] of the recorded frames in the head frame; and
     ``white(probe, time)`` [1], white noise interpolated in the same way, for the noise of
     interpolated positions. Raises MarkerError or SignalError if markers are missing, lost too long,
-    or not recorded during the simulation.
+    mirrored, or not recorded during the simulation.
     """
     head = in_head_frame(recording["position"], head_frame, face["face_marker_position"])
     lips = head.sel(marker=list(LIP_MARKERS))
+    _check_sides(lips)
     simulated = motion["time"].values
     times = motion.attrs["recorded_start"] + motion.attrs["recorded_pace"] * simulated
     seen = lips.isel(time_marker=measured_span(lips))
@@ -67,3 +68,16 @@ def measured_during(
         },
         attrs=attrs,
     )
+
+
+def _check_sides(lips: xr.DataArray) -> None:
+    """Refuse lip markers of the left that are on the right on average (axis x points to the right)."""
+    side = lips.sel(axis="x").mean("time_marker")
+    for left in (name for name in LIP_MARKERS if name.endswith("left")):
+        right = left.replace("left", "right")
+        apart = float(side.sel(marker=right) - side.sel(marker=left))
+        if apart < 0:
+            raise MarkerError(
+                f"{right} is {-1e3 * apart:.3g} mm to the left of {left} on average, expected it to the "
+                "right: exchange the two names in the recording or its sidecar"
+            )

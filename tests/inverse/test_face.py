@@ -8,6 +8,7 @@ from emgface.errors import ConfigurationError, MarkerError
 from emgface.inverse.run import InverseParameters, _wanted, invert
 from emgface.inverse.variants import VARIANTS, trust_of
 from emgface.muscles import LIP_MARKERS, MUSCLES
+from emgface.study.measured import _check_sides
 
 
 def test_the_variants_are_one_family_of_trust():
@@ -45,3 +46,18 @@ def test_targets_are_displacements_scaled_to_the_mouth_of_the_face():
 def test_an_unknown_marker_to_leave_out_is_refused():
     with pytest.raises(MarkerError, match="left_out contains 'chin'"):
         invert(xr.Dataset(), xr.Dataset(), parameters=InverseParameters(left_out=("chin",)))
+
+
+def test_lip_markers_on_the_wrong_side_are_refused():
+    position = xr.DataArray(
+        np.zeros((10, 3, 5)), dims=("marker", "axis", "time_marker"),
+        coords={"marker": list(LIP_MARKERS), "axis": list("xyz")},
+    )  # fmt: skip
+    position.loc[{"axis": "x"}] = 0.01
+    for name in LIP_MARKERS:
+        if name.endswith("left"):
+            position.loc[{"axis": "x", "marker": name}] = -0.01
+    _check_sides(position)
+    exchanged = position * xr.where(position["axis"] == "x", -1.0, 1.0)
+    with pytest.raises(MarkerError, match="corner_right is 20 mm to the left of corner_left"):
+        _check_sides(exchanged)

@@ -277,3 +277,18 @@ def test_order_of_markers_and_axes_does_not_matter():
     again = in_head_frame(shuffled, PARAMETERS, reference().isel(face_marker=[5, 4, 3, 2, 1, 0]))
     assert again.dims == straight.dims
     np.testing.assert_allclose(again.sel(marker=NAMES).values, straight.values, atol=1e-14)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_mirrored_axes_are_refused(axis):
+    values = still_face_moving_lips()
+    values[:, :, AXES.index(axis)] *= -1.0
+    moved = positions_of(head_motion(values))
+    with pytest.raises(MarkerError, match="left and right are exchanged in the names, or one axis"):
+        in_head_frame(moved, PARAMETERS, reference())
+    in_head_frame(moved, PARAMETERS)  # without a reference nothing tells left from right
+
+
+def test_another_head_of_the_same_hand_is_accepted():
+    values = still_face_moving_lips() * [1.2, 0.85, 1.1]
+    in_head_frame(positions_of(head_motion(values)), PARAMETERS, reference())
