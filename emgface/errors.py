@@ -45,6 +45,10 @@ class JawError(DataError):
     """A jaw model, excitation or task is unusable: file absent, unknown muscle or exciter."""
 
 
+class TongueError(DataError):
+    """A tongue model or excitation is unusable: file absent, unknown muscle, body or exciter."""
+
+
 class ActivationError(DataError):
     """An activation is outside 0-1 or not finite."""
 

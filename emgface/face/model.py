@@ -5,19 +5,22 @@ and markers (`data_schema/face_model.json`). All faces, imported or generated, a
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from emgface.anatomy.mesh_model import (
+    Variable,
+    facet_variables,
+    floats,
+    integers,
+    muscle_variables,
+    stacked,
+)
 from emgface.errors import FaceError
 from emgface.face.parts import FRAME, LIPS, Arch, Bundle, Fibre, Floats, Integers
 from emgface.face.validity import check_face
 from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS, MUSCLES
-
-Variable = tuple[str | tuple[str, ...], NDArray[Any]]
-"""Dims and values of a variable."""
 
 
 def build_face(
@@ -60,16 +63,16 @@ def build_face(
     element_id = np.arange(1, len(connectivity) + 1) if element_id is None else element_id
     ds = xr.Dataset(
         {
-            "position": (("node", "axis"), _f(position)),
-            "node_id": ("node", _i(node_id)),
-            "connectivity": (("element", "element_node"), _i(connectivity)),
-            "element_id": ("element", _i(element_id)),
+            "position": (("node", "axis"), floats(position)),
+            "node_id": ("node", integers(node_id)),
+            "connectivity": (("element", "element_node"), integers(connectivity)),
+            "element_id": ("element", integers(element_id)),
             "layer": ("element", np.asarray(layer, dtype=np.int8)),
             "fixed": ("node", np.asarray(fixed, dtype=np.int8)),
-            **_muscles(fibres, bundles),
-            "marker_node": ("marker", _i(marker_node)),
-            "face_marker_position": (("face_marker", "axis"), _f(face_marker_position)),
-            "lip_opening_node": ("lip", _i(lip_opening_node)),
+            **muscle_variables(fibres, bundles, MUSCLES, FaceError),
+            "marker_node": ("marker", integers(marker_node)),
+            "face_marker_position": (("face_marker", "axis"), floats(face_marker_position)),
+            "lip_opening_node": ("lip", integers(lip_opening_node)),
         },
         coords={
             "axis": list(AXES),
@@ -90,56 +93,13 @@ def build_face(
     )
     if facets:
         ds = ds.assign_coords(surface=list(facets))
-    ds = ds.assign(_facets(facets) | _rigid(arches) | _lips(lips))
+    ds = ds.assign(facet_variables(facets) | _rigid(arches) | _lips(lips))
     for variable in ds.data_vars.values():
         variable.attrs["units"] = "1"
     metric = ("position", "fibre_position", "face_marker_position", "arch_position")
     for metres in (name for name in metric if name in ds):
         ds[metres].attrs["units"] = "m"
     return check_face(ds)
-
-
-def _muscles(fibres: Sequence[Fibre], bundles: Sequence[Bundle]) -> dict[str, Variable]:
-    """Fibres, and elements with directions, in the order of the muscles."""
-    order = {muscle: k for k, muscle in enumerate(MUSCLES)}
-    for muscle in [*(f.muscle for f in fibres), *(b.muscle for b in bundles)]:
-        if muscle not in order:
-            raise FaceError(f"unknown muscle {muscle!r}: expected one of {', '.join(MUSCLES)}")
-    bundles = sorted(bundles, key=lambda bundle: order[bundle.muscle])
-    points, elements = [len(f.position) for f in fibres], [len(b.element) for b in bundles]
-    of_element = [order[bundle.muscle] for bundle in bundles]
-    found: dict[str, Variable] = {
-        "fibre_position": (("fibre_point", "axis"), _stacked([f.position for f in fibres])),
-        "fibre_of_point": ("fibre_point", _i(np.repeat(np.arange(len(fibres)), points))),
-        "fibre_muscle": ("fibre", _i([order[fibre.muscle] for fibre in fibres])),
-        "bundle_muscle": ("bundle_element", _i(np.repeat(of_element, elements))),
-        "bundle_index": (
-            "bundle_element",
-            _i(np.concatenate([np.asarray(b.element) for b in bundles] or [[]])),
-        ),
-        "bundle_direction": (("bundle_element", "axis"), _stacked([b.direction for b in bundles])),
-    }
-    weighted = [bundle.muscle for bundle in bundles if bundle.weight is not None]
-    if weighted and len(weighted) < len(bundles):
-        raise FaceError(
-            f"{weighted[0]} has weights and {len(bundles) - len(weighted)} muscles have none, expected "
-            "all or none"
-        )
-    if weighted:
-        weight = np.concatenate([_f(b.weight) for b in bundles if b.weight is not None])
-        found["bundle_weight"] = ("bundle_element", weight)
-    return found
-
-
-def _facets(facets: Mapping[str, Integers] | None) -> dict[str, Variable]:
-    """Nodes of the named parts of the boundary, one after the other."""
-    if not facets:
-        return {}
-    sizes = [len(nodes) for nodes in facets.values()]
-    return {
-        "facet_node": (("facet", "facet_corner"), _i(np.concatenate(list(facets.values())))),
-        "facet_surface": ("facet", _i(np.repeat(np.arange(len(facets)), sizes))),
-    }
 
 
 def _rigid(arches: Sequence[Arch]) -> dict[str, Variable]:
@@ -150,8 +110,8 @@ def _rigid(arches: Sequence[Arch]) -> dict[str, Variable]:
     rows = [arch.triangles + k for arch, k in zip(arches, shift, strict=True)]
     bones = np.repeat([arch.bone for arch in arches], [len(r) for r in rows])
     return {
-        "arch_position": (("arch_point", "axis"), _stacked([arch.points for arch in arches])),
-        "arch_triangle": (("arch_facet", "arch_corner"), _i(np.concatenate(rows))),
+        "arch_position": (("arch_point", "axis"), stacked([arch.points for arch in arches])),
+        "arch_triangle": (("arch_facet", "arch_corner"), integers(np.concatenate(rows))),
         "arch_bone": ("arch_facet", bones.astype(np.int8)),
     }
 
@@ -161,20 +121,8 @@ def _lips(lips: Mapping[str, Integers] | None) -> dict[str, Variable]:
     if not lips:
         return {}
     sizes = [len(lips[lip]) for lip in LIPS]
-    triangles = _i(np.concatenate([lips[lip] for lip in LIPS]))
+    triangles = integers(np.concatenate([lips[lip] for lip in LIPS]))
     return {
         "lip_triangle": (("lip_facet", "lip_corner"), triangles),
-        "lip_of_triangle": ("lip_facet", _i(np.repeat(np.arange(len(LIPS)), sizes))),
+        "lip_of_triangle": ("lip_facet", integers(np.repeat(np.arange(len(LIPS)), sizes))),
     }
-
-
-def _stacked(parts: Sequence[Floats]) -> Floats:
-    return np.concatenate([_f(part) for part in parts]) if parts else np.empty((0, 3))
-
-
-def _f(values: Floats) -> Floats:
-    return np.ascontiguousarray(values, dtype=np.float64)
-
-
-def _i(values: object) -> NDArray[np.int32]:
-    return np.ascontiguousarray(values, dtype=np.int32)

@@ -22,10 +22,16 @@ LIPS: Final = ("upper", "lower")
 
 @dataclass(frozen=True)
 class Fibre:
-    """One polyline of a muscle: name of the muscle with side, points (k, 3) [m]."""
+    """One polyline of a muscle: name of the muscle with side, points (k, 3) [m].
+
+    Of a tongue, `node` (k,) are the nodes at the points, -1 of points outside the mesh or inside an
+    element, and points outside the mesh lie on the `body`.
+    """
 
     muscle: str
     position: Floats
+    node: Integers | None = None
+    body: str | None = None
 
 
 @dataclass(frozen=True)

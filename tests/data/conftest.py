@@ -10,6 +10,7 @@ import xarray as xr
 from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS, MUSCLES
 from emgface.recordings.quality.markers import LAYOUT
 from tests.jaw.small import small_jaw
+from tests.tongue.small import small_tongue
 
 S = {"units": "s"}
 ONE = {"units": "1"}
@@ -266,6 +267,7 @@ VALID: dict[str, Callable[[], xr.Dataset]] = {
     "jaw_excitation": jaw_excitation,
     "jaw_model": jaw_model,
     "jaw_motion": jaw_motion,
+    "tongue_model": small_tongue,
 }
 
 

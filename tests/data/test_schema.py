@@ -26,6 +26,7 @@ KINDS = (
     "reduced_face",
     "scores",
     "sound",
+    "tongue_model",
     "trajectory",
 )
 Make = Callable[[str], xr.Dataset]

@@ -1,0 +1,163 @@
+"""Elements, muscles and facets of a deformable part as labelled variables, and their checks.
+
+Faces and tongues share these variables (`data_schema/face_model.json`, `tongue_model.json`).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import DataError
+from emgface.face.parts import Bundle, Fibre, Floats, Integers
+from emgface.face.quality import element_quality
+
+Variable = tuple[str | tuple[str, ...], NDArray[Any]]
+"""Dims and values of a variable."""
+
+
+def muscle_variables(
+    fibres: Sequence[Fibre],
+    bundles: Sequence[Bundle],
+    muscles: Sequence[str],
+    error: type[DataError],
+) -> dict[str, Variable]:
+    """Fibres, and elements with directions, in the order of the muscles.
+
+    Raises the `error` if a muscle is unknown, or some bundles have weights and others have none.
+    """
+    order = {muscle: k for k, muscle in enumerate(muscles)}
+    for muscle in [*(f.muscle for f in fibres), *(b.muscle for b in bundles)]:
+        if muscle not in order:
+            raise error(f"unknown muscle {muscle!r}: expected one of {', '.join(muscles)}")
+    bundles = sorted(bundles, key=lambda bundle: order[bundle.muscle])
+    points, elements = [len(f.position) for f in fibres], [len(b.element) for b in bundles]
+    of_element = [order[bundle.muscle] for bundle in bundles]
+    found: dict[str, Variable] = {
+        "fibre_position": (("fibre_point", "axis"), stacked([f.position for f in fibres])),
+        "fibre_of_point": ("fibre_point", integers(np.repeat(np.arange(len(fibres)), points))),
+        "fibre_muscle": ("fibre", integers([order[fibre.muscle] for fibre in fibres])),
+        "bundle_muscle": ("bundle_element", integers(np.repeat(of_element, elements))),
+        "bundle_index": (
+            "bundle_element",
+            integers(np.concatenate([np.asarray(b.element) for b in bundles] or [[]])),
+        ),
+        "bundle_direction": (("bundle_element", "axis"), stacked([b.direction for b in bundles])),
+    }
+    weighted = [bundle.muscle for bundle in bundles if bundle.weight is not None]
+    if weighted and len(weighted) < len(bundles):
+        raise error(
+            f"{weighted[0]} has weights and {len(bundles) - len(weighted)} muscles have none, expected "
+            "all or none"
+        )
+    if weighted:
+        weight = np.concatenate([floats(b.weight) for b in bundles if b.weight is not None])
+        found["bundle_weight"] = ("bundle_element", weight)
+    return found
+
+
+def facet_variables(facets: Mapping[str, Integers] | None) -> dict[str, Variable]:
+    """Nodes of the named parts of the boundary, one after the other."""
+    if not facets:
+        return {}
+    sizes = [len(nodes) for nodes in facets.values()]
+    return {
+        "facet_node": (("facet", "facet_corner"), integers(np.concatenate(list(facets.values())))),
+        "facet_surface": ("facet", integers(np.repeat(np.arange(len(facets)), sizes))),
+    }
+
+
+def stacked(parts: Sequence[Floats]) -> Floats:
+    """Rows (n, 3) of all parts."""
+    return np.concatenate([floats(part) for part in parts]) if parts else np.empty((0, 3))
+
+
+def floats(values: Floats) -> Floats:
+    """Contiguous numbers of double precision."""
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
+def integers(values: object) -> NDArray[np.int32]:
+    """Contiguous integers of 32 bits."""
+    return np.ascontiguousarray(values, dtype=np.int32)
+
+
+def check_references(
+    ds: xr.Dataset, nodes: Sequence[tuple[str, str]], error: type[DataError]
+) -> None:
+    """Check that elements and named nodes refer to nodes, with the ids of the source in messages.
+
+    `nodes` are variables with the dim of their names. Absent variables are left to the schema.
+    """
+    needed = ("position", "node_id", "element_id", "connectivity", "bundle_index")
+    if any(name not in ds for name in (*needed, nodes[0][0])):
+        return
+    n = ds.sizes.get("node", 0)
+    connectivity = ds["connectivity"].values
+    if connectivity.ndim != 2 or connectivity.shape[1] != 8:
+        return
+    wedge = (connectivity[:, 6:] == -1).all(axis=1)
+    bad = (connectivity >= n) | (connectivity < 0)
+    bad[wedge, 6:] = False
+    if bad.any():
+        row, column = (int(k[0]) for k in np.nonzero(bad))
+        raise error(
+            f"element {ds['element_id'].values[row]} refers to node index "
+            f"{connectivity[row, column]}, expected 0 to {n - 1}"
+            + (" (-1 only in the last two of a wedge)" if connectivity[row, column] < 0 else "")
+        )
+    for variable, dim in nodes:
+        if variable not in ds or dim not in ds.coords:
+            continue
+        for label, node in zip(ds[dim].values, ds[variable].values, strict=True):
+            if not 0 <= node < n:
+                raise error(f"{dim} {label} refers to node index {node}, expected 0 to {n - 1}")
+
+
+def check_elements(ds: xr.Dataset, error: type[DataError]) -> None:
+    """Refuse nodes without element, and elements that are inverted at rest."""
+    connectivity = ds["connectivity"].values
+    used = np.zeros(ds.sizes["node"], dtype=bool)
+    used[connectivity[connectivity >= 0]] = True
+    if not used.all():
+        node = int(np.flatnonzero(~used)[0])
+        on_it = [
+            str(label)
+            for label, place in zip(ds["marker"].values, ds["marker_node"].values, strict=True)
+            if place == node
+        ]
+        raise error(
+            f"node {ds['node_id'].values[node]} belongs to no element"
+            + (f" (marker {on_it[0]} is at this node)" if on_it else "")
+            + ": expected every node to be used, remove it"
+        )
+    smallest = element_quality(ds["position"].values, connectivity).smallest_det
+    bad = np.flatnonzero(~(smallest > 0))
+    if len(bad):
+        worst = int(bad[np.argmin(smallest[bad])])
+        others = f" ({len(bad)} such elements)" if len(bad) > 1 else ""
+        raise error(
+            f"element {ds['element_id'].values[worst]} is inverted at rest{others}: its smallest "
+            f"Jacobian determinant is {smallest[worst]:.3g} m3, expected a positive one; check its "
+            "node order and positions"
+        )
+
+
+def check_muscles(ds: xr.Dataset, error: type[DataError]) -> None:
+    """Refuse muscles without element, or with one twice."""
+    owner, element = ds["bundle_muscle"].values, ds["bundle_index"].values
+    for k, muscle in enumerate(ds["muscle"].values):
+        mine = element[owner == k]
+        if len(mine) == 0:
+            raise error(
+                f"muscle {muscle} has no element: expected at least one, try a larger radius "
+                "or check its fibres"
+            )
+        values, counts = np.unique(mine, return_counts=True)
+        if (counts > 1).any():
+            raise error(
+                f"muscle {muscle} lists element {ds['element_id'].values[values[counts > 1][0]]} "
+                "twice, expected once"
+            )

@@ -1,0 +1,1 @@
+"""Tongue: elements with muscle fibres, attached to jaw and hyoid."""

@@ -1,0 +1,173 @@
+"""Model of a tongue as one Dataset: elements, muscles with fibres, and attachments to bodies.
+
+All tongues, imported or generated, are assembled by `build_tongue` (`data_schema/tongue_model.json`).
+Elements, fibres, bundles and facets are those of a face; exciters and bodies are those of a jaw.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from emgface.anatomy.jaw.exciters import exciters_of
+from emgface.anatomy.jaw.model import AXES, FRAME
+from emgface.anatomy.mesh_model import (
+    Variable,
+    check_elements,
+    check_muscles,
+    check_references,
+    facet_variables,
+    floats,
+    integers,
+    muscle_variables,
+)
+from emgface.errors import TongueError
+from emgface.face.parts import Bundle, Fibre, Floats, Integers
+from emgface.schema.validation import validate
+
+MARKERS = ("tip", "back", "base")
+"""Named nodes of every tongue: tip, highest part of the dorsum, and lowest part of the root."""
+
+
+def build_tongue(
+    *,
+    position: Floats,
+    connectivity: Integers,
+    attachments: Mapping[str, Integers],
+    fibres: Sequence[Fibre],
+    bundles: Sequence[Bundle],
+    force_max: Mapping[str, float],
+    markers: Mapping[str, int],
+    name: str,
+    origin: str,
+    source: str,
+    node_id: Integers | None = None,
+    element_id: Integers | None = None,
+    facets: Mapping[str, Integers] | None = None,
+    contour: Integers | None = None,
+    postures: Mapping[str, Floats] | None = None,
+    attrs: Mapping[str, str | int | float] | None = None,
+) -> xr.Dataset:
+    """Assemble a tongue_model Dataset and check it; errors as of `check_tongue`.
+
+    Parameters
+    ----------
+    position : (nodes, 3) rest positions in the frame x right, y anterior, z superior [m].
+    connectivity : (elements, 8) nodes in VTK order, 0-based; a wedge ends in -1, -1.
+    attachments : nodes (k,) that follow each body, with the names of a jaw_model such as "jaw" and
+        "hyoid"; a body that stays, such as "skull", holds them fixed.
+    fibres : polylines with nodes, see `emgface.face.parts.Fibre`.
+    bundles : one per muscle.
+    force_max : largest active force of every muscle [N]; its keys are the muscles, in order, with
+        ``_L`` or ``_R`` where they have sides.
+    markers : nodes by name; at least `MARKERS`.
+    name, origin, source : description.
+    node_id, element_id : ids in the source; by default counted from 1.
+    facets : nodes (facets, 4), outward, of named parts of the boundary.
+    contour : (k,) nodes of the midline contour from front to back, over the dorsum.
+    postures : displacements (nodes, 3) from rest by name [m].
+    attrs : further attributes, such as the options of an import.
+
+    Returns
+    -------
+    xarray.Dataset
+        Of schema tongue_model, with the exciters of `emgface.anatomy.jaw.exciters.exciters_of`.
+    """
+    muscles, bodies = list(force_max), list(attachments)
+    bodies += [b for b in dict.fromkeys(f.body for f in fibres) if b and b not in bodies]
+    exciters = exciters_of(muscles, {})
+    gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
+    node_id = np.arange(1, len(position) + 1) if node_id is None else node_id
+    element_id = np.arange(1, len(connectivity) + 1) if element_id is None else element_id
+    held = [len(nodes) for nodes in attachments.values()]
+    variables: dict[str, Variable] = {
+        "position": (("node", "axis"), floats(position)),
+        "node_id": ("node", integers(node_id)),
+        "connectivity": (("element", "element_node"), integers(connectivity)),
+        "element_id": ("element", integers(element_id)),
+        "attachment_node": ("attachment", integers(np.concatenate(list(attachments.values())))),
+        "attachment_body": ("attachment", integers(np.repeat(np.arange(len(held)), held))),
+        **muscle_variables(fibres, bundles, muscles, TongueError),
+        **_places(fibres, bodies),
+        "muscle_force_max": ("muscle", floats(np.array(list(force_max.values())))),
+        "exciter_gain": (("exciter", "muscle"), floats(gain)),
+        "marker_node": ("marker", integers(list(markers.values()))),
+        **facet_variables(facets),
+    }
+    coords: dict[str, Sequence[str]] = {
+        "axis": AXES,
+        "muscle": muscles,
+        "exciter": list(exciters),
+        "body": bodies,
+        "marker": list(markers),
+    }
+    if facets:
+        coords["surface"] = list(facets)
+    if contour is not None:
+        variables["contour_node"] = ("contour", integers(contour))
+    if postures:
+        coords["posture"] = list(postures)
+        shapes = floats(np.array(list(postures.values())))
+        variables["posture_displacement"] = (("posture", "node", "axis"), shapes)
+    described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
+    ds = xr.Dataset(
+        variables,
+        {dim: list(names) for dim, names in coords.items()},
+        {**described, "schema": "tongue_model", "schema_version": 1, **(attrs or {})},
+    )
+    units = {"position": "m", "fibre_position": "m", "posture_displacement": "m"}
+    units["muscle_force_max"] = "N"
+    for variable in ds.data_vars:
+        ds[variable].attrs["units"] = units.get(str(variable), "1")
+    return check_tongue(ds)
+
+
+def check_tongue(ds: xr.Dataset) -> xr.Dataset:
+    """Check a tongue against its schema and the requirements of the mechanics, and return it.
+
+    Raises
+    ------
+    SchemaError, UnitsError
+        Names, dims, units or ranges differ from the schema.
+    TongueError
+        An element refers to a node that does not exist or is inverted at rest, a node belongs to no
+        element, a muscle has no element, one twice or no fibre, or a marker of `MARKERS` is absent.
+    """
+    check_references(ds, (("marker_node", "marker"),), TongueError)
+    ds = validate(ds, "tongue_model")
+    check_elements(ds, TongueError)
+    check_muscles(ds, TongueError)
+    for name in MARKERS:
+        if name not in ds["marker"].values:
+            raise TongueError(f"marker {name} is absent, expected the nodes {', '.join(MARKERS)}")
+    without = np.setdiff1d(np.arange(ds.sizes["muscle"]), ds["fibre_muscle"].values)
+    if without.size:
+        raise TongueError(f"muscle {ds['muscle'].values[without[0]]} has no fibre, expected one")
+    apart = (ds["fibre_node"].values >= 0) & (ds["fibre_body"].values >= 0)
+    if apart.any():
+        raise TongueError(
+            f"fibre point {int(np.argmax(apart))} is a node and lies on a body, expected one of them"
+        )
+    return ds
+
+
+def attached_nodes(tongue: xr.Dataset) -> dict[str, Integers]:
+    """Nodes (k,) that follow each body, by its name."""
+    node, owner = tongue["attachment_node"].values, tongue["attachment_body"].values
+    found = {str(body): node[owner == k] for k, body in enumerate(tongue["body"].values)}
+    return {body: nodes for body, nodes in found.items() if len(nodes)}
+
+
+def _places(fibres: Sequence[Fibre], bodies: Sequence[str]) -> dict[str, Variable]:
+    """Nodes and bodies of the points of fibres."""
+    nodes, owners = list[Integers](), list[Integers]()
+    for fibre in fibres:
+        n = len(fibre.position)
+        node = np.full(n, -1) if fibre.node is None else np.asarray(fibre.node)
+        outside = -1 if fibre.body is None else bodies.index(fibre.body)
+        nodes.append(node)
+        owners.append(np.where(node < 0, outside, -1))
+    return {
+        "fibre_node": ("fibre_point", integers(np.concatenate(nodes))),
+        "fibre_body": ("fibre_point", integers(np.concatenate(owners))),
+    }
