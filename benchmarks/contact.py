@@ -111,37 +111,23 @@ def measure(
 ) -> xr.Dataset:
     """Run cases with and without contact alternately.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model with `lip_opening_node`.
-    methods : sequence of str
-        Of `METHODS`; the run times of the others are compared with that of the first.
-    cases : sequence of str
-        Of `FULL`, and instructions A to F.
-    between, friction
-        As `emgface.face.contact_parameters.ContactParameters`.
-    hold : float
-        Time for which the activation is held [s].
-    parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa, no gravity and `STEPPING`; its contact is replaced.
+    `face` has `lip_opening_node`. `methods` are of `METHODS`; the run times of the others are
+    compared with that of the first. `cases` are of `FULL`, and instructions A to F; `between` and
+    `friction` are those of `emgface.face.contact_parameters.ContactParameters`, and `hold` is the
+    time for which the activation is held [s]. By default of `parameters`, sigma_max is 100 kPa,
+    without gravity and with `STEPPING`; its contact is replaced.
 
-    Returns
-    -------
-    Dataset
-        Over (case, contact): ``status``, ``opening_rest``, ``opening_end`` in the midline along z
-        [m], the shape at the end (`lip_shape`), the largest depths ``depth_lips`` and
-        ``depth_teeth`` (beyond that at rest) of every `CHUNK`-th output, ``gap``, the smallest of
-        all outputs as computed by contact [m]; over the last `TAIL`, or half of `hold`: ``speed``
-        of the fastest lip node [m/s], ``ripple``, range of the opening, and ``chatter``
-        (`to_and_fro`) [m]; ``iterations``, ``factorisations`` and processor ``seconds`` per step,
-        ``ratio`` of the latter to the first method. Over (case, contact, time): ``opening`` [m].
-        Over (case, contact, node, axis): ``node_position`` [m].
+    The result contains, over (case, contact): ``status``, ``opening_rest``, ``opening_end`` in the
+    midline along z [m], the shape at the end (`lip_shape`), the largest depths ``depth_lips`` and
+    ``depth_teeth`` (beyond that at rest) of every `CHUNK`-th output, ``gap``, the smallest of all
+    outputs as computed by contact [m]; over the last `TAIL`, or half of `hold`: ``speed`` of the
+    fastest lip node [m/s], ``ripple``, range of the opening, and ``chatter`` (`to_and_fro`) [m];
+    ``iterations``, ``factorisations`` and processor ``seconds`` per step, ``ratio`` of the latter
+    to the first method; over (case, contact, time): ``opening`` [m]; over (case, contact, node,
+    axis): ``node_position`` [m].
 
-    Raises
-    ------
-    FaceError, ContactFailure, SceneError
-        The surfaces of the face are unsuitable; a failure during a run is its ``status``.
+    Raises FaceError, ContactFailure or SceneError if the surfaces of the face are unsuitable; a
+    failure during a run is its ``status``.
     """
     base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, **STEPPING)
     penetration, rim = Penetration(face), lip_rim(face)

@@ -124,10 +124,7 @@ def symmetric_model(model: dict[str, Any]) -> list[dict[str, object]]:
 class Compared:
     """The case, and the differences of motions from the recorded one.
 
-    Parameters
-    ----------
-    folder : of the recorded runs.
-    symmetric : whether the input is made symmetric.
+    `folder` contains the recorded runs; the input is made symmetric if `symmetric` is True.
     """
 
     def __init__(self, folder: Path, symmetric: bool) -> None:

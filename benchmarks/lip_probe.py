@@ -33,20 +33,9 @@ def to_and_fro(path: Floats) -> float:
 class LipProbe:
     """Depths, smallest gap computed by contact and opening [m], speed of the fastest lip node [m/s].
 
-    Parameters
-    ----------
-    face : Dataset
-    penetration : Penetration
-        Of the face.
-    period : float
-        Time between measurements of the depths, which cost as much as a step; NaN in between [s].
-
-    Attributes
-    ----------
-    seconds : float
-        Processor time of the probe itself [s].
-    path : dict
-        Positions (n, 3) of the lip nodes [m] by time [s].
+    `period` is the time between measurements of the depths, which cost as much as a step; NaN in
+    between [s]. `seconds` is the processor time of the probe itself [s], and `path` contains the
+    positions (n, 3) of the lip nodes [m] by time [s].
     """
 
     def __init__(self, face: xr.Dataset, penetration: Penetration, period: float) -> None:

@@ -46,25 +46,16 @@ THEIR_HEX = [
 class Case:
     """One recorded run.
 
-    Attributes
-    ----------
-    name : file name without ending.
-    volume : "nodal", "element" or "hard".
-    group : muscle of both sides, or "" for none.
-    level : final excitation.
-    integrator : the scheme.
-    fibre : law of the fibres.
-    gravity : with gravity.
-    contact : with contact of the lips with each other and with the bones. The other program holds
-        every node that is inside at the start of a step; here, initial depths are kept.
+    With `contact` the lips touch each other and the bones. The other program holds every node that
+    is inside at the start of a step; here, initial depths are kept.
     """
 
-    name: str
-    volume: str
-    group: str
-    level: float
+    name: str  #: file name without ending
+    volume: str  #: "nodal", "element" or "hard"
+    group: str  #: muscle of both sides, or "" for none
+    level: float  #: final excitation
     integrator: sim.integrators.TimeIntegrator
-    fibre: sim.Blemker | sim.Generic
+    fibre: sim.Blemker | sim.Generic  #: law of the fibres
     gravity: bool = False
     contact: bool = False
 

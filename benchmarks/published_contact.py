@@ -37,45 +37,35 @@ NO_NODES = np.empty(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Rules:
-    """Rules of the contact.
+    """Rules of the contact."""
 
-    Attributes
-    ----------
-    direction : "face": normal of the nearest face; "point": direction to its nearest point.
-    released : rows that have pulled in a step are left out of the next.
-    mass : positions are corrected by the masses of the nodes, otherwise along the compliance of the
-    tissue. volumes : volumes are held while positions are corrected, otherwise restored afterwards.
-    corners : rows beside the nodes that both lips share; otherwise none. bones : vertices of the
-    bones are tested against the tissue, too. tolerance : depth that a correction leaves [m].
-    """
-
+    #: "face": normal of the nearest face; "point": direction to its nearest point
     direction: str = "face"
-    released: bool = True
+    released: bool = True  #: rows that have pulled in a step are left out of the next
+    #: positions are corrected by the masses of the nodes, otherwise along the compliance of the
+    #: tissue
     mass: bool = True
+    #: volumes are held while positions are corrected, otherwise restored afterwards
     volumes: bool = True
-    corners: bool = True
-    bones: bool = False
-    tolerance: float = 1.2e-5
+    corners: bool = True  #: rows beside the nodes that both lips share; otherwise none
+    bones: bool = False  #: vertices of the bones are tested against the tissue, too
+    tolerance: float = 1.2e-5  #: depth that a correction leaves [m]
 
 
 @dataclass(eq=False)
 class Inside:
     """Rows of the vertices inside a closed surface, constraints c(q) = 0 on the velocities.
 
-    Attributes
-    ----------
-    vertex : (k,) number of each vertex among those of all directions.
-    gap : (k,) distance along the normal, negative inside [m].
-    start, unknown, entries : rows of the derivative of the gaps, as of `CompiledConstraint`.
-    scale : factor on gaps and derivative that gives them the size of the rows of volumes.
+    `start`, `unknown` and `entries` are the rows of the derivative of the gaps, as of
+    `CompiledConstraint`.
     """
 
-    vertex: Integers
-    gap: Floats
+    vertex: Integers  #: (k,) number of each vertex among those of all directions
+    gap: Floats  #: (k,) distance along the normal, negative inside [m]
     start: Integers
     unknown: Integers
     entries: Floats
-    scale: float = 1.0
+    scale: float = 1.0  #: factor that gives gaps and derivative the size of the rows of volumes
 
     def evaluate(self, q: Floats) -> tuple[Floats, Floats]:
         """Return the scaled gaps and their derivative, which do not depend on q."""
@@ -88,11 +78,8 @@ class Inside:
 class Search:
     """Vertices inside the closed surfaces of pairings, with their nearest faces.
 
-    Parameters
-    ----------
-    pairings : of closed lips, and of tissue with closed shells at rest.
-    free : (n_nodes,) whether a node moves.
-    rules : Rules
+    `pairings` are those of closed lips, and of tissue with closed shells at rest; `free` (n_nodes,)
+    marks the nodes that move.
     """
 
     def __init__(self, pairings: Sequence[Pairing], free: NDArray[np.bool_], rules: Rules) -> None:
@@ -166,21 +153,12 @@ class Search:
 
 @dataclass(eq=False)
 class PublishedContact:
-    """Trapezoidal rule with hard volumes and the published contact.
+    """Trapezoidal rule with hard volumes and the published contact."""
 
-    Attributes
-    ----------
-    system : sim.System
-        With hard element volumes and without contact.
-    pairings : of `Search`.
-    rules : Rules
-    counts : number of rows of each step.
-    """
-
-    system: sim.System
+    system: sim.System  #: with hard element volumes and without contact
     pairings: Sequence[Pairing]
     rules: Rules
-    counts: list[int] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)  #: number of rows of each step
 
     def __post_init__(self) -> None:
         """Compile volumes and search."""

@@ -20,26 +20,14 @@ LINES = ("-", "--", ":", "-.")
 
 @dataclass(frozen=True)
 class Chart:
-    """Columns of a table as lines, or as stacked bars if the column `x` contains text.
+    """Columns of a table as lines, or as stacked bars if the column `x` contains text."""
 
-    Attributes
-    ----------
-    x, y : str, tuple of str
-        Column along the axis, and columns that are drawn.
-    label : str
-        Quantity and unit of `y`.
-    by, panel : str
-        Columns whose values are drawn as separate lines or panels; "" for one.
-    log : bool
-        Both axes of lines are logarithmic.
-    """
-
-    x: str
-    y: tuple[str, ...]
-    label: str
-    by: str = ""
-    panel: str = ""
-    log: bool = False
+    x: str  #: column along the axis
+    y: tuple[str, ...]  #: columns that are drawn
+    label: str  #: quantity and unit of `y`
+    by: str = ""  #: column whose values are separate lines; "" for one
+    panel: str = ""  #: column whose values are separate panels; "" for one
+    log: bool = False  #: both axes of lines are logarithmic
 
 
 def say(text: str) -> None:

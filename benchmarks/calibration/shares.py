@@ -112,33 +112,18 @@ def calibration(
 ) -> xr.Dataset:
     """Measure how often each test rejects a true null hypothesis, and the coverage of each interval.
 
-    Parameters
-    ----------
-    methods : sequence of str
-        Keys of `METHODS`.
-    alpha : float
-        Nominal size [1].
-    simulations : int
-        Cubes drawn; the Monte Carlo error of a size of 0.05 is 0.22 / sqrt(simulations).
-    seed : int
-        Cubes are drawn with the seeds seed, seed + 1, and so on.
-    **model
-        Sizes and terms of `simulated_scores`; its effects are zero.
+    `methods` are keys of `METHODS`, `alpha` is the nominal size [1] and `simulations` the number of
+    cubes; the Monte Carlo error of a size of 0.05 is 0.22 / sqrt(simulations). Cubes are drawn with
+    the seeds seed, seed + 1, and so on; `model` contains sizes and terms of `simulated_scores`,
+    whose effects are zero.
 
-    Returns
-    -------
-    xarray.Dataset
-        Dim test: ``size`` [1], fraction of p <= alpha (over all contrasts for joint and Holm, one
-        contrast otherwise); ``coverage`` [1] of the interval, nominal 0.95 (equivalence 0.90);
-        their Monte Carlo errors ``size_error`` and ``coverage_error``; NaN if a method has no p or
-        no interval. The truth is that of the instructions drawn, except for "mixed model,
-        instructions" and "mixed model, misread", of instructions in general; the latter is the test
-        of these instructions interpreted as one of instructions in general.
-
-    Raises
-    ------
-    StatisticsError
-        Unknown method or no simulation.
+    The result has the dim test: ``size`` [1], fraction of p <= alpha (over all contrasts for joint
+    and Holm, one contrast otherwise); ``coverage`` [1] of the interval, nominal 0.95 (equivalence
+    0.90); their Monte Carlo errors ``size_error`` and ``coverage_error``; NaN if a method has no p
+    or no interval. The truth is that of the instructions drawn, except for "mixed model,
+    instructions" and "mixed model, misread", of instructions in general; the latter is the test of
+    these instructions interpreted as one of instructions in general. Raises StatisticsError for an
+    unknown method or no simulation.
     """
     wrong = [name for name in methods if name not in METHODS]
     if wrong or simulations < 1:

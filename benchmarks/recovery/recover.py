@@ -26,17 +26,11 @@ MEASURES: Final = ("rank_correlation", "error", "shape_error", "false_activation
 
 @dataclass(frozen=True)
 class Condition:
-    """Properties of the electrodes of all volunteers.
+    """Properties of the electrodes of all volunteers."""
 
-    Attributes
-    ----------
-    snr : float [dB]
-        Root mean square of a channel at full activation over that of its baseline noise.
-    cross_talk : float or None [1]
-        Fraction of a neighbour's amplitude; None if the world models pick-up through the tissue.
-    """
-
+    #: root mean square of a channel at full activation over that of its baseline noise [dB]
     snr: float
+    #: fraction of a neighbour's amplitude [1]; None if the world models pick-up through the tissue
     cross_talk: float | None = None
 
 
@@ -51,36 +45,19 @@ def recover(
 ) -> xr.Dataset:
     """Compare the activation estimated by signal chains with the true one, for each muscle.
 
-    Parameters
-    ----------
-    conditions : iterable of Condition
-        Noise and cross-talk.
-    chains : mapping of str to SignalChain
-        By name; a chain that normalises to a reference receives a recording in which each muscle is
-        fully active once.
-    n, seed : int
-        Number of volunteers and seed of the set.
-    instructions : sequence of str
-        Some of A to F; one repetition each.
-    settings : VolunteerParameters, optional
-        World, source of the EMG and length of trials. The noise is that of the conditions.
+    `chains` are signal chains by name; one that normalises to a reference receives a recording in
+    which each muscle is fully active once. `n` volunteers of the set with this `seed` perform each
+    of the `instructions` once. `settings` contain world, source of the EMG and length of trials;
+    the noise is that of the conditions.
 
-    Returns
-    -------
-    Dataset
-        Dims (condition, chain, muscle, trial), muscle without side, both sides averaged;
-        ``rank_correlation`` [1], Spearman's over time; ``error`` [1], root mean square of the
-        difference; ``shape_error`` [1], the same after the best scaling of the estimate, over the
-        root mean square of the truth; NaN if a muscle does not take part (`LEAST_PEAK`).
-        ``false_activation`` [1], root mean square of the difference of a muscle that does not take
-        part; NaN otherwise. All are NaN if the chain refused the trial. Coords ``snr`` [dB],
-        ``cross_talk`` [1]; attributes origin "simulated" and world.
-
-    Raises
-    ------
-    ConfigurationError
-        A condition has a cross-talk in a world with pick-up through the tissue, or lacks it in
-        another.
+    The result has the dims (condition, chain, muscle, trial), muscle without side, both sides
+    averaged; ``rank_correlation`` [1], Spearman's over time; ``error`` [1], root mean square of the
+    difference; ``shape_error`` [1], the same after the best scaling of the estimate, over the root
+    mean square of the truth; NaN if a muscle does not take part (`LEAST_PEAK`).
+    ``false_activation`` [1] is the root mean square of the difference of a muscle that does not
+    take part; NaN otherwise. All are NaN if the chain refused the trial. Coords are ``snr`` [dB]
+    and ``cross_talk`` [1]; attributes origin "simulated" and world. Raises ConfigurationError if a
+    condition has a cross-talk in a world with pick-up through the tissue, or lacks it in another.
     """
     wanted = list(conditions)
     settings = settings or VolunteerParameters()

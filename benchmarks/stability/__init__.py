@@ -40,10 +40,7 @@ def run_battery(
 ) -> pd.DataFrame:
     """Run the battery, or some of its `rows`; rows on a face are omitted without one.
 
-    Returns
-    -------
-    DataFrame
-        One row per run, with the attributes of `benchmarks.stability.trial.Outcome`.
+    The table has one row per run, with the attributes of `benchmarks.stability.trial.Outcome`.
     """
     trials = [trial for make in BLOCK_ROWS for trial in make()]
     if face is not None:

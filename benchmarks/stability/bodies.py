@@ -20,31 +20,19 @@ MODERATE, FULL = (0.5, 0.2), (1.0, 1.0)
 
 @dataclass(frozen=True)
 class Block:
-    """A cube of 3 x 3 x 3 hexahedra in three layers along z, with one muscle along x and one along z.
+    """A cube of 3 x 3 x 3 hexahedra in three layers along z, with one muscle along x and one along z."""
 
-    Attributes
-    ----------
-    sigma_max : largest active stress [Pa].
-    kappa : bulk modulus [Pa].
-    volume : "pointwise", "element", "nodal" or "hard".
-    stiff : factor on the passive stiffness of the uppermost layer.
-    dense : factor on its density.
-    gravity : acceleration along z [m/s^2].
-    held : the base is fixed.
-    damped : Rayleigh damping acts.
-    squeezed : factor on the height of the middle layer, whose elements become slivers.
-    corner : scaled Jacobian at one inner corner, whose node is moved accordingly; 1 for no change.
-    """
-
-    sigma_max: float = 100e3
-    kappa: float = 25e3
-    volume: str = "pointwise"
-    stiff: float = 1.0
-    dense: float = 1.0
-    gravity: float = -9.8
-    held: bool = True
-    damped: bool = True
+    sigma_max: float = 100e3  #: largest active stress [Pa]
+    kappa: float = 25e3  #: bulk modulus [Pa]
+    volume: str = "pointwise"  #: "pointwise", "element", "nodal" or "hard"
+    stiff: float = 1.0  #: factor on the passive stiffness of the uppermost layer
+    dense: float = 1.0  #: factor on its density
+    gravity: float = -9.8  #: acceleration along z [m/s^2]
+    held: bool = True  #: the base is fixed
+    damped: bool = True  #: Rayleigh damping acts
+    #: factor on the height of the middle layer, whose elements become slivers
     squeezed: float = 1.0
+    #: scaled Jacobian at one inner corner, whose node is moved accordingly; 1 for no change
     corner: float = 1.0
 
     def mesh(self) -> sim.Mesh:

@@ -22,58 +22,46 @@ Judge = Callable[[sim.System, sim.State, sim.State, np.ndarray], str]
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a case.
-
-    Attributes
-    ----------
-    outcome : "ok", "refused: <error>" (a typed failure) or "WRONG: <error>".
-    parameter, value : parameter that is varied, and its value; NaN for a single case.
-    energy_drift : largest relative growth of the energy in one interval, without activation.
-    expected : a refusal is the correct result.
-    """
+    """Result of a case."""
 
     row: int
     title: str
     case: str
-    parameter: str
-    value: float
+    parameter: str  #: parameter that is varied
+    value: float  #: its value; NaN for a single case
     integrator: str
-    outcome: str
+    outcome: str  #: "ok", "refused: <error>" (a typed failure) or "WRONG: <error>"
     smallest_J: float = float("nan")
     iterations: float = float("nan")
     rejected: float = float("nan")
+    #: largest relative growth of the energy in one interval, without activation
     energy_drift: float = float("nan")
-    expected: bool = False
+    expected: bool = False  #: a refusal is the correct result
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
     """Case to run.
 
-    Attributes
-    ----------
-    row, title, case : labels in the table.
-    system : compiled at the start of the run, so that its failure is part of the outcome.
-    activation, duration, steps : excitation and stepping; `steps.h` is the output interval.
-    start : initial state of the system, by default at rest.
-    parameter, value : parameter varied in the row, with its unit, and its value.
-    judge : further condition of a correct result.
-    refusal : name of the expected error, or "".
+    `row`, `title` and `case` are labels in the table, `activation`, `duration` and `steps`
+    excitation and stepping; `steps.h` is the output interval.
     """
 
     row: int
     title: str
     case: str
+    #: compiled at the start of the run, so that its failure is part of the outcome
     system: Callable[[], sim.System]
     activation: Callable[[sim.System], sim.Activation]
     duration: float
     steps: StepControl
     integrators: dict[str, Integrator] = field(default_factory=lambda: dict(IMPLICIT))
-    parameter: str = ""
+    parameter: str = ""  #: parameter varied in the row, with its unit
     value: float = float("nan")
+    #: initial state of the system, by default at rest
     start: Callable[[sim.System], sim.State] = sim.System.rest_state
-    judge: Judge | None = None
-    refusal: str = ""
+    judge: Judge | None = None  #: further condition of a correct result
+    refusal: str = ""  #: name of the expected error, or ""
 
 
 def run(trial: Trial, name: str) -> Outcome:

@@ -45,20 +45,14 @@ FINER: Final = 4
 class Found:
     """Errors of a measurement.
 
-    Attributes
-    ----------
-    stepping : DataFrame
-        One row per setting and instruction. Error of the *time stepping* relative to SDIRK2 of the
-        same model in steps of a quarter of the smallest compared step: ``error rms mm`` and ``error
-        max mm`` of the lip markers every 10 ms, ``change of rho``; ``run time s/s`` per simulated
-        second, counts of the solver, ``smallest J``, ``status`` ("ok" or the name of the failure);
-        ``requested mm`` of error control.
-    models : DataFrame
-        One row per model and instruction. Error of the *discretisation*: distance of the model,
-        solved with the reference steps, from the finest one.
-    finest : str
-    unit : float
-        Time of one factorisation and solution of the first model [s].
+    `stepping` has one row per setting and instruction: the error of the *time stepping* relative to
+    SDIRK2 of the same model in steps of a quarter of the smallest compared step (``error rms mm``
+    and ``error max mm`` of the lip markers every 10 ms, ``change of rho``), ``run time s/s`` per
+    simulated second, counts of the solver, ``smallest J``, ``status`` ("ok" or the name of the
+    failure) and ``requested mm`` of error control. `models` has one row per model and instruction:
+    the error of the *discretisation*, the distance of the model, solved with the reference steps,
+    from the `finest` one. `unit` is the time of one factorisation and solution of the first model
+    [s].
     """
 
     stepping: pd.DataFrame
@@ -81,27 +75,11 @@ def measure(
 ) -> Found:
     """Run every setting of every model on every instruction.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    parameters : SimulationParameters
-        Tissue and loads; its solver is not used.
-    settings : iterable of Setting, optional
-        By default those of `settings_of` for each model.
-    models : sequence of Model
-        Meshes and treatments of the volume; all settings are measured for the first.
-    instructions : sequence of str
-        Gestures, A to F.
-    duration : float
-        Simulated time [s].
-    repeats : int
-        Runs per setting, interleaved; times are medians.
-    full : bool
-        Measure all settings for every model.
-    processor : bool
-        Measure processor time instead of wall time: less affected by other processes, but too long
-        with several threads.
+    `parameters` contain tissue and loads; their solver is not used. `settings` are by default those
+    of `settings_of` for each model, and all are measured for the first of the `models`, with `full`
+    for every model. `instructions` are gestures, A to F, of `duration` [s]. Times are medians of
+    `repeats` interleaved runs; `processor` measures processor time instead of wall time: less
+    affected by other processes, but too long with several threads.
     """
     clock = time.process_time if processor else time.perf_counter
     nodes = face["marker_node"].values.astype(np.int64)

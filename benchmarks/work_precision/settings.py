@@ -26,24 +26,14 @@ HORIZON = 0.055
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Method for the solution of a model.
+    """Method for the solution of a model."""
 
-    Attributes
-    ----------
-    family, label : str
-        Line of the figure, and name within this line.
-    integrator, steps, model
-        Scheme, step control and model.
-    linear : str
-        Linear solver, or "auto".
-    """
-
-    family: str
-    label: str
+    family: str  #: line of the figure
+    label: str  #: name within this line
     integrator: Integrator
     steps: StepControl
     model: Model = Model()
-    linear: str = "auto"
+    linear: str = "auto"  #: linear solver, or "auto"
 
     @property
     def name(self) -> str:
@@ -56,14 +46,8 @@ def settings_of(
 ) -> list[Setting]:
     """Return the settings of a model.
 
-    Parameters
-    ----------
-    model : Model
-    nodes : ndarray of int
-        Nodes of the lip markers, whose error is controlled.
-    base, full : bool
-        All settings are returned for the base model, and with `full` for every model, then also
-        smaller steps; otherwise only a few.
+    `nodes` are those of the lip markers, whose error is controlled. All settings are returned for
+    the base model, and with `full` for every model, then also smaller steps; otherwise only a few.
     """
     if not (base or full):
         return [

@@ -25,23 +25,14 @@ SAMPLES: Final = 101
 
 @dataclass(frozen=True, eq=False)
 class Mouth:
-    """Surfaces of the lips of a face, between which air passes; also a probe of the opening.
+    """Surfaces of the lips of a face, between which air passes; also a probe of the opening."""
 
-    Attributes
-    ----------
-    upper, lower : ndarray, shape (n, 2)
-        Edges of the surface of each lip: outer skin, red and lining within `NEAR` of its margin.
-    corners, margins : ndarray, shape (2,)
-        Nodes of the corners of the opening; nodes of the margins in the midline.
-    rest : ndarray, shape (2, 3)
-        Positions of `margins` in the geometry of the face [m].
-    """
-
+    #: (n, 2) edges of the surface: outer skin, red and lining within `NEAR` of its margin
     upper: Integers
-    lower: Integers
-    corners: Integers
-    margins: Integers
-    rest: Floats
+    lower: Integers  #: (n, 2) edges, likewise
+    corners: Integers  #: (2,) nodes of the corners of the opening
+    margins: Integers  #: (2,) nodes of the margins in the midline
+    rest: Floats  #: (2, 3) positions of `margins` in the geometry of the face [m]
 
     @classmethod
     def of(cls, face: xr.Dataset) -> "Mouth":

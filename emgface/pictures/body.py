@@ -39,49 +39,26 @@ ENOUGH: Final = 5000
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Facets of the tissue that are drawn.
+    """Facets of the tissue that are drawn."""
 
-    Attributes
-    ----------
-    node : ndarray of int, shape (n,)
-        Index of each node in the face model.
-    facet : ndarray of int, shape (m, 4)
-        Corners as indices into `node`, counter-clockwise from outside; a triangle repeats its last.
-    part : ndarray of int, shape (m,)
-        SKIN, VERMILION or LINING.
-    """
-
-    node: Indices
+    node: Indices  #: (n,) index of each node in the face model
+    #: (m, 4) corners as indices into `node`, counter-clockwise from outside; a triangle repeats its
+    #: last
     facet: Indices
-    part: Indices
+    part: Indices  #: (m,) SKIN, VERMILION or LINING
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Drawn surface, as a function of the nodes of a `Skin`.
+    """Drawn surface, as a function of the nodes of a `Skin`."""
 
-    Attributes
-    ----------
-    n : int
-        Number of nodes of the skin, which are the first points.
-    rules : ndarray of int, shape (k, 4)
-        The next points: each is (9 b + 9 c - a - d) / 16 of four earlier points a, b, c, d.
-    teeth : ndarray, shape (m, 3)
-        The last points, those of the dental arches, which do not move [m].
-    triangle : ndarray of int, shape (t, 3)
-        Corners among all points, counter-clockwise from outside.
-    colour : ndarray, shape (points, 3)
-        sRGB from 0 to 1.
-    tissue : int
-        Number of points of the tissue; later points are the oral cavity and the teeth.
-    """
-
-    n: int
+    n: int  #: number of nodes of the skin, which are the first points
+    #: (k, 4) the next points: each is (9 b + 9 c - a - d) / 16 of four earlier points a, b, c, d
     rules: Indices
-    teeth: Floats
-    triangle: Indices
-    colour: Floats
-    tissue: int
+    teeth: Floats  #: (m, 3) the last points, those of the dental arches, which do not move [m]
+    triangle: Indices  #: (t, 3) corners among all points, counter-clockwise from outside
+    colour: Floats  #: (points, 3) sRGB from 0 to 1
+    tissue: int  #: number of points of the tissue; later points are the oral cavity and the teeth
 
     def points(self, position: NDArray[np.floating]) -> Floats:
         """Positions of all points [m] from those of the nodes of the skin (n, 3)."""

@@ -103,22 +103,10 @@ def render(
 ) -> NDArray[np.uint8]:
     """Draw a body by an orthographic camera, as sRGB and opacity (height, width, 4).
 
-    Parameters
-    ----------
-    body : Body
-        Surface.
-    position : ndarray, shape (n, 3)
-        Nodes of its skin [m].
-    view : tuple of float
-        Yaw and pitch of the camera [degrees].
-    window : Window
-        Visible part of the plane.
-    width : int
-        Pixels; the height follows from the window.
-    colour : ndarray, shape (n, 3), optional
-        sRGB of the nodes of the skin, instead of those of the body.
-    finer : int
-        Samples per pixel along both sides.
+    `position` (n, 3) are the nodes of its skin [m], `view` the yaw and pitch of the camera
+    [degrees], `window` the visible part of the plane and `width` the pixels across it, from which
+    the height follows. `colour` (n, 3) is sRGB of the nodes of the skin, instead of that of the
+    body; `finer` is the number of samples per pixel along both sides.
     """
     scale = finer * width / (window.right - window.left)
     height = max(1, round((window.top - window.bottom) * scale / finer))

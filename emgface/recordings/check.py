@@ -33,35 +33,24 @@ def check_recording(
 ) -> pd.DataFrame:
     """Examine every channel and marker of a recording.
 
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        Result of `emgface.recordings.dataset.read_recording`.
-    study : bool
-        List also the channels and markers that a study requires and the recording lacks.
-    max_gap : float, optional
-        Longest gap [s] of a marker that is interpolated later; the default of
-        `emgface.signals.parameters.HeadFrameParameters`.
-    quality : bool
-        Measure also hum, artefacts, drift, saturation, baseline, cross-talk, noise of markers,
-        and exchanged names (`emgface.recordings.quality`).
+    `study` lists also the channels and markers that a study requires and the recording lacks.
+    `max_gap` is the longest gap [s] of a marker that is interpolated later; the default is that of
+    `emgface.signals.parameters.HeadFrameParameters`. `quality` measures also hum, artefacts, drift,
+    saturation, baseline, cross-talk, noise of markers, and exchanged names
+    (`emgface.recordings.quality`).
 
-    Returns
-    -------
-    pandas.DataFrame
-        Columns ``name``, ``kind`` (channel or marker), ``signal`` (EMG, position, or another signal of
-        `emgface.recordings.kinds`), ``rate`` [Hz], ``duration`` [s] (samples over rate), ``unit``,
-        ``finite`` (fraction of samples), ``longest_gap`` [s], ``constant``, ``rms`` (about zero for a
-        channel, about its mean for a marker), ``smallest``, ``largest``, the measures of
-        `emgface.recordings.quality` (NaN if they do not apply), ``verdict`` (ok, warning, error, or
-        not EMG) and ``reason``.
+    The table has the columns ``name``, ``kind`` (channel or marker), ``signal`` (EMG, position, or
+    another signal of `emgface.recordings.kinds`), ``rate`` [Hz], ``duration`` [s] (samples over
+    rate), ``unit``, ``finite`` (fraction of samples), ``longest_gap`` [s], ``constant``, ``rms``
+    (about zero for a channel, about its mean for a marker), ``smallest``, ``largest``, the measures
+    of `emgface.recordings.quality` (NaN if they do not apply), ``verdict`` (ok, warning, error, or
+    not EMG) and ``reason``.
 
-    Notes
-    -----
     Errors are properties that prevent use in a study: a gap in EMG; a constant channel, for which
-    Eq. 8 is 0/0; a marker that is never visible, or lost for longer than `max_gap` between frames in
-    which it is visible; a clock that is not uniform. Warnings should be examined by a person. Channels
-    without EMG, including those omitted by the reader because of their unit, have no such verdict.
+    Eq. 8 is 0/0; a marker that is never visible, or lost for longer than `max_gap` between frames
+    in which it is visible; a clock that is not uniform. Warnings should be examined by a person.
+    Channels without EMG, including those omitted by the reader because of their unit, have no such
+    verdict.
     """
     limit = HeadFrameParameters().max_gap if max_gap is None else max_gap
     rows: list[dict[str, object]] = []

@@ -64,33 +64,19 @@ def read_recording(
 ) -> xr.Dataset:
     """Read one trial in SI units, with gaps as NaN.
 
-    Parameters
-    ----------
-    path : str or Path
-        File; its suffix determines the reader. Tables, MATLAB and HDF5 arrays are specified by their
-        TOML sidecar (`emgface.recordings.readers.csv_toml`), BrainVision recordings by their
-        header, trials of a BIDS dataset by their EMG file, or by ``*_motion.tsv`` without EMG.
-    mapping : mapping, LabelMap or path, optional
-        Tables ``channels`` and ``markers`` from the labels of the file to names, ``units`` if the file
-        does not state them, and ``volunteer``, ``instruction``, ``repetition``; or a TOML file
-        with the same. Without it the labels are unchanged.
-    study : bool
-        Require all channels and markers of the study (`emgface.schema.validation.validate`).
+    The suffix of the file determines the reader. Tables, MATLAB and HDF5 arrays are specified by
+    their TOML sidecar (`emgface.recordings.readers.csv_toml`), BrainVision recordings by their
+    header, trials of a BIDS dataset by their EMG file, or by ``*_motion.tsv`` without EMG.
+    `mapping` contains the tables ``channels`` and ``markers`` from the labels of the file to names,
+    ``units`` if the file does not state them, and ``volunteer``, ``instruction``, ``repetition``,
+    or it is a TOML file with the same; without it the labels are unchanged. `study` requires all
+    channels and markers of the study (`emgface.schema.validation.validate`).
 
-    Returns
-    -------
-    xarray.Dataset
-        Its attributes are ``source`` (file name), ``source_digest`` (SHA-256 of all files),
-        ``device`` if stated in the file, and as JSON ``original_names``, ``original_units``,
-        ``dropped`` and ``flagged`` (included although constant).
-
-    Raises
-    ------
-    DataError
-        The file is absent, damaged, of unknown format, or does not fulfil the declaration
-        (`SchemaError`, `UnitsError`).
-    ConfigurationError
-        The mapping or sidecar contains an unknown entry.
+    Attributes of the result are ``source`` (file name), ``source_digest`` (SHA-256 of all files),
+    ``device`` if stated in the file, and as JSON ``original_names``, ``original_units``,
+    ``dropped`` and ``flagged`` (included although constant). Raises DataError if the file is
+    absent, damaged, of unknown format, or does not fulfil the declaration (`SchemaError`,
+    `UnitsError`), and ConfigurationError if the mapping or sidecar contains an unknown entry.
     """
     path = Path(path)
     reader = readers().get(path.suffix.lower())

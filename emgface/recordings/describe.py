@@ -49,27 +49,11 @@ def describe(
 ) -> str:
     """Draft the sidecar of a text table, a MATLAB or an HDF5 file, as TOML.
 
-    Parameters
-    ----------
-    path : str or Path
-        File to describe.
-    beside : str or Path, optional
-        Folder of the sidecar, to which the entry ``file`` is relative; default: that of the file.
-    rate : float [Hz], optional
-        Sampling rate, if known.
-    unit : str, optional
-        Unit of the EMG, if known.
-    columns : sequence of str, optional
-        Labels of the columns, if the file contains none.
-    variable : str, optional
-        Array of a MATLAB or HDF5 file that contains the recording, if known.
-    confirmed : bool
-        Accept all guesses.
-
-    Raises
-    ------
-    DataError
-        The file is absent, of a format that requires no sidecar, or contains no rows of numbers.
+    `beside` is the folder of the sidecar, to which the entry ``file`` is relative; the default is
+    that of the file. Known properties are the sampling `rate` [Hz], the `unit` of the EMG, the
+    labels of the `columns`, if the file contains none, and the `variable` of a MATLAB or HDF5 file
+    that contains the recording; `confirmed` accepts all guesses. Raises DataError if the file is
+    absent, of a format that requires no sidecar, or contains no rows of numbers.
     """
     from emgface.recordings.arrays import array_table  # importing parsers of arrays is slow
 

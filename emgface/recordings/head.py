@@ -31,38 +31,24 @@ def in_head_frame(
     For every frame the rotation R and the translation minimise the sum over the face markers
     present of |R (p - mean p) - (q - mean q)|^2, with the reference positions q; they are applied
     to all markers of the frame. A missing face marker is omitted in its frames as long as three
-    that are not collinear remain. If a reference is specified, q is the person's own mean
-    configuration, fitted to that reference once: a head differs in shape from a face model, and a
-    fit of the present markers to the model itself would shift the frame whenever a marker is
-    missing. Afterwards, in the head frame, gaps up to `max_gap` are interpolated by monotone
-    cubics.
+    that are not collinear remain. If a reference (marker or face_marker, axis) [m] is specified,
+    for example ``face_marker_position`` of a face model, q is the person's own mean configuration,
+    fitted to that reference once: a head differs in shape from a face model, and a fit of the
+    present markers to the model itself would shift the frame whenever a marker is missing. Without
+    a reference, q is the trial's own configuration. Afterwards, in the head frame, gaps up to
+    `max_gap` are interpolated by monotone cubics.
 
-    Parameters
-    ----------
-    recording_position : DataArray, dims (marker, axis, time_marker) [m]
-        Measured positions, NaN if not visible.
-    parameters : HeadFrameParameters
-        Longest gap to interpolate [s]; reference if none is specified.
-    reference : DataArray, dims (marker or face_marker, axis) [m], optional
-        Positions of the face markers in the desired frame, for example ``face_marker_position`` of
-        a face model; default: the trial's own configuration.
+    Positions have the dims (marker, axis, time_marker) [m]; measured ones are NaN if not visible,
+    and the result is NaN where a marker was lost at either end of the recording, or a face marker
+    for longer than `max_gap`. Its attrs are ``head_reference``, ``residual_rms`` and
+    ``residual_max`` [m] of the face markers about the reference (shape differences, skin motion,
+    noise), ``bridged`` (number of interpolated marker frames), ``face_markers_left_out`` (names,
+    lost in any frame).
 
-    Returns
-    -------
-    DataArray, dims (marker, axis, time_marker) [m]
-        Positions in the head frame; NaN where a marker was lost at either end of the recording,
-        or a face marker for longer than `max_gap`. Attrs ``head_reference``, ``residual_rms`` and
-        ``residual_max`` [m] of the face markers about the reference (shape differences, skin
-        motion, noise), ``bridged`` (number of interpolated marker frames), ``face_markers_left_out``
-        (names, lost in any frame).
-
-    Raises
-    ------
-    MarkerError, UnitsError, SignalError
-        A marker is missing, the markers fit the mirror image of the reference better than the
-        reference, a lip marker is never visible or lost for longer than `max_gap`, a frame
-        other than at the ends lacks three face markers that are not collinear, positions are not in
-        metres, or the frames are not uniformly spaced.
+    Raises MarkerError, UnitsError or SignalError if a marker is missing, the markers fit the mirror
+    image of the reference better than the reference, a lip marker is never visible or lost for
+    longer than `max_gap`, a frame other than at the ends lacks three face markers that are not
+    collinear, positions are not in metres, or the frames are not uniformly spaced.
     """
     position = _checked(recording_position)
     time = np.asarray(position["time_marker"], dtype=float)

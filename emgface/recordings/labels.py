@@ -16,25 +16,17 @@ from emgface.schema.rules import hint, one_line
 
 
 class LabelMap(Parameters):
-    """Meaning of the labels of a recording.
+    """Meaning of the labels of a recording."""
 
-    Attributes
-    ----------
-    channels, markers : dict of str to str or None
-        Label in the file to name of the study; labels that are not listed are omitted. None keeps all
-        labels.
-    units : dict of str to str
-        Unit of ``emg`` or ``position`` if that of the file is missing or wrong.
-    volunteer, instruction, repetition : str, str, int or None
-        Trial, if the file does not specify it; repetitions are counted from 1.
-    """
-
+    #: label in the file to name of the study; labels that are not listed are omitted, None keeps
+    #: all
     channels: dict[str, str] | None = None
-    markers: dict[str, str] | None = None
+    markers: dict[str, str] | None = None  #: likewise
+    #: unit of ``emg`` or ``position`` if that of the file is missing or wrong
     units: dict[str, str] = Field(default_factory=dict)
-    volunteer: str | None = None
+    volunteer: str | None = None  #: trial, if the file does not specify it
     instruction: str | None = None
-    repetition: int | None = Field(default=None, ge=1)
+    repetition: int | None = Field(default=None, ge=1)  #: counted from 1
 
 
 def read_label_map(mapping: Mapping[str, Any] | LabelMap | str | Path | None) -> LabelMap:

@@ -26,34 +26,18 @@ _UNIT: Final = re.compile(r"([\[(/_ ])\s*([^\[\]()/_ ]{1,6})\s*[\])]?\s*$")
 
 @dataclass(frozen=True)
 class Layout:
-    """Format of a text table.
+    """Format of a text table."""
 
-    Attributes
-    ----------
-    encoding : str or None
-        None for UTF-8 or with a byte order mark.
-    delimiter, decimal : str
-        As in a sidecar.
-    skip_rows : int
-        Number of lines before the labels, or before the numbers unless `labelled`.
-    labelled : bool
-        True if the line after them contains the labels.
-    labels : tuple of str
-        Labels of the columns; ``column 1`` and so on if the file contains none.
-    units : tuple of str
-        Unit of each column by its label or a line of units, empty if none is specified.
-    sure : bool
-        True if no other delimiter fits equally.
-    """
-
-    encoding: str | None
-    delimiter: str
-    decimal: Literal[".", ","]
-    skip_rows: int
-    labelled: bool
+    encoding: str | None  #: None for UTF-8 or with a byte order mark
+    delimiter: str  #: as in a sidecar
+    decimal: Literal[".", ","]  #: as in a sidecar
+    skip_rows: int  #: lines before the labels, or before the numbers unless `labelled`
+    labelled: bool  #: the line after them contains the labels
+    #: labels of the columns; ``column 1`` and so on if the file contains none
     labels: tuple[str, ...]
+    #: unit of each column by its label or a line of units, empty if none is specified
     units: tuple[str, ...]
-    sure: bool
+    sure: bool  #: no other delimiter fits equally
 
 
 def text_layout(path: Path) -> Layout:

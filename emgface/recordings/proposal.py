@@ -62,29 +62,13 @@ def propose_mapping(
 ) -> pd.DataFrame:
     """Propose the meaning of each label of a file.
 
-    Parameters
-    ----------
-    labels : iterable of str
-        Labels in the file.
-    kind : str
-        ``channel`` for muscles and side, ``marker`` for positions on the face.
-    side : str, optional
-        Side of channels whose label contains none.
-    told : mapping of str to str, optional
-        Further information on a label in the source, such as the target muscle.
-
-    Returns
-    -------
-    DataFrame
-        One row per label, in their order: ``label``; ``name`` (of the study, empty if unresolved);
-        ``certainty`` (``sure``: a known name or words; ``likely``: a similar spelling;
-        ``unresolved``); ``reason``. No name is assigned twice: if several labels fit one name, all
-        remain unresolved unless exactly one is sure.
-
-    Raises
-    ------
-    DataError
-        The kind is unknown.
+    `kind` is ``channel`` for muscles and side, ``marker`` for positions on the face; `side` is that
+    of channels whose label contains none, and `told` contains further information on a label in the
+    source, such as the target muscle. The table has one row per label, in their order: ``label``;
+    ``name`` (of the study, empty if unresolved); ``certainty`` (``sure``: a known name or words;
+    ``likely``: a similar spelling; ``unresolved``); ``reason``. No name is assigned twice: if
+    several labels fit one name, all remain unresolved unless exactly one is sure. Raises DataError
+    if the kind is unknown.
 
     Examples
     --------

@@ -46,30 +46,15 @@ class Trial:
 
 @dataclass
 class Results:
-    """A finished study.
+    """A finished study."""
 
-    Attributes
-    ----------
-    folder : Path
-        Folder of ``cube.nc``.
-    cube : Dataset
-        Scores and status of every trial.
-    study : StudyConfiguration or None
-        Configuration, with varied choices at their reference, if the cube contains it.
-    laboratory : Laboratory or None
-        Store and face, if they can be read.
-    intake : Intake or None
-        Recordings, if they can be read.
-    notes : list of str
-        One sentence for each missing part.
-    """
-
-    folder: Path
-    cube: xr.Dataset
+    folder: Path  #: folder of ``cube.nc``
+    cube: xr.Dataset  #: scores and status of every trial
+    #: configuration, with varied choices at their reference, if the cube contains it
     study: StudyConfiguration | None = None
-    laboratory: Laboratory | None = None
-    intake: Intake | None = None
-    notes: list[str] = field(default_factory=list)
+    laboratory: Laboratory | None = None  #: store and face, if they can be read
+    intake: Intake | None = None  #: recordings, if they can be read
+    notes: list[str] = field(default_factory=list)  #: one sentence for each missing part
     _extents: dict[str, Result] | None = None
 
     @property

@@ -12,56 +12,25 @@ class _Entry(BaseModel):
 
 
 class ArrayDeclaration(_Entry):
-    """One variable or coordinate of an object.
+    """One variable or coordinate of an object."""
 
-    Attributes
-    ----------
-    dims : tuple of str
-        Dims in their order; empty for a scalar.
-    dtype : str
-        Type after validation; integers of any width are accepted, ``number`` accepts integers
-        and floats.
-    units : str or None
-        Required value of the attribute ``units``; None for names.
-    long_name : str
-        Description, written to files.
-    required : bool
-        True if the object must contain it.
-    nullable : bool
-        True if NaN is allowed; infinity never is.
-    range : tuple of (float or None, float or None) or None
-        Smallest and largest value.
-    names : tuple of str or None
-        Allowed values of a string array.
-    complete : bool
-        The values must be exactly `names`, in that order.
-    pattern : str or None
-        Regular expression that every string must match in full.
-    unique, increasing : bool
-        Values must be different, or increase.
-    index_into : str or None
-        The values are 0-based positions along this dim of the same object.
-    fill : int or None
-        Value of an index without position.
-    unit_length : str or None
-        Dim along which the vectors have length one.
-    """
-
-    dims: tuple[str, ...]
+    dims: tuple[str, ...]  #: in their order; empty for a scalar
+    #: after validation; integers of any width are accepted, ``number`` accepts integers and floats
     dtype: ArrayType
-    units: str | None
-    long_name: str
-    required: bool = True
-    nullable: bool = False
-    range: tuple[float | None, float | None] | None = None
-    names: tuple[str, ...] | None = None
-    complete: bool = False
-    pattern: str | None = None
-    unique: bool = False
-    increasing: bool = False
+    units: str | None  #: required value of the attribute ``units``; None for names
+    long_name: str  #: description, written to files
+    required: bool = True  #: the object must contain it
+    nullable: bool = False  #: NaN is allowed; infinity never is
+    range: tuple[float | None, float | None] | None = None  #: smallest and largest value
+    names: tuple[str, ...] | None = None  #: allowed values of a string array
+    complete: bool = False  #: the values must be exactly `names`, in that order
+    pattern: str | None = None  #: regular expression that every string must match in full
+    unique: bool = False  #: values must be different
+    increasing: bool = False  #: values must increase
+    #: the values are 0-based positions along this dim of the same object
     index_into: str | None = None
-    fill: int | None = None
-    unit_length: str | None = None
+    fill: int | None = None  #: value of an index without position
+    unit_length: str | None = None  #: dim along which the vectors have length one
 
 
 class AttributeDeclaration(_Entry):

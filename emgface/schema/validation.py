@@ -73,31 +73,13 @@ def validate(
 ) -> xr.Dataset:
     """Check a dataset against its declaration and return it in canonical form.
 
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Dataset to check; it is not changed.
-    kind : str
-        One of `kinds`.
-    study : bool
-        Require also the contents needed by a study: for a recording EMG and positions, all channels and
-        markers by name, and the attributes that identify the trial.
-    partial : collection of str
-        Coordinates that may lack names required by a study, for example ``("channel",)``.
-
-    Returns
-    -------
-    xarray.Dataset
-        The same values, migrated from older versions, integers in their declared
-        width and strings as NumPy strings, with ``long_name`` and the attributes
-        ``schema``, ``schema_version``, ``Conventions``.
-
-    Raises
-    ------
-    UnitsError
-        Units are missing or differ, without any other problem.
-    SchemaError
-        There is another problem; the message has one sentence for each.
+    `dataset`, of one of the `kinds`, is not changed. `study` requires also the contents needed by a
+    study: for a recording EMG and positions, all channels and markers by name, and the attributes
+    that identify the trial; coordinates in `partial`, for example ``("channel",)``, may lack names.
+    The result has the same values, migrated from older versions, integers in their declared width
+    and strings as NumPy strings, with ``long_name`` and the attributes ``schema``,
+    ``schema_version``, ``Conventions``. Raises UnitsError if units are missing or differ, without
+    any other problem, and otherwise SchemaError with one sentence for each problem.
 
     Examples
     --------

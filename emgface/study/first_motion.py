@@ -20,18 +20,10 @@ TRIAL = ("volunteer", "instruction", "repetition", "strategy")
 class FirstMotion:
     """Simulation of the first trial of a study, and its page.
 
-    Parameters
-    ----------
-    study : StudyConfiguration
-        All choices.
-    out : Path
-        Folder of the study, which will reuse the results that are computed here.
-    page : Path
-        Page to write.
-    ready : callable
-        Receives the page, or the error that prevented it.
-    beside : bool
-        In a thread, if other processes do the other work; otherwise on request.
+    The page `page` of a `study` is written by its simulation in the folder `out`, where the study
+    will reuse the results. `ready` receives the page, or the error that prevented it. The
+    simulation runs in a thread if `beside`, that is, if other processes do the other work;
+    otherwise on request.
     """
 
     def __init__(

@@ -73,19 +73,9 @@ def add_formants(
 def formants_of(motion: xr.Dataset, tract: xr.Dataset, lips: float) -> xr.Dataset:
     """Area function and formants of a motion at equal parts of its duration.
 
-    Parameters
-    ----------
-    motion : Dataset
-        Trajectory with ``mouth_area`` and ``lip_protrusion``.
-    tract : Dataset
-        Area function of one instant.
-    lips : float
-        Length of the lips' section at rest [m].
-
-    Returns
-    -------
-    Dataset
-        Of the kind "sound", at `INSTANTS` instants.
+    `motion` is a trajectory with ``mouth_area`` and ``lip_protrusion``, `tract` the area function
+    of one instant and `lips` the length of the lips' section at rest [m]. The result is of the kind
+    "sound", at `INSTANTS` instants.
     """
     area, forward, at = lips_of_trial(motion)
     time = np.linspace(at[0], at[-1], INSTANTS)

@@ -160,12 +160,7 @@ _kept: LocalProcesses | None = None
 def kept_processes(workers: int, modules: Sequence[str] = ()) -> Iterator[None]:
     """Let all calls of `run_jobs` in the block that ask for processes share them.
 
-    Parameters
-    ----------
-    workers : int
-        Number of processes.
-    modules : sequence of str
-        Modules that they import immediately, while this process continues.
+    The processes import `modules` immediately, while this process continues.
     """
     global _kept
     if workers == 1:
@@ -193,25 +188,14 @@ def run_jobs(
 ) -> Iterator[tuple[int, Done]]:
     """Execute jobs; yield index and result of each job when it finishes.
 
-    Parameters
-    ----------
-    work : callable
-        Module-level function of one job, which is pickled.
-    jobs : sequence
-        Independent jobs.
-    workers : int or Workers
-        Number of processes (those of `kept_processes`, or new ones; 1 is this process), or workers.
-    begin, arguments : callable and tuple
-        Called once in every process before its first job. Arguments should be small, because they
-        travel with every job.
-    group : callable
-        A process that has finished a job continues, if possible, with one of the same group, for
-        which it has prepared itself.
-    lost : callable, optional
-        Result of a job of which `Workers.tries` workers have died; by default WorkerDied is raised.
-    starting : callable
-        Receives the index of a job that is about to begin; if it returns False, no further job
-        begins, and the iteration ends after those that have begun.
+    `work` is a module-level function of one job, which is pickled. `workers` is a number of
+    processes (those of `kept_processes`, or new ones; 1 is this process), or workers. `begin` is
+    called with `arguments` once in every process before its first job; arguments should be small,
+    because they travel with every job. A process that has finished a job continues, if possible,
+    with one of the same `group`, for which it has prepared itself. `lost` returns the result of a
+    job of which `Workers.tries` workers have died; by default WorkerDied is raised. `starting`
+    receives the index of a job that is about to begin; if it returns False, no further job begins,
+    and the iteration ends after those that have begun.
 
     If the caller stops (interruption, error), all jobs are stopped at once. Results are stored
     completely or not at all, so that no partial result remains.

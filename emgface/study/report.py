@@ -20,33 +20,18 @@ from emgface.study.store import write_text
 
 @dataclass(frozen=True)
 class Report:
-    """Tables of a cube and their folder.
+    """Tables of a cube and their folder."""
 
-    Attributes
-    ----------
-    tables : dict of str to Table
-        Result of `analysis.tables.report_tables`.
-    summary : str
-        Table of rho per strategy.
-    meaning : list of str
-        Muscles that were not recorded, and the interpretation of rho by the baselines of this
-        study; may be empty.
-    failures : list of str
-        One sentence per reason for a missing score, or one that depends on rounding.
-    folder : Path
-        Folder of the CSV, Markdown and LaTeX files.
-    compared : tuple of list and dict
-        Result of `analysis.baseline_tables.comparison`.
-    statistics : dict of str to Dataset, or None
-        Result of `analysis.statistics.summary.study_statistics`, if the study allows tests.
-    """
-
+    #: result of `analysis.tables.report_tables`, with further tables of the study
     tables: dict[str, Table]
-    summary: str
+    summary: str  #: table of rho per strategy
+    #: muscles that were not recorded, and the interpretation of rho by the baselines; may be empty
     meaning: list[str]
+    #: one sentence per reason for a missing score, or one that depends on rounding
     failures: list[str]
-    folder: Path
-    compared: tuple[list[str], dict[str, Table]]
+    folder: Path  #: folder of the CSV, Markdown and LaTeX files
+    compared: tuple[list[str], dict[str, Table]]  #: result of `analysis.baseline_tables.comparison`
+    #: result of `study_statistics`, if the study allows tests
     statistics: dict[str, xr.Dataset] | None
 
 

@@ -44,27 +44,15 @@ class Run:
 
 @dataclass
 class State:
-    """State of a study.
+    """State of a study."""
 
-    Attributes
-    ----------
-    total : int
-        Trials of the last run that began.
-    status : Counter of str
-        Trials by status.
-    failures : list of (str, str)
-        Label of a failed trial, and the first line of its reason.
-    sizes : dict of str to (int, int)
-        Number and bytes of the stored results of each stage.
-    runs : list of Run
-        Runs in order.
-    """
-
-    total: int = 0
-    status: Counter[str] = field(default_factory=Counter)
+    total: int = 0  #: trials of the last run that began
+    status: Counter[str] = field(default_factory=Counter)  #: trials by status
+    #: label of a failed trial, and the first line of its reason
     failures: list[tuple[str, str]] = field(default_factory=list)
+    #: number and bytes of the stored results of each stage
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
-    runs: list[Run] = field(default_factory=list)
+    runs: list[Run] = field(default_factory=list)  #: in order
 
     def store(self, folder: Path) -> Path:
         """Store of the last run of the study in a folder."""

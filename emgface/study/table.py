@@ -19,37 +19,17 @@ from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
 
 @dataclass(frozen=True)
 class Recording:
-    """Recording included in a study, of which only the description is kept in memory.
+    """Recording included in a study, of which only the description is kept in memory."""
 
-    Attributes
-    ----------
-    place : tuple of (str, str, int)
-        Volunteer, instruction, repetition.
-    digest : str
-        Digest of its content.
-    path : Path
-        File of the recording.
-    mapping : Path or None
-        File that maps its labels to names.
-    origin, world : str
-        Measured or simulated, and the world of a simulated volunteer, otherwise empty.
-    channels : tuple of str
-        Recorded channels of the EMG.
-    error : EmgfaceError or None
-        Reason why it cannot be used, although it is identified.
-    excluded : str
-        Reason for its exclusion; empty if it is not excluded.
-    """
-
-    place: Place
-    digest: str
+    place: Place  #: volunteer, instruction, repetition
+    digest: str  #: digest of its content
     path: Path
-    mapping: Path | None
-    origin: str
-    world: str
-    channels: tuple[str, ...]
-    error: EmgfaceError | None = None
-    excluded: str = ""
+    mapping: Path | None  #: file that maps its labels to names
+    origin: str  #: measured or simulated
+    world: str  #: world of a simulated volunteer, otherwise empty
+    channels: tuple[str, ...]  #: recorded channels of the EMG
+    error: EmgfaceError | None = None  #: reason why it cannot be used, although it is identified
+    excluded: str = ""  #: reason for its exclusion; empty if it is not excluded
 
     @property
     def dataset(self) -> xr.Dataset:

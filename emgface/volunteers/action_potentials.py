@@ -17,36 +17,18 @@ _STEP: Final = 0.25e-3
 
 @dataclass(frozen=True)
 class FibreGeometry:
-    """Fibres of motor units and the electrodes over them; arrays of shape (units,).
+    """Fibres of motor units and the electrodes over them; arrays of shape (units,)."""
 
-    Attributes
-    ----------
-    depth : array [m]
-        Depth of the fibres below the skin.
-    offset : array [m]
-        Distance along the fibres from the end plates to the middle between the two electrodes.
-    half_length : array [m]
-        Distance from the end plates to either end of the fibres.
-    velocity : array [m/s]
-        Velocity of the action potential.
-    spread : array [m]
-        Standard deviation of the end plates of the fibres of one unit.
-    aside : array [m]
-        Distance along the skin, across the fibres, to the middle between the electrodes.
-    angle : array [rad]
-        Angle between the line through the electrodes and the fibres.
-    distance : float [m]
-        Distance of the electrodes.
-    """
-
-    depth: np.ndarray
+    depth: np.ndarray  #: depth of the fibres below the skin [m]
+    #: distance along the fibres from the end plates to the middle between the two electrodes [m]
     offset: np.ndarray
-    half_length: np.ndarray
-    velocity: np.ndarray
-    spread: np.ndarray
+    half_length: np.ndarray  #: distance from the end plates to either end of the fibres [m]
+    velocity: np.ndarray  #: velocity of the action potential [m/s]
+    spread: np.ndarray  #: standard deviation of the end plates of the fibres of one unit [m]
+    #: distance along the skin, across the fibres, to the middle between the electrodes [m]
     aside: np.ndarray
-    angle: np.ndarray
-    distance: float
+    angle: np.ndarray  #: angle between the line through the electrodes and the fibres [rad]
+    distance: float  #: distance of the electrodes [m]
 
 
 def draw_geometry(

@@ -115,27 +115,15 @@ def synthesise_emg(
 ) -> xr.DataArray:
     """Bipolar sEMG (channel, time_emg) [V] of the fourteen channels during one trial.
 
-    Parameters
-    ----------
-    activation : DataArray
-        ``(muscle, time_true)`` [1], neural excitation of the muscles.
-    gain : array, shape (14,)
-        Root-mean-square amplitude of each channel at full activation [V]; with `conduction`, at full
-        activation of the muscle under the electrodes.
-    cross_talk : float
-        Fraction of a neighbour's amplitude (`cross_talk_matrix`); not used with `conduction`.
-    baseline_noise : float or array, shape (14,)
-        Root-mean-square white noise of the amplifier [V].
-    mains_hum : float
-        Amplitude of the sinusoidal hum [V].
-    rng : Generator
-        Source of randomness.
-    sampling_rate, mains_frequency : float [Hz]
-        A rate too low for the band of sEMG raises SignalError.
-    pools : mapping, optional
-        Motor units of `draw_pools`, at the sampling rate; default: noise.
-    conduction : Conduction, optional
-        Paths of all muscles to all electrodes, instead of `PICKUP` and `cross_talk`.
+    `activation` is the neural excitation ``(muscle, time_true)`` [1]. `gain` (14,) is the
+    root-mean-square amplitude of each channel at full activation [V]; with `conduction`, at full
+    activation of the muscle under the electrodes. `cross_talk` is the fraction of a neighbour's
+    amplitude (`cross_talk_matrix`), `baseline_noise` the root mean square of the white noise of the
+    amplifier [V], one value or (14,), and `mains_hum` the amplitude of the sinusoidal hum [V].
+    Frequencies are in Hz; a `sampling_rate` too low for the band of sEMG raises SignalError.
+    `pools` are the motor units of `draw_pools`, at the sampling rate; the default is noise.
+    `conduction` contains the paths of all muscles to all electrodes, instead of `PICKUP` and
+    `cross_talk`.
     """
     true_time = activation["time_true"].values
     duration = float(true_time[-1] - true_time[0])

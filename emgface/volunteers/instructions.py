@@ -148,22 +148,11 @@ def true_activation(
 ) -> xr.DataArray:
     """Activation (muscle, time_true) [1] of the twenty muscles during one instruction "A" to "F".
 
-    Parameters
-    ----------
-    instruction : str
-        An unknown one raises ConfigurationError.
-    timing : Timing, optional
-        Deviation of this repetition; default: none.
-    levels : mapping of str to float, optional
-        Factor of each muscle with side, e.g. ``{"ZYG_L": 1.1}``; default: 1.
-    co_contraction : float
-        Peak activation of the muscles that do not belong to the instruction.
-    recruitment : Recruitment, optional
-        Deviations of the person's muscles from the table; default: none.
-    duration, tail : float [s]
-        Length of the trial, and of the rest after it.
-    sampling_rate : float [Hz]
-        Sampling rate.
+    An unknown instruction raises ConfigurationError. `timing` is the deviation of this repetition,
+    `levels` the factor of each muscle with side, e.g. ``{"ZYG_L": 1.1}`` (default: 1),
+    `co_contraction` the peak activation of the muscles that do not belong to the instruction, and
+    `recruitment` the deviations of the person's muscles from the table. `duration` [s] is the
+    length of the trial, `tail` [s] that of the rest after it; `sampling_rate` is in Hz.
     """
     if instruction not in PHASES:
         raise ConfigurationError(

@@ -20,23 +20,12 @@ _TRUNCATION: Final = 2.0
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Mismatch of one person.
+    """Mismatch of one person."""
 
-    Attributes
-    ----------
-    strength : mapping of str to float
-        Factor on the force of each muscle, by name with side [1].
-    delay : float
-        Electromechanical delay [s].
-    snr : mapping of str to float, or None
-        Signal-to-noise ratio of each channel [dB].
-    recruitment : mapping of str to Recruitment
-        Recruitment in each instruction that deviates from the table.
-    """
-
-    strength: Mapping[str, float]
-    delay: float
-    snr: Mapping[str, float] | None
+    strength: Mapping[str, float]  #: factor on the force of each muscle, by name with side [1]
+    delay: float  #: electromechanical delay [s]
+    snr: Mapping[str, float] | None  #: signal-to-noise ratio of each channel [dB]
+    #: recruitment in each instruction that deviates from the table
     recruitment: Mapping[str, Recruitment]
 
     def as_parameters(self) -> dict[str, Any]:

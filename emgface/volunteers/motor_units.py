@@ -33,31 +33,17 @@ BAND: Final = (15.0, 500.0)
 
 @dataclass(frozen=True)
 class MotorUnitPool:
-    """Motor units of one muscle within reach of one electrode pair.
+    """Motor units of one muscle within reach of one electrode pair."""
 
-    Attributes
-    ----------
-    threshold : array, shape (units,)
-        Excitation at which a unit begins to fire, about 1 for the first.
-    peak_rate : array, shape (units,) [1/s]
-        Highest firing rate.
-    full : float
-        Excitation at activation 1, where the last unit reaches its highest rate.
-    potential : array, shape (units, PHASES, samples)
-        Action potential of each unit, delayed by a fraction of a sample from phase to phase; scaled to a
-        root mean square of the signal of 1 at activation 1.
-    sampling_rate : float [Hz]
-        Sampling rate of the potentials.
-    lead : int
-        Number of samples of each potential before the discharge, required by the filter.
-    """
-
+    #: (units,) excitation at which a unit begins to fire, about 1 for the first
     threshold: np.ndarray
-    peak_rate: np.ndarray
-    full: float
+    peak_rate: np.ndarray  #: (units,) highest firing rate [1/s]
+    full: float  #: excitation at activation 1, where the last unit reaches its highest rate
+    #: (units, PHASES, samples) action potential of each unit, delayed by a fraction of a sample
+    #: from phase to phase; scaled to a root mean square of the signal of 1 at activation 1
     potential: np.ndarray
-    sampling_rate: float
-    lead: int
+    sampling_rate: float  #: sampling rate of the potentials [Hz]
+    lead: int  #: samples of each potential before the discharge, required by the filter
 
     def rates(self, activation: np.ndarray) -> np.ndarray:
         """Firing rate (units, times) [1/s] of every unit at activations (times,) of 0 to 1.

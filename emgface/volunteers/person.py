@@ -13,58 +13,27 @@ from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
 
 @dataclass(frozen=True)
 class SimulatedVolunteer:
-    """Properties of a simulated person, drawn from `seed` and `index`.
+    """Properties of a simulated person, drawn from `seed` and `index`."""
 
-    Attributes
-    ----------
-    name : str
-        "S01", "S02", ...
-    geometry_scale : float
-        Factor on all positions of the face model.
-    sigma_max : float
-        Largest active muscle stress [Pa].
-    stiffness : float
-        Factor on C10, C20 and kappa of the tissue.
-    levels : mapping of str to float
-        Factor on the activation of each muscle.
-    co_contraction : float
-        Peak activation of muscles that do not belong to an instruction.
-    gain : mapping of str to float
-        Root-mean-square sEMG of each channel at full activation [V].
-    cross_talk : float
-        Fraction of a neighbour's amplitude.
-    baseline_noise, mains_hum : float [V]
-        Noise of the electrodes.
-    marker_noise : float
-        Standard deviation per coordinate [m].
-    head_rotation, head_shift : float
-        Amplitudes of the head's motion [rad], [m].
-    skill : float
-        1 for a person who moves only the muscles of the instruction, 0 for the least skilled.
-    speed : float
-        Factor on the speed of all movements.
-    asymmetry : float
-        Logarithm of the ratio of left to right effort.
-    """
-
-    name: str
+    name: str  #: "S01", "S02", ...
     seed: int
     index: int
-    geometry_scale: float
-    sigma_max: float
-    stiffness: float
-    levels: Mapping[str, float]
-    co_contraction: float
-    gain: Mapping[str, float]
-    cross_talk: float
-    baseline_noise: float
-    mains_hum: float
-    marker_noise: float
-    head_rotation: float
-    head_shift: float
+    geometry_scale: float  #: factor on all positions of the face model
+    sigma_max: float  #: largest active muscle stress [Pa]
+    stiffness: float  #: factor on C10, C20 and kappa of the tissue
+    levels: Mapping[str, float]  #: factor on the activation of each muscle
+    co_contraction: float  #: peak activation of muscles that do not belong to an instruction
+    gain: Mapping[str, float]  #: root-mean-square sEMG of each channel at full activation [V]
+    cross_talk: float  #: fraction of a neighbour's amplitude
+    baseline_noise: float  #: noise of the electrodes [V]
+    mains_hum: float  #: amplitude of the hum [V]
+    marker_noise: float  #: standard deviation per coordinate [m]
+    head_rotation: float  #: amplitudes of the head's motion [rad]
+    head_shift: float  #: amplitudes of the head's motion [m]
+    #: 1 for a person who moves only the muscles of the instruction, 0 for the least skilled
     skill: float = 0.5
-    speed: float = 1.0
-    asymmetry: float = 0.0
+    speed: float = 1.0  #: factor on the speed of all movements
+    asymmetry: float = 0.0  #: logarithm of the ratio of left to right effort
 
     @property
     def variability(self) -> float:

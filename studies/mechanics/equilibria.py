@@ -35,39 +35,17 @@ def equilibria(
 ) -> xr.Dataset:
     """Raise an activation in steps and compute the equilibrium of the face after each.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    activation : mapping
-        Muscle such as ``ZYG_L`` to its activation at level 1 [1]; the others are inactive.
-    parameters : SimulationParameters
-        Laws and loads; step, solver and damping are not used.
-    levels : sequence of float
-        Increasing fractions of the activation, from 0 to 1. The displacement at level 0 is due to
-        gravity and prestress.
-    progress : callable, optional
-        Called as ``progress(done, total)`` after every level.
+    `activation` maps a muscle such as ``ZYG_L`` to its activation at level 1 [1]; the others are
+    inactive. `parameters` contain laws and loads; step, solver and damping are not used. `levels`
+    are increasing fractions of the activation, from 0 to 1; the displacement at level 0 is due to
+    gravity and prestress. ``progress(done, total)`` is called after every level. Returns
+    ``node_position(level, node, axis)`` [m] and ``smallest_J(level)``; attrs ``origin``
+    "simulated", ``face``, ``sigma_max`` [Pa]. After buckling, the solution is the equilibrium found
+    by descent from that of the previous level.
 
-    Returns
-    -------
-    Dataset
-        ``node_position(level, node, axis)`` [m], ``smallest_J(level)``; attrs ``origin``
-        "simulated", ``face``, ``sigma_max`` [Pa].
-
-    Raises
-    ------
-    ActivationError
-        A muscle is unknown, or the levels do not increase.
-    ControlError
-        An activation lies outside 0-1.
-    InvertedElement, NotConverged, SingularSystem
-        A step fails even when divided; ``element`` is the id in the face model.
-
-    Notes
-    -----
-    After buckling, the solution is the equilibrium found by descent from that of the previous
-    level.
+    Raises ActivationError if a muscle is unknown or the levels do not increase, ControlError if an
+    activation lies outside 0-1, and InvertedElement, NotConverged or SingularSystem if a step fails
+    even when divided; ``element`` is the id in the face model.
     """
     if not len(levels) or not (np.diff(levels) > 0.0).all():
         raise ActivationError(

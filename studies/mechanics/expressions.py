@@ -105,31 +105,14 @@ def express(
 ) -> tuple[pd.DataFrame, dict[tuple[str, str], Floats]]:
     """Hold expressions with several skins and measure the displacements of landmarks.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    expressions : mapping
-        Name to muscles (without side) and activations.
-    skins : tuple of Skin
-    points : mapping, optional
-        Name to node; `landmarks` by default.
-    parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa, no gravity, walls instead of teeth and bone, and no contact.
-    progress : callable, optional
-        Receives a sentence per run.
+    `expressions` map a name to muscles (without side) and activations, and `points` a name to a
+    node (default: `landmarks`). By default of `parameters`, sigma_max is 100 kPa, with walls
+    instead of teeth and bone, and without gravity and contact, so that the lips may pass through
+    each other. `progress` receives a sentence per run.
 
-    Returns
-    -------
-    table : DataFrame
-        One row per expression, skin and landmark: displacement [mm] from the equilibrium without
-        activation and its components medially, forward and up.
-    positions : dict
-        (expression, skin) to node positions (nodes, 3) [m].
-
-    Notes
-    -----
-    Without contact, the lips may pass through each other. Errors are those of `equilibria`.
+    The table has one row per expression, skin and landmark: displacement [mm] from the equilibrium
+    without activation and its components medially, forward and up. Returned in addition are the
+    node positions (nodes, 3) [m] by (expression, skin). Errors are those of `equilibria`.
     """
     base = parameters or SimulationParameters(
         sigma_max=SIGMA_MAX, gravity=False, support=WALL, contact=NO_CONTACT

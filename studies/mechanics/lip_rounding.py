@@ -28,18 +28,12 @@ _UNIT: Final = {
 
 @dataclass(frozen=True)
 class Rounding:
-    """Lip rounding of one face.
+    """Lip rounding of one face."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        One row per support, stiffening and activation with the measures of `lip_shape` in mm and
-        mm^2, the displacement of the corners [mm] and the smallest det F.
-    motion : mapping
-        (support, stiffening) to the Dataset of `equilibria`.
-    """
-
+    #: one row per support, stiffening and activation: the measures of `lip_shape` in mm and mm^2,
+    #: the displacement of the corners [mm] and the smallest det F
     table: pd.DataFrame
+    #: (support, stiffening) to the Dataset of `equilibria`
     motion: Mapping[tuple[bool, float], xr.Dataset]
 
 
@@ -54,25 +48,11 @@ def round_lips(
 ) -> Rounding:
     """Activate the peripheral orbicularis oris of both sides in steps and measure the mouth.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model with `lip_opening_node`.
-    stiffening : sequence of float
-        Factors on the passive moduli of the muscle's elements at full activation; 1 is no
-        stiffening.
-    support : sequence of bool
-        Without and with walls behind the lips instead of teeth and bone.
-    levels : sequence of float
-        Activations.
-    parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa, no gravity and no contact; stiffening and support are
-        replaced.
-    progress : callable, optional
-        Receives a sentence per run.
+    `stiffening` are factors on the passive moduli of the muscle's elements at full activation (1 is
+    no stiffening), `support` without and with walls behind the lips instead of teeth and bone, and
+    `levels` activations. By default of `parameters`, sigma_max is 100 kPa, without gravity and
+    contact; stiffening and support are replaced. `progress` receives a sentence per run.
 
-    Notes
-    -----
     The lips may pass through each other; their overlap is reported. Errors are those of
     `equilibria` and `lip_rim`. Source of the experiment: Stavness et al., Lip stiffness enables
     protrusion and rounding, Fig. 11.10; Teeth support lip protrusion, Fig. 11.12.

@@ -38,40 +38,18 @@ def probe_skin(
 ) -> pd.DataFrame:
     """Pull two patches of skin apart and compute force per growth of their distance.
 
-    All nodes further than `ring` from the centre of an element are fixed; the tissue inside is in
-    equilibrium without activation. The two feet of the probe then pull with opposite forces, each
-    distributed equally among the skin nodes within `radius`; the growth of their distance follows
-    from one solution with the tangent.
+    All nodes further than `ring` [m] from the centre of an element are fixed; the tissue inside is
+    in equilibrium without activation. The two feet of the probe, at the distance `gauge` [m], then
+    pull with opposite forces, each distributed equally among the skin nodes within `radius` [m];
+    the growth of their distance follows from one solution with the tangent. `parameters` contain
+    laws and loads, including prestress. `elements` are those of the skin to probe; by default
+    `places` of those furthest from fixed nodes.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model.
-    parameters : SimulationParameters
-        Laws and loads, including prestress.
-    elements : sequence of int, optional
-        Elements of the skin to probe; by default `places` of those furthest from fixed nodes.
-    places : int
-        Number of default elements.
-    radius, gauge, ring : float
-        Radius of each patch, distance of the feet, radius of the ring [m].
-
-    Returns
-    -------
-    DataFrame
-        One row per element: stiffness along and across the tension line [N/m].
-
-    Raises
-    ------
-    FaceError
-        An element is not on the skin.
-    InvertedElement, NotConverged, SingularSystem
-        The tissue within a ring has no stable equilibrium.
-
-    Notes
-    -----
-    Source of the experiment, in which skin is stiffest along its tension lines: Stavness et al.,
-    Anisotropic in-vivo measurements, by a probe within a ring that is glued to the skin.
+    The table has one row per element: stiffness along and across the tension line [N/m]. Raises
+    FaceError if an element is not on the skin, and InvertedElement, NotConverged or SingularSystem
+    if the tissue within a ring has no stable equilibrium. Source of the experiment, in which skin
+    is stiffest along its tension lines: Stavness et al., Anisotropic in-vivo measurements, by a
+    probe within a ring that is glued to the skin.
     """
     scene = compose_scene(face, parameters)
     position = face["position"].values

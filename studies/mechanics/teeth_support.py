@@ -34,35 +34,17 @@ def protrude_lips(
 ) -> tuple[pd.DataFrame, dict[tuple[str, float], xr.Dataset]]:
     """Activate the peripheral orbicularis oris in steps, with several contact surfaces.
 
-    Parameters
-    ----------
-    face : Dataset
-        Face model with `lip_opening_node` and arches.
-    backing : mapping
-        Name to contact surfaces, "lips" or "teeth" or both; none for no contact.
-    method : str
-        Of contact, "constraint" or "barrier".
-    stiffening : sequence of float
-        Factors on the passive moduli of the muscle's elements at full activation.
-    levels : sequence of float
-        Activations.
-    parameters : SimulationParameters, optional
-        By default sigma_max = 100 kPa and no gravity; contact and stiffening are replaced.
-    progress : callable, optional
-        Receives a sentence per run.
+    `face` has `lip_opening_node` and arches. `backing` maps a name to contact surfaces, "lips" or
+    "teeth" or both; none for no contact. `method` is that of contact, "constraint" or "barrier";
+    `stiffening` are factors on the passive moduli of the muscle's elements at full activation, and
+    `levels` activations. By default of `parameters`, sigma_max is 100 kPa, without gravity; contact
+    and stiffening are replaced. `progress` receives a sentence per run.
 
-    Returns
-    -------
-    table : DataFrame
-        One row per backing, stiffening and activation with the measures of `lip_shape` in mm and
-        mm^2, the depths of lips in each other and in the teeth [mm], and the smallest det F.
-    motion : dict
-        (backing, stiffening) to the Dataset of `equilibria`.
-
-    Notes
-    -----
-    Errors are those of `equilibria` and `Penetration`. Source of the experiment: Stavness et al.,
-    Teeth support lip protrusion, Fig. 11.12, where contact with the teeth is switched off.
+    The table has one row per backing, stiffening and activation with the measures of `lip_shape` in
+    mm and mm^2, the depths of lips in each other and in the teeth [mm], and the smallest det F;
+    returned in addition is the Dataset of `equilibria` by (backing, stiffening). Errors are those
+    of `equilibria` and `Penetration`. Source of the experiment: Stavness et al., Teeth support lip
+    protrusion, Fig. 11.12, where contact with the teeth is switched off.
     """
     base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
     rim, penetration = lip_rim(face), Penetration(face)

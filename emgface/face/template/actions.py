@@ -127,39 +127,14 @@ def steady_positions(
 ) -> tuple[Floats, Floats]:
     """Simulate a face under several constant activations, each from rest.
 
-    Parameters
-    ----------
-    face : xarray.Dataset
-        A face_model.
-    activations : sequence of mapping
-        For every run muscle such as ``ZYG_L`` to its activation from 0 to 1; the others are passive.
-    parameters : SimulationParameters, optional
-        Laws and loads; by default sigma_max is 100 kPa and gravity off.
-    rise, duration, step : float
-        Time over which the activation increases, end of the run and time step [s].
-    integrator : ConvergedEuler, optional
-        Integrator, for instance with other tolerances.
-    settled : xarray.Dataset, optional
-        Result of `emgface.face.motion.settle_face`, the start of each run; default: the geometry.
-
-    Returns
-    -------
-    position : ndarray, shape (runs, nodes, 3)
-        Node positions at the end [m].
-    smallest_J : ndarray, shape (runs,)
-        Smallest det F over each run [1].
-
-    Raises
-    ------
-    ActivationError
-        A muscle is unknown.
-    ControlError, InvertedElement, NotConverged, SingularSystem
-        As `sim.simulate`.
-
-    Notes
-    -----
-    Damping uses the stiffness at rest (`sim.RestRayleigh`), which is positive for any activation; a
-    steady state does not depend on it.
+    `activations` maps, for every run, a muscle such as ``ZYG_L`` to its activation from 0 to 1; the
+    others are passive. By default of `parameters`, sigma_max is 100 kPa and gravity off. `rise`,
+    `duration` and `step` are the time over which the activation increases, the end of the run and
+    the time step [s]; `settled` is the result of `emgface.face.motion.settle_face`, the start of
+    each run (default: the geometry). Returns the node positions at the end, shape (runs, nodes, 3)
+    [m], and the smallest det F over each run [1]. Damping uses the stiffness at rest
+    (`sim.RestRayleigh`), which is positive for any activation; a steady state does not depend on
+    it. Raises ActivationError if a muscle is unknown, and errors as `sim.simulate`.
     """
     if parameters is None:
         parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)

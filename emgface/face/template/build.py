@@ -58,39 +58,19 @@ def template_face(
 ) -> xr.Dataset:
     """Generate a lower face from the eyes to the chin, with ten muscle pairs and the markers.
 
-    Parameters
-    ----------
-    resolution : str, int or Grid
-        "coarse" (576 elements), "medium" (2448), "fine" (6480), an approximate number of elements, or a
-        grid, for example from `emgface.face.template.grid.refined_grid`.
-    measures : Measures or mapping, optional
-        All measures, or some that replace those of the preset or of the random volunteer [m].
-    preset : str
-        Group of people, a name of `emgface.face.template.volunteers.PRESETS`.
-    seed : int, optional
-        Draw a random volunteer of the group; default: the means of the group.
-    radius : float
-        Distance from a fibre within which tissue is muscle [m].
-    courses : CourseShift, optional
-        Deviations of the muscle courses of a person from those of the template.
-    name : str
-        Name of the face; default: preset and seed.
+    `resolution` is "coarse" (576 elements), "medium" (2448), "fine" (6480), an approximate number
+    of elements, or a grid, for example from `emgface.face.template.grid.refined_grid`. `measures`
+    [m] are all measures, or some that replace those of the preset or of the random volunteer;
+    `preset` is a group of people (`emgface.face.template.volunteers.PRESETS`), of which `seed`
+    draws a member; without it the measures are the means of the group. Tissue within `radius` [m]
+    of a fibre is muscle, and `courses` are the deviations of the muscle courses of a person from
+    those of the template.
 
-    Returns
-    -------
-    xarray.Dataset
-        Of schema face_model, origin "generated"; the measures [m] are attributes.
-
-    Raises
-    ------
-    FaceError
-        A measure is impossible, a name unknown, the resolution out of range, a muscle outside the
-        tissue, or the face fails `emgface.face.validity.check_face`.
-
-    Notes
-    -----
-    The face is exactly symmetric unless `width_asymmetry` or `droop` is specified. The
-    frame has y = 0 at the tragia and z = 0 between the lips.
+    The result is of schema face_model, origin "generated", with the measures [m] as attributes. The
+    face is exactly symmetric unless `width_asymmetry` or `droop` is specified. The frame has y = 0
+    at the tragia and z = 0 between the lips. Raises FaceError if a measure is impossible, a name
+    unknown, the resolution out of range, a muscle outside the tissue, or the face fails
+    `emgface.face.validity.check_face`.
 
     Examples
     --------
@@ -185,32 +165,14 @@ def volunteer_face(
 ) -> tuple[xr.Dataset, Measures]:
     """Draw the face of one volunteer of a set.
 
-    Parameters
-    ----------
-    seed, index : int
-        Seed of the set, and 1 for the first volunteer; equal numbers result in the same person at every
-        resolution.
-    resolution, preset, radius
-        As `template_face`.
-    spread : float
-        Factor on the published standard deviations, at least 0.
-    asymmetry : float
-        Factor on the standard deviations of the differences between the sides
-        (`emgface.face.template.volunteers.ASYMMETRY`), at least 0.
-    course_shift : float
-        Standard deviation of the random shift of the ends of the muscles along the skin [m].
-
-    Returns
-    -------
-    face : xarray.Dataset
-        Of schema face_model, origin "generated"; seed, index and measures [m] are attributes.
-    measures : Measures
-        Measures of the volunteer.
-
-    Raises
-    ------
-    FaceError
-        As `template_face` and `emgface.face.template.volunteers.random_measures`.
+    `seed` is that of the set, and `index` is 1 for the first volunteer; equal numbers result in the
+    same person at every resolution. `resolution`, `preset` and `radius` are those of
+    `template_face`. `spread` and `asymmetry` are factors, at least 0, on the published standard
+    deviations and on those of the differences between the sides
+    (`emgface.face.template.volunteers.ASYMMETRY`); `course_shift` is the standard deviation of the
+    random shift of the ends of the muscles along the skin [m]. Returns the face, with seed, index
+    and measures [m] as attributes, and the measures. Raises FaceError as `template_face` and
+    `emgface.face.template.volunteers.random_measures`.
 
     Examples
     --------

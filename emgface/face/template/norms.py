@@ -32,34 +32,16 @@ _SHAPE: Final = "shapes the template; no published norm is claimed"
 
 @dataclass(frozen=True)
 class Norm:
-    """One measure: mean and standard deviation of men and women, bounds and source.
+    """One measure: mean and standard deviation of men and women, bounds and source."""
 
-    Attributes
-    ----------
-    name : str
-        Field of `Measures`.
-    landmarks : str
-        Landmarks between which it is measured.
-    men, women : tuple of float
-        Mean and standard deviation [mm].
-    bounds : tuple of float
-        Smallest and largest accepted value [mm].
-    source : str
-        Source of the numbers.
-    standing : {"found", "assumption"}
-        Verification of the numbers, see the module.
-    note : str
-        Further remarks.
-    """
-
-    name: str
-    landmarks: str
-    men: tuple[float, float]
-    women: tuple[float, float]
-    bounds: tuple[float, float]
-    source: str
-    standing: Standing
-    note: str
+    name: str  #: field of `Measures`
+    landmarks: str  #: landmarks between which it is measured
+    men: tuple[float, float]  #: mean and standard deviation [mm]
+    women: tuple[float, float]  #: mean and standard deviation [mm]
+    bounds: tuple[float, float]  #: smallest and largest accepted value [mm]
+    source: str  #: source of the numbers
+    standing: Standing  #: verification of the numbers, see the module
+    note: str  #: further remarks
 
 
 # fmt: off

@@ -55,40 +55,21 @@ def write_bids(
 ) -> list[Path]:
     """Write one trial into a BIDS dataset, which is created if it does not exist.
 
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        Recording with volunteer, instruction and repetition, which become the entities sub,
-        task and run.
-    root : str or Path
-        Folder of the dataset; its tables of participants and scans are completed.
-    name : str
-        Name of a new dataset.
-    emg, motion : mapping, optional
-        Further entries of ``*_emg.json`` and ``*_motion.json``, for example
-        ``{"PowerLineFrequency": 50, "Manufacturer": "TMSi"}``; they replace the defaults.
+    `recording` has volunteer, instruction and repetition, which become the entities sub, task and
+    run. `root` is the folder of the dataset, whose tables of participants and scans are completed,
+    and `name` the name of a new one. `emg` and `motion` are further entries of ``*_emg.json`` and
+    ``*_motion.json``, for example ``{"PowerLineFrequency": 50, "Manufacturer": "TMSi"}``; they
+    replace the defaults. Returns the files of the trial with signals, EMG first.
 
-    Returns
-    -------
-    list of pathlib.Path
-        The files of the trial with signals, EMG first.
-
-    Raises
-    ------
-    SchemaError, UnitsError
-        The recording does not fulfil its declaration.
-    SignalError
-        EMG has a gap, which BDF cannot represent, or a clock is not uniform.
-    DataError
-        A name is not a BIDS label, or the rate is not possible in BDF.
-
-    Notes
-    -----
     Markers are written with all their digits. EMG is quantised to 24 bits of a range that is a
     power of two of microvolts and at least 1 uV: an error of at most 6e-8 of that range, and none
-    for values read from such a file. Time is 0 at the first EMG sample; ``*_scans.tsv`` contains the lag
-    of the markers to the microsecond. BIDS cannot represent the true activation of simulated trials,
-    which is written as netCDF.
+    for values read from such a file. Time is 0 at the first EMG sample; ``*_scans.tsv`` contains
+    the lag of the markers to the microsecond. BIDS cannot represent the true activation of
+    simulated trials, which is written as netCDF.
+
+    Raises SchemaError or UnitsError if the recording does not fulfil its declaration, SignalError
+    if EMG has a gap, which BDF cannot represent, or a clock is not uniform, and DataError if a name
+    is not a BIDS label, or the rate is not possible in BDF.
     """
     recording = validate(recording, "recording")
     root = Path(root)

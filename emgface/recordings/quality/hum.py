@@ -23,24 +23,12 @@ LEAST_DURATION = 1.0
 
 
 class Hum(NamedTuple):
-    """Hum of one signal.
+    """Hum of one signal."""
 
-    Attributes
-    ----------
-    frequency : float [Hz]
-        Mains frequency (50 or 60 Hz) that explains most of the power.
-    share : float [1]
-        Fraction of the power from 10 to 500 Hz in its lines.
-    rms : float [V]
-        Root mean square of these lines.
-    chance : float [1]
-        Probability of a line of this power in a signal without hum.
-    """
-
-    frequency: float
-    share: float
-    rms: float
-    chance: float
+    frequency: float  #: mains frequency that explains most of the power, 50 or 60 [Hz]
+    share: float  #: fraction of the power from 10 to 500 Hz in its lines [1]
+    rms: float  #: root mean square of these lines [V]
+    chance: float  #: probability of a line of this power in a signal without hum [1]
 
 
 def power_density(values: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:

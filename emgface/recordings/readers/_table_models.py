@@ -11,50 +11,27 @@ from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
 
 
 class Table(Parameters):
-    """Description of one CSV file, or one array of a MATLAB or HDF5 file.
+    """Description of one CSV file, or one array of a MATLAB or HDF5 file."""
 
-    Attributes
-    ----------
-    file : str
-        Name, relative to the sidecar.
-    unit : str
-        Unit of the values.
-    rate : float or None
-        Sampling rate [Hz]; the alternative to a column of instants.
-    time, time_unit : str or None, str
-        Column (or variable) of instants and its unit.
-    delimiter, decimal : str
-        Two different characters, ``;`` and ``,`` in some countries.
-    encoding : str
-        Encoding of the text: ``utf-8``, ``latin-1``, ``utf-16`` or another one supported by Python. A
-        byte order mark at the start of the file takes precedence.
-    columns : list of str or None
-        Labels of the columns, if the file contains none.
-    skip_rows : int
-        Number of lines before the labels or numbers of a table.
-    variable, columns_variable : str or None
-        Array of a MATLAB or HDF5 file, and variable of its labels.
-    dims : tuple of str
-        Dims of that array, in its order: time and channel, or time, marker and axis.
-    step, zero : float
-        Value of one count, and the count of zero.
-    """
-
-    file: str
-    unit: str
+    file: str  #: name, relative to the sidecar
+    unit: str  #: unit of the values
+    #: sampling rate [Hz]; the alternative to a column of instants
     rate: float | None = Field(default=None, gt=0)
-    time: str | None = None
-    time_unit: str = "s"
-    delimiter: str = ","
+    time: str | None = None  #: column (or variable) of instants
+    time_unit: str = "s"  #: unit of the instants
+    delimiter: str = ","  #: differs from `decimal`; ``;`` beside ``,`` in some countries
     decimal: Literal[".", ","] = "."
+    #: ``utf-8``, ``latin-1``, ``utf-16`` or another one supported by Python; a byte order mark at
+    #: the start of the file takes precedence
     encoding: str = "utf-8"
-    columns: tuple[str, ...] | None = None
-    skip_rows: int = Field(default=0, ge=0)
-    variable: str | None = None
-    columns_variable: str | None = None
+    columns: tuple[str, ...] | None = None  #: labels of the columns, if the file contains none
+    skip_rows: int = Field(default=0, ge=0)  #: lines before the labels or numbers of a table
+    variable: str | None = None  #: array of a MATLAB or HDF5 file
+    columns_variable: str | None = None  #: variable of its labels
+    #: dims of that array, in its order: time and channel, or time, marker and axis
     dims: tuple[Literal["time", "channel", "marker", "axis"], ...] = ("time", "channel")
-    step: float = 1.0
-    zero: float = 0.0
+    step: float = 1.0  #: value of one count
+    zero: float = 0.0  #: count of zero
 
     @model_validator(mode="after")
     def _clocked(self) -> "Table":
