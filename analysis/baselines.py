@@ -71,20 +71,10 @@ def scored(
 ) -> tuple[Array, Array]:
     """Align a measured with a predicted motion and correlate them, as for a simulated motion.
 
-    Parameters
-    ----------
-    measured, predicted : xarray.Dataset or xarray.DataArray
-        Positions, dims (marker, axis, time) [m], the same markers.
-    alignment : mapping, optional
-        Options of `analysis.align.align`.
-    form : {"consistent", "as_printed"}
-        See `analysis.scores.correlation_3d`.
-
-    Returns
-    -------
-    rho, amplitude_ratio : ndarray, shape (markers,)
-        As `analysis.scores.score` [1], in the order of the predicted markers; NaN if the motions
-        cannot be aligned or a marker does not move.
+    Positions have the dims (marker, axis, time) [m], with the same markers. `alignment` contains
+    options of `analysis.align.align`; `form` is that of `analysis.scores.correlation_3d`. Returns
+    rho and amplitude_ratio [1], each of shape (markers,), as `analysis.scores.score`, in the order
+    of the predicted markers; NaN if the motions cannot be aligned or a marker does not move.
     """
     options = dict(alignment or {})
     model = held(predicted)
@@ -183,24 +173,10 @@ def unexplained(rho: float) -> float:
 def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Dataset:
     """Add baselines, ceiling and skill to a cube.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-    found : mapping of str to xarray.DataArray
-        Variables of `VARIABLES` except ``skill``; trials that they lack become NaN.
-
-    Returns
-    -------
-    xarray.Dataset
-        The cube with all of `VARIABLES`, and text ``skill_reason`` (volunteer, instruction,
-        repetition, strategy). ``skill`` is computed from the means over the markers at which rho,
-        template and ceiling are defined.
-
-    Raises
-    ------
-    CubeError
-        A variable is unknown, or lacks a dim.
+    `found` contains the variables of `VARIABLES` except ``skill``; trials that they lack become
+    NaN. The result has all of `VARIABLES`, and text ``skill_reason`` (volunteer, instruction,
+    repetition, strategy). ``skill`` is computed from the means over the markers at which rho,
+    template and ceiling are defined. Raises CubeError if a variable is unknown, or lacks a dim.
     """
     unknown = [name for name in found if name not in VARIABLES or name == "skill"]
     if unknown:

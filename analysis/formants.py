@@ -32,22 +32,12 @@ def with_formants(
 ) -> xr.Dataset:
     """Add the formants of trials to a cube.
 
-    Parameters
-    ----------
-    cube : Dataset
-        Result of `analysis.cube.build_cube`.
-    found : mapping
-        Volunteer, instruction, repetition and strategy to ``formant_frequency(time, formant)`` [Hz]
-        at `INSTANTS` equidistant instants ``time`` [s].
-    assumptions : str
-        Assumptions of the formants, stored as attribute ``tract``.
-
-    Returns
-    -------
-    Dataset
-        With ``formant_frequency`` (trial, formant, instant), where ``instant`` is the fraction of the
-        trial from 0 to 1; ``formant_change`` (trial, formant), the signed change that is largest in
-        magnitude; ``simulated_duration`` (trial) [s]. Trials that are not in `found` have NaN.
+    `found` maps volunteer, instruction, repetition and strategy to ``formant_frequency(time,
+    formant)`` [Hz] at `INSTANTS` equidistant instants ``time`` [s]; `assumptions` are stored as
+    attribute ``tract``. The result has ``formant_frequency`` (trial, formant, instant), where
+    ``instant`` is the fraction of the trial from 0 to 1; ``formant_change`` (trial, formant), the
+    signed change that is largest in magnitude; ``simulated_duration`` (trial) [s]. Trials that are
+    not in `found` have NaN.
     """
     shape = tuple(cube.sizes[dim] for dim in TRIAL_DIMS)
     frequency = np.full((*shape, FORMANTS, INSTANTS), np.nan)

@@ -42,17 +42,10 @@ class Match:
 def overlap_correlation(x: Array, y: Array) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
     """Pearson correlation of x[i] with y[i - lag] over the samples that overlap, at every lag.
 
-    `x` (n,) and `y` (m,) have the same sampling period.
-
-    Returns
-    -------
-    lags : ndarray, shape (n + m - 1,)
-        Samples by which y is delayed.
-    r, overlap : ndarray
-        Correlation over the overlap, 0 if either is constant, and number of samples that overlap.
-    motion, variance : ndarray
-        The smaller of the two fractions of the sum of squares inside the overlap; variance of y
-        there.
+    `x` (n,) and `y` (m,) have the same sampling period. Returns, each of shape (n + m - 1,): the
+    lags, samples by which y is delayed; the correlation over the overlap, 0 if either is constant;
+    the number of samples that overlap; the smaller of the two fractions of the sum of squares
+    inside the overlap; and the variance of y there.
     """
     x, y = x - x.mean(), y - y.mean()
     n, m = len(x), len(y)

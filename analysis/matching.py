@@ -25,10 +25,7 @@ up to 0.68 (simulated; three volunteers on the coarse face).
 class Options:
     """Options of `analysis.align.align`, which describes them.
 
-    Raises
-    ------
-    AlignmentError
-        An option lies outside its range.
+    Raises AlignmentError if an option lies outside its range.
     """
 
     scaling: Scaling
@@ -117,10 +114,7 @@ def _search(pair: Pair, options: Options, sign: int | None) -> Search:
 def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
     """Find shift and scale, for one sign of the measured vector or for the better of both.
 
-    Raises
-    ------
-    AlignmentError
-        No shift leaves enough overlap.
+    Raises AlignmentError if no shift leaves enough overlap.
     """
     search, nominal = _search(pair, options, sign), pair.nominal
     best = search.at_scale(nominal, subsample=options.subsample)
@@ -146,20 +140,10 @@ def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
 def signed_match(pair: Pair, cosine: float, options: Options) -> tuple[int, Match, bool, bool]:
     """Determine the sign of the measured vector and its match.
 
-    `cosine` is that between the two components, of arbitrary sign [1].
-
-    Returns
-    -------
-    sign, match
-        1 or -1, and shift and scale for it.
-    clear, disagrees : bool
-        The direction of the components is clear; it indicates another sign than the correlation at
-        the scale of the match.
-
-    Raises
-    ------
-    AlignmentError
-        No shift leaves enough overlap.
+    `cosine` is that between the two components, of arbitrary sign [1]. Returns the sign, 1 or -1;
+    shift and scale for it; if the direction of the components is clear; and if it indicates another
+    sign than the correlation at the scale of the match. Raises AlignmentError if no shift leaves
+    enough overlap.
     """
     by_direction = 1 if cosine >= 0 else -1
     clear = abs(cosine) >= options.clear_cosine

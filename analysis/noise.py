@@ -96,15 +96,10 @@ def unit_noise(frames: int) -> Array:
 def sampled_share(white: Array | None, time: Array, source: Array) -> float:
     """Mean variance of white noise after sampling by a cubic spline, relative to that of the frames [1].
 
-    It is about 1 if every instant is a frame and 0.76 half-way between frames.
-
-    Parameters
-    ----------
-    white : ndarray, shape (probe, time), optional
-        `unit_noise` of the recorded frames, sampled like the given samples; if absent, each sample
-        is a frame.
-    time, source : ndarray [s]
-        Instants of the given samples, and those at which the spline is evaluated.
+    It is about 1 if every instant is a frame and 0.76 half-way between frames. `white` (probe,
+    time) is `unit_noise` of the recorded frames, sampled like the given samples; if absent, each
+    sample is a frame. `time` are the instants of the given samples, and `source` those at which the
+    spline is evaluated [s].
     """
     given = unit_noise(len(time)) if white is None else white
     read = CubicSpline(time, given, axis=1)(source)

@@ -23,27 +23,14 @@ ABSENT: Final = "-"
 
 @dataclass(frozen=True)
 class Column:
-    """Head and number format of a column.
+    """Head and number format of a column."""
 
-    Attributes
-    ----------
-    name : str
-        Name, the same in every format.
-    units : str
-        SI unit of the values, empty for labels and counts; heads the column of a CSV.
-    shown : str
-        Unit in text and Markdown.
-    factor : float
-        From `units` to `shown`.
-    digits : int
-        Decimals in text and Markdown.
-    """
-
-    name: str
+    name: str  #: the same in every format
+    #: SI unit of the values, empty for labels and counts; heads the column of a CSV
     units: str = ""
-    shown: str = ""
-    factor: float = 1.0
-    digits: int = 2
+    shown: str = ""  #: unit in text and Markdown
+    factor: float = 1.0  #: from `units` to `shown`
+    digits: int = 2  #: decimals in text and Markdown
 
     def head(self, *, si: bool = False) -> str:
         """Return the name with its unit in brackets."""

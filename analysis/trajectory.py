@@ -25,19 +25,10 @@ def names(found: list[str], most: int = 4) -> str:
 def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
     """Check a trajectory and return it as float64 `position(marker, axis, time)`.
 
-    Parameters
-    ----------
-    data : xarray.Dataset or xarray.DataArray
-        Positions [m] with dims marker, axis (3) and one time dim of any name, which becomes
-        ``time``; in a Dataset the variable ``position``.
-    role : str
-        Name in messages, such as ``"measured"``.
-
-    Raises
-    ------
-    TrajectoryError
-        No ``position``, other dims, no labels, repeated markers, unit other than metre, time not
-        strictly increasing.
+    Positions [m] have the dims marker, axis (3) and one time dim of any name, which becomes
+    ``time``; in a Dataset they are the variable ``position``. `role` is the name in messages, such
+    as ``"measured"``. Raises TrajectoryError for no ``position``, other dims, no labels, repeated
+    markers, unit other than metre, or time not strictly increasing.
     """
     if isinstance(data, xr.Dataset):
         if "position" not in data:

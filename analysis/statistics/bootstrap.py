@@ -31,24 +31,12 @@ def hierarchical_bootstrap(
     """Paired difference of two strategies with a bootstrap interval.
 
     In each sample, volunteers are drawn with replacement and, for each of their instructions,
-    repetitions with replacement. The result has no p; besides ``standard_error``.
+    repetitions with replacement. The `statistic` is that of all paired differences (volunteer,
+    instruction, repetition, marker); data with scale "raw" give an effect in units of rho. The
+    interval ``"expanded"`` widens the quantiles by the t distribution of n - 1 degrees of freedom;
+    the plain ``"percentile"`` interval is too short for few volunteers. At least 100 samples are
+    drawn. The result has no p; besides ``standard_error``.
 
-    Parameters
-    ----------
-    data : Comparison
-        With scale "raw" for an effect in units of rho.
-    statistic : {"median", "mean"}
-        Of all paired differences (volunteer, instruction, repetition, marker).
-    interval : {"expanded", "percentile"}
-        ``"expanded"`` widens the quantiles by the t distribution of n - 1 degrees of freedom; the
-        plain percentile interval is too short for few volunteers.
-    level : float
-        Of the interval.
-    draws, seed : int
-        Number of bootstrap samples, 100 or more, and seed.
-
-    Notes
-    -----
     Source: Davison and Hinkley 1997, Bootstrap Methods and their Application, section 3.8;
     expansion: Hesterberg 2015, The American Statistician 69:371, section 3.
     """

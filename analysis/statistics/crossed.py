@@ -21,34 +21,17 @@ NOTHING: Final = 1e-4
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model with crossed random effects.
+    """A fitted model with crossed random effects."""
 
-    Attributes
-    ----------
-    beta, covariance : ndarray, shapes (k,) and (k, k)
-        Fixed effects and their covariance.
-    variances : dict of str to float
-        Per random effect, and ``residual``.
-    residuals : ndarray, shape (n,)
-        About the fitted values, random effects included.
-    converged : bool
-        Success reported by the optimiser.
-    criterion : float
-        -2 times the restricted log-likelihood.
-    slopes : ndarray, shape (c, k, k)
-        Derivatives of `covariance` by the c variances above zero, the residual's last.
-    uncertainty : ndarray, shape (c, c)
-        Covariance of the estimates of those variances.
-    """
-
-    beta: Array
-    covariance: Array
-    variances: dict[str, float]
-    residuals: Array
-    converged: bool
-    criterion: float
+    beta: Array  #: (k,) fixed effects
+    covariance: Array  #: (k, k) covariance of the fixed effects
+    variances: dict[str, float]  #: per random effect, and ``residual``
+    residuals: Array  #: (n,) about the fitted values, random effects included
+    converged: bool  #: success reported by the optimiser
+    criterion: float  #: -2 times the restricted log-likelihood
+    #: (c, k, k) derivatives of `covariance` by the c variances above zero, the residual's last
     slopes: Array
-    uncertainty: Array
+    uncertainty: Array  #: (c, c) covariance of the estimates of those variances
 
     def degrees_of_freedom(self, contrast: Array) -> float:
         """Satterthwaite's degrees of freedom of a contrast c of the fixed effects, shape (k,).
@@ -65,18 +48,10 @@ class Fit:
 def fit_crossed(y: Array, X: Array, factors: Mapping[str, NDArray[np.int64]]) -> Fit:
     """Fit y = X beta + sum over factors Z_f b_f + e by restricted maximum likelihood.
 
-    b_f ~ N(0, s_f^2 I) for every factor, e ~ N(0, s^2 I), all independent.
+    b_f ~ N(0, s_f^2 I) for every factor, e ~ N(0, s^2 I), all independent. `y` (n,) are
+    observations, `X` (n, k) fixed effects, and `factors` contain the level of each observation in
+    each random factor, shape (n,); without factors, the fit is that of least squares.
 
-    Parameters
-    ----------
-    y, X : ndarray, shapes (n,) and (n, k)
-        Observations and fixed effects.
-    factors : mapping of str to int ndarray, shape (n,)
-        Level of each observation in each random factor; without factors, the fit is that of least
-        squares.
-
-    Notes
-    -----
     The profiled criterion in terms of relative standard deviations is regular at a variance of
     zero, which occurs often with few volunteers. Source: Bates, Maechler, Bolker and Walker 2015,
     Journal of Statistical Software 67(1), sections 3.4 and 3.5.

@@ -23,25 +23,16 @@ from analysis.statistics.scope import LEAST_VOLUNTEERS
 def equivalence(data: Comparison, *, margin: float, alpha: float = 0.05) -> xr.Dataset:
     """Test if two strategies differ by less than a margin.
 
-    Two one-sided paired t tests on the volunteers' mean differences: that the difference lies
-    above -margin, and that it lies below +margin. p is the larger of both; a small p indicates
-    equivalence. Besides ``p_above`` (of -margin) and ``p_below`` (of +margin).
+    Two one-sided paired t tests on the volunteers' mean differences: that the difference lies above
+    -margin, and that it lies below +margin. p is the larger of both; a small p indicates
+    equivalence, and one that is not small shows neither equivalence nor a difference. Besides
+    ``p_above`` (of -margin) and ``p_below`` (of +margin).
 
-    Parameters
-    ----------
-    data : Comparison
-        Contrasts.
-    margin : float
-        Largest difference without importance, on the scale of the analysis (Fisher's z for rho,
-        else the unit of the variable). There is no default, because it must be chosen before the
-        data are seen.
-    alpha : float
-        Size of each one-sided test [1], below 0.5; the interval has the level 1 - 2 alpha.
-
-    Notes
-    -----
-    A p that is not small shows neither equivalence nor a difference. Source: Schuirmann 1987,
-    Journal of Pharmacokinetics and Biopharmaceutics 15:657.
+    `margin` is the largest difference without importance, on the scale of the analysis (Fisher's z
+    for rho, else the unit of the variable). It has no default, because it must be chosen before the
+    data are seen. `alpha` is the size of each one-sided test [1], below 0.5; the interval has the
+    level 1 - 2 alpha. Source: Schuirmann 1987, Journal of Pharmacokinetics and Biopharmaceutics
+    15:657.
     """
     if not (math.isfinite(margin) and margin > 0):
         raise StatisticsError(f"the margin of equivalence is {margin}, expected above 0")

@@ -30,30 +30,20 @@ class Check:
 class Finding:
     """Result of a method for one contrast; NaN where it is undefined.
 
-    Attributes
-    ----------
-    estimate, lower, upper : float
-        Estimate and its interval, in the units of the result.
-    p, smallest_p : float
-        Probability, and the smallest one that the design can reach [1].
-    sentence : str
-        The finding in words.
-    further : mapping of str to float
-        Quantities of this method only.
-    contrast, n, counts, checks
-        "first - second", number of volunteers, counts of `Paired` and assumptions, set by `judged`.
+    Contrast, number of volunteers, counts and assumptions are set by `judged`.
     """
 
-    estimate: float = math.nan
-    lower: float = math.nan
+    estimate: float = math.nan  #: in the units of the result
+    lower: float = math.nan  #: bounds of the interval, in these units
     upper: float = math.nan
-    p: float = math.nan
-    smallest_p: float = math.nan
-    sentence: str = ""
+    p: float = math.nan  #: probability [1]
+    smallest_p: float = math.nan  #: smallest p that the design can reach [1]
+    sentence: str = ""  #: the finding in words
+    #: quantities of this method only
     further: Mapping[str, float] = field(default_factory=dict[str, float])
-    contrast: str = ""
-    n: int = 0
-    counts: Mapping[str, int] = field(default_factory=dict[str, int])
+    contrast: str = ""  #: "first - second"
+    n: int = 0  #: number of volunteers
+    counts: Mapping[str, int] = field(default_factory=dict[str, int])  #: counts of `Paired`
     checks: tuple[Check, ...] = ()
 
 
@@ -70,21 +60,10 @@ def judged(
 ) -> xr.Dataset:
     """Judge contrasts by a method and collect its findings.
 
-    Parameters
-    ----------
-    pairs : sequence of Paired
-        One per contrast.
-    judge : callable
-        Returns estimate, interval, p, `further` and sentence of a contrast with `least` or more
-        volunteers; with fewer, only the mean is reported.
-    checks : callable
-        Returns the assumptions of the method and their checks.
-    further : sequence of str
-        Names of the quantities of this method only, NaN where undefined.
-    method, level, attrs
-        As in `collected`.
-    least : int
-        Least number of volunteers.
+    `judge` returns estimate, interval, p, `further` and sentence of a contrast with `least` or more
+    volunteers; with fewer, only the mean is reported. `checks` returns the assumptions of the
+    method and their checks. `further` are the names of the quantities of this method only, NaN
+    where undefined; `method`, `level` and `attrs` are those of `collected`.
     """
     findings: list[Finding] = []
     for data in pairs:
@@ -109,25 +88,15 @@ def collected(
 ) -> xr.Dataset:
     """Combine the findings of a method, one per contrast, in one labelled Dataset.
 
-    Parameters
-    ----------
-    findings : sequence of Finding
-        One per contrast.
-    method : str
-        Name of the method, with its source.
-    level : float
-        Nominal level of the intervals [1]; NaN if the bounds are not a confidence interval.
-    attrs : mapping
-        Further attributes; ``units`` are those of estimate and interval.
+    There is one finding per contrast. `method` is the name of the method, with its source, and
+    `level` the nominal level of the intervals [1]; NaN if the bounds are not a confidence interval.
+    Of `attrs`, ``units`` are those of estimate and interval.
 
-    Returns
-    -------
-    xarray.Dataset
-        Dims contrast, bound (lower, upper), assumption: ``estimate``, ``interval``, ``p``,
-        ``p_holm`` (over the contrasts), ``smallest_p``, ``smallest_p_holm``, ``n`` (volunteers),
-        the counts of pairs, texts ``verdict`` and ``check`` per assumption, text ``sentence``;
-        attributes ``method``, ``level`` and ``sentence``. Intervals from fewer than
-        `analysis.statistics.scope.LEAST_VOLUNTEERS` are NaN.
+    The result has the dims contrast, bound (lower, upper), assumption: ``estimate``, ``interval``,
+    ``p``, ``p_holm`` (over the contrasts), ``smallest_p``, ``smallest_p_holm``, ``n`` (volunteers),
+    the counts of pairs, texts ``verdict`` and ``check`` per assumption, text ``sentence``;
+    attributes ``method``, ``level`` and ``sentence``. Intervals from fewer than
+    `analysis.statistics.scope.LEAST_VOLUNTEERS` are NaN.
     """
     attrs = dict(attrs)
     units = {"units": str(attrs.pop("units", "1"))}

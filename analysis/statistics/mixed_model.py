@@ -35,36 +35,21 @@ def mixed_model(
 ) -> xr.Dataset:
     """Compare strategies by a linear mixed model with slopes of volunteers and instructions.
 
-    The difference d of two strategies within the same trial and marker, averaged over
-    repetitions and markers, is
-
-    d = delta + volunteer x strategy + instruction x strategy + residual
-
-    with crossed random terms, by restricted maximum likelihood; p and interval use t with
+    The difference d of two strategies within the same trial and marker, averaged over repetitions
+    and markers, is d = delta + volunteer x strategy + instruction x strategy + residual, with
+    crossed random terms, by restricted maximum likelihood; p and interval use t with
     Satterthwaite's degrees of freedom. Effects common to both strategies cancel in d: the
     intercepts of volunteer, instruction and marker, and their interactions.
 
-    Parameters
-    ----------
-    data : Comparison
-        Contrasts.
-    scope : {"instructions", "these instructions"}
-        ``"instructions"``: those of the study are a sample of all, so that instruction x strategy
-        is random and its variance is part of the error. ``"these instructions"``: it is fixed, and
-        delta is the mean over the instructions of the study.
-    level : float
-        Of the interval.
+    With the scope ``"instructions"``, those of the study are a sample of all, so that instruction x
+    strategy is random and its variance is part of the error. With ``"these instructions"``, it is
+    fixed, and delta is the mean over the instructions of the study.
 
-    Returns
-    -------
-    xarray.Dataset
-        See `collected`; besides ``standard_error``, ``degrees_of_freedom`` and ``p_wald`` (normal
-        distribution; too small for few volunteers); ``variance`` (contrast, random) of the terms of
-        d, NaN for one that is not in the model; ``converged`` [1] and ``criterion`` (-2 restricted
-        log-likelihood).
+    The result is that of `collected`; besides ``standard_error``, ``degrees_of_freedom`` and
+    ``p_wald`` (normal distribution; too small for few volunteers); ``variance`` (contrast, random)
+    of the terms of d, NaN for one that is not in the model; ``converged`` [1] and ``criterion`` (-2
+    restricted log-likelihood).
 
-    Notes
-    -----
     Each contrast is fitted separately, so that variances may differ between strategies. The model
     of "instructions" in R: ``lmer(d ~ 1 + (1 | volunteer) + (1 | instruction))``. Sources: Clark
     1973, Journal of Verbal Learning and Verbal Behavior 12:335; Baayen, Davidson and Bates 2008,
@@ -118,14 +103,8 @@ def fit_differences(
 ) -> _Fitted | str:
     """Fit the mean differences of one contrast, or return the reason for which they cannot be fitted.
 
-    Parameters
-    ----------
-    table : ndarray, shape (volunteers, instructions)
-        Mean differences, NaN where there is no pair.
-    scope : {"instructions", "these instructions"}
-        See `mixed_model`.
-    least : (int, int)
-        Least numbers of volunteers and, if they are a sample, of instructions.
+    `table` (volunteers, instructions) contains mean differences, NaN where there is no pair.
+    `least` are the least numbers of volunteers and, if they are a sample, of instructions.
     """
     people, instructions = table.shape
     if people < least[0]:

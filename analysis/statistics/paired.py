@@ -33,30 +33,18 @@ WHY: Final = ("failed", "excluded", "missing", "undefined")
 
 @dataclass(frozen=True)
 class Paired:
-    """Differences of one contrast.
+    """Differences of one contrast."""
 
-    Attributes
-    ----------
-    label : str
-        "first - second".
-    differences : xarray.DataArray
-        first - second on the scale of the analysis, dims volunteer, repetition and the others; NaN
-        unless both are defined.
-    means : xarray.DataArray
-        One number per volunteer, NaN for a volunteer without a pair.
-    counts : dict of str to int
-        ``pairs`` in use, missing ones by cause (``lost_failed``, ``lost_excluded``,
-        ``lost_missing``, ``lost_undefined``), and ``clipped``, those with a clipped value.
-    unit, factor
-        Unit and factor for the display of a difference.
-    """
-
-    label: str
+    label: str  #: "first - second"
+    #: first - second on the scale of the analysis, dims volunteer, repetition and the others; NaN
+    #: unless both are defined
     differences: xr.DataArray
-    means: xr.DataArray
+    means: xr.DataArray  #: one number per volunteer, NaN for a volunteer without a pair
+    #: ``pairs`` in use, missing ones by cause (``lost_failed``, ``lost_excluded``,
+    #: ``lost_missing``, ``lost_undefined``), and ``clipped``, those with a clipped value
     counts: dict[str, int]
-    unit: str = ""
-    factor: float = 1.0
+    unit: str = ""  #: unit for the display of a difference
+    factor: float = 1.0  #: factor for its display
 
     def shown(self, value: float) -> str:
         """Format a difference in its displayed unit."""
@@ -89,10 +77,7 @@ class Paired:
 def fisher_z(rho: xr.DataArray, *, limit: float = LIMIT) -> xr.DataArray:
     """Fisher's variance-stabilising transform of a correlation [1], artanh(clip(rho, -limit, limit)).
 
-    Raises
-    ------
-    StatisticsError
-        `limit` lies outside 0-1, or a value outside -1 to 1.
+    Raises StatisticsError if `limit` lies outside 0-1, or a value outside -1 to 1.
     """
     if not 0 < limit < 1:
         raise StatisticsError(f"the limit of Fisher's z is {limit}, expected between 0 and 1")
@@ -188,21 +173,11 @@ def volunteer_means(data: xr.DataArray, *keep: str) -> xr.DataArray:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Contrasts of the strategies of a cube.
+    """Contrasts of the strategies of a cube."""
 
-    Attributes
-    ----------
-    values : xarray.DataArray
-        Values of scored trials on the scale of the analysis, NaN elsewhere.
-    pairs : tuple of Paired
-        One per contrast.
-    attrs : dict
-        Attributes of every result: variable, scale, units, origin, scope.
-    """
-
-    values: xr.DataArray
-    pairs: tuple[Paired, ...]
-    attrs: dict[str, Any]
+    values: xr.DataArray  #: values of scored trials on the scale of the analysis, NaN elsewhere
+    pairs: tuple[Paired, ...]  #: one per contrast
+    attrs: dict[str, Any]  #: attributes of every result: variable, scale, units, origin, scope
 
 
 def compare(
@@ -215,24 +190,11 @@ def compare(
 ) -> Comparison:
     """Compute the differences between strategies for the tests of `analysis.statistics`.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Result of `analysis.cube.build_cube`.
-    contrasts : sequence of (str, str), optional
-        Strategies (first, second), compared as first - second; by default all pairs.
-    variable : str
-        ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``.
-    scale : {"z", "raw"}, optional
-        Fisher's z or the values themselves; by default z for rho, otherwise raw.
-    limit : float
-        See `fisher_z`.
-
-    Raises
-    ------
-    StatisticsError
-        Unknown strategy, variable or scale, or a cube with further axes, whose levels are not
-        repetitions of each other.
+    `contrasts` are strategies (first, second), compared as first - second; by default all pairs.
+    `variable` is ``"rho"``, ``"amplitude_ratio"`` or ``"rmse"``, and `scale` Fisher's z or the
+    values themselves; by default z for rho, otherwise raw. `limit` is that of `fisher_z`. Raises
+    StatisticsError for an unknown strategy, variable or scale, or a cube with further axes, whose
+    levels are not repetitions of each other.
     """
     used: Scale = scale if scale is not None else ("z" if variable == "rho" else "raw")
     data = scaled(cube, variable, used, limit)

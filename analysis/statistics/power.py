@@ -38,30 +38,15 @@ def simulated_power(
 ) -> xr.Dataset:
     """Compute the power of a test of normal mean differences for several numbers of volunteers.
 
-    Parameters
-    ----------
-    effect, standard_deviation : float
-        True mean and standard deviation of the volunteers' mean differences, on the scale of the
-        analysis.
-    volunteers : sequence of int
-        Numbers to try, 2 or more each.
-    test : {"sign_flip", "wilcoxon", "t"}
-        Two-sided test over volunteers.
-    alpha, target : float
-        Size of the test, and desired power [1].
-    simulations, draws, seed : int
-        Simulated studies per number; random sign patterns for more than 12 volunteers; seed.
+    `effect` and `standard_deviation` are those of the volunteers' mean differences, on the scale of
+    the analysis. `volunteers` are the numbers to try, 2 or more each; the `test` over volunteers is
+    two-sided; `alpha` is its size and `target` the desired power [1]. `simulations` are simulated
+    studies per number, and `draws` random sign patterns for more than 12 volunteers.
 
-    Returns
-    -------
-    xarray.Dataset
-        Dim volunteers: ``power`` [1] with its ``monte_carlo_error`` and ``smallest_p``;
-        ``volunteers_needed``, the smallest number that reaches `target`, NaN if none does;
-        attribute ``sentence``.
-
-    Notes
-    -----
-    A test whose smallest p lies above alpha has no power for any effect.
+    The result has the dim volunteers: ``power`` [1] with its ``monte_carlo_error`` and
+    ``smallest_p``; ``volunteers_needed``, the smallest number that reaches `target`, NaN if none
+    does; attribute ``sentence``. A test whose smallest p lies above alpha has no power for any
+    effect.
     """
     if not standard_deviation > 0 or not math.isfinite(effect):
         raise StatisticsError(
@@ -149,26 +134,16 @@ def power(
 ) -> xr.Dataset:
     """Estimate the number of volunteers required by each contrast of a cube.
 
-    Parameters
-    ----------
-    data : Comparison
-        Contrasts.
-    effect : float, optional
-        Difference to be shown, on the scale of the analysis, preferably one that matters; by
-        default the observed one, which makes the result as uncertain as that estimate.
-    level : float
-        Of the interval of the standard deviation.
-    volunteers, test, alpha, target, simulations, seed
-        As in `simulated_power`.
+    `effect` is the difference to be shown, on the scale of the analysis, preferably one that
+    matters; by default the observed one, which makes the result as uncertain as that estimate.
+    `level` is that of the interval of the standard deviation; the other options are those of
+    `simulated_power`.
 
-    Returns
-    -------
-    xarray.Dataset
-        Dims contrast, volunteers, spread (lower, estimate, upper): ``power`` [1] at the observed
-        standard deviation and at both ends of its interval, ``monte_carlo_error``,
-        ``volunteers_needed`` (contrast, spread), ``effect`` (contrast), ``standard_deviation``
-        (contrast, spread), ``n`` (contrast), ``sentence`` (contrast). NaN without variation between
-        volunteers, and at the ends of an interval from too few of them.
+    The result has the dims contrast, volunteers, spread (lower, estimate, upper): ``power`` [1] at
+    the observed standard deviation and at both ends of its interval, ``monte_carlo_error``,
+    ``volunteers_needed`` (contrast, spread), ``effect`` (contrast), ``standard_deviation``
+    (contrast, spread), ``n`` (contrast), ``sentence`` (contrast). NaN without variation between
+    volunteers, and at the ends of an interval from too few of them.
     """
     spreads = ("lower", "estimate", "upper")
     shape = (len(data.pairs), len(spreads))

@@ -34,8 +34,6 @@ def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
     ``zeros`` (volunteers without a difference, not ranked) and ``coverage`` (exact level of the
     interval) [1].
 
-    Notes
-    -----
     With n volunteers no p lies below 2 / 2^n, which Holm multiplies by the number of contrasts:
     0.094 for six volunteers and three contrasts. Source: Wilcoxon 1945, Biometrics Bulletin 1:80;
     interval: Hollander, Wolfe and Chicken 2014, section 3.3.
@@ -65,8 +63,6 @@ def friedman(data: Comparison) -> xr.Dataset:
     the same order in all; no interval. Besides ``statistic`` (chi-square), ``p_chi2`` (its limit
     for many volunteers) and ``mean_rank`` (strategy), 1 the lowest.
 
-    Notes
-    -----
     Exact, by enumeration of all orders within volunteers, while their sums of ranks are few (three
     strategies: up to about 100 volunteers), as stated by ``exact``. Source: Friedman 1937, Journal
     of the American Statistical Association 32:675.

@@ -32,28 +32,13 @@ def sign_flip(
 
     Under the null hypothesis, each volunteer's difference has either sign with equal probability. p
     is the fraction of all 2^n sign patterns whose mean is at least as far from zero as the observed
-    one; the interval contains the shifts that the test does not reject.
+    one; the interval contains the shifts that the test does not reject, and is infinite if n is too
+    small for the nominal `level`. For more than 16 volunteers, `draws` random patterns with `seed`
+    are used in addition to the observed one. The result is that of `collected`; besides
+    ``p_joint``, adjusted over the contrasts by flipping all of a volunteer's differences together
+    (single step, largest statistic), ``coverage`` [1], the exact level, and ``standard_deviation``
+    between volunteers.
 
-    Parameters
-    ----------
-    data : Comparison
-        Contrasts.
-    level : float
-        Nominal level of the interval; the exact one is in ``coverage``.
-    draws, seed : int
-        For more than 16 volunteers, number of random patterns in addition to the observed one, and
-        seed.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `collected`; besides ``p_joint``, adjusted over the contrasts by flipping all of a
-        volunteer's differences together (single step, largest statistic), ``coverage`` [1] and
-        ``standard_deviation`` between volunteers. An interval is infinite if n is too small for
-        `level`.
-
-    Notes
-    -----
     Exact for n <= 16. With n volunteers no two-sided p lies below 2 / 2^n: 0.031 for six. Source:
     Fisher 1935, The Design of Experiments, section 21; interval: Hartigan 1969, Journal of the
     American Statistical Association 64:1303; joint adjustment: Westfall and Young 1993.

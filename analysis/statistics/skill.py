@@ -33,34 +33,20 @@ def against_baselines(
 ) -> xr.Dataset:
     """Means of rho and of its baselines per strategy, gains and skill with intervals.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        With the variables of `analysis.baselines.VARIABLES`, without further axes.
-    level : float
-        Of the intervals.
-    draws, seed : int
-        Bootstrap samples and the seed of their draws.
+    `cube` has the variables of `analysis.baselines.VARIABLES`, without further axes. `level` is
+    that of the intervals; `draws` and `seed` are bootstrap samples and the seed of their draws.
 
-    Returns
-    -------
-    xarray.Dataset
-        Dims strategy, bound. Means over the trials of a strategy of each of `LEVELS` [1]; of each
-        of `GAINS` [1] the estimate and, as ``<name>_interval``, its bounds: markers are averaged
-        first, volunteers and repetitions drawn as in `analysis.statistics.bootstrap`, quantiles
-        expanded. ``skill`` is the mean of rho - template over the mean of ceiling - template, not
-        the mean of the trials' skills, which trials with similar template and ceiling would
-        dominate. ``volunteers`` and ``trials`` for which rho minus template is defined,
-        ``template_volunteers`` (median), ``instructions``.
+    The result has the dims strategy, bound: means over the trials of a strategy of each of `LEVELS`
+    [1]; of each of `GAINS` [1] the estimate and, as ``<name>_interval``, its bounds: markers are
+    averaged first, volunteers and repetitions drawn as in `analysis.statistics.bootstrap`,
+    quantiles expanded. ``skill`` is the mean of rho - template over the mean of ceiling - template,
+    not the mean of the trials' skills, which trials with similar template and ceiling would
+    dominate. ``volunteers`` and ``trials`` for which rho minus template is defined,
+    ``template_volunteers`` (median), ``instructions``. Templates of different volunteers share
+    members, so that volunteers are not wholly independent.
 
-    Raises
-    ------
-    StatisticsError
-        The cube contains no baselines, has further axes, or an option is outside its range.
-
-    Notes
-    -----
-    Templates of different volunteers share members, so that volunteers are not wholly independent.
+    Raises StatisticsError if the cube contains no baselines, has further axes, or an option is
+    outside its range.
     """
     check_level(level)
     if not has_baselines(cube):
